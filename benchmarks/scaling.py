@@ -1,0 +1,220 @@
+"""Cost of a step against the number of contacts, 4 to 64: the numba kernels, and the dense torch reference.
+
+Two scenes, in which every contact presses and slips in every step:
+
+- nails: one plate slides on a bed of n fixed balls (the pusher, at rest), n contacts of one body;
+- plates: n / 4 plates slide on the floor, far apart, each on its four corners, so that the bodies grow too.
+"""
+
+from pathlib import Path
+
+from benchmarks import push, results, timing
+
+timing.limit_threads(1)  # before numba and torch are imported
+
+import numpy as np  # noqa: E402
+import torch  # noqa: E402
+
+from benchmarks.pinwm_scene import inspect_path, leaves, pressing_pairs  # noqa: E402
+from pinwm_drake.geometry import shapes  # noqa: E402
+from pinwm_drake.physics import Body, Model, Parameters, State, Stepper  # noqa: E402
+
+PLOT = Path(__file__).resolve().parent / "contacts.png"
+_CONTACTS = (4, 8, 16, 24, 32, 40, 48, 56, 64)
+_REFERENCE_CONTACTS = (4, 8, 16, 32, 64)
+_STEPS = push.STEPS // 4
+_REFERENCE_STEPS = 2  # the dense reference is slow, and its cost is the same in every step
+_FRICTION = 0.3  # v / (mu g) = 0.346 s of sliding: longer than 80 steps, 0.333 s
+_SPEED = (1.0, 0.2)  # m/s, along x and y
+_BED = (2.4, 2.4, 0.02)  # m, the plate on nails
+_PLATE = (0.10, 0.10, 0.02)  # m
+_MASS = 1.0  # kg
+_BALL = 0.01  # m, radius of a nail
+_LABELS = {
+    "nails_forward": "one body on n balls, forward",
+    "nails_forward_backward": "one body on n balls, forward and backward",
+    "plates_forward": "n / 4 bodies on the floor, forward",
+    "plates_forward_backward": "n / 4 bodies on the floor, forward and backward",
+    "reference": "one body on n balls, dense torch, forward",
+}
+_COLORS = ("tab:blue", "tab:orange", "tab:cyan", "tab:red", "tab:gray")
+
+
+def _plate(name: str, size: tuple[float, float, float]) -> Body:
+    x2, y2, z2 = np.square(size)
+    inertia = _MASS / 12 * np.diag([y2 + z2, x2 + z2, x2 + y2])
+    return Body(name=name, pieces=[shapes.box(size)], mass=_MASS, inertia=inertia)
+
+
+class Sliding:
+    """A given number of sliding contacts, in a few equal worlds.
+
+    Attributes:
+        model: the scene.
+        worlds: how many; some, so that the cost of the call itself hardly counts in 80 steps.
+    """
+
+    def __init__(self, kind: str, contacts: int, backend: str = "numba", worlds: int = 4) -> None:
+        # Room for more than there are: the kernels take a full table for an overflow.
+        options = {"time_step": push.TIME_STEP, "friction_directions": 8, "max_contacts": contacts + 1}
+        if kind == "nails":
+            # Two rows of balls. The plate slides by 0.17 m, its centre from -0.1 m to 0.07 m: within a sixth
+            # of the rows' length (0.27 m) from their middle, so that even the farthest balls still press.
+            x = np.linspace(-0.8, 0.8, contacts // 2)
+            centres = [np.array([value, side, -_BALL]) for value in x for side in (-0.5, 0.5)]
+            balls = [shapes.sphere(_BALL, centre) for centre in centres]
+            self.model = Model([_plate("plate", _BED)], pusher=balls, floor_height=None, **options)
+            p_WB = [[-0.1, 0.0, _BED[2] / 2]]
+        else:
+            # Apart by three times their width.
+            p_WB = [[3 * _PLATE[0] * index, 0.0, _PLATE[2] / 2] for index in range(contacts // 4)]
+            self.model = Model([_plate(f"plate_{index}", _PLATE) for index in range(len(p_WB))], **options)
+        self.stepper = Stepper(self.model, backend=backend)
+        self.worlds = worlds
+        self.parameters = Parameters.nominal(
+            self.model, friction_floor=_FRICTION, friction_pusher=_FRICTION, num_worlds=worlds
+        )
+        self.state = State.at_rest(self.model, worlds, p_WB=p_WB, V_WB=(0.0, 0.0, 0.0, *_SPEED, 0.0))
+
+    def forward(self, steps: int) -> timing.Case:
+        """The rollout without gradients."""
+        still = torch.zeros(steps, self.worlds, 6, dtype=torch.float64)
+
+        def run() -> None:
+            with torch.no_grad():
+                self.stepper.rollout(self.parameters, self.state, still, record_every=steps)
+
+        return timing.Case(run, units=steps * self.worlds)
+
+    def forward_backward(self, steps: int) -> timing.Case:
+        """The rollout and the gradient in all parameters and the initial state."""
+        still = torch.zeros(steps, self.worlds, 6, dtype=torch.float64)
+
+        def run() -> None:
+            end = self.stepper.rollout(leaves(self.parameters), leaves(self.state), still, record_every=steps)
+            end.p_WB.square().sum().backward()
+
+        return timing.Case(run, units=steps * self.worlds)
+
+    def least_pressing(self, steps: int) -> int:
+        """Smallest number of contacts that press in any step; one rollout, untimed."""
+        still = torch.zeros(steps, self.worlds, 6, dtype=torch.float64)
+        with torch.no_grad():
+            path = self.stepper.rollout(self.parameters, self.state, still)
+        reports = inspect_path(self.model, self.parameters, path, still)
+        return min(len(pressing_pairs(report)) for report in reports)
+
+
+def fit(contacts: np.ndarray, cost: np.ndarray) -> dict[str, float]:
+    """Least-squares line through cost against contacts.
+
+    Args:
+        contacts: (n,) number of contacts.
+        cost: (n,) time of a step, in microseconds.
+
+    Returns:
+        slope (microseconds a contact), intercept (microseconds), r2, and ratio, the cost of the largest over
+        that of the smallest.
+    """
+    slope, intercept = np.polyfit(contacts, cost, 1)
+    residual = cost - (slope * contacts + intercept)
+    r2 = 1.0 - np.sum(residual**2) / np.sum((cost - cost.mean()) ** 2)
+    return {
+        "slope": float(slope),
+        "intercept": float(intercept),
+        "r2": float(r2),
+        "ratio": float(cost[-1] / cost[0]),
+    }
+
+
+def measure(rounds: int) -> dict:
+    """Times all sizes in turn, checks that all contacts press, and fits the lines.
+
+    Raises:
+        RuntimeError: a scene has fewer pressing contacts than it should: its time would mean nothing.
+    """
+    cases = {}
+    for contacts in _CONTACTS:
+        for kind in ("nails", "plates"):
+            scene = Sliding(kind, contacts)
+            pressing = scene.least_pressing(_STEPS)
+            if pressing != contacts:
+                raise RuntimeError(f"{kind}: only {pressing} of {contacts} contacts press in some step")
+            cases[f"{kind}_forward", contacts] = scene.forward(_STEPS)
+            cases[f"{kind}_forward_backward", contacts] = scene.forward_backward(_STEPS)
+    samples = timing.interleave(cases, rounds)
+    for contacts in _REFERENCE_CONTACTS:
+        case = Sliding("nails", contacts, "torch", worlds=1).forward(_REFERENCE_STEPS)
+        samples |= timing.interleave({("reference", contacts): case}, rounds=3, warmup=1)
+    data: dict = {"series": {}}
+    for name in _LABELS:
+        contacts = np.array(_REFERENCE_CONTACTS if name == "reference" else _CONTACTS)
+        cost = np.array([samples[name, count].median * 1e6 for count in contacts])
+        data["series"][name] = {
+            "contacts": contacts.tolist(),
+            "microseconds": cost.round(2).tolist(),
+            "line": fit(contacts, cost),
+        }
+    return data
+
+
+def plot(data: dict) -> None:
+    """Writes contacts.png: the kernels and their lines; beside them all series on logarithmic axes."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 3.8), layout="constrained")
+    for (name, label), color in zip(_LABELS.items(), _COLORS, strict=True):
+        series = data["series"][name]
+        contacts, cost = np.array(series["contacts"]), np.array(series["microseconds"])
+        line = series["line"]
+        if name != "reference":
+            left.plot(contacts, line["slope"] * contacts + line["intercept"], color=color, linewidth=1)
+            text = f"{label}: {line['slope']:.2f} µs a contact, R² = {line['r2']:.4f}"
+            left.plot(contacts, cost, "o", color=color, label=text)
+        right.loglog(contacts, cost, "o-", color=color, label=label)
+    left.set(xlabel="contacts", ylabel="µs a step", ylim=(0, None), xlim=(0, None))
+    ticks = [4, 8, 16, 32, 64]
+    right.set(xlabel="contacts", ylabel="µs a step", xticks=ticks, xticklabels=ticks)
+    right.minorticks_off()
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+    figure.savefig(PLOT, dpi=130)
+
+
+def table(data: dict) -> str:
+    """The figures in Markdown."""
+    series = data["series"]
+    contacts = series["forward"]["contacts"]
+    lines = [
+        f"| contacts | {' | '.join(str(count) for count in contacts)} | line | R² | cost(64) / cost(4) |",
+        "| --- " * (len(contacts) + 4) + "|",
+    ]
+    for name, label in _LABELS.items():
+        cost = dict(zip(series[name]["contacts"], series[name]["microseconds"], strict=True))
+        cells = [f"{cost[count]:.0f}" if count in cost else "" for count in contacts]
+        line = series[name]["line"]
+        text = f"{line['intercept']:.1f} + {line['slope']:.2f} n" if name != "reference" else ""
+        r2 = f"{line['r2']:.4f}" if name != "reference" else ""
+        lines.append(f"| {label}, µs | " + " | ".join(cells) + f" | {text} | {r2} | {line['ratio']:.1f} |")
+    tail = f"{data['rounds']} rounds; other work took {data['load']:.0f} % of the CPUs."
+    return "\n".join([*lines, "", tail])
+
+
+def main() -> None:
+    """Measures, plots and reports."""
+    parser = results.arguments(__doc__ or "")
+    parser.add_argument("--rounds", type=int, default=30)
+    given = parser.parse_args()
+    load = timing.competing_load()
+    data = {"rounds": given.rounds, "load": load, **measure(given.rounds)}
+    if given.write:
+        plot(data)
+    results.publish("scaling", data, table(data), given.write)
+
+
+if __name__ == "__main__":
+    main()

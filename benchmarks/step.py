@@ -1,0 +1,124 @@
+"""Time of one step on one core: pinwm_drake, forward and with its gradient, beside MuJoCo and Bullet.
+
+All engines perform the push of `push.py` for 320 steps; a round is one rollout of each, in turn.
+"""
+
+from benchmarks import push, results, timing
+
+timing.limit_threads(1)  # before numba and torch are imported
+
+import numpy as np  # noqa: E402
+
+from benchmarks.bullet_scene import BulletPush  # noqa: E402
+from benchmarks.mujoco_scene import MujocoPush  # noqa: E402
+from benchmarks.pinwm_scene import PinwmPush  # noqa: E402
+
+FORWARD_BAR, BACKWARD_BAR = 2.5, 7.0  # times MuJoCo's step
+_OURS = {
+    "forward": "forward",
+    "forward_backward": "forward and backward",
+    "cold_forward": "forward, every step from scratch",
+    "cold_forward_backward": "forward and backward, every step from scratch",
+}
+
+
+def measure(pusher: str, rounds: int) -> dict:
+    """Times the push with one shape of pusher.
+
+    Args:
+        pusher: One of `push.PUSHERS`.
+        rounds: Number of timed rounds.
+    """
+    ours, mujoco, bullet = PinwmPush(pusher), MujocoPush(pusher), BulletPush(pusher)
+    cold = ours.cold()
+    samples = timing.interleave(
+        {
+            "forward": ours.forward(),
+            "forward_backward": ours.forward_backward(),
+            "cold_forward": cold.forward(),
+            "cold_forward_backward": cold.forward_backward(),
+            "mujoco": mujoco.c_loop(),
+            "mujoco_python": mujoco.python_loop(),
+            "mujoco_calls": mujoco.call_overhead(),
+            "bullet": bullet.loop(),
+            "bullet_calls": bullet.call_overhead(),
+        },
+        rounds,
+    )
+    contacts = {}
+    for name, engine in (("pinwm_drake", ours), ("mujoco", mujoco), ("bullet", bullet)):
+        trace = engine.trace()
+        counts = np.array(trace["contacts"])
+        contacts[name] = {
+            "mean": round(float(counts.mean()), 2),
+            "min": int(counts.min()),
+            "max": int(counts.max()),
+            "pusher_steps": trace["pusher_steps"],
+            "moved_mm": round(float(np.hypot(*trace["p"][:2])) * 1e3, 1),
+            "iterations": trace.get("iterations"),
+            "residual": trace.get("residual"),
+        }
+    pairs = [(name, other) for name in _OURS for other in ("mujoco", "bullet")]
+    ratios = {f"{name}_over_{other}": samples[name].over(samples[other]) for name, other in pairs}
+    times = {name: sample.summary() for name, sample in samples.items()}
+    return {"microseconds": times, **ratios, "contacts": contacts}
+
+
+def table(data: dict) -> str:
+    """The figures in Markdown."""
+    lines = [
+        "| pusher | engine | µs a step: median (quartiles) | / MuJoCo | / Bullet | contacts: mean (range) "
+        "| steps with the pusher | block moved |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    verdicts, residuals = [], []
+    for pusher, figures in data["pushers"].items():
+        times = figures["microseconds"]
+
+        def touch(name: str, contacts: dict = figures["contacts"]) -> str:
+            count = contacts[name]
+            span = f"{count['mean']:.1f} ({count['min']} to {count['max']})"
+            return f"{span} | {count['pusher_steps']} of {push.STEPS} | {count['moved_mm']:.0f} mm"
+
+        for name, label in _OURS.items():
+            ratios = [figures[f"{name}_over_{other}"]["median"] for other in ("mujoco", "bullet")]
+            lines.append(
+                f"| {pusher} | pinwm_drake, {label} | {results.spread(times[name])} "
+                f"| {ratios[0]:.2f} | {ratios[1]:.2f} | {touch('pinwm_drake')} |"
+            )
+        in_python = times["mujoco_python"]["median"] - times["mujoco_calls"]["median"]
+        bare_bullet = times["bullet"]["median"] - times["bullet_calls"]["median"]
+        against = f"{times['mujoco']['median'] / times['bullet']['median']:.2f}"
+        lines += [
+            f"| {pusher} | MuJoCo, loop in C | {results.spread(times['mujoco'])} "
+            f"| 1 | {against} | {touch('mujoco')} |",
+            f"| {pusher} | MuJoCo, loop in Python less empty calls | {in_python:.1f} | | | | | |",
+            f"| {pusher} | Bullet, loop in Python | {results.spread(times['bullet'])} "
+            f"| | 1 | {touch('bullet')} |",
+            f"| {pusher} | Bullet, less calls in an empty world | {bare_bullet:.1f} | | | | | |",
+        ]
+        forward = results.verdict(figures["forward_over_mujoco"]["median"], FORWARD_BAR)
+        backward = results.verdict(figures["forward_backward_over_mujoco"]["median"], BACKWARD_BAR)
+        verdicts.append(f"- {pusher}: forward / MuJoCo {forward}; forward and backward / MuJoCo {backward}.")
+        residuals.append(figures["contacts"]["pinwm_drake"]["residual"])
+    tail = (
+        f"{data['rounds']} rounds; other work took {data['load']:.0f} % of the CPUs. Largest residual of "
+        f"pinwm_drake's LCPs in these rollouts (momentum, signs, complementarity; SI): {max(residuals):.0e}."
+    )
+    return "\n".join([*lines, "", *verdicts, "", tail])
+
+
+def main() -> None:
+    """Measures and reports."""
+    parser = results.arguments(__doc__ or "")
+    parser.add_argument("--rounds", type=int, default=150)
+    parser.add_argument("--pushers", nargs="+", choices=push.PUSHERS, default=list(push.PUSHERS))
+    given = parser.parse_args()
+    load = timing.competing_load()
+    figures = {pusher: measure(pusher, given.rounds) for pusher in given.pushers}
+    data = {"rounds": given.rounds, "load": load, "pushers": figures}
+    results.publish("step", data, table(data), given.write)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+"""Fair timings: fixed threads, interleaved rounds, medians with quartiles."""
+
+import os
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+def limit_threads(threads: int, cpus: int | None = None) -> None:
+    """Fixes the width of every thread pool of this process; call it before importing numba or torch.
+
+    Args:
+        threads: Largest number of threads of OpenMP, MKL, OpenBLAS and numba.
+        cpus: Number of CPUs to which the process is bound; `threads` when None.
+    """
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[name] = str(threads)
+    if hasattr(os, "sched_setaffinity"):  # Linux only; elsewhere the operating system places the threads
+        allowed = sorted(os.sched_getaffinity(0))
+        # The last CPUs: the first one tends to serve the interrupts.
+        os.sched_setaffinity(0, allowed[-min(cpus or threads, len(allowed)) :])
+
+
+def competing_load(window: float = 1.0) -> float:
+    """Share of the machine's CPUs, in percent, that is busy while this process only waits.
+
+    A timing taken beside other work is not wrong by itself (the rounds are interleaved, so that all the cases
+    suffer alike), but a reader should know of it. Linux only; NaN elsewhere.
+
+    Args:
+        window: Time over which to look, in seconds.
+    """
+    stat = Path("/proc/stat")
+    if not stat.exists():
+        return float("nan")
+
+    def ticks() -> tuple[int, int]:
+        fields = [int(word) for word in stat.read_text().splitlines()[0].split()[1:9]]
+        return sum(fields), fields[3] + fields[4]  # all, idle + waiting for input and output
+
+    all_before, idle_before = ticks()
+    time.sleep(window)
+    all_after, idle_after = ticks()
+    return 100.0 * (1.0 - (idle_after - idle_before) / max(1, all_after - all_before))
+
+
+@dataclass(frozen=True)
+class Case:
+    """One thing to time.
+
+    Attributes:
+        run: The timed call.
+        prepare: Called, untimed, before each `run`.
+        units: What one `run` is divided into, e.g. the number of steps that it takes.
+    """
+
+    run: Callable[[], object]
+    prepare: Callable[[], object] = lambda: None
+    units: int = 1
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Timings of one case.
+
+    Attributes:
+        seconds: (rounds,) time of each round divided by the case's units, in seconds.
+    """
+
+    seconds: np.ndarray
+
+    @property
+    def median(self) -> float:
+        """Median, in seconds a unit."""
+        return float(np.median(self.seconds))
+
+    def summary(self, scale: float = 1e6) -> dict[str, float]:
+        """Median and quartiles times `scale` (1e6: microseconds a unit)."""
+        low, middle, high = np.percentile(self.seconds, [25, 50, 75]) * scale
+        return {"median": round(float(middle), 3), "q1": round(float(low), 3), "q3": round(float(high), 3)}
+
+    def over(self, other: "Samples") -> dict[str, float]:
+        """Median and quartiles of the round-by-round ratio to `other`."""
+        return Samples(self.seconds / other.seconds).summary(scale=1.0)
+
+
+def interleave(cases: Mapping[str, Case], rounds: int, warmup: int = 2) -> dict[str, Samples]:
+    """Times all cases in interleaved rounds: A B C A B C and so on.
+
+    Whatever slows the machine for a while then slows all of them alike, and the ratio of two cases is taken
+    within a round.
+
+    Args:
+        cases: What to time.
+        rounds: Number of timed rounds.
+        warmup: Number of rounds that are run first and not counted (compilation, caches, allocations).
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in cases}
+    for round_ in range(warmup + rounds):
+        for name, case in cases.items():
+            case.prepare()
+            start = time.perf_counter()
+            case.run()
+            elapsed = time.perf_counter() - start
+            if round_ >= warmup:
+                seconds[name].append(elapsed / case.units)
+    return {name: Samples(np.array(values)) for name, values in seconds.items()}

@@ -1,0 +1,52 @@
+"""The `pinwm` application: its commands, and what its exit codes mean.
+
+Exit codes: 0 when all went well, 1 when an input was refused, 2 when the command line itself makes no sense.
+Only light modules are imported here, so that `pinwm --help` answers at once; each command imports its work.
+"""
+
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+import pinwm_drake
+from pinwm_drake.cli.push import push
+from pinwm_drake.errors import PinwmError
+
+app = typer.Typer(
+    name="pinwm",
+    help="Digital twins of pushed objects, and policies trained in them.",
+    epilog="Example: pinwm push --out out/push",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command(epilog="Example: pinwm push --friction 0.1 --pusher capsule --out out/push")(push)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"pinwm {pinwm_drake.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """The options that stand before a command; `version` has done its work by the time this runs."""
+
+
+def main() -> None:
+    """Runs `pinwm` on the command line and ends the process with its exit code."""
+    try:
+        app()
+    except PinwmError as error:
+        Console(stderr=True, soft_wrap=True).print(
+            f"[bold red]pinwm:[/] {escape(str(error))}", highlight=False
+        )
+        raise SystemExit(1) from None

@@ -1,0 +1,67 @@
+"""The one family of exceptions. A message says what was given and what is allowed.
+
+`pinwm` prints any `PinwmError` as one line and exits with 1, so a message has to be enough to mend the input.
+"""
+
+import os
+
+
+class PinwmError(Exception):
+    """Base of every error that pinwm_drake raises about what it was given."""
+
+
+class GeometryError(PinwmError):
+    """A shape, mesh or decomposition is not usable: wrong size, not watertight, not convex, out of scale."""
+
+
+class ModelError(PinwmError):
+    """A model's description contradicts itself: bodies, joints, pusher, floor or time step."""
+
+
+class ParameterError(PinwmError):
+    """A physical parameter or an option is outside its allowed range, or has the wrong shape."""
+
+
+class StateError(PinwmError):
+    """A state or an action has the wrong shape or dtype, or holds values that are not finite."""
+
+
+class SolverError(PinwmError):
+    """A solver stopped before it reached its tolerance."""
+
+
+class InputError(PinwmError):
+    """A file or folder cannot be used.
+
+    The message is composed as `PATH, row ROW: got VALUE; allowed: ALLOWED`, without what is unknown.
+
+    Attributes:
+        path: The file or folder.
+        row: The line or record in it, counted from 1, or None.
+        value: What was found there, or None.
+        allowed: What would have been accepted.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        allowed: str,
+        row: int | None = None,
+        value: object = None,
+    ) -> None:
+        """Composes the message from its parts.
+
+        Args:
+            path: The file or folder.
+            allowed: What would have been accepted, in words.
+            row: The line or record in it, counted from 1.
+            value: What was found there.
+        """
+        self.path = os.fspath(path)
+        self.row = row
+        self.value = value
+        self.allowed = allowed
+        where = self.path if row is None else f"{self.path}, row {row}"
+        found = "" if value is None else f"got {value}; "
+        super().__init__(f"{where}: {found}allowed: {allowed}")

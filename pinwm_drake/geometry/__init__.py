@@ -1,0 +1,1 @@
+"""Shapes, meshes, convex pieces and the narrow phase that selects contact features."""

@@ -1,0 +1,380 @@
+"""Contact geometry in closed form from a pair of features, and its adjoint (numba).
+
+The narrow phase selects which features of two bodies are closest; this file turns such a pair into gap, normal
+and witness points, and pulls gradients back to the two poses. One contact is a row of 16 numbers:
+
+    [type_A, p_A (3), u_A (3), r_A,   type_B, p_B (3), u_B (3), r_B]
+
+with the A part in body frame A and the B part in body frame B (world frame for the floor), metres:
+
+    POINT   p is a vertex, a sphere's centre or a capsule's end; r its rounding radius
+    LINE    p lies on the line, u is its unit direction; r is the rounding radius (side of a capsule or cylinder)
+    PLANE   p lies in the plane, u is its outward unit normal
+    CIRCLE  p is the centre, u the unit axis, r the radius of a sharp rim
+
+Derivatives follow the kinematics of contact (Montana 1988): let R_A and R_B be the radius-of-curvature tensors
+of the two surfaces in the tangent plane (0 across a sharp edge, r on a sphere, unbounded on a plane). Moving the
+bodies by twists turns the normal by
+
+    (R_A + R_B + phi I) dn = R_A (theta_A x n) + R_B (theta_B x n) + P (v_A(a) - v_B(b)),
+
+slides the witness points by -R_A (dn - theta_A x n) and R_B (dn - theta_B x n), and changes the gap by
+n . (v_A(a) - v_B(b)). Where a radius is unbounded (planes, along lines) its limit is taken exactly.
+
+Source: D. J. Montana, "The kinematics of contact and grasp", IJRR 7(3), 1988, equations 17-18, here for
+separated surfaces and in terms of radii instead of curvatures, so that vertices are regular.
+"""
+
+import math
+
+from numba import njit
+
+POINT = 0
+LINE = 1
+PLANE = 2
+CIRCLE = 3
+
+FEATURE_SIZE = 16
+
+_NEWTON_STEPS = 12
+_TINY = 1.0e-300
+
+_jit = njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"}, inline="never")
+
+
+@_jit
+def _rotate(R, x, y, z):
+    return (
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
+    )
+
+
+@_jit
+def _nearest_circle_to_line(c, u, radius, p, d):
+    """Point of a circle (centre c, axis u) where the distance to the line (p, d) is stationary.
+
+    Newton's method in the circle's angle, started at the circle point nearest to p. Returns the radial unit vector.
+    """
+    wx, wy, wz = p[0] - c[0], p[1] - c[1], p[2] - c[2]
+    k = wx * u[0] + wy * u[1] + wz * u[2]
+    ex, ey, ez = wx - k * u[0], wy - k * u[1], wz - k * u[2]
+    s = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez + _TINY)
+    ex, ey, ez = ex * s, ey * s, ez * s
+    for _ in range(_NEWTON_STEPS):
+        tx, ty, tz = u[1] * ez - u[2] * ey, u[2] * ex - u[0] * ez, u[0] * ey - u[1] * ex
+        # w: from the line's point to the circle's point, without its part along the line.
+        wx, wy, wz = c[0] + radius * ex - p[0], c[1] + radius * ey - p[1], c[2] + radius * ez - p[2]
+        k = wx * d[0] + wy * d[1] + wz * d[2]
+        wx, wy, wz = wx - k * d[0], wy - k * d[1], wz - k * d[2]
+        td = tx * d[0] + ty * d[1] + tz * d[2]
+        residual = wx * tx + wy * ty + wz * tz
+        slope = radius * (1.0 - td * td) - (wx * ex + wy * ey + wz * ez)
+        if slope == 0.0:
+            break
+        step = -residual / slope
+        step = min(max(step, -0.5), 0.5)
+        cs, sn = math.cos(step), math.sin(step)
+        ex, ey, ez = cs * ex + sn * tx, cs * ey + sn * ty, cs * ez + sn * tz
+        if abs(step) < 1e-15:
+            break
+    return ex, ey, ez
+
+
+@_jit
+def _rim_point(c, u, radius, other_type, p, d, n, toward):
+    """Witness point of a rim (centre c, axis u) against another feature (p, d).
+
+    `toward` is +1 when the other body lies along +n of the rim's body (rim on B), -1 when along -n (rim on A);
+    it matters for a plane only. Returns the point.
+    """
+    if other_type == PLANE:
+        k = n[0] * u[0] + n[1] * u[1] + n[2] * u[2]
+        ex, ey, ez = toward * (n[0] - k * u[0]), toward * (n[1] - k * u[1]), toward * (n[2] - k * u[2])
+        s = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez + _TINY)
+        ex, ey, ez = ex * s, ey * s, ez * s
+    elif other_type == POINT:
+        wx, wy, wz = p[0] - c[0], p[1] - c[1], p[2] - c[2]
+        k = wx * u[0] + wy * u[1] + wz * u[2]
+        ex, ey, ez = wx - k * u[0], wy - k * u[1], wz - k * u[2]
+        s = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez + _TINY)
+        ex, ey, ez = ex * s, ey * s, ez * s
+    else:
+        ex, ey, ez = _nearest_circle_to_line(c, u, radius, p, d)
+    return (c[0] + radius * ex, c[1] + radius * ey, c[2] + radius * ez)
+
+
+@_jit
+def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
+    """Gap, normal and witness points of one feature pair.
+
+    Args:
+        row: (16,), the feature pair as described at the top of this file.
+        R_A: (3, 3), R_WA.
+        p_A: (3,), p_WA, m.
+        R_B: (3, 3), R_WB; the identity for the floor.
+        p_B: (3,), p_WB, m; zero for the floor.
+        n: (3,), receives the unit normal nhat_BA_W, from B to A.
+        a: (3,), receives the witness point on A's surface, world frame, m.
+        b: (3,), receives the witness point on B's surface, world frame, m; a - b = phi n.
+
+    Returns:
+        The gap phi, m; negative in penetration.
+    """
+    type_A, type_B = int(row[0]), int(row[8])
+    r_A, r_B = row[7], row[15]
+    x, y, z = _rotate(R_A, row[1], row[2], row[3])
+    pA = (x + p_A[0], y + p_A[1], z + p_A[2])
+    x, y, z = _rotate(R_B, row[9], row[10], row[11])
+    pB = (x + p_B[0], y + p_B[1], z + p_B[2])
+    uA = _rotate(R_A, row[4], row[5], row[6])
+    uB = _rotate(R_B, row[12], row[13], row[14])
+    ra, rb = r_A, r_B
+
+    if type_B == PLANE:
+        nx, ny, nz = uB
+        if type_A == CIRCLE:
+            pA = _rim_point(pA, uA, r_A, PLANE, pB, uB, uB, -1.0)
+            ra = 0.0
+        gap = nx * (pA[0] - pB[0]) + ny * (pA[1] - pB[1]) + nz * (pA[2] - pB[2]) - ra
+        n[0], n[1], n[2] = nx, ny, nz
+        a[0], a[1], a[2] = pA[0] - ra * nx, pA[1] - ra * ny, pA[2] - ra * nz
+        b[0], b[1], b[2] = a[0] - gap * nx, a[1] - gap * ny, a[2] - gap * nz
+        return gap
+    if type_A == PLANE:
+        nx, ny, nz = -uA[0], -uA[1], -uA[2]
+        if type_B == CIRCLE:
+            pB = _rim_point(pB, uB, r_B, PLANE, pA, uA, (nx, ny, nz), 1.0)
+            rb = 0.0
+        gap = nx * (pA[0] - pB[0]) + ny * (pA[1] - pB[1]) + nz * (pA[2] - pB[2]) - rb
+        n[0], n[1], n[2] = nx, ny, nz
+        b[0], b[1], b[2] = pB[0] + rb * nx, pB[1] + rb * ny, pB[2] + rb * nz
+        a[0], a[1], a[2] = b[0] + gap * nx, b[1] + gap * ny, b[2] + gap * nz
+        return gap
+
+    if type_A == LINE and type_B == LINE:
+        cx, cy, cz = uA[1] * uB[2] - uA[2] * uB[1], uA[2] * uB[0] - uA[0] * uB[2], uA[0] * uB[1] - uA[1] * uB[0]
+        s2 = cx * cx + cy * cy + cz * cz + _TINY
+        s = 1.0 / math.sqrt(s2)
+        nx, ny, nz = cx * s, cy * s, cz * s
+        wx, wy, wz = pA[0] - pB[0], pA[1] - pB[1], pA[2] - pB[2]
+        c = uA[0] * uB[0] + uA[1] * uB[1] + uA[2] * uB[2]
+        wA = wx * uA[0] + wy * uA[1] + wz * uA[2]
+        wB = wx * uB[0] + wy * uB[1] + wz * uB[2]
+        along_A = (c * wB - wA) / s2
+        distance = nx * wx + ny * wy + nz * wz
+        ax, ay, az = pA[0] + along_A * uA[0], pA[1] + along_A * uA[1], pA[2] + along_A * uA[2]
+        n[0], n[1], n[2] = nx, ny, nz
+        a[0], a[1], a[2] = ax - ra * nx, ay - ra * ny, az - ra * nz
+        gap = distance - ra - rb
+        b[0], b[1], b[2] = a[0] - gap * nx, a[1] - gap * ny, a[2] - gap * nz
+        return gap
+
+    if type_A == CIRCLE and type_B == LINE or type_A == LINE and type_B == CIRCLE:
+        # The normal is perpendicular to both the rim's tangent and the line, so that the gap keeps its sign.
+        on_A = type_A == CIRCLE
+        centre, axis, radius = (pA, uA, r_A) if on_A else (pB, uB, r_B)
+        p, d, r = (pB, uB, r_B) if on_A else (pA, uA, r_A)
+        q = _rim_point(centre, axis, radius, LINE, p, d, axis, 1.0)
+        ex, ey, ez = (q[0] - centre[0]) / radius, (q[1] - centre[1]) / radius, (q[2] - centre[2]) / radius
+        tx, ty, tz = axis[1] * ez - axis[2] * ey, axis[2] * ex - axis[0] * ez, axis[0] * ey - axis[1] * ex
+        cx, cy, cz = ty * d[2] - tz * d[1], tz * d[0] - tx * d[2], tx * d[1] - ty * d[0]
+        s = 1.0 / math.sqrt(cx * cx + cy * cy + cz * cz + _TINY)
+        if (cx * ex + cy * ey + cz * ez) * (-1.0 if on_A else 1.0) < 0.0:
+            s = -s
+        nx, ny, nz = cx * s, cy * s, cz * s
+        wx, wy, wz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+        distance = nx * wx + ny * wy + nz * wz
+        n[0], n[1], n[2] = nx, ny, nz
+        if on_A:
+            gap = distance - r
+            a[0], a[1], a[2] = q[0], q[1], q[2]
+            b[0], b[1], b[2] = q[0] - gap * nx, q[1] - gap * ny, q[2] - gap * nz
+        else:
+            gap = -distance - r
+            b[0], b[1], b[2] = q[0], q[1], q[2]
+            a[0], a[1], a[2] = q[0] + gap * nx, q[1] + gap * ny, q[2] + gap * nz
+        return gap
+
+    # The remaining pairs have at least one point: the normal is along the difference of the nearest core points.
+    if type_A == CIRCLE:
+        pA = _rim_point(pA, uA, r_A, POINT, pB, uB, uB, 1.0)
+        ra = 0.0
+    elif type_B == CIRCLE:
+        pB = _rim_point(pB, uB, r_B, POINT, pA, uA, uA, 1.0)
+        rb = 0.0
+    dx, dy, dz = pA[0] - pB[0], pA[1] - pB[1], pA[2] - pB[2]
+    if type_A == LINE:
+        k = dx * uA[0] + dy * uA[1] + dz * uA[2]
+        dx, dy, dz = dx - k * uA[0], dy - k * uA[1], dz - k * uA[2]
+        pA = (pB[0] + dx, pB[1] + dy, pB[2] + dz)
+    elif type_B == LINE:
+        k = dx * uB[0] + dy * uB[1] + dz * uB[2]
+        dx, dy, dz = dx - k * uB[0], dy - k * uB[1], dz - k * uB[2]
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz + _TINY)
+    nx, ny, nz = dx / distance, dy / distance, dz / distance
+    gap = distance - ra - rb
+    n[0], n[1], n[2] = nx, ny, nz
+    a[0], a[1], a[2] = pA[0] - ra * nx, pA[1] - ra * ny, pA[2] - ra * nz
+    b[0], b[1], b[2] = a[0] - gap * nx, a[1] - gap * ny, a[2] - gap * nz
+    return gap
+
+
+@_jit
+def tangents(nx, ny, nz):
+    """Unit tangents (t1, t2), with t1 x t2 = n, smooth wherever the reference axis does not change.
+
+    The reference axis is z unless the normal is within 26 degrees of it (then x), so that neither horizontal
+    normals (a pusher) nor vertical ones (the floor) sit on the switch.
+    """
+    if abs(nz) < 0.9:
+        s = 1.0 / math.sqrt(nx * nx + ny * ny)
+        t1x, t1y, t1z = -ny * s, nx * s, 0.0
+    else:
+        s = 1.0 / math.sqrt(ny * ny + nz * nz)
+        t1x, t1y, t1z = 0.0, -nz * s, ny * s
+    return t1x, t1y, t1z, ny * t1z - nz * t1y, nz * t1x - nx * t1z, nx * t1y - ny * t1x
+
+
+@_jit
+def tangents_adjoint(nx, ny, nz, t1, t1bar, t2bar):
+    """Pulls gradients of the two tangents back to the normal; returns the three components of nbar."""
+    # t2 = n x t1
+    b1x = t1bar[0] + t2bar[1] * nz - t2bar[2] * ny
+    b1y = t1bar[1] + t2bar[2] * nx - t2bar[0] * nz
+    b1z = t1bar[2] + t2bar[0] * ny - t2bar[1] * nx
+    gx = t1[1] * t2bar[2] - t1[2] * t2bar[1]
+    gy = t1[2] * t2bar[0] - t1[0] * t2bar[2]
+    gz = t1[0] * t2bar[1] - t1[1] * t2bar[0]
+    # t1 = e x n / |e x n|
+    k = b1x * t1[0] + b1y * t1[1] + b1z * t1[2]
+    b1x, b1y, b1z = b1x - k * t1[0], b1y - k * t1[1], b1z - k * t1[2]
+    if abs(nz) < 0.9:
+        s = 1.0 / math.sqrt(nx * nx + ny * ny)
+        gx += s * b1y
+        gy -= s * b1x
+    else:
+        s = 1.0 / math.sqrt(ny * ny + nz * nz)
+        gy += s * b1z
+        gz -= s * b1y
+    return gx, gy, gz
+
+
+@_jit
+def _radii(kind, ux, uy, uz, r, ex, ey, ez, t1, t2):
+    """Radius-of-curvature tensor of a surface in the tangent basis; (ex, ey, ez) is a - p.
+
+    Returns its finite part (r11, r12, r22), and for a line its direction (w1, w2), along which the surface is flat.
+    A plane, flat in both directions, is left to the caller.
+    """
+    w1, w2 = ux * t1[0] + uy * t1[1] + uz * t1[2], ux * t2[0] + uy * t2[1] + uz * t2[2]
+    if kind == LINE:
+        # Across its direction a line is rounded with r.
+        return r * w2 * w2, -r * w1 * w2, r * w1 * w1, w1, w2
+    if kind == CIRCLE:
+        # Along the rim's tangent the outward normal turns by cos(alpha) / r per metre; across, it turns freely.
+        s = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez + _TINY)
+        ex, ey, ez = ex * s, ey * s, ez * s
+        nx, ny, nz = t1[1] * t2[2] - t1[2] * t2[1], t1[2] * t2[0] - t1[0] * t2[2], t1[0] * t2[1] - t1[1] * t2[0]
+        k = r / (abs(nx * ex + ny * ey + nz * ez) + 1e-12)
+        ux, uy, uz = uy * ez - uz * ey, uz * ex - ux * ez, ux * ey - uy * ex
+        w1, w2 = ux * t1[0] + uy * t1[1] + uz * t1[2], ux * t2[0] + uy * t2[1] + uz * t2[2]
+        return k * w1 * w1, k * w1 * w2, k * w2 * w2, 0.0, 0.0
+    return r, 0.0, r, 0.0, 0.0
+
+
+@_jit
+def contact_adjoint(row, R_A, p_A, R_B, p_B, n, a, b, phi, nbar, cbar, phibar, twist_A, twist_B):
+    """Pulls gradients of a contact back to the poses of its two bodies.
+
+    Args:
+        row, R_A, p_A, R_B, p_B, n, a, b: as for `contact_from_features`, n, a and b as it wrote them.
+        phi: the gap it returned, m.
+        nbar: (3,), gradient with respect to the normal nhat_BA_W.
+        cbar: (3,), gradient with respect to the contact point c = (a + b) / 2, world frame.
+        phibar: gradient with respect to the gap.
+        twist_A: (6,), gains the gradient with respect to A's pose as [rotation vector; translation], world frame,
+            for R_WA -> exp(theta) R_WA and p_WA -> p_WA + delta.
+        twist_B: (6,), the same for B.
+    """
+    t1x, t1y, t1z, t2x, t2y, t2z = tangents(n[0], n[1], n[2])
+    t1, t2 = (t1x, t1y, t1z), (t2x, t2y, t2z)
+    kind_A, kind_B = int(row[0]), int(row[8])
+    ux, uy, uz = _rotate(R_A, row[4], row[5], row[6])
+    px, py, pz = _rotate(R_A, row[1], row[2], row[3])
+    A11, A12, A22, u1, u2 = _radii(
+        kind_A, ux, uy, uz, row[7], a[0] - p_A[0] - px, a[1] - p_A[1] - py, a[2] - p_A[2] - pz, t1, t2
+    )
+    ux, uy, uz = _rotate(R_B, row[12], row[13], row[14])
+    px, py, pz = _rotate(R_B, row[9], row[10], row[11])
+    B11, B12, B22, w1, w2 = _radii(
+        kind_B, ux, uy, uz, row[15], b[0] - p_B[0] - px, b[1] - p_B[1] - py, b[2] - p_B[2] - pz, t1, t2
+    )
+    # Gradient of the witness points' sliding, the same for both.
+    s1 = 0.5 * (cbar[0] * t1x + cbar[1] * t1y + cbar[2] * t1z)
+    s2 = 0.5 * (cbar[0] * t2x + cbar[1] * t2y + cbar[2] * t2z)
+    n1, n2 = nbar[0] * t1x + nbar[1] * t1y + nbar[2] * t1z, nbar[0] * t2x + nbar[1] * t2y + nbar[2] * t2z
+    As1, As2 = A11 * s1 + A12 * s2, A12 * s1 + A22 * s2
+    Bs1, Bs2 = B11 * s1 + B12 * s2, B12 * s1 + B22 * s2
+    # (m1, m2): gradient with respect to P (v_A(a) - v_B(b)); (tA1, tA2): with respect to theta_A x n; tB likewise.
+    if kind_B == PLANE:
+        # dn = theta_B x n, and B's witness point follows A's.
+        m1, m2 = s1, s2
+        tA1, tA2 = 2.0 * As1, 2.0 * As2
+        tB1, tB2 = n1 - phi * s1 - tA1, n2 - phi * s2 - tA2
+    elif kind_A == PLANE:
+        m1, m2 = -s1, -s2
+        tB1, tB2 = -2.0 * Bs1, -2.0 * Bs2
+        tA1, tA2 = n1 + phi * s1 - tB1, n2 + phi * s2 - tB2
+    else:
+        g11, g12, g22 = A11 + B11 + phi, A12 + B12, A22 + B22 + phi
+        d1, d2 = n1 - As1 + Bs1, n2 - As2 + Bs2
+        hold_A, hold_B = 0.0, 0.0
+        if kind_A == LINE and kind_B == LINE:
+            # Both lines hold the normal: u . m = -u . s, w . m = w . s; hold_A, hold_B are the forces of that.
+            cross = u1 * w2 - u2 * w1
+            us, ws = (u1 * s1 + u2 * s2) / cross, (w1 * s1 + w2 * s2) / cross
+            m1, m2 = -ws * u2 - us * w2, ws * u1 + us * w1
+            e1, e2 = d1 - g11 * m1 - g12 * m2, d2 - g12 * m1 - g22 * m2
+            hold_A, hold_B = (e1 * w2 - e2 * w1) / cross, (e2 * u1 - e1 * u2) / cross
+        elif kind_A == LINE or kind_B == LINE:
+            sign = -1.0
+            if kind_B == LINE:
+                u1, u2, sign = w1, w2, 1.0
+            us = sign * (u1 * s1 + u2 * s2)
+            across = g11 * u2 * u2 - 2.0 * g12 * u1 * u2 + g22 * u1 * u1
+            coupling = (g22 - g11) * u1 * u2 + g12 * (u1 * u1 - u2 * u2)
+            q = (d2 * u1 - d1 * u2 - us * coupling) / across
+            m1, m2 = us * u1 - q * u2, us * u2 + q * u1
+            force = u1 * (d1 - g11 * m1 - g12 * m2) + u2 * (d2 - g12 * m1 - g22 * m2)
+            if kind_B == LINE:
+                hold_B = force
+            else:
+                hold_A = force
+        else:
+            det = g11 * g22 - g12 * g12
+            if abs(det) < _TINY:
+                det = math.copysign(_TINY, det)
+            m1, m2 = (g22 * d1 - g12 * d2) / det, (g11 * d2 - g12 * d1) / det
+        tA1, tA2 = As1 + A11 * m1 + A12 * m2 + hold_A * u1, As2 + A12 * m1 + A22 * m2 + hold_A * u2
+        tB1, tB2 = -Bs1 + B11 * m1 + B12 * m2 + hold_B * w1, -Bs2 + B12 * m1 + B22 * m2 + hold_B * w2
+    mx, my, mz = m1 * t1x + m2 * t2x, m1 * t1y + m2 * t2y, m1 * t1z + m2 * t2z
+
+    vx, vy, vz = phibar * n[0] + mx, phibar * n[1] + my, phibar * n[2] + mz
+    for side in range(2):
+        if side == 0:
+            gx, gy, gz = 0.5 * cbar[0] + vx, 0.5 * cbar[1] + vy, 0.5 * cbar[2] + vz
+            rx, ry, rz = a[0] - p_A[0], a[1] - p_A[1], a[2] - p_A[2]
+            q1, q2, out = tA1, tA2, twist_A
+        else:
+            gx, gy, gz = 0.5 * cbar[0] - vx, 0.5 * cbar[1] - vy, 0.5 * cbar[2] - vz
+            rx, ry, rz = b[0] - p_B[0], b[1] - p_B[1], b[2] - p_B[2]
+            q1, q2, out = tB1, tB2, twist_B
+        # w . (theta x n) = theta . (n x w), with n x t1 = t2 and n x t2 = -t1.
+        out[0] += ry * gz - rz * gy + q1 * t2x - q2 * t1x
+        out[1] += rz * gx - rx * gz + q1 * t2y - q2 * t1y
+        out[2] += rx * gy - ry * gx + q1 * t2z - q2 * t1z
+        out[3] += gx
+        out[4] += gy
+        out[5] += gz

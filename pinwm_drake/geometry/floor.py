@@ -1,0 +1,157 @@
+"""Contacts of a body with the horizontal plane of the floor (numba)."""
+
+import math
+
+from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
+from pinwm_drake.geometry.pieces import CYLINDER
+from pinwm_drake.geometry.rows import dot, jit, norm, write_part, xyz
+
+_POINT, _PLANE, _CIRCLE = float(POINT), float(PLANE), float(CIRCLE)
+
+# More points than this within the margin are reduced to the outermost ones.
+MAX_FLOOR_POINTS = 16
+_DIRECTIONS = 8
+_DIRECTION_COS = tuple(math.cos(2.0 * math.pi * k / _DIRECTIONS) for k in range(_DIRECTIONS))
+_DIRECTION_SIN = tuple(math.sin(2.0 * math.pi * k / _DIRECTIONS) for k in range(_DIRECTIONS))
+
+# The reduction keeps the deepest point only where it is deeper than the outermost ones by more than this [m]:
+# points of a face that lies flat on the floor differ by rounding, and the choice must not follow that.
+_SAME_DEPTH = 1.0e-7
+
+# Sine of the tilt above which a rim touches with its lowest point, and below which it does not (there the point's
+# place is ill-conditioned; the points fixed on the rim are too high by 0.08 radius * tilt at most).
+_MIN_TILT = 1.0e-4
+
+# The fixed points serve a cylinder that stands. Off 0.2 rad they would only make a rolling cylinder a polygon.
+_MAX_STANDING_TILT = 0.2
+
+
+@jit
+def collide_floor(table, body, R_WB, p_WB, floor_height, margin, rows, count):
+    """Appends the contacts of one body (A) with the floor (B).
+
+    Args:
+        table: PieceTable.
+        body: Index of the body.
+        R_WB: (3, 3), its rotation.
+        p_WB: (3,), its position, m, world frame.
+        floor_height: z of the floor, m, world frame.
+        margin: Contacts with a gap below this are appended, m.
+        rows: (max_contacts, 16), receives feature rows from row `count` on.
+        count: Rows already used.
+
+    Returns:
+        Rows used now; never more than there are.
+    """
+    # z of a point p of the body is (ux, uy, uz) . p + lift above the floor.
+    ux, uy, uz = R_WB[2, 0], R_WB[2, 1], R_WB[2, 2]
+    lift = p_WB[2] - floor_height
+    cx, cy, cz = xyz(table.body_spheres, body)
+    if dot(ux, uy, uz, cx, cy, cz) + lift - table.body_spheres[body, 3] >= margin:
+        return count
+    first = count
+    for i in range(table.bodies[body, 1], table.bodies[body + 1, 1]):
+        if _gap(table, i, ux, uy, uz, lift) < margin:
+            if count - first == MAX_FLOOR_POINTS:
+                count = _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, first)
+                break
+            count = _append_point(table, i, floor_height, rows, count)
+    for piece in range(table.bodies[body, 0], table.bodies[body + 1, 0]):
+        if table.pieces[piece, 0] == CYLINDER:
+            count = _append_rims(table, piece, ux, uy, uz, lift, floor_height, margin, rows, count)
+    return count
+
+
+@jit
+def _gap(table, i, ux, uy, uz, lift):
+    """Gap of one floor point [m]; infinite for the fixed points of a cylinder that does not stand."""
+    piece = table.floor_owners[i]
+    if piece >= 0:
+        ax, ay, az = xyz(table.axes, piece)
+        upright = dot(ax, ay, az, ux, uy, uz)
+        if 1.0 - upright * upright > _MAX_STANDING_TILT * _MAX_STANDING_TILT:
+            return math.inf
+    x, y, z = xyz(table.floor_points, i)
+    return dot(ux, uy, uz, x, y, z) + lift - table.floor_points[i, 3]
+
+
+@jit
+def _append_point(table, i, floor_height, rows, count):
+    if count >= rows.shape[0]:
+        return count
+    x, y, z = xyz(table.floor_points, i)
+    write_part(rows, count, 0, _POINT, x, y, z, 0.0, 0.0, 0.0, table.floor_points[i, 3])
+    write_part(rows, count, 8, _PLANE, 0.0, 0.0, floor_height, 0.0, 0.0, 1.0, 0.0)
+    return count + 1
+
+
+@jit
+def _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, count):
+    """Appends the outermost points along eight directions fixed in the body, and the deepest.
+
+    The directions lie in the coordinate plane of the body that is most nearly horizontal, so that the choice depends
+    on the pose only through which points are within the margin.
+    """
+    start, end = table.bodies[body, 1], table.bodies[body + 1, 1]
+    first_axis, second_axis = 0, 1
+    if abs(ux) > abs(uz) and abs(ux) >= abs(uy):
+        first_axis, second_axis = 1, 2
+    elif abs(uy) > abs(uz):
+        first_axis, second_axis = 0, 2
+    first = count
+    lowest_kept = math.inf
+    deepest, depth = -1, math.inf
+    for k in range(_DIRECTIONS):
+        outermost, reach = -1, -math.inf
+        for i in range(start, end):
+            gap = _gap(table, i, ux, uy, uz, lift)
+            if gap >= margin:
+                continue
+            if gap < depth - _SAME_DEPTH:
+                deepest, depth = i, gap
+            along = (
+                _DIRECTION_COS[k] * table.floor_points[i, first_axis]
+                + _DIRECTION_SIN[k] * table.floor_points[i, second_axis]
+            )
+            if along > reach:
+                outermost, reach = i, along
+        known = False
+        for row in range(first, count):
+            known = known or _is_point(table, outermost, rows, row)
+        if not known:
+            count = _append_point(table, outermost, floor_height, rows, count)
+            lowest_kept = min(lowest_kept, _gap(table, outermost, ux, uy, uz, lift))
+    if depth < lowest_kept - _SAME_DEPTH:
+        count = _append_point(table, deepest, floor_height, rows, count)
+    return count
+
+
+@jit
+def _is_point(table, i, rows, row):
+    return (
+        rows[row, 1] == table.floor_points[i, 0]
+        and rows[row, 2] == table.floor_points[i, 1]
+        and rows[row, 3] == table.floor_points[i, 2]
+    )
+
+
+@jit
+def _append_rims(table, piece, ux, uy, uz, lift, floor_height, margin, rows, count):
+    """Appends the lowest point of each rim of a tilted cylinder."""
+    ax, ay, az = xyz(table.axes, piece)
+    cosine = dot(ax, ay, az, ux, uy, uz)
+    px, py, pz = ux - cosine * ax, uy - cosine * ay, uz - cosine * az
+    tilt = norm(px, py, pz)
+    if tilt < _MIN_TILT:
+        return count
+    first = table.pieces[piece, 1]
+    radius = table.vertices[first, 3]
+    for end in range(2):
+        x, y, z = xyz(table.vertices, first + end)
+        if dot(ux, uy, uz, x, y, z) + lift - radius * tilt < margin and count < rows.shape[0]:
+            # The axis of a rim points out of the cylinder.
+            sign = 2.0 * end - 1.0
+            write_part(rows, count, 0, _CIRCLE, x, y, z, sign * ax, sign * ay, sign * az, radius)
+            write_part(rows, count, 8, _PLANE, 0.0, 0.0, floor_height, 0.0, 0.0, 1.0, 0.0)
+            count += 1
+    return count

@@ -1,0 +1,125 @@
+"""Two convex hulls against each other (numba).
+
+The axis of largest separation is found first; it is a lower bound of the signed distance, and the signed distance
+itself in penetration. Then the manifold about that axis is collected. Where a pair of it attains the bound, it is the
+nearest pair; where none does, the hulls are apart and meet with a vertex or at the ends of edges, and the nearest
+pair is found by `gjk` and appended too.
+"""
+
+import numpy as np
+
+from pinwm_drake.geometry.epa import expand
+from pinwm_drake.geometry.face_clip import DEEPER
+from pinwm_drake.geometry.gjk import distance
+from pinwm_drake.geometry.manifold import aligned_face, collect_manifold, jit_with_memory
+from pinwm_drake.geometry.rows import jit, turn_back, write_face, write_line_pair, write_vertex
+from pinwm_drake.geometry.segments import COINCIDENT, SAME, append_segments
+from pinwm_drake.geometry.separating_axis import EDGES, FACE_OF_ONE, FACE_OF_TWO, separating_axis
+from pinwm_drake.geometry.support import support
+
+# Hulls whose pairs of edges, and of faces and vertices, are more than this take `epa` instead of all axes. At the
+# limit both take about 5 us.
+_MAX_PAIRS = 1500
+
+# Of the face that `epa` returns [m].
+_TOLERANCE = 1.0e-10
+
+
+@jit_with_memory
+def collide_hulls(table, one, two, X_21, column, margin, rows, count):
+    """Appends the contacts of two hulls; arguments as for `segments.collide_rounds`."""
+    ends = np.empty((4, 2), np.int64)
+    if _pairs(table, one, two) <= _MAX_PAIRS:
+        apart, nx, ny, nz, kind, first, second = separating_axis(table, one, two, X_21, margin)
+    else:
+        apart, nx, ny, nz = expand(table, one, two, X_21, margin, _TOLERANCE, ends)
+        kind, first, second = _features_of_axis(table, one, two, X_21, nx, ny, nz)
+    if apart >= margin:
+        return count
+    count, nearest = collect_manifold(
+        table, one, two, X_21, nx, ny, nz, apart - DEEPER, column, margin, rows, count
+    )
+    if nearest <= apart + SAME or count >= rows.shape[0]:
+        return count
+    if apart >= COINCIDENT:
+        apart, nx, ny, nz, size = distance(table, one, two, X_21, nx, ny, nz, 0.0, ends)
+        if apart >= margin or apart >= nearest - SAME:
+            return count
+        return _append_nearest(table, one, two, X_21, nx, ny, nz, ends, size, nearest, column, margin, rows, count)
+    if kind == FACE_OF_TWO:
+        write_vertex(table, second, rows, count, column)
+        write_face(table, first, rows, count, 8 - column)
+    elif kind == FACE_OF_ONE:
+        write_face(table, first, rows, count, column)
+        write_vertex(table, second, rows, count, 8 - column)
+    else:
+        i, i2, j, j2 = 0, 0, 0, 0
+        if first >= 0:
+            i, i2, j, j2 = table.edges[first, 0], table.edges[first, 1], table.edges[second, 0], table.edges[second, 1]
+        else:
+            i, i2, _ = _corners(ends, 3, column - column)
+            j, j2, _ = _corners(ends, 3, column - column + 1)
+        if i != i2 and j != j2:
+            write_line_pair(table, i, i2, j, j2, X_21, nx, ny, nz, rows, count, column)
+        else:
+            return count
+    return count + 1
+
+
+@jit
+def _pairs(table, one, two):
+    vertices_1 = table.pieces[one + 1, 1] - table.pieces[one, 1]
+    vertices_2 = table.pieces[two + 1, 1] - table.pieces[two, 1]
+    faces_1 = table.pieces[one + 1, 2] - table.pieces[one, 2]
+    faces_2 = table.pieces[two + 1, 2] - table.pieces[two, 2]
+    edges_1 = table.pieces[one + 1, 3] - table.pieces[one, 3]
+    edges_2 = table.pieces[two + 1, 3] - table.pieces[two, 3]
+    return edges_1 * edges_2 + faces_1 * vertices_2 + faces_2 * vertices_1
+
+
+@jit
+def _features_of_axis(table, one, two, X_21, nx, ny, nz):
+    """Kind and features of an axis as `separating_axis` gives them; for two edges they are -1."""
+    mx, my, mz = turn_back(X_21, -nx, -ny, -nz)
+    face, cosine = aligned_face(table, two, nx, ny, nz)
+    if cosine > 1.0 - 1.0e-12:
+        _, _, _, v = support(table, one, mx, my, mz)
+        return FACE_OF_TWO, face, v
+    face, cosine = aligned_face(table, one, mx, my, mz)
+    if cosine > 1.0 - 1.0e-12:
+        _, _, _, v = support(table, two, nx, ny, nz)
+        return FACE_OF_ONE, face, v
+    return EDGES, -1, -1
+
+
+@jit
+def _append_nearest(table, one, two, X_21, nx, ny, nz, ends, size, known, column, margin, rows, count):
+    """Appends the pair of features that the vertices in `ends` span, apart; `known` as for `append_segments`."""
+    i, i2, face_of_one = _corners(ends, size, column - column)
+    j, j2, face_of_two = _corners(ends, size, column - column + 1)
+    if face_of_two:
+        face, _ = aligned_face(table, two, nx, ny, nz)
+        write_vertex(table, i, rows, count, column)
+        write_face(table, face, rows, count, 8 - column)
+        return count + 1
+    if face_of_one:
+        mx, my, mz = turn_back(X_21, -nx, -ny, -nz)
+        face, _ = aligned_face(table, one, mx, my, mz)
+        write_face(table, face, rows, count, column)
+        write_vertex(table, j, rows, count, 8 - column)
+        return count + 1
+    return append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, known, column, margin, rows, count)
+
+
+@jit
+def _corners(ends, size, side):
+    """The first two different vertices in a column of `ends` (twice the one if all are the same); whether more."""
+    a = ends[0, side]
+    b, more = a, False
+    for k in range(1, size):
+        v = ends[k, side]
+        if v != a and v != b:
+            more = b != a
+            b = v if b == a else b
+    # In the order of the hull, not of the search.
+    return min(a, b), max(a, b), more

@@ -1,0 +1,182 @@
+"""Triangle meshes: reading them with checks, their mass properties, and recentring."""
+
+import io
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from pinwm_drake.errors import GeometryError, InputError
+from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.shapes import convex_hull
+
+# Extents [m] beyond which a file is taken to be in another unit: objects on a table are in between.
+_LARGEST, _SMALLEST = 5.0, 1e-3
+
+# A part whose volume is below this share of that of its convex hull is not convex. Coordinates rounded to 1e-6 m
+# cost a part of 10 mm about 1e-4 of its volume.
+_CONVEX_SHARE = 1.0 - 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class MassProperties:
+    """Mass properties of a body of uniform density.
+
+    Attributes:
+        mass: kg.
+        p_com: (3,), m. Centre of mass, in the frame of the mesh.
+        inertia: (3, 3), kg m^2. Rotational inertia about the centre of mass, axes of the mesh.
+    """
+
+    mass: float
+    p_com: np.ndarray
+    inertia: np.ndarray
+
+
+def load_mesh(path: str | os.PathLike[str]) -> trimesh.Trimesh:
+    """Reads a closed triangle mesh.
+
+    The objects of an OBJ file ("o name") are closed surfaces of their own and may touch or overlap.
+
+    Args:
+        path: A file that trimesh reads (OBJ, STL, PLY, GLB), coordinates in metres.
+
+    Returns:
+        The mesh, with faces turned outwards and without textures.
+
+    Raises:
+        InputError: The file is missing, cannot be read, has no faces, has a coordinate that is not finite, is not
+            watertight, encloses no volume, or has an extent below 1 mm or above 5 m.
+    """
+    parts = _load_parts(Path(path))
+    starts = np.cumsum([0] + [len(part.vertices) for part in parts])
+    vertices = np.concatenate([part.vertices for part in parts])
+    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+    # Not processed: that would join the corners that two parts share, and open their surfaces.
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def load_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
+    """Reads a mesh whose closed parts are convex, as decompositions are stored.
+
+    Args:
+        path: As for `load_mesh`.
+
+    Returns:
+        The convex hull of each object and each separate component, in the order of the file, frame of the mesh.
+
+    Raises:
+        InputError: As for `load_mesh`, or a part that is not convex.
+    """
+    pieces = []
+    for number, part in enumerate(_load_parts(Path(path)), start=1):
+        hull = part.convex_hull
+        if part.volume < _CONVEX_SHARE * hull.volume:
+            raise InputError(
+                path,
+                value=f"a part (number {number}) that fills {part.volume / hull.volume:.1%} of its convex hull",
+                allowed="convex parts; decompose the mesh first (pinwm_drake.geometry.convex.decompose)",
+            )
+        pieces.append(convex_hull(part.vertices))
+    return pieces
+
+
+def mass_properties(
+    mesh: trimesh.Trimesh, *, mass: float | None = None, density: float | None = None
+) -> MassProperties:
+    """Mass, centre of mass and inertia of a solid of uniform density.
+
+    Args:
+        mesh: Watertight, faces turned outwards, m.
+        mass: kg; or
+        density: kg/m^3.
+
+    Returns:
+        The properties.
+
+    Raises:
+        GeometryError: Neither or both of mass and density, one that is not positive, or a mesh without volume.
+    """
+    if (mass is None) == (density is None):
+        raise GeometryError(f"mass_properties got mass={mass}, density={density}; allowed: exactly one of the two")
+    given = mass if mass is not None else density
+    if given is None or not np.isfinite(given) or given <= 0.0:
+        raise GeometryError(f"mass_properties got mass={mass}, density={density}; allowed: a positive number")
+    if not mesh.is_watertight or mesh.volume <= 0.0:
+        raise GeometryError("mass_properties got a mesh without a volume; allowed: watertight, faces outwards")
+    solid = trimesh.triangles.mass_properties(mesh.triangles, density=1.0)
+    scale = given if density is not None else given / solid["volume"]
+    return MassProperties(
+        mass=float(scale * solid["volume"]),
+        p_com=np.array(solid["center_mass"], float),
+        inertia=scale * np.array(solid["inertia"], float),
+    )
+
+
+def recentre(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, np.ndarray]:
+    """Moves a mesh so that the origin of its frame is its centre of mass.
+
+    Args:
+        mesh: Watertight, faces turned outwards, m.
+
+    Returns:
+        The moved copy, and (3,) where its centre of mass was before, m.
+
+    Raises:
+        GeometryError: A mesh without volume.
+    """
+    p_com = mass_properties(mesh, density=1.0).p_com
+    moved = mesh.copy()
+    moved.apply_translation(-p_com)
+    return moved, p_com
+
+
+def _load_parts(path: Path) -> list[trimesh.Trimesh]:
+    """The closed parts of a file, each checked."""
+    if not path.is_file():
+        raise InputError(path, value="no such file", allowed="a mesh file: .obj, .stl, .ply or .glb")
+    try:
+        objects = _read_obj(path) if path.suffix.lower() == ".obj" else [trimesh.load_mesh(path)]
+    except Exception as error:  # trimesh's readers raise whatever their parsers do
+        raise InputError(path, value=f"unreadable contents ({error})", allowed="a triangle mesh") from error
+    objects = [mesh for mesh in objects if len(mesh.faces)]
+    if not objects:
+        raise InputError(path, value="no faces", allowed="a mesh with four triangles or more")
+    vertices = np.concatenate([mesh.vertices for mesh in objects])
+    if not np.all(np.isfinite(vertices)):
+        raise InputError(path, value="a coordinate that is not finite", allowed="finite coordinates in metres")
+    extent = float(np.ptp(vertices, axis=0).max())
+    if not _SMALLEST <= extent <= _LARGEST:
+        raise InputError(
+            path,
+            value=f"an extent of {extent:g} m",
+            allowed=f"{_SMALLEST:g} m to {_LARGEST:g} m; is it in millimetres?",
+        )
+    parts = []
+    for mesh in objects:
+        mesh.merge_vertices()
+        parts.extend(sorted(mesh.split(only_watertight=False), key=lambda part: tuple(part.bounds.ravel())))
+    for part in parts:
+        if not part.is_watertight or not part.is_winding_consistent:
+            raise InputError(path, value="an open surface", allowed="a watertight mesh: two faces at every edge")
+        if abs(part.volume) < 1e-12:
+            raise InputError(path, value="a part without volume", allowed="parts of 1 mm^3 or more")
+        if part.volume < 0.0:
+            part.invert()
+    return parts
+
+
+def _read_obj(path: Path) -> list[trimesh.Trimesh]:
+    """The objects of an OBJ file in its order (trimesh returns them in another)."""
+    text = path.read_text()
+    loaded = trimesh.exchange.obj.load_obj(io.StringIO(text), split_objects=True, skip_materials=True, maintain_order=True)
+    blocks = loaded.get("geometry", {"": loaded})
+    names = [line[2:].strip() for line in text.splitlines() if line.startswith("o ")]
+    order = {name: number for number, name in reversed(list(enumerate(names)))}
+    meshes = []
+    for name in sorted(blocks, key=lambda name: order.get(name, len(order))):
+        faces = blocks[name].get("faces", np.zeros((0, 3), int))
+        meshes.append(trimesh.Trimesh(blocks[name]["vertices"], faces, process=False))
+    return meshes

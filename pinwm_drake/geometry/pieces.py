@@ -1,0 +1,250 @@
+"""Convex pieces of a body, and the flat table of numbers in which the compiled narrow phase reads them."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from pinwm_drake.errors import GeometryError
+
+SPHERE = 0
+CAPSULE = 1
+HULL = 2
+CYLINDER = 3
+
+# A standing cylinder touches the floor with this many points fixed in each rim.
+RIM_POINTS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexPiece:
+    """One convex part of a body, in the body frame B (origin at the body's centre of mass).
+
+    Build it with the factories in `shapes`, which check what they are given.
+
+    Attributes:
+        kind: SPHERE, CAPSULE, HULL or CYLINDER.
+        vertices: (n, 3), m, frame B. Sphere: the centre. Capsule: the ends of its segment. Cylinder: the centres
+            of its caps, in the order of the axis. Hull: its vertices.
+        radius: m. Sphere, capsule and cylinder: their radius. Hull: 0.
+        faces: Hull only: one loop of vertex indices per face, counter-clockwise seen from outside.
+    """
+
+    kind: int
+    vertices: np.ndarray
+    radius: float = 0.0
+    faces: tuple[tuple[int, ...], ...] = ()
+
+
+class PieceTable(NamedTuple):
+    """Every piece of every body as arrays: what the narrow phase is compiled for.
+
+    int64 and float64, C order, SI; every coordinate is in the frame B of its body. All indices are global. A column
+    called "first ..." has one row more than there are entries: those of entry i are [first[i], first[i + 1]).
+
+    Attributes:
+        bodies: (B + 1, 2). First piece, first floor point.
+        body_spheres: (B, 4), m. Centre and radius of a sphere about the body.
+        pieces: (P + 1, 4). Kind, first vertex, first face, first edge; only hulls have faces and edges.
+        piece_spheres: (P, 4), m. Centre and radius of a sphere about the piece; the centre lies inside the piece.
+        axes: (P, 4). Capsule or cylinder: unit vector from its first to its second vertex, and their distance, m.
+            Else zeros.
+        vertices: (V, 4), m. Vertex, and radius of its piece (0 for a hull).
+        faces: (F + 1,). First corner.
+        planes: (F, 4). Outward unit normal n, and offset, m: n . x = offset on the face.
+        corners: (K, 2). Vertex, and edge from it to the next corner: counter-clockwise about the face from outside.
+        sides: (K, 4). For that edge the unit normal in the face's plane that points out of the face, and offset, m: a
+            point x of the plane lies in the face where n . x <= offset for all its sides.
+        edges: (E, 4). v0, v1, face on the left going from v0 to v1 (seen from outside), face on the right.
+        edge_lines: (E, 4). Unit vector from v0 to v1, and length, m.
+        floor_points: (Q, 4), m. The points with which the body can touch a plane first, and their rounding radii: the
+            vertices of the convex hull of all hulls, the centres of spheres, the ends of capsules, and points fixed
+            on the rims of cylinders.
+        floor_owners: (Q,). Piece of the cylinder for a point on a rim, else -1.
+    """
+
+    bodies: np.ndarray
+    body_spheres: np.ndarray
+    pieces: np.ndarray
+    piece_spheres: np.ndarray
+    axes: np.ndarray
+    vertices: np.ndarray
+    faces: np.ndarray
+    planes: np.ndarray
+    corners: np.ndarray
+    sides: np.ndarray
+    edges: np.ndarray
+    edge_lines: np.ndarray
+    floor_points: np.ndarray
+    floor_owners: np.ndarray
+
+
+def pack_pieces(pieces_of_body: list[list[ConvexPiece]]) -> PieceTable:
+    """Packs the pieces of all bodies into one table.
+
+    Args:
+        pieces_of_body: For each body its pieces, in the body's frame.
+
+    Returns:
+        The table; bodies, pieces and vertices keep their order.
+
+    Raises:
+        GeometryError: A body without pieces, an unknown kind, a vertex that is not finite, or a hull whose faces do
+            not close.
+    """
+    for number, body in enumerate(pieces_of_body):
+        if not body:
+            raise GeometryError(f"body {number} has no pieces; allowed: one or more convex pieces")
+    pieces = [piece for body in pieces_of_body for piece in body]
+    for piece in pieces:
+        if piece.kind not in (SPHERE, CAPSULE, HULL, CYLINDER):
+            raise GeometryError(f"piece of kind {piece.kind}; allowed: SPHERE 0, CAPSULE 1, HULL 2, CYLINDER 3")
+        if not np.all(np.isfinite(piece.vertices)):
+            raise GeometryError("a piece has a vertex that is not finite; allowed: finite coordinates in metres")
+
+    first_piece = _starts([len(body) for body in pieces_of_body])
+    first_vertex = _starts([len(piece.vertices) for piece in pieces])
+    hulls = [_hull_tables(piece) for piece in pieces]
+    first_face = _starts([len(hull.planes) for hull in hulls])
+    first_edge = _starts([len(hull.edges) for hull in hulls])
+    kinds = np.array([piece.kind for piece in pieces] + [-1])
+    spheres = np.array([_bounding_sphere(piece) for piece in pieces])
+    floors = [_floor_points(body, int(first_piece[b])) for b, body in enumerate(pieces_of_body)]
+
+    def shifted(block: np.ndarray, *shifts: np.ndarray) -> np.ndarray:
+        return np.asarray(block + np.array(shifts))
+
+    numbered = list(zip(hulls, first_vertex, first_face, first_edge, strict=False))
+    return PieceTable(
+        bodies=np.stack([first_piece, _starts([len(points) for points, _ in floors])], axis=1),
+        body_spheres=np.array([_union_sphere(spheres[s:e]) for s, e in pairwise(first_piece)]),
+        pieces=np.stack([kinds, first_vertex, first_face, first_edge], axis=1),
+        piece_spheres=spheres,
+        axes=np.array([_axis(piece) for piece in pieces]),
+        vertices=np.concatenate(
+            [np.pad(piece.vertices.astype(float), ((0, 0), (0, 1)), constant_values=piece.radius) for piece in pieces]
+        ),
+        faces=_starts([count for hull in hulls for count in hull.corner_counts]),
+        planes=np.concatenate([hull.planes for hull in hulls]),
+        corners=np.concatenate([shifted(hull.corners, v, e) for hull, v, _, e in numbered]),
+        sides=np.concatenate([hull.sides for hull in hulls]),
+        edges=np.concatenate([shifted(hull.edges, v, v, f, f) for hull, v, f, _ in numbered]),
+        edge_lines=np.concatenate([hull.edge_lines for hull in hulls]),
+        floor_points=np.concatenate([points for points, _ in floors]),
+        floor_owners=np.concatenate([owners for _, owners in floors]),
+    )
+
+
+class _HullTables(NamedTuple):
+    """The tables of one hull, with its own indices; all empty for other kinds."""
+
+    corner_counts: list[int]
+    planes: np.ndarray
+    corners: np.ndarray
+    sides: np.ndarray
+    edges: np.ndarray
+    edge_lines: np.ndarray
+
+
+def _hull_tables(piece: ConvexPiece) -> _HullTables:
+    planes, corners, sides = [], [], []
+    edge_of: dict[tuple[int, int], int] = {}
+    edges: list[list[int]] = []
+    for f, face in enumerate(piece.faces):
+        points = piece.vertices[list(face)]
+        following = np.roll(points, -1, axis=0)
+        normal = np.cross(points - points[0], following - points[0]).sum(axis=0)
+        normal /= np.linalg.norm(normal)
+        planes.append([*normal, np.max(points @ normal)])
+        outward = np.cross(following - points, normal)
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        sides.append(np.column_stack([outward, np.sum(outward * points, axis=1)]))
+        for v0, v1 in zip(face, face[1:] + face[:1], strict=True):
+            if (v1, v0) in edge_of:
+                edge = edge_of.pop((v1, v0))
+                edges[edge][3] = f
+            else:
+                edge = edge_of[(v0, v1)] = len(edges)
+                edges.append([v0, v1, f, -1])
+            corners.append([v0, edge])
+    if edge_of:
+        raise GeometryError("the faces of a hull do not close: an edge has one face; allowed: two faces per edge")
+    edge_table = np.array(edges, np.int64).reshape(-1, 4)
+    spans = piece.vertices[edge_table[:, 1]] - piece.vertices[edge_table[:, 0]]
+    lengths = np.linalg.norm(spans, axis=1, keepdims=True)
+    return _HullTables(
+        [len(face) for face in piece.faces],
+        np.array(planes, float).reshape(-1, 4),
+        np.array(corners, np.int64).reshape(-1, 2),
+        np.concatenate([np.zeros((0, 4)), *sides]),
+        edge_table,
+        np.hstack([spans / lengths, lengths]),
+    )
+
+
+def _starts(counts: list[int]) -> np.ndarray:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def _axis(piece: ConvexPiece) -> np.ndarray:
+    if piece.kind not in (CAPSULE, CYLINDER):
+        return np.zeros(4)
+    span = piece.vertices[1] - piece.vertices[0]
+    length = np.linalg.norm(span)
+    return np.append(span / length, length)
+
+
+def _bounding_sphere(piece: ConvexPiece) -> np.ndarray:
+    center = piece.vertices.mean(axis=0)
+    reach = np.max(np.linalg.norm(piece.vertices - center, axis=1))
+    return np.append(center, np.hypot(reach, piece.radius) if piece.kind == CYLINDER else reach + piece.radius)
+
+
+def _union_sphere(spheres: np.ndarray) -> np.ndarray:
+    centers, radii = spheres[:, :3], spheres[:, 3:]
+    center = 0.5 * ((centers - radii).min(axis=0) + (centers + radii).max(axis=0))
+    return np.append(center, np.max(np.linalg.norm(centers - center, axis=1) + radii[:, 0]))
+
+
+def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray, np.ndarray]:
+    """The points of one body that a plane can touch with their rounding radii, and the owners of points on rims."""
+    from scipy.spatial import ConvexHull
+
+    points, owners = [], []
+    sharp = [piece.vertices for piece in body if piece.kind == HULL]
+    if sharp:
+        # A plane touches a union of pieces only where it touches their common convex hull: inner vertices drop out,
+        # and a vertex that pieces share (to 1e-9 m) comes once.
+        cloud = np.concatenate(sharp)
+        _, unique = np.unique(np.round(cloud, 9), axis=0, return_index=True)
+        cloud = cloud[np.sort(unique)]
+        points.append(np.pad(cloud[np.sort(ConvexHull(cloud).vertices)], ((0, 0), (0, 1))))
+        owners.append(np.full(len(points[0]), -1))
+    for i, piece in enumerate(body):
+        if piece.kind == HULL:
+            continue
+        on_rim = piece.kind == CYLINDER
+        block = rim_points(piece) if on_rim else piece.vertices
+        points.append(np.pad(block, ((0, 0), (0, 1)), constant_values=0.0 if on_rim else piece.radius))
+        owners.append(np.full(len(block), first_piece + i if on_rim else -1))
+    return np.concatenate(points), np.concatenate(owners)
+
+
+def rim_points(cylinder: ConvexPiece) -> np.ndarray:
+    """Points fixed on both rims of a cylinder.
+
+    Args:
+        cylinder: A piece of kind CYLINDER.
+
+    Returns:
+        (2 RIM_POINTS, 3), m, frame B: first rim, then second.
+    """
+    axis = cylinder.vertices[1] - cylinder.vertices[0]
+    axis = axis / np.linalg.norm(axis)
+    across = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    across = across - (across @ axis) * axis
+    across /= np.linalg.norm(across)
+    angles = 2.0 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
+    circle = np.outer(np.cos(angles), across) + np.outer(np.sin(angles), np.cross(axis, across))
+    return np.concatenate([end + cylinder.radius * circle for end in cylinder.vertices])

@@ -1,0 +1,368 @@
+"""The adjoint of one step of one world (numba).
+
+A step is replayed from its saved start and active set, then differentiated implicitly at its solution. With the
+KKT conditions F(z; data) = 0 of the LCP on its active set, the adjoint y solves the *transposed* system
+(dF/dz)' y = dL/dz (the friction block is not symmetric), and dL/ddata = -y . dF/ddata. Contact points, normals,
+tangents and gaps depend on the poses; all of those derivatives are kept.
+
+Source: Amos and Kolter (2017), "OptNet", eq. 7-8; de Avila Belbute-Peres et al. (2018). PIN-WM eq. 10.
+"""
+
+import math
+
+from pinwm_drake.geometry.features import contact_adjoint, tangents_adjoint
+from pinwm_drake.physics.kernels.active_set import solve_active_set
+from pinwm_drake.physics.kernels.adjoint_joints import joints_adjoint
+from pinwm_drake.physics.kernels.detect import FADE
+from pinwm_drake.physics.kernels.dynamics import gyroscopic_jacobian, solve3
+from pinwm_drake.physics.kernels.jit import kernel
+from pinwm_drake.physics.kernels.lcp import INV_DELTA, INV_DN, S0, S1, S2, S11, S12, S22, contact_velocity
+from pinwm_drake.physics.kernels.small_matrix import lu_solve, lu_solve_transposed
+from pinwm_drake.physics.kernels.stabilise import SLOP, contact_weight, stabilise
+from pinwm_drake.physics.kernels.step import build_step
+
+
+@kernel
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def _add(out, start, scale, v):
+    out[start] += scale * v[0]
+    out[start + 1] += scale * v[1]
+    out[start + 2] += scale * v[2]
+
+
+@kernel
+def _multiply(M, v):
+    return _dot(M[0], v), _dot(M[1], v), _dot(M[2], v)
+
+
+@kernel
+def _multiply_transposed(M, v):
+    return (
+        M[0, 0] * v[0] + M[1, 0] * v[1] + M[2, 0] * v[2],
+        M[0, 1] * v[0] + M[1, 1] * v[1] + M[2, 1] * v[2],
+        M[0, 2] * v[0] + M[1, 2] * v[1] + M[2, 2] * v[2],
+    )
+
+
+@kernel
+def _point_velocity(V, r):
+    return (
+        V[3] + V[1] * r[2] - V[2] * r[1],
+        V[4] + V[2] * r[0] - V[0] * r[2],
+        V[5] + V[0] * r[1] - V[1] * r[0],
+    )
+
+
+@kernel
+def _rotation_adjoint(phi, bar):
+    """For R' = exp(phi) R: gradients with respect to phi and to R's own rotation vector, from that of R'."""
+    angle2 = _dot(phi, phi)
+    if angle2 < 1e-8:
+        sine, b, c = 1.0 - angle2 / 6.0, 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
+    else:
+        angle = math.sqrt(angle2)
+        sine = math.sin(angle) / angle
+        b = (1.0 - math.cos(angle)) / angle2
+        c = (1.0 - sine) / angle2
+    u = _cross(phi, bar)
+    w = _cross(phi, u)
+    # Transposes of J_l = 1 + b [phi]x + c [phi]x^2 and exp(phi) = 1 + sine [phi]x + b [phi]x^2.
+    return (
+        (bar[0] - b * u[0] + c * w[0], bar[1] - b * u[1] + c * w[1], bar[2] - b * u[2] + c * w[2]),
+        (bar[0] - sine * u[0] + b * w[0], bar[1] - sine * u[1] + b * w[1], bar[2] - sine * u[2] + b * w[2]),
+    )
+
+
+@kernel
+def _pose_update_adjoint(model, bodies, solver, adjoint, moved):
+    """Back through x' = x + h v' + delta, q' = exp(h w' + delta) q; leaves delta's gradient in adjoint.y."""
+    h = model.time_step
+    nb = model.num_bodies
+    for b in range(nb + model.num_kinematic):
+        if b < nb:
+            V = solver.x[6 * b : 6 * b + 6]
+        else:
+            V = bodies.V[b]
+        phi = (h * V[0], h * V[1], h * V[2])
+        if moved and b < nb:
+            o = 6 * b
+            phi = (phi[0] + solver.delta[o], phi[1] + solver.delta[o + 1], phi[2] + solver.delta[o + 2])
+        pose = adjoint.pose[b]
+        phi_bar, theta_bar = _rotation_adjoint(phi, (pose[0], pose[1], pose[2]))
+        if b < nb:
+            for i in range(3):
+                adjoint.y[6 * b + i] = phi_bar[i]
+                adjoint.y[6 * b + 3 + i] = pose[3 + i]
+        for i in range(3):
+            adjoint.V[b, i] += h * phi_bar[i]
+            adjoint.V[b, 3 + i] += h * pose[3 + i]
+            pose[i] = theta_bar[i]
+
+
+@kernel
+def _frame_to_pose(c, bodies, contacts, adjoint, gap_bar):
+    """Back from the frame, levers and gap of contact c (adjoint.frame, adjoint.lever) to the two poses."""
+    A, B = contacts.body[c, 0], contacts.body[c, 1]
+    frame, lever = adjoint.frame, adjoint.lever
+    n = contacts.frame[c, 0]
+    gx, gy, gz = tangents_adjoint(n[0], n[1], n[2], contacts.frame[c, 1], frame[1], frame[2])
+    n_bar = (frame[0, 0] + gx, frame[0, 1] + gy, frame[0, 2] + gz)
+    c_bar = (lever[0, 0] + lever[1, 0], lever[0, 1] + lever[1, 1], lever[0, 2] + lever[1, 2])
+    _add(adjoint.pose[A], 3, -1.0, lever[0])
+    _add(adjoint.pose[B], 3, -1.0, lever[1])
+    contact_adjoint(
+        contacts.rows[c],
+        bodies.R[A],
+        bodies.p[A],
+        bodies.R[B],
+        bodies.p[B],
+        n,
+        contacts.witness[c, 0],
+        contacts.witness[c, 1],
+        contacts.gap[c],
+        n_bar,
+        c_bar,
+        gap_bar,
+        adjoint.pose[A],
+        adjoint.pose[B],
+    )
+
+
+@kernel
+def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
+    """Back through the position correction; adjoint.y holds delta's gradient on entry."""
+    y, delta = adjoint.y, solver.delta
+    lu_solve(6 * system.num_bodies, solver.S_delta, solver.pivot_delta, y)
+    for c in range(contacts.count[0]):
+        gap = contacts.gap[c]
+        weight, slope = contact_weight(gap)
+        if weight == 0.0:
+            continue
+        Jy, Jd = 0.0, 0.0
+        for side in range(2):
+            body = contacts.dynamic[c, side]
+            if body >= 0:
+                for i in range(6):
+                    Jy += contacts.J[c, side, 0, i] * y[6 * body + i]
+                    Jd += contacts.J[c, side, 0, i] * delta[6 * body + i]
+        left = max(-gap - SLOP, 0.0) - Jd
+        gap_bar = slope * Jy * left - (weight * Jy if -gap > SLOP else 0.0)
+        adjoint.frame[:] = 0.0
+        adjoint.lever[:] = 0.0
+        n = contacts.frame[c, 0]
+        for side in range(2):
+            body = contacts.dynamic[c, side]
+            if body < 0:
+                continue
+            sign = 1.0 if side == 0 else -1.0
+            o = 6 * body
+            p, q = sign * weight * left, -sign * weight * Jy
+            w = (p * y[o] + q * delta[o], p * y[o + 1] + q * delta[o + 1], p * y[o + 2] + q * delta[o + 2])
+            v = (p * y[o + 3] + q * delta[o + 3], p * y[o + 4] + q * delta[o + 4], p * y[o + 5] + q * delta[o + 5])
+            _add(adjoint.frame[0], 0, 1.0, v)
+            _add(adjoint.frame[0], 0, 1.0, _cross(w, contacts.lever[c, side]))
+            _add(adjoint.lever[side], 0, 1.0, _cross(n, w))
+        _frame_to_pose(c, bodies, contacts, adjoint, gap_bar)
+    for r in range(system.num_rows):
+        Jy, Jd = 0.0, 0.0
+        for i in range(6 * system.num_bodies):
+            Jy += system.J_e[r, i] * y[i]
+            Jd += system.J_e[r, i] * delta[i]
+        left = -system.error_e[r] - Jd
+        for i in range(6 * system.num_bodies):
+            adjoint.J_e[r, i] += left * y[i] - Jy * delta[i]
+        adjoint.error_e[r] -= Jy
+
+
+@kernel
+def _contact_rows_adjoint(
+    model, friction_bar, restitution, restitution_bar, bodies, contacts, system, solver, adjoint, c
+):
+    """Back through the rows of contact c: to poses, velocities before the step, friction and restitution."""
+    k = len(system.cosines)
+    y = adjoint.y
+    reduced = solver.reduced[c]
+    if reduced[INV_DN] == 0.0:
+        return
+    A, B = contacts.body[c, 0], contacts.body[c, 1]
+    B_moves = contacts.dynamic[c, 1] >= 0
+    n, t1, t2 = contacts.frame[c, 0], contacts.frame[c, 1], contacts.frame[c, 2]
+    r_A, r_B = contacts.lever[c, 0], contacts.lever[c, 1]
+    # Adjoint of the contact's own rows: B' y2 = J y1, with the arrow B of lcp.py.
+    jn, j1, j2 = contact_velocity(contacts, c, y)
+    y_gamma = -(reduced[S1] * j1 + reduced[S2] * j2) * reduced[INV_DELTA]
+    y_n = (jn - contacts.mu[c] * y_gamma) * reduced[INV_DN]
+    y_1 = reduced[S11] * j1 + reduced[S12] * j2 + reduced[S1] * y_gamma
+    y_2 = reduced[S12] * j1 + reduced[S22] * j2 + reduced[S2] * y_gamma
+    lam_n, lam_1, lam_2 = solver.lam[c, 0], 0.0, 0.0
+    for i in range(k):
+        lam_1 += system.cosines[i] * solver.lam[c, 1 + i]
+        lam_2 += system.sines[i] * solver.lam[c, 1 + i]
+    friction_bar[contacts.pair[c]] -= y_gamma * lam_n
+
+    xi_A = solver.x[6 * A : 6 * A + 6]
+    y_A = y[6 * A : 6 * A + 6]
+    if B_moves:
+        xi_B = solver.x[6 * B : 6 * B + 6]
+        y_B = y[6 * B : 6 * B + 6]
+    else:
+        xi_B = bodies.V[B]
+        y_B = adjoint.V[-1]  # the world's row: zero
+    v_A, v_B = _point_velocity(xi_A, r_A), _point_velocity(xi_B, r_B)
+    u_A, u_B = _point_velocity(y_A, r_A), _point_velocity(y_B, r_B)
+    frame, lever = adjoint.frame, adjoint.lever
+    for i in range(3):
+        u, v = u_A[i] - u_B[i], v_A[i] - v_B[i]
+        frame[0, i] = lam_n * u - y_n * v
+        frame[1, i] = lam_1 * u - y_1 * v
+        frame[2, i] = lam_2 * u - y_2 * v
+    F = (
+        lam_n * n[0] + lam_1 * t1[0] + lam_2 * t2[0],
+        lam_n * n[1] + lam_1 * t1[1] + lam_2 * t2[1],
+        lam_n * n[2] + lam_1 * t1[2] + lam_2 * t2[2],
+    )
+    Y = (
+        y_n * n[0] + y_1 * t1[0] + y_2 * t2[0],
+        y_n * n[1] + y_1 * t1[1] + y_2 * t2[1],
+        y_n * n[2] + y_1 * t1[2] + y_2 * t2[2],
+    )
+    f, g = _cross(F, y_A), _cross(Y, xi_A)
+    lever[0, 0], lever[0, 1], lever[0, 2] = f[0] - g[0], f[1] - g[1], f[2] - g[2]
+    f, g = _cross(F, y_B), _cross(Y, xi_B)
+    lever[1, 0], lever[1, 1], lever[1, 2] = g[0] - f[0], g[1] - f[1], g[2] - f[2]
+    if B == model.num_bodies and not B_moves:
+        _add(adjoint.V[B], 0, 1.0, _cross(r_B, Y))
+        _add(adjoint.V[B], 3, 1.0, Y)
+
+    # bias_n = keep max(gap, -SLOP) / h + closing e min(approach, 0)
+    e = restitution[contacts.pair[c]]
+    closing, gap, approach = contacts.closing[c], contacts.gap[c], contacts.approach[c]
+    keep = 1.0 - closing * (1.0 - (1.0 - e) ** FADE)
+    gap_bar = -y_n * keep / model.time_step if gap > -SLOP else 0.0
+    keep_bar = -y_n * max(gap, -SLOP) / model.time_step
+    restitution_bar[contacts.pair[c]] -= keep_bar * closing * FADE * (1.0 - e) ** (FADE - 1)
+    restitution_bar[contacts.pair[c]] -= y_n * closing * min(approach, 0.0)
+    if approach < 0.0 and closing * e != 0.0:
+        a = -y_n * closing * e
+        V_A, V_B = bodies.V[A], bodies.V[B]
+        v_A, v_B = _point_velocity(V_A, r_A), _point_velocity(V_B, r_B)
+        for i in range(3):
+            frame[0, i] += a * (v_A[i] - v_B[i])
+        _add(lever[0], 0, a, _cross(n, V_A))
+        _add(lever[1], 0, -a, _cross(n, V_B))
+        # The velocities before the step: those of dynamic bodies are added after their rows of adjoint.V are free.
+        _add(adjoint.before[A], 0, a, _cross(r_A, n))
+        _add(adjoint.before[A], 3, a, n)
+        _add(adjoint.before[B], 0, -a, _cross(r_B, n))
+        _add(adjoint.before[B], 3, -a, n)
+    _frame_to_pose(c, bodies, contacts, adjoint, gap_bar)
+
+
+@kernel
+def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, solver, adjoint, b):
+    """Back through M xi' = M xi* + h f of body b, the gyroscopic step and the inertia's rotation."""
+    h = model.time_step
+    o = 6 * b
+    R, I, V, w = bodies.R[b], inertia[b], bodies.V[b], bodies.V_body[b]
+    x, y = solver.x[o : o + 6], adjoint.y[o : o + 6]
+    pose = adjoint.pose[b]
+    mass = system.mass[b]
+    for i in range(3):
+        mass_bar[b] += y[3 + i] * (system.free[o + 3 + i] - x[3 + i])
+    Iy = _multiply(system.inertia[b], y)
+    Ix = _multiply(system.inertia[b], x)
+    _add(pose, 0, -1.0, _cross(Ix, y))
+    _add(pose, 0, 1.0, _cross(x, Iy))
+    _add(pose, 0, 1.0, _cross(system.momentum[o : o + 3], y))
+    y_body, x_body = _multiply_transposed(R, y), _multiply_transposed(R, x)
+    w0 = _multiply_transposed(R, V)
+    bar = _multiply(I, y_body)
+    a, b_, c, d, e, f, g, k, i_ = gyroscopic_jacobian(I, w, h)
+    z = solve3((a, d, g, b_, e, k, c, f, i_), bar[0], bar[1], bar[2])
+    zw = _cross(z, w)
+    for i in range(3):
+        for j in range(3):
+            inertia_bar[b, i, j] += (
+                y_body[i] * (w[j] - x_body[j]) - z[i] * (w[j] - w0[j]) - h * zw[i] * w[j]
+            )
+    w0_bar = _multiply(R, _multiply(I, z))
+    _add(pose, 0, -1.0, _cross(V, w0_bar))
+    for i in range(3):
+        adjoint.V[b, i] = w0_bar[i]
+        adjoint.V[b, 3 + i] = mass * y[3 + i]
+
+
+@kernel
+def step_adjoint(
+    model,
+    mass,
+    inertia,
+    friction,
+    restitution,
+    mass_bar,
+    inertia_bar,
+    friction_bar,
+    restitution_bar,
+    bodies,
+    contacts,
+    system,
+    solver,
+    adjoint,
+    active,
+):
+    """Pulls the gradient of the state after a step back to the state before it, and to the parameters.
+
+    Args:
+        model, mass, inertia, friction, restitution: as in the forward step.
+        mass_bar, inertia_bar, friction_bar, restitution_bar: gain the parameters' gradients.
+        bodies: the state before the step and the pusher's velocity; its derived arrays are recomputed.
+        active: (C, k + 2), the active set that the forward step found.
+        adjoint: pose and V hold the gradient of the state after the step on entry (V of the pusher: what later
+            steps gave, usually 0) and that of the state before it on return; V of the pusher gains the gradient of
+            its velocity in this step.
+
+    Returns:
+        False if the LCP's matrix was singular.
+    """
+    nb = model.num_bodies
+    build_step(model, mass, inertia, friction, restitution, bodies, contacts, system)
+    if not solve_active_set(system, contacts, solver, active, solver.x, solver.lam, solver.s):
+        return False
+    adjoint.J_e[:] = 0.0
+    adjoint.bias_e[:] = 0.0
+    adjoint.error_e[:] = 0.0
+    adjoint.before[:] = 0.0
+    moved = stabilise(model, contacts, system, solver)
+    _pose_update_adjoint(model, bodies, solver, adjoint, moved)
+    if moved:
+        _stabilisation_adjoint(bodies, contacts, system, solver, adjoint)
+    for b in range(nb):
+        for i in range(6):
+            adjoint.y[6 * b + i] = adjoint.V[b, i]
+    for r in range(system.num_rows):
+        adjoint.y[6 * nb + r] = 0.0
+    lu_solve_transposed(6 * nb + system.num_rows, solver.S, solver.pivot, adjoint.y)
+    for c in range(contacts.count[0]):
+        _contact_rows_adjoint(
+            model, friction_bar, restitution, restitution_bar, bodies, contacts, system, solver, adjoint, c
+        )
+    if system.num_rows > 0:
+        joints_adjoint(model, bodies, system, solver, adjoint)
+    for b in range(nb):
+        _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, solver, adjoint, b)
+    for b in range(nb + model.num_kinematic):
+        for i in range(6):
+            adjoint.V[b, i] += adjoint.before[b, i]
+    for i in range(6):
+        adjoint.V[nb + 1, i] = 0.0
+        adjoint.pose[nb + 1, i] = 0.0
+    return True

@@ -1,0 +1,61 @@
+"""The arrays that describe a model to the kernels: what never changes in a rollout."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pinwm_drake.geometry.pieces import PieceTable
+
+# Kinds of joint rows.
+LINEAR = 0
+ANGULAR_LOCKED = 1
+ANGULAR_HINGE = 2
+
+
+class ModelArrays(NamedTuple):
+    """A frozen model in the kernels' form.
+
+    Bodies are numbered dynamic (0..num_bodies-1), then the pusher if there is one, then the static world.
+
+    Attributes:
+        num_bodies: dynamic bodies.
+        num_kinematic: 1 with a pusher, else 0.
+        has_floor: whether the half-space z < floor_height is solid.
+        floor_height: m, world frame.
+        gravity: (3,), m/s^2, world frame.
+        time_step: h, s.
+        cosines, sines: friction directions in the tangent plane, tuples of equal length (a compile-time constant).
+        pair_index: (num_bodies, num_bodies + 2), row of the pair tables for bodies A and B, or -1; the column after
+            the last dynamic body is the pusher, the last one the world.
+        radius: (num_bodies + 1,), m, of a sphere about each body's origin that holds it; the pusher's last.
+        contact_compliance: epsilon of a contact, (m/s)/(N s), per unit of impulse.
+        joint_compliance: the same for joint rows.
+        stabilisation_weight: (num_bodies, 2), metric [kg m^2, kg] of the position correction over the total mass.
+        margin: contacts nearer than this, plus what bodies may travel in a step, enter the LCP, m.
+        joint_kind, joint_bodies: (num_rows,), (num_rows, 2), bodies A and B.
+        joint_anchor: (num_rows, 2, 3), anchors in body frames A and B, m; for hinges the axis in A and B.
+        joint_direction: (num_rows, 3), constrained direction in body frame B.
+        joint_rotation: (num_rows, 3, 3), R_BA to be kept by locked rows.
+        table: the convex pieces of the dynamic bodies and the pusher.
+    """
+
+    num_bodies: int
+    num_kinematic: int
+    has_floor: bool
+    floor_height: float
+    gravity: np.ndarray
+    time_step: float
+    cosines: tuple[float, ...]
+    sines: tuple[float, ...]
+    pair_index: np.ndarray
+    radius: np.ndarray
+    contact_compliance: float
+    joint_compliance: float
+    stabilisation_weight: np.ndarray
+    margin: float
+    joint_kind: np.ndarray
+    joint_bodies: np.ndarray
+    joint_anchor: np.ndarray
+    joint_direction: np.ndarray
+    joint_rotation: np.ndarray
+    table: PieceTable

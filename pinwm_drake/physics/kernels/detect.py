@@ -1,0 +1,115 @@
+"""Finds a step's contacts and turns them into LCP rows (numba)."""
+
+import math
+
+from pinwm_drake.geometry.features import contact_from_features, tangents
+from pinwm_drake.geometry.narrowphase import collide_bodies, collide_floor
+from pinwm_drake.physics.kernels.jit import kernel
+from pinwm_drake.physics.kernels.stabilise import SLOP
+
+# The gap that a closing contact may leave open fades out with restitution as (1 - e)^FADE: an inelastic contact
+# lands exactly on the surface, an elastic one bounces from where it is, which keeps its speed.
+FADE = 8
+
+
+@kernel
+def _speed_bound(model, bodies, b):
+    """Bound on the speed of any point of body b, m/s."""
+    V = bodies.V[b]
+    return math.sqrt(V[3] * V[3] + V[4] * V[4] + V[5] * V[5]) + model.radius[b] * math.sqrt(
+        V[0] * V[0] + V[1] * V[1] + V[2] * V[2]
+    )
+
+
+@kernel
+def select_features(model, bodies, contacts):
+    """Runs the narrow phase on all pairs; fills contacts.rows, body, dynamic, pair and count."""
+    nb = model.num_bodies
+    h = model.time_step
+    g = model.gravity
+    fall = h * math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
+    count = 0
+    for A in range(nb):
+        speed_A = _speed_bound(model, bodies, A) + fall
+        for B in range(A + 1, nb + 2):
+            pair = model.pair_index[A, B]
+            if pair < 0:
+                continue
+            first = count
+            if B == nb + 1:
+                margin = model.margin + h * speed_A
+                count = collide_floor(
+                    model.table, A, bodies.R[A], bodies.p[A], model.floor_height, margin, contacts.rows, count
+                )
+            else:
+                speed_B = _speed_bound(model, bodies, B) + (fall if B < nb else 0.0)
+                margin = model.margin + h * (speed_A + speed_B)
+                count = collide_bodies(
+                    model.table, A, bodies.R[A], bodies.p[A], B, bodies.R[B], bodies.p[B], margin, contacts.rows, count
+                )
+            for c in range(first, count):
+                contacts.body[c, 0] = A
+                contacts.body[c, 1] = B
+                contacts.dynamic[c, 0] = A
+                contacts.dynamic[c, 1] = B if B < nb else -1
+                contacts.pair[c] = pair
+    contacts.count[0] = count
+
+
+@kernel
+def build_rows(model, friction, restitution, bodies, contacts, system):
+    """Fills frames, levers, Jacobians and biases of the selected contacts.
+
+    Args:
+        friction: (num_pairs,).
+        restitution: (num_pairs,), in [0, 1].
+    """
+    h = model.time_step
+    for c in range(contacts.count[0]):
+        A, B = contacts.body[c, 0], contacts.body[c, 1]
+        a, b = contacts.witness[c, 0], contacts.witness[c, 1]
+        frame, lever, J = contacts.frame[c], contacts.lever[c], contacts.J[c]
+        gap = contact_from_features(
+            contacts.rows[c], bodies.R[A], bodies.p[A], bodies.R[B], bodies.p[B], frame[0], a, b
+        )
+        contacts.gap[c] = gap
+        t1x, t1y, t1z, t2x, t2y, t2z = tangents(frame[0, 0], frame[0, 1], frame[0, 2])
+        frame[1, 0], frame[1, 1], frame[1, 2] = t1x, t1y, t1z
+        frame[2, 0], frame[2, 1], frame[2, 2] = t2x, t2y, t2z
+        for i in range(3):
+            point = 0.5 * (a[i] + b[i])
+            lever[0, i] = point - bodies.p[A, i]
+            lever[1, i] = point - bodies.p[B, i]
+        for side in range(2):
+            sign = 1.0 if side == 0 else -1.0
+            rx, ry, rz = sign * lever[side, 0], sign * lever[side, 1], sign * lever[side, 2]
+            for i in range(3):
+                dx, dy, dz = frame[i, 0], frame[i, 1], frame[i, 2]
+                J[side, i, 0] = ry * dz - rz * dy
+                J[side, i, 1] = rz * dx - rx * dz
+                J[side, i, 2] = rx * dy - ry * dx
+                J[side, i, 3] = sign * dx
+                J[side, i, 4] = sign * dy
+                J[side, i, 5] = sign * dz
+        approach = 0.0
+        for i in range(6):
+            approach += J[0, 0, i] * bodies.V[A, i] + J[1, 0, i] * bodies.V[B, i]
+        free = 0.0
+        for i in range(6):
+            free += J[0, 0, i] * system.free[6 * A + i]
+            free += J[1, 0, i] * (system.free[6 * B + i] if B < model.num_bodies else bodies.V[B, i])
+        contacts.approach[c] = approach
+        closing = 1.0 if gap + h * free < 0.0 else 0.0
+        contacts.closing[c] = closing
+        e = restitution[contacts.pair[c]]
+        keep = 1.0 - closing * (1.0 - (1.0 - e) ** FADE)
+        contacts.bias[c, 0] = keep * max(gap, -SLOP) / h - closing * e * max(-approach, 0.0)
+        contacts.bias[c, 1] = 0.0
+        contacts.bias[c, 2] = 0.0
+        if B == model.num_bodies:
+            for i in range(3):
+                total = 0.0
+                for j in range(6):
+                    total += J[1, i, j] * bodies.V[B, j]
+                contacts.bias[c, i] += total
+        contacts.mu[c] = friction[contacts.pair[c]]

@@ -1,0 +1,33 @@
+"""One step of one world with its LCP laid open (numba)."""
+
+from numba import njit
+
+from pinwm_drake.physics.kernels.lcp import negative_residual, slacks
+from pinwm_drake.physics.kernels.solve import solve_lcp
+from pinwm_drake.physics.kernels.step import build_step
+from pinwm_drake.physics.kernels.workspace import make_workspace
+
+
+@njit(cache=True)
+def inspect_step(model, mass, inertia, friction, restitution, q, p, V, q_P, p_P, V_P, limit):
+    """Builds and solves the LCP of one step from a state of one world; see `diagnose.inspect`.
+
+    Returns:
+        Interior-point iterations (-1: not solved), contacts, system, solver work, and the slacks and residual
+        evaluated afresh at the solution.
+    """
+    bodies, contacts, system, solver, memory = make_workspace(model, limit)
+    nb = model.num_bodies
+    for b in range(nb):
+        bodies.q[b] = q[b]
+        bodies.p[b] = p[b]
+        bodies.V[b] = V[b]
+    if model.num_kinematic > 0:
+        bodies.q[nb] = q_P
+        bodies.p[nb] = p_P
+        bodies.V[nb] = V_P
+    build_step(model, mass, inertia, friction, restitution, bodies, contacts, system)
+    used = solve_lcp(system, contacts, solver, False)
+    slacks(system, contacts, solver.x, solver.lam, solver.s)
+    negative_residual(system, contacts, solver.x, solver.lam, solver.dx)
+    return used, contacts, system, solver

@@ -1,0 +1,195 @@
+"""Rollouts of many worlds, forward and backward (numba); one world is one unit of work for a thread."""
+
+import numpy as np
+from numba import njit, prange
+
+from pinwm_drake.physics.kernels.adjoint import step_adjoint
+from pinwm_drake.physics.kernels.jit import kernel
+from pinwm_drake.physics.kernels.step import step_world
+from pinwm_drake.physics.kernels.workspace import make_adjoint_work, make_workspace
+
+# Status of a world after a rollout: the number of interior-point iterations it needed in all, or minus the failed
+# step's number minus one; TOO_MANY_CONTACTS is subtracted further when the step found more contacts than fit.
+TOO_MANY_CONTACTS = 1_000_000_000
+
+
+@kernel
+def _load(bodies, nb, has_pusher, q, p, V, q_P, p_P):
+    for b in range(nb):
+        bodies.q[b] = q[b]
+        bodies.p[b] = p[b]
+        bodies.V[b] = V[b]
+    if has_pusher:
+        bodies.q[nb] = q_P
+        bodies.p[nb] = p_P
+
+
+@kernel
+def _store(bodies, nb, has_pusher, q, p, V, q_P, p_P):
+    for b in range(nb):
+        q[b] = bodies.q[b]
+        p[b] = bodies.p[b]
+        V[b] = bodies.V[b]
+    if has_pusher:
+        q_P[:] = bodies.q[nb]
+        p_P[:] = bodies.p[nb]
+
+
+@kernel
+def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
+    mass, inertia, friction, restitution = parameters
+    q, p, V, q_P, p_P, status = frames
+    q_s, p_s, V_s, q_P_s, p_P_s, active_s = saved
+    nb = model.num_bodies
+    has_pusher = model.num_kinematic > 0
+    keep = q_s.shape[0] > 0
+    limit = active_s.shape[2]
+    bodies, contacts, system, solver, memory = make_workspace(model, limit)
+    _load(bodies, nb, has_pusher, q[0, w], p[0, w], V[0, w], q_P[0, w], p_P[0, w])
+    status[w] = 0
+    for t in range(V_P.shape[0]):
+        if has_pusher:
+            bodies.V[nb] = V_P[t, w]
+        if keep:
+            _store(bodies, nb, has_pusher, q_s[t, w], p_s[t, w], V_s[t, w], q_P_s[t, w], p_P_s[t, w])
+        used = step_world(
+            model, mass[w], inertia[w], friction[w], restitution[w], bodies, contacts, system, solver, memory
+        )
+        full = contacts.count[0] == limit
+        if used < 0 or full:
+            status[w] = -t - 1 - (TOO_MANY_CONTACTS if full else 0)
+            return
+        status[w] += used
+        if keep:
+            for c in range(contacts.count[0]):
+                active_s[t, w, c] = solver.active[c]
+        if (t + 1) % record_every == 0:
+            f = (t + 1) // record_every
+            _store(bodies, nb, has_pusher, q[f, w], p[f, w], V[f, w], q_P[f, w], p_P[f, w])
+
+
+@kernel
+def _frame_gradient(adjoint, nb, has_pusher, q, q_bar, p_bar, V_bar, q_P, q_P_bar, p_P_bar):
+    """Adds the loss's gradient at a recorded frame; quaternion gradients become rotation-vector gradients."""
+    for b in range(nb + (1 if has_pusher else 0)):
+        if b < nb:
+            s, g, t = q[b], q_bar[b], p_bar[b]
+        else:
+            s, g, t = q_P, q_P_bar, p_P_bar
+        w, x, y, z = s[0], s[1], s[2], s[3]
+        # d/dtheta of (0, theta) q / 2
+        adjoint.pose[b, 0] += 0.5 * (-g[0] * x + g[1] * w - g[2] * z + g[3] * y)
+        adjoint.pose[b, 1] += 0.5 * (-g[0] * y + g[1] * z + g[2] * w - g[3] * x)
+        adjoint.pose[b, 2] += 0.5 * (-g[0] * z - g[1] * y + g[2] * x + g[3] * w)
+        for i in range(3):
+            adjoint.pose[b, 3 + i] += t[i]
+        if b < nb:
+            for i in range(6):
+                adjoint.V[b, i] += V_bar[b, i]
+
+
+@kernel
+def _quaternion_gradient(theta_bar, q, q_bar):
+    """Ambient gradient of a rotation-vector gradient: theta = 2 Im(dq q*)."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    a, b, c = 2.0 * theta_bar[0], 2.0 * theta_bar[1], 2.0 * theta_bar[2]
+    q_bar[0] = -a * x - b * y - c * z
+    q_bar[1] = a * w + b * z - c * y
+    q_bar[2] = -a * z + b * w + c * x
+    q_bar[3] = a * y - b * x + c * w
+
+
+@kernel
+def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars):
+    mass, inertia, friction, restitution = parameters
+    q, p, V, q_P, p_P, status = frames
+    q_s, p_s, V_s, q_P_s, p_P_s, active_s = saved
+    q_bar, p_bar, V_bar, q_P_bar, p_P_bar = frame_bars
+    mass_bar, inertia_bar, friction_bar, restitution_bar, q0_bar, p0_bar, V0_bar, q_P0_bar, p_P0_bar, V_P_bar = bars
+    nb = model.num_bodies
+    has_pusher = model.num_kinematic > 0
+    bodies, contacts, system, solver, memory = make_workspace(model, active_s.shape[2])
+    adjoint = make_adjoint_work(model)
+    for t in range(V_P.shape[0] - 1, -1, -1):
+        if (t + 1) % record_every == 0:
+            f = (t + 1) // record_every
+            _frame_gradient(
+                adjoint, nb, has_pusher, q[f, w], q_bar[f, w], p_bar[f, w], V_bar[f, w], q_P[f, w], q_P_bar[f, w],
+                p_P_bar[f, w],
+            )  # fmt: skip
+        _load(bodies, nb, has_pusher, q_s[t, w], p_s[t, w], V_s[t, w], q_P_s[t, w], p_P_s[t, w])
+        if has_pusher:
+            bodies.V[nb] = V_P[t, w]
+        ok = step_adjoint(
+            model, mass[w], inertia[w], friction[w], restitution[w], mass_bar[w], inertia_bar[w], friction_bar[w],
+            restitution_bar[w], bodies, contacts, system, solver, adjoint, active_s[t, w],
+        )  # fmt: skip
+        if not ok:
+            status[w] = -t - 1
+            return
+        if has_pusher:
+            V_P_bar[t, w] = adjoint.V[nb]
+            adjoint.V[nb] = 0.0
+    _frame_gradient(
+        adjoint, nb, has_pusher, q[0, w], q_bar[0, w], p_bar[0, w], V_bar[0, w], q_P[0, w], q_P_bar[0, w],
+        p_P_bar[0, w],
+    )  # fmt: skip
+    for b in range(nb):
+        _quaternion_gradient(adjoint.pose[b], q[0, w, b], q0_bar[w, b])
+        p0_bar[w, b] = adjoint.pose[b, 3:6]
+        V0_bar[w, b] = adjoint.V[b]
+    if has_pusher:
+        _quaternion_gradient(adjoint.pose[nb], q_P[0, w], q_P0_bar[w])
+        p_P0_bar[w] = adjoint.pose[nb, 3:6]
+
+
+@njit(cache=True)
+def forward_serial(model, parameters, V_P, record_every, frames, saved):
+    """Rolls all worlds out, one after the other; see `rollout_forward`."""
+    for w in range(V_P.shape[1]):
+        _forward_world(w, model, parameters, V_P, record_every, frames, saved)
+
+
+@njit(cache=True, parallel=True)
+def forward_parallel(model, parameters, V_P, record_every, frames, saved):
+    """Rolls all worlds out on numba's threads; see `rollout_forward`."""
+    for w in prange(V_P.shape[1]):
+        _forward_world(w, model, parameters, V_P, record_every, frames, saved)
+
+
+@njit(cache=True)
+def backward_serial(model, parameters, V_P, record_every, frames, saved, frame_bars, bars):
+    """Pulls gradients back through all worlds, one after the other; see `rollout_backward`."""
+    for w in range(V_P.shape[1]):
+        _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars)
+
+
+@njit(cache=True, parallel=True)
+def backward_parallel(model, parameters, V_P, record_every, frames, saved, frame_bars, bars):
+    """Pulls gradients back through all worlds on numba's threads; see `rollout_backward`."""
+    for w in prange(V_P.shape[1]):
+        _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars)
+
+
+def allocate_frames(q, p, V, q_P, p_P, num_frames):
+    """Frame arrays (num_frames, W, ...) with the initial state in frame 0, and the worlds' status (W,)."""
+    arrays = []
+    for first in (q, p, V, q_P, p_P):
+        array = np.empty((num_frames, *first.shape))
+        array[0] = first
+        arrays.append(array)
+    return (*arrays, np.zeros(q.shape[0], np.int64))
+
+
+def allocate_saved(num_steps, num_worlds, num_bodies, max_contacts, width, keep):
+    """What the backward pass needs of every step: states and active sets; empty if not `keep`."""
+    T = num_steps if keep else 0
+    W = num_worlds
+    return (
+        np.empty((T, W, num_bodies, 4)),
+        np.empty((T, W, num_bodies, 3)),
+        np.empty((T, W, num_bodies, 6)),
+        np.empty((T, W, 4)),
+        np.empty((T, W, 3)),
+        np.zeros((T, W, max_contacts, width), np.uint8),
+    )

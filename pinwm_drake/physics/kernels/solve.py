@@ -1,0 +1,65 @@
+"""Solves one step's LCP: the last active set first, the interior-point method when that fails (numba)."""
+
+from pinwm_drake.physics.kernels.active_set import correct_active_set, solve_active_set
+from pinwm_drake.physics.kernels.interior_point import interior_point, scales, start_point
+from pinwm_drake.physics.kernels.jit import kernel
+
+# A violated sign below this, relative to the step's impulse and speed scales, is rounding.
+SIGN_TOLERANCE = 1e-12
+# How often a wrong set is corrected by its signs before the interior-point method takes over.
+MAX_CORRECTIONS = 8
+# Relative duality gaps at which the interior-point method offers its active set; the last one gives up.
+GAPS = (1e-6, 1e-9, 1e-12, 1e-15)
+MAX_ITERATIONS = 60
+
+
+@kernel
+def _settle(system, contacts, work, impulse, speed):
+    """Solves on work.active, correcting it by its signs; True if all inequalities hold."""
+    for _ in range(MAX_CORRECTIONS):
+        if not solve_active_set(system, contacts, work, work.active, work.x, work.lam, work.s):
+            return False
+        flips = correct_active_set(
+            system, contacts, work.active, work.lam, work.s, SIGN_TOLERANCE * impulse, SIGN_TOLERANCE * speed
+        )
+        if flips == 0:
+            return True
+    return False
+
+
+@kernel
+def solve_lcp(system, contacts, work, warm):
+    """Solves the LCP to rounding; leaves the solution in work.x, work.lam, work.s and its set in work.active.
+
+    Args:
+        warm: whether work.active holds a guess. It changes the time taken, not the solution.
+
+    Returns:
+        Interior-point iterations used (0 if the guess was right), or -1 if no solution was found.
+    """
+    k = len(system.cosines)
+    nc = contacts.count[0]
+    impulse, speed = scales(system, contacts)
+    if (warm or nc == 0) and _settle(system, contacts, work, impulse, speed):
+        return 0
+    if nc == 0:
+        return -1
+    start_point(system, contacts, work.x, work.lam, work.s, impulse, speed)
+    used = 0
+    for stage in range(len(GAPS)):
+        if stage > 0:
+            # Settling overwrote the iterate: begin again and go further. It is rare, so simplicity wins.
+            start_point(system, contacts, work.x, work.lam, work.s, impulse, speed)
+        steps = interior_point(
+            system, contacts, work, work.x, work.lam, work.s, impulse, speed, GAPS[stage], MAX_ITERATIONS
+        )
+        if steps < 0:
+            steps = MAX_ITERATIONS
+        used += steps
+        for c in range(nc):
+            for i in range(k + 1):
+                work.active[c, i] = 1 if work.lam[c, i] * speed > work.s[c, i] * impulse else 0
+            work.active[c, k + 1] = 1 if work.lam[c, k + 1] * impulse > work.s[c, k + 1] * speed else 0
+        if _settle(system, contacts, work, impulse, speed):
+            return used
+    return -1

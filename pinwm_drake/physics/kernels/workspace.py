@@ -1,0 +1,257 @@
+"""The work arrays of one world, made once per rollout so that a step allocates nothing (numba)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pinwm_drake.geometry.features import FEATURE_SIZE
+from pinwm_drake.physics.kernels.jit import kernel
+
+
+class BodyWork(NamedTuple):
+    """Poses and velocities at the start of a step: dynamic bodies, then the pusher, then the world.
+
+    Attributes:
+        q: (N, 4), q_WB, (w, x, y, z).
+        R: (N, 3, 3), R_WB.
+        p: (N, 3), p_WB, m.
+        V: (N, 6), V_WB, [rad/s; m/s].
+        V_body: (nb, 3), angular velocity after the gyroscopic step, body frame, rad/s.
+    """
+
+    q: np.ndarray
+    R: np.ndarray
+    p: np.ndarray
+    V: np.ndarray
+    V_body: np.ndarray
+
+
+class ContactWork(NamedTuple):
+    """The contacts of a step.
+
+    Attributes:
+        count: (1,), number of contacts.
+        rows: (C, 16), feature pairs.
+        body: (C, 2), bodies A and B in BodyWork's numbering.
+        dynamic: (C, 2), the same, -1 where that side does not move freely.
+        pair: (C,), row of the pair tables.
+        frame: (C, 3, 3), rows nhat_BA_W, t1, t2.
+        witness: (C, 2, 3), surface points on A and B, world frame, m.
+        lever: (C, 2, 3), contact point from the origins of A and B, world frame, m.
+        gap: (C,), m.
+        J: (C, 2, 3, 6), Jacobians in the contact frame, B's with its minus sign.
+        approach: (C,), normal relative velocity before the step, m/s.
+        closing: (C,), 1 where the contact closes within the step.
+        bias: (C, 3), m/s.
+        mu: (C,), friction coefficients.
+    """
+
+    count: np.ndarray
+    rows: np.ndarray
+    body: np.ndarray
+    dynamic: np.ndarray
+    pair: np.ndarray
+    frame: np.ndarray
+    witness: np.ndarray
+    lever: np.ndarray
+    gap: np.ndarray
+    J: np.ndarray
+    approach: np.ndarray
+    closing: np.ndarray
+    bias: np.ndarray
+    mu: np.ndarray
+
+
+class SystemWork(NamedTuple):
+    """The bodies' part of a step's LCP; see `lcp.py`.
+
+    Attributes:
+        num_bodies, num_rows: dynamic bodies and joint rows.
+        contact_compliance, joint_compliance: (m/s)/(N s) and its angular likes.
+        cosines, sines: friction directions.
+        inertia: (nb, 3, 3), about the origin, world axes, kg m^2.
+        mass: (nb,), kg.
+        momentum: (6 nb,), right-hand side p = M xi* + h f, [N m s; N s].
+        free: (6 nb,), velocity without contacts and joints, [rad/s; m/s].
+        J_e: (nr, 6 nb), bias_e: (nr,), joint rows.
+        error_e: (nr,), joint position errors, m or rad.
+    """
+
+    num_bodies: int
+    num_rows: int
+    contact_compliance: float
+    joint_compliance: float
+    cosines: tuple[float, ...]
+    sines: tuple[float, ...]
+    inertia: np.ndarray
+    mass: np.ndarray
+    momentum: np.ndarray
+    free: np.ndarray
+    J_e: np.ndarray
+    bias_e: np.ndarray
+    error_e: np.ndarray
+
+
+class SolverWork(NamedTuple):
+    """Solution and scratch of the LCP solvers and of the stabilisation.
+
+    Attributes:
+        x: (n,), [xi'; lambda_e].
+        lam, s: (C, k + 2), multipliers and slacks of each contact's rows [normal, friction, gamma].
+        active: (C, k + 2), 1 where the row's multiplier may be positive.
+        r, R, ratio, dlam: (C, k + 2), residuals, right-hand sides, relative steps, steps.
+        weights, reduced, gamma0: the eliminated contacts, see `lcp.py`.
+        dx: (n,), right-hand side and step.
+        S, pivot: the bodies' matrix and its factors.
+        delta, S_delta, pivot_delta: the same of the stabilisation, of order 6 nb.
+    """
+
+    x: np.ndarray
+    lam: np.ndarray
+    s: np.ndarray
+    active: np.ndarray
+    r: np.ndarray
+    R: np.ndarray
+    ratio: np.ndarray
+    dlam: np.ndarray
+    weights: np.ndarray
+    reduced: np.ndarray
+    gamma0: np.ndarray
+    dx: np.ndarray
+    S: np.ndarray
+    pivot: np.ndarray
+    delta: np.ndarray
+    S_delta: np.ndarray
+    pivot_delta: np.ndarray
+
+
+class Memory(NamedTuple):
+    """The active set of the previous step, a guess for the next one; see `solve.py`.
+
+    Attributes:
+        count: (1,), contacts; -1 when there was no previous step.
+        rows: (C, 16), their feature pairs.
+        body: (C, 2), their bodies.
+        active: (C, k + 2), their active rows.
+    """
+
+    count: np.ndarray
+    rows: np.ndarray
+    body: np.ndarray
+    active: np.ndarray
+
+
+class AdjointWork(NamedTuple):
+    """Gradients on their way back through a step; bodies as in BodyWork.
+
+    Attributes:
+        pose: (N, 6), with respect to poses as [rotation vector; translation], world frame.
+        V: (N, 6), with respect to V_WB.
+        before: (N, 6), scratch: with respect to V_WB before the step, through restitution.
+        y: (n,), adjoint of the LCP's x.
+        frame: (3, 3), lever: (2, 3), scratch of one contact.
+        J_e: (nr, 6 nb), bias_e: (nr,), error_e: (nr,), joint rows.
+    """
+
+    pose: np.ndarray
+    V: np.ndarray
+    before: np.ndarray
+    y: np.ndarray
+    frame: np.ndarray
+    lever: np.ndarray
+    J_e: np.ndarray
+    bias_e: np.ndarray
+    error_e: np.ndarray
+
+
+@kernel
+def make_adjoint_work(model):
+    """Allocates the adjoint's work arrays."""
+    nb = model.num_bodies
+    nr = model.joint_kind.shape[0]
+    return AdjointWork(
+        np.zeros((nb + 2, 6)),
+        np.zeros((nb + 2, 6)),
+        np.zeros((nb + 2, 6)),
+        np.zeros(6 * nb + nr),
+        np.zeros((3, 3)),
+        np.zeros((2, 3)),
+        np.zeros((nr, 6 * nb)),
+        np.zeros(nr),
+        np.zeros(nr),
+    )
+
+
+@kernel
+def make_workspace(model, max_contacts):
+    """Allocates the work tuples for a model and at most max_contacts contacts."""
+    nb = model.num_bodies
+    nr = model.joint_kind.shape[0]
+    k = len(model.cosines)
+    total = nb + 2
+    n = 6 * nb + nr
+    m = max_contacts
+    bodies = BodyWork(
+        np.zeros((total, 4)), np.zeros((total, 3, 3)), np.zeros((total, 3)), np.zeros((total, 6)), np.zeros((nb, 3))
+    )
+    bodies.q[:, 0] = 1.0
+    for b in range(total):
+        for i in range(3):
+            bodies.R[b, i, i] = 1.0
+    contacts = ContactWork(
+        np.zeros(1, np.int64),
+        np.zeros((m, FEATURE_SIZE)),
+        np.zeros((m, 2), np.int64),
+        np.zeros((m, 2), np.int64),
+        np.zeros(m, np.int64),
+        np.zeros((m, 3, 3)),
+        np.zeros((m, 2, 3)),
+        np.zeros((m, 2, 3)),
+        np.zeros(m),
+        np.zeros((m, 2, 3, 6)),
+        np.zeros(m),
+        np.zeros(m),
+        np.zeros((m, 3)),
+        np.zeros(m),
+    )
+    system = SystemWork(
+        nb,
+        nr,
+        model.contact_compliance,
+        model.joint_compliance,
+        model.cosines,
+        model.sines,
+        np.zeros((nb, 3, 3)),
+        np.zeros(nb),
+        np.zeros(6 * nb),
+        np.zeros(6 * nb),
+        np.zeros((nr, 6 * nb)),
+        np.zeros(nr),
+        np.zeros(nr),
+    )
+    solver = SolverWork(
+        np.zeros(n),
+        np.zeros((m, k + 2)),
+        np.zeros((m, k + 2)),
+        np.zeros((m, k + 2), np.uint8),
+        np.zeros((m, k + 2)),
+        np.zeros((m, k + 2)),
+        np.zeros((m, k + 2)),
+        np.zeros((m, k + 2)),
+        np.zeros((m, k)),
+        np.zeros((m, 8)),
+        np.zeros(m),
+        np.zeros(n),
+        np.zeros((n, n)),
+        np.zeros(n, np.int64),
+        np.zeros(6 * nb),
+        np.zeros((6 * nb, 6 * nb)),
+        np.zeros(6 * nb, np.int64),
+    )
+    memory = Memory(
+        np.full(1, -1, np.int64),
+        np.zeros((m, FEATURE_SIZE)),
+        np.zeros((m, 2), np.int64),
+        np.zeros((m, k + 2), np.uint8),
+    )
+    return bodies, contacts, system, solver, memory

@@ -1,0 +1,263 @@
+"""What never changes in a rollout: bodies, joints, pusher, floor, time step and the solver's constants."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from pinwm_drake.errors import ModelError
+from pinwm_drake.geometry.pieces import ConvexPiece, pack_pieces
+from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, ANGULAR_LOCKED, LINEAR, ModelArrays
+
+PUSHER = "pusher"
+FLOOR = "floor"
+
+# A joint row's compliance over the contacts': it only settles redundant rows.
+_JOINT_OVER_CONTACT = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body with nominal mass properties.
+
+    Attributes:
+        name: unique in a model; not "pusher" or "floor".
+        pieces: convex pieces in the body frame B, whose origin is the centre of mass.
+        mass: nominal mass, kg.
+        inertia: (3, 3), nominal inertia about the centre of mass, axes of B, kg m^2.
+    """
+
+    name: str
+    pieces: Sequence[ConvexPiece]
+    mass: float
+    inertia: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A bilateral constraint between body A and body B, "pusher" or the world (None).
+
+    Attributes:
+        kind: "fixed" (no relative motion), "no_rotation" (relative rotation R_BA stays), "no_translation" (the
+            anchors do not part along axis_B), "hinge" (the anchors coincide, axis_A stays along axis_B).
+        body_A: name of body A.
+        body_B: name of body B, "pusher", or None for the world.
+        p_A: (3,), anchor in body frame A, m.
+        p_B: (3,), anchor in body frame B (world frame if B is None), m.
+        axis_A: (3,), hinge axis in A.
+        axis_B: (3,), hinge axis or blocked direction in B.
+        R_BA: (3, 3), relative rotation that "fixed" and "no_rotation" keep.
+        collide: whether contacts between the two bodies still count.
+
+    Source: Cline (2002), section 2.5; PIN-WM, section III-A lists the same kinds.
+    """
+
+    kind: Literal["fixed", "no_rotation", "no_translation", "hinge"]
+    body_A: str
+    body_B: str | None = None
+    p_A: Sequence[float] = (0.0, 0.0, 0.0)
+    p_B: Sequence[float] = (0.0, 0.0, 0.0)
+    axis_A: Sequence[float] = (0.0, 0.0, 1.0)
+    axis_B: Sequence[float] = (0.0, 0.0, 1.0)
+    R_BA: np.ndarray = field(default_factory=lambda: np.eye(3))
+    collide: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A frozen scene.
+
+    Attributes:
+        bodies: dynamic bodies.
+        pusher: convex pieces of the velocity-driven pusher in its frame P, or None.
+        floor_height: height of the static floor, m, or None for no floor.
+        gravity: (3,), m/s^2, world frame.
+        time_step: h, s.
+        friction_directions: directions of the polyhedral friction cone, even, at least 4.
+        joints: bilateral constraints.
+        contact_margin: contacts nearer than this, plus what bodies may travel within a step, enter the LCP, m.
+        compliance: contact compliance relative to a body's inverse mass; see `kernels/lcp.py`.
+        max_contacts: contacts of one world at the most; more is an error.
+
+    Raises:
+        ModelError: names, sizes or values contradict each other; the message says which.
+    """
+
+    bodies: Sequence[Body]
+    pusher: Sequence[ConvexPiece] | None = None
+    floor_height: float | None = 0.0
+    gravity: Sequence[float] = (0.0, 0.0, -9.81)
+    time_step: float = 1.0 / 240.0
+    friction_directions: int = 8
+    joints: Sequence[Joint] = ()
+    contact_margin: float = 1e-3
+    compliance: float = 1e-6
+    max_contacts: int = 64
+
+    def __post_init__(self) -> None:
+        names = [body.name for body in self.bodies]
+        if not names:
+            raise ModelError("a model has no bodies; allowed: one or more")
+        for name in names:
+            if names.count(name) > 1 or name in (PUSHER, FLOOR):
+                raise ModelError(f"body name {name!r} is taken; allowed: unique, not {PUSHER!r} or {FLOOR!r}")
+        for body in self.bodies:
+            check_mass_properties(body.name, body.mass, np.asarray(body.inertia, float))
+        for name, value, minimum in (
+            ("time_step", self.time_step, 0.0),
+            ("contact_margin", self.contact_margin, 0.0),
+            ("compliance", self.compliance, 0.0),
+        ):
+            if not (math.isfinite(value) and value > minimum):
+                raise ModelError(f"{name} is {value}; allowed: finite and positive")
+        if self.friction_directions < 4 or self.friction_directions % 2:
+            raise ModelError(f"friction_directions is {self.friction_directions}; allowed: even, at least 4")
+        if self.max_contacts < 1:
+            raise ModelError(f"max_contacts is {self.max_contacts}; allowed: at least 1")
+        if np.shape(self.gravity) != (3,) or not np.all(np.isfinite(self.gravity)):
+            raise ModelError(f"gravity is {self.gravity}; allowed: three finite numbers, m/s^2")
+        for joint in self.joints:
+            self._check_joint(joint, names)
+
+    def _check_joint(self, joint: Joint, names: list[str]) -> None:
+        if joint.kind not in ("fixed", "no_rotation", "no_translation", "hinge"):
+            raise ModelError(f"joint kind {joint.kind!r}; allowed: fixed, no_rotation, no_translation, hinge")
+        others = [*names, None] + ([PUSHER] if self.pusher is not None else [])
+        if joint.body_A not in names or joint.body_B not in others or joint.body_A == joint.body_B:
+            raise ModelError(
+                f"joint between {joint.body_A!r} and {joint.body_B!r}; allowed: two different ones of {others}"
+            )
+        for axis in (joint.axis_A, joint.axis_B):
+            if not np.linalg.norm(axis) > 0.0:
+                raise ModelError(f"joint axis {tuple(axis)}; allowed: a vector that is not zero")
+
+    @property
+    def num_bodies(self) -> int:
+        """Number of dynamic bodies."""
+        return len(self.bodies)
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Pairs (A, B) that may touch, in the order of the parameters' pair columns.
+
+        B counts on after the bodies: num_bodies is the pusher, num_bodies + 1 the floor.
+        """
+        nb = self.num_bodies
+        jointed = {
+            frozenset((self._index(joint.body_A), self._index(joint.body_B)))
+            for joint in self.joints
+            if not joint.collide and joint.body_B is not None
+        }
+        pairs = []
+        if self.floor_height is not None:
+            pairs += [(b, nb + 1) for b in range(nb)]
+        if self.pusher is not None:
+            pairs += [(b, nb) for b in range(nb)]
+        pairs += [(a, b) for a in range(nb) for b in range(a + 1, nb)]
+        return [pair for pair in pairs if frozenset(pair) not in jointed]
+
+    @property
+    def pair_names(self) -> list[str]:
+        """Names of the pairs, such as "t_block-floor"."""
+        names = [body.name for body in self.bodies] + [PUSHER, FLOOR]
+        return [f"{names[a]}-{names[b]}" for a, b in self.pairs]
+
+    def _index(self, name: str | None) -> int:
+        if name is None:
+            return self.num_bodies + 1
+        if name == PUSHER:
+            return self.num_bodies
+        return [body.name for body in self.bodies].index(name)
+
+    @cached_property
+    def arrays(self) -> ModelArrays:
+        """The model in the form the kernels read."""
+        nb = self.num_bodies
+        all_pieces = [list(body.pieces) for body in self.bodies]
+        if self.pusher is not None:
+            all_pieces.append(list(self.pusher))
+        pair_index = np.full((nb, nb + 2), -1, np.int64)
+        for i, (a, b) in enumerate(self.pairs):
+            pair_index[a, b] = i
+        radius = [
+            max(float(np.max(np.linalg.norm(piece.vertices, axis=1))) + piece.radius for piece in pieces)
+            for pieces in all_pieces
+        ]
+        masses = np.array([body.mass for body in self.bodies])
+        weight = np.array([[body.mass * radius[i] ** 2, body.mass] for i, body in enumerate(self.bodies)])
+        angles = 2.0 * np.pi * np.arange(self.friction_directions) / self.friction_directions
+        compliance = self.compliance / float(masses.mean())
+        rows = [row for joint in self.joints for row in self._joint_rows(joint)]
+        return ModelArrays(
+            num_bodies=nb,
+            num_kinematic=int(self.pusher is not None),
+            has_floor=self.floor_height is not None,
+            floor_height=float(self.floor_height or 0.0),
+            gravity=np.asarray(self.gravity, float),
+            time_step=float(self.time_step),
+            # Rounded so that directions along the tangents are exact.
+            cosines=tuple(float(round(c, 16)) for c in np.cos(angles)),
+            sines=tuple(float(round(s, 16)) for s in np.sin(angles)),
+            pair_index=pair_index,
+            radius=np.array([*radius, 0.0, 0.0][: nb + 2]),
+            contact_compliance=compliance,
+            joint_compliance=compliance * _JOINT_OVER_CONTACT,
+            stabilisation_weight=weight / float(masses.sum()),
+            margin=float(self.contact_margin),
+            joint_kind=np.array([row[0] for row in rows], np.int64),
+            joint_bodies=np.array([row[1] for row in rows], np.int64).reshape(-1, 2),
+            joint_anchor=np.array([row[2] for row in rows], float).reshape(-1, 2, 3),
+            joint_direction=np.array([row[3] for row in rows], float).reshape(-1, 3),
+            joint_rotation=np.array([row[4] for row in rows], float).reshape(-1, 3, 3),
+            table=pack_pieces(all_pieces),
+        )
+
+    def _joint_rows(self, joint: Joint) -> list[tuple]:
+        bodies = (self._index(joint.body_A), self._index(joint.body_B))
+        anchors = (np.asarray(joint.p_A, float), np.asarray(joint.p_B, float))
+        axis_A = np.asarray(joint.axis_A, float) / np.linalg.norm(joint.axis_A)
+        axis_B = np.asarray(joint.axis_B, float) / np.linalg.norm(joint.axis_B)
+        R_BA = np.asarray(joint.R_BA, float)
+        rows: list[tuple] = []
+        if joint.kind in ("fixed", "hinge"):
+            rows += [(LINEAR, bodies, anchors, direction, R_BA) for direction in np.eye(3)]
+        if joint.kind == "no_translation":
+            rows.append((LINEAR, bodies, anchors, axis_B, R_BA))
+        if joint.kind in ("fixed", "no_rotation"):
+            rows += [(ANGULAR_LOCKED, bodies, anchors, direction, R_BA) for direction in np.eye(3)]
+        if joint.kind == "hinge":
+            first = np.cross(axis_B, np.eye(3)[int(np.argmin(np.abs(axis_B)))])
+            first /= np.linalg.norm(first)
+            for direction in (first, np.cross(axis_B, first)):
+                rows.append((ANGULAR_HINGE, bodies, (axis_A, axis_B), direction, R_BA))
+        return rows
+
+
+def check_mass_properties(name: str, mass: float, inertia: np.ndarray) -> None:
+    """Checks that mass and inertia belong to some rigid body.
+
+    Args:
+        name: for the message.
+        mass: kg.
+        inertia: (3, 3), about the centre of mass, kg m^2.
+
+    Raises:
+        ModelError: not finite, mass not positive, inertia not symmetric, not positive definite, or against the
+            triangle inequality of principal moments.
+    """
+    if not (math.isfinite(mass) and mass > 0.0):
+        raise ModelError(f"mass of {name!r} is {mass} kg; allowed: finite and positive")
+    if inertia.shape != (3, 3) or not np.all(np.isfinite(inertia)):
+        raise ModelError(f"inertia of {name!r} is {inertia.tolist()}; allowed: a finite 3 x 3 matrix, kg m^2")
+    scale = float(np.max(np.abs(inertia)))
+    if not np.allclose(inertia, inertia.T, rtol=0.0, atol=1e-12 * scale):
+        raise ModelError(f"inertia of {name!r} is not symmetric: {inertia.tolist()}")
+    moments = np.linalg.eigvalsh(inertia)
+    if not moments[0] > 0.0 or moments[0] + moments[1] < moments[2] * (1.0 - 1e-9):
+        raise ModelError(
+            f"inertia of {name!r} has principal moments {moments.tolist()} kg m^2; allowed: positive, and no two of "
+            "them together less than the third"
+        )

@@ -1,0 +1,158 @@
+"""The physical parameters theta of all worlds, and their unconstrained form for optimisers.
+
+Inside, mass and friction are logarithms, restitution is a logit, and the inertia is the log-Cholesky factor of the
+second moment of mass, which covers exactly the inertias of real bodies.
+
+Source: Rucker and Wensing, "Smooth parameterization of rigid-body inertia", RA-L 2022, for the inertia.
+"""
+
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.physics.model import FLOOR, PUSHER, Model, check_mass_properties
+from pinwm_drake.physics.state import check_tensor
+
+# Bounds within which logarithms and logits stay finite.
+_TINY = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """theta of W worlds; float64, one device.
+
+    Attributes:
+        mass: (W, nb), kg.
+        inertia: (W, nb, 3, 3), about the centre of mass, body frame, kg m^2.
+        friction: (W, num_pairs), Coulomb coefficient of each pair, in the order of `Model.pair_names`.
+        restitution: (W, num_pairs), coefficient of restitution of each pair, in [0, 1].
+    """
+
+    mass: Tensor
+    inertia: Tensor
+    friction: Tensor
+    restitution: Tensor
+
+    @staticmethod
+    def nominal(
+        model: Model,
+        *,
+        friction_floor: float = 0.5,
+        friction_pusher: float = 0.5,
+        friction_bodies: float = 0.5,
+        restitution_floor: float = 0.0,
+        restitution_pusher: float = 0.0,
+        restitution_bodies: float = 0.0,
+        num_worlds: int = 1,
+    ) -> "Parameters":
+        """The model's nominal mass properties with one coefficient for each kind of pair.
+
+        Raises:
+            ParameterError: a coefficient is out of range.
+        """
+
+        def of_pairs(floor: float, pusher: float, bodies: float) -> Tensor:
+            kinds = [name.rsplit("-", 1)[1] for name in model.pair_names]
+            values = [{FLOOR: floor, PUSHER: pusher}.get(kind, bodies) for kind in kinds]
+            return torch.tensor([values] * num_worlds, dtype=torch.float64).reshape(num_worlds, -1)
+
+        parameters = Parameters(
+            mass=torch.tensor([[body.mass for body in model.bodies]] * num_worlds, dtype=torch.float64),
+            inertia=torch.stack([torch.as_tensor(body.inertia, dtype=torch.float64) for body in model.bodies])
+            .expand(num_worlds, -1, -1, -1)
+            .clone(),
+            friction=of_pairs(friction_floor, friction_pusher, friction_bodies),
+            restitution=of_pairs(restitution_floor, restitution_pusher, restitution_bodies),
+        )
+        parameters.check(model)
+        return parameters
+
+    @property
+    def num_worlds(self) -> int:
+        """W."""
+        return int(self.mass.shape[0])
+
+    def check(self, model: Model) -> None:
+        """Raises ParameterError (ranges), StateError (shapes, dtype) or ModelError (inertia) unless valid."""
+        W, nb, pairs = self.num_worlds, model.num_bodies, model.pair_names
+        check_tensor("mass", self.mass, (W, nb))
+        check_tensor("inertia", self.inertia, (W, nb, 3, 3))
+        check_tensor("friction", self.friction, (W, len(pairs)))
+        check_tensor("restitution", self.restitution, (W, len(pairs)))
+        for name, upper in (("friction", float("inf")), ("restitution", 1.0)):
+            values = getattr(self, name).detach()
+            bad = torch.nonzero((values < 0.0) | (values > upper))
+            if len(bad):
+                world, pair = (int(i) for i in bad[0])
+                limit = "at least 0" if name == "friction" else "from 0 to 1"
+                raise ParameterError(
+                    f"{name} of {pairs[pair]!r} in world {world} is {float(values[world, pair])}; allowed: {limit}"
+                )
+        moments = torch.linalg.eigvalsh(self.inertia.detach())
+        wrong = (self.mass.detach() <= 0.0) | (moments[..., 0] <= 0.0)
+        wrong |= moments[..., 0] + moments[..., 1] < moments[..., 2] * (1.0 - 1e-9)
+        wrong |= (self.inertia.detach() - self.inertia.detach().mT).abs().amax((-2, -1)) > 1e-12 * moments[..., 2]
+        if bool(wrong.any()):
+            world, body = (int(i) for i in torch.nonzero(wrong)[0])
+            name = f"{model.bodies[body].name} in world {world}"
+            check_mass_properties(name, float(self.mass[world, body]), self.inertia[world, body].detach().numpy())
+
+    def detach(self) -> "Parameters":
+        """The same numbers without their graph."""
+        return Parameters(*(getattr(self, item.name).detach() for item in fields(self)))
+
+    def to(self, device: torch.device | str) -> "Parameters":
+        """The same parameters on another device."""
+        return Parameters(*(getattr(self, item.name).to(device) for item in fields(self)))
+
+    def expand(self, num_worlds: int) -> "Parameters":
+        """The parameters of one world, repeated."""
+        return Parameters(
+            *(getattr(self, item.name).expand(num_worlds, *getattr(self, item.name).shape[1:]) for item in fields(self))
+        )
+
+    def unconstrained(self) -> dict[str, Tensor]:
+        """theta as unbounded tensors: log_mass (W, nb), log_cholesky (W, nb, 6), log_friction and
+        logit_restitution (W, num_pairs).
+
+        The six numbers are the logarithms of the diagonal of the Cholesky factor L of the second moment
+        Sigma / mass = L L', then its entries 21, 31, 32 over the diagonal's mean. Coefficients are kept 1e-12 away
+        from where the logarithm ends.
+        """
+        moment = 0.5 * self.inertia.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * torch.eye(3) - self.inertia
+        L = torch.linalg.cholesky(moment / self.mass[..., None, None])
+        diagonal = L.diagonal(dim1=-2, dim2=-1)
+        lower = torch.stack([L[..., 1, 0], L[..., 2, 0], L[..., 2, 1]], -1) / diagonal.mean(-1, keepdim=True)
+        return {
+            "log_mass": self.mass.log(),
+            "log_cholesky": torch.cat([diagonal.log(), lower], -1),
+            "log_friction": self.friction.clamp_min(_TINY).log(),
+            "logit_restitution": self.restitution.clamp(_TINY, 1.0 - _TINY).logit(),
+        }
+
+    @staticmethod
+    def from_unconstrained(values: dict[str, Tensor]) -> "Parameters":
+        """The inverse of `unconstrained`; differentiable."""
+        mass = values["log_mass"].exp()
+        diagonal = values["log_cholesky"][..., :3].exp()
+        lower = values["log_cholesky"][..., 3:] * diagonal.mean(-1, keepdim=True)
+        zero = torch.zeros_like(mass)
+        L = torch.stack(
+            [
+                torch.stack([diagonal[..., 0], zero, zero], -1),
+                torch.stack([lower[..., 0], diagonal[..., 1], zero], -1),
+                torch.stack([lower[..., 1], lower[..., 2], diagonal[..., 2]], -1),
+            ],
+            -2,
+        )
+        moment = mass[..., None, None] * (L @ L.mT)
+        trace = moment.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None]
+        eye = torch.eye(3, dtype=mass.dtype, device=mass.device)
+        return Parameters(
+            mass=mass,
+            inertia=trace * eye - moment,
+            friction=values["log_friction"].exp(),
+            restitution=values["logit_restitution"].sigmoid(),
+        )

@@ -1,0 +1,310 @@
+"""The step in plain torch: the oracle of the kernels, and the path that runs on CUDA.
+
+Features are selected by the narrow phase on the CPU (a discrete choice without gradient); everything else (contact
+geometry, LCP, solution, stabilisation, integration) is dense torch code on the device of its inputs, differentiated
+by autograd.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pinwm_drake.errors import SolverError
+from pinwm_drake.geometry.features_torch import contacts_from_features, tangent_frames
+from pinwm_drake.physics.interior_point import interior_point
+from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, LINEAR
+from pinwm_drake.physics.kernels.detect import FADE
+from pinwm_drake.physics.kernels.select import select_worlds
+from pinwm_drake.physics.kernels.stabilise import FADE_GAP, KAPPA, SLOP
+from pinwm_drake.physics.lcp import MixedLcp, settle, solve_on_active_set
+from pinwm_drake.physics.model import Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State, Trajectory
+from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply, quaternion_to_matrix
+
+_GAPS = (1e-8, 1e-12, 1e-16, 1e-20)
+_GYROSCOPIC_STEPS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Contacts of W worlds, padded to C; padded ones are not `valid`.
+
+    Attributes:
+        valid: (W, C).
+        body: (W, C, 2), bodies A and B: dynamic, then the pusher, then the world.
+        pair: (W, C), column of the pair parameters.
+        gap: (W, C), m.
+        frame: (W, C, 3, 3), rows nhat_BA_W, t1, t2.
+        J: (W, C, 3, 6 nb), relative velocity in the contact frame per velocity of the dynamic bodies.
+        J_P: (W, C, 3, 6), the same per velocity of the pusher.
+    """
+
+    valid: Tensor
+    body: Tensor
+    pair: Tensor
+    gap: Tensor
+    frame: Tensor
+    J: Tensor
+    J_P: Tensor
+
+
+def _skew(v: Tensor) -> Tensor:
+    zero = torch.zeros_like(v[..., 0])
+    return torch.stack(
+        [
+            torch.stack([zero, -v[..., 2], v[..., 1]], -1),
+            torch.stack([v[..., 2], zero, -v[..., 0]], -1),
+            torch.stack([-v[..., 1], v[..., 0], zero], -1),
+        ],
+        -2,
+    )
+
+
+def find_contacts(model: Model, state: State, R: Tensor, V_WP: Tensor) -> Contacts:
+    """Selects features on the CPU and computes their geometry in torch.
+
+    Args:
+        model: the scene.
+        state: W worlds.
+        R: (W, nb + 2, 3, 3), rotations of the bodies, the pusher and the world.
+        V_WP: (W, 6), pusher velocity.
+    """
+    device = state.p_WP.device
+    W, nb = state.num_worlds, model.num_bodies
+    host = [
+        tensor.detach().cpu().contiguous().numpy()
+        for tensor in (state.q_WB, state.p_WB, state.V_WB, state.q_WP, state.p_WP, V_WP)
+    ]
+    count, rows, body, pair = select_worlds(model.arrays, *host, model.max_contacts)
+    if int(count.max()) >= model.max_contacts:
+        raise SolverError(f"world {int(count.argmax())}: more than {model.max_contacts - 1} contacts")
+    C = max(int(count.max()), 1)
+    valid = torch.from_numpy(np.arange(C) < count[:, None]).to(device)
+    rows_t = torch.from_numpy(rows[:, :C].copy()).to(device)
+    body_t = torch.from_numpy(body[:, :C].copy()).to(device)
+    # Padding must not produce NaN gradients: a harmless point above the floor.
+    harmless = torch.zeros(16, dtype=rows_t.dtype, device=device)
+    harmless[8], harmless[14] = 2.0, 1.0
+    rows_t = torch.where(valid[..., None], rows_t, harmless)
+    body_t = torch.where(valid[..., None], body_t, torch.tensor([0, nb + 1], device=device))
+    world = torch.arange(W, device=device)[:, None]
+    zero = torch.zeros(W, 1, 3, dtype=R.dtype, device=device)
+    p = torch.cat([state.p_WB, state.p_WP[:, None], zero], 1)
+    A, B = body_t[..., 0], body_t[..., 1]
+    gap, n, a, b = contacts_from_features(rows_t, R[world, A], p[world, A], R[world, B], p[world, B])
+    frame = tangent_frames(n)
+    point = 0.5 * (a + b)
+    J_all = torch.zeros(W, C, nb + 2, 3, 6, dtype=R.dtype, device=device)
+    for side, sign in ((A, 1.0), (B, -1.0)):
+        lever = point - p[world, side]
+        block = sign * torch.cat([-frame @ _skew(lever), frame], -1)
+        J_all = J_all + torch.nn.functional.one_hot(side, nb + 2).to(R.dtype)[..., None, None] * block[:, :, None]
+    J = J_all[:, :, :nb].movedim(2, 3).flatten(-2)
+    return Contacts(valid, body_t, torch.from_numpy(pair[:, :C].copy()).to(device), gap, frame, J, J_all[:, :, nb])
+
+
+def _joint_rows(model: Model, state: State, R: Tensor, V_WP: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """J_e (W, nr, 6 nb), bias_e (W, nr), error_e (W, nr)."""
+    arrays, nb, W = model.arrays, model.num_bodies, state.num_worlds
+    zero = torch.zeros(W, 1, 3, dtype=R.dtype, device=R.device)
+    p = torch.cat([state.p_WB, state.p_WP[:, None], zero], 1)
+    J_e, bias, errors = [], [], []
+    for r in range(len(arrays.joint_kind)):
+        A, B = (int(i) for i in arrays.joint_bodies[r])
+
+        def constant(value: np.ndarray) -> Tensor:
+            return torch.as_tensor(value, dtype=R.dtype, device=R.device)
+
+        d = R[:, B] @ constant(arrays.joint_direction[r])
+        u_A, u_B = R[:, A] @ constant(arrays.joint_anchor[r, 0]), R[:, B] @ constant(arrays.joint_anchor[r, 1])
+        kind = arrays.joint_kind[r]
+        row = torch.zeros(W, nb + 2, 6, dtype=R.dtype, device=R.device)
+        for body, sign, u in ((A, 1.0, u_A), (B, -1.0, u_B)):
+            linear = kind == LINEAR
+            block = torch.cat([torch.linalg.cross(u, d), d] if linear else [d, torch.zeros_like(d)], -1)
+            hot = torch.nn.functional.one_hot(torch.tensor(body, device=R.device), nb + 2).to(R.dtype)
+            row = row + sign * hot[:, None] * block[:, None]
+        J_e.append(row[:, :nb].flatten(1))
+        bias.append((row[:, nb] * V_WP).sum(-1))
+        if kind == LINEAR:
+            errors.append((d * (p[:, A] + u_A - p[:, B] - u_B)).sum(-1))
+        elif kind == ANGULAR_HINGE:
+            errors.append((d * torch.linalg.cross(u_B, u_A)).sum(-1))
+        else:
+            E = R[:, A] @ constant(arrays.joint_rotation[r]).mT @ R[:, B].mT
+            errors.append((d * 0.5 * torch.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], -1)).sum(-1))  # fmt: skip
+    if not J_e:
+        empty = torch.zeros(W, 0, dtype=R.dtype, device=R.device)
+        return torch.zeros(W, 0, 6 * nb, dtype=R.dtype, device=R.device), empty, empty
+    return torch.stack(J_e, 1), torch.stack(bias, 1), torch.stack(errors, 1)
+
+
+def _gyroscopic_step(I: Tensor, w0: Tensor, h: float) -> Tensor:
+    """Solves I (w - w0) + h w x I w = 0 (body frame) by Newton's method; the last step carries the gradient."""
+
+    def residual(w: Tensor) -> Tensor:
+        return (I @ (w - w0)[..., None])[..., 0] + h * torch.linalg.cross(w, (I @ w[..., None])[..., 0])
+
+    def jacobian(w: Tensor) -> Tensor:
+        return I + h * (_skew(w) @ I - _skew((I @ w[..., None])[..., 0]))
+
+    with torch.no_grad():
+        w = w0
+        for _ in range(_GYROSCOPIC_STEPS):
+            w = w - torch.linalg.solve(jacobian(w), residual(w))
+        J = jacobian(w)
+    return w - torch.linalg.solve(J, residual(w))
+
+
+def build_lcp(
+    model: Model, parameters: Parameters, state: State, V_WP: Tensor
+) -> tuple[MixedLcp, Contacts, tuple[Tensor, Tensor], Tensor]:
+    """The LCP of one step: problem, contacts, joints (J_e, error_e) and the velocity without either (W, 6 nb)."""
+    h, nb, W = model.time_step, model.num_bodies, state.num_worlds
+    k = model.friction_directions
+    arrays = model.arrays
+    dtype, device = state.p_WB.dtype, state.p_WB.device
+    eye3 = torch.eye(3, dtype=dtype, device=device).expand(W, 1, 3, 3)
+    R = torch.cat([quaternion_to_matrix(state.q_WB), quaternion_to_matrix(state.q_WP)[:, None], eye3], 1)
+    R_WB = R[:, :nb]
+    w_body = _gyroscopic_step(parameters.inertia, (R_WB.mT @ state.V_WB[..., :3, None])[..., 0], h)
+    gravity = torch.as_tensor(arrays.gravity, dtype=dtype, device=device)
+    free = torch.cat([(R_WB @ w_body[..., None])[..., 0], state.V_WB[..., 3:] + h * gravity], -1).flatten(1)
+    inertia = R_WB @ parameters.inertia @ R_WB.mT
+    M = torch.zeros(W, 6 * nb, 6 * nb, dtype=dtype, device=device)
+    for b in range(nb):
+        M[:, 6 * b : 6 * b + 3, 6 * b : 6 * b + 3] = inertia[:, b]
+        M[:, 6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = parameters.mass[:, b, None, None] * eye3[:, 0]
+    momentum = (M @ free[..., None])[..., 0]
+
+    contacts = find_contacts(model, state, R, V_WP)
+    valid = contacts.valid
+    bias = (contacts.J_P @ V_WP[:, None, :, None])[..., 0]
+    approach = (contacts.J[:, :, 0] @ state.V_WB.flatten(1)[..., None])[..., 0] + bias[..., 0]
+    closing = (contacts.gap + h * ((contacts.J[:, :, 0] @ free[..., None])[..., 0] + bias[..., 0]) < 0.0).to(dtype)
+    e = torch.gather(parameters.restitution, 1, contacts.pair)
+    mu = torch.gather(parameters.friction, 1, contacts.pair)
+    keep = 1.0 - closing * (1.0 - (1.0 - e) ** FADE)
+    bias_n = bias[..., 0] + keep * contacts.gap.clamp_min(-SLOP) / h + closing * e * approach.clamp_max(0.0)
+
+    directions = torch.tensor([arrays.cosines, arrays.sines], dtype=dtype, device=device).T  # (k, 2)
+    J_rows = torch.cat(
+        [contacts.J[:, :, :1], directions @ contacts.J[:, :, 1:], torch.zeros_like(contacts.J[:, :, :1])], 2
+    )
+    b_rows = torch.cat([bias_n[..., None], bias[..., 1:] @ directions.T, torch.zeros_like(mu)[..., None]], -1)
+    block = torch.zeros(*mu.shape, k + 2, k + 2, dtype=dtype, device=device)
+    block = block + torch.diag(torch.tensor([arrays.contact_compliance] * (k + 1) + [0.0], dtype=dtype, device=device))
+    block[..., 1 : k + 1, k + 1] = 1.0
+    block[..., k + 1, 1 : k + 1] = -1.0
+    block[..., k + 1, 0] = mu
+    identity = torch.eye(k + 2, dtype=dtype, device=device)
+    block = torch.where(valid[..., None, None], block, identity)
+    # Padded contacts read s = z + 1: they have no solution but z = 0.
+    J_rows = torch.where(valid[..., None, None], J_rows, torch.zeros_like(J_rows))
+    b_rows = torch.where(valid[..., None], b_rows, torch.ones_like(b_rows))
+    C = mu.shape[1]
+    B = torch.zeros(W, C, k + 2, C, k + 2, dtype=dtype, device=device)
+    index = torch.arange(C, device=device)
+    B[:, index, :, index] = block.movedim(1, 0)
+
+    J_e, bias_e, error_e = _joint_rows(model, state, R, V_WP)
+    nr = J_e.shape[1]
+    eye_e = arrays.joint_compliance * torch.eye(nr, dtype=dtype, device=device).expand(W, nr, nr)
+    A = torch.cat([torch.cat([M, -J_e.mT], -1), torch.cat([J_e, eye_e], -1)], -2)
+    H = torch.nn.functional.pad(J_rows.flatten(1, 2), (0, nr))
+    with torch.no_grad():
+        rates = (contacts.J @ free[:, None, :, None])[..., 0].abs().amax(-1)
+        rates = torch.maximum(rates, torch.cat([bias_n[..., None], bias[..., 1:]], -1).abs().amax(-1))
+        speed = torch.where(valid, rates, torch.zeros_like(rates)).amax(-1, keepdim=True)
+        speed = torch.maximum(speed, free.unflatten(1, (nb, 6))[..., 3:].abs().flatten(1).amax(-1, keepdim=True))
+        speed = speed.clamp_min(1e-6)
+        impulse = parameters.mass.sum(-1, keepdim=True) * speed / valid.sum(-1, keepdim=True).clamp_min(1)
+    is_speed = torch.tensor(([True] * (k + 1) + [False]) * C, device=device)
+    lcp = MixedLcp(
+        A=A,
+        p=torch.cat([momentum, -bias_e], -1),
+        H=H,
+        B=B.flatten(3, 4).flatten(1, 2),
+        b=b_rows.flatten(1),
+        impulse=impulse,
+        speed=speed,
+        is_speed=is_speed,
+    )
+    return lcp, contacts, (J_e, error_e), free
+
+
+def solve_lcp(lcp: MixedLcp, free: Tensor, k: int) -> tuple[Tensor, Tensor]:
+    """Differentiable solution x (W, n), z (W, N) of the LCP.
+
+    The interior-point method finds the active set without gradient; the solution on it is one linear solve.
+
+    Raises:
+        SolverError: some world has no solution with all inequalities satisfied.
+    """
+    with torch.no_grad():
+        problem = lcp.detach()
+        W = free.shape[0]
+        start = torch.nn.functional.pad(free, (0, lcp.A.shape[-1] - free.shape[-1]))
+        active = torch.zeros(W, lcp.b.shape[-1], dtype=torch.bool, device=free.device)
+        settled = torch.zeros(W, dtype=torch.bool, device=free.device)
+        for gap in _GAPS:
+            _, z, s = interior_point(problem, start, gap)
+            guess, done = settle(problem, z * problem.s_scale > s * problem.z_scale, k)
+            fresh = done & ~settled
+            active = torch.where(fresh[:, None], guess, active)
+            settled |= done
+            if bool(settled.all()):
+                break
+    if not bool(settled.all()):
+        raise SolverError(f"world {int(torch.nonzero(~settled)[0])}: the contact LCP found no solution")
+    return solve_on_active_set(lcp, active)
+
+
+def _stabilise(model: Model, contacts: Contacts, joints: tuple[Tensor, Tensor]) -> Tensor:
+    """Position correction delta (W, 6 nb), [rad; m]; see `kernels/stabilise.py`."""
+    nb = model.num_bodies
+    gap = contacts.gap
+    t = (1.0 - gap / FADE_GAP).clamp(0.0, 1.0)
+    weight = torch.where(contacts.valid, t * t * (3.0 - 2.0 * t), torch.zeros_like(t))
+    depth = torch.where(contacts.valid, (-gap - SLOP).clamp_min(0.0), torch.zeros_like(gap))
+    Jn = contacts.J[:, :, 0]
+    J_e, error = joints
+    metric = KAPPA * torch.as_tensor(model.arrays.stabilisation_weight, dtype=gap.dtype, device=gap.device)
+    normal = torch.diag(metric.repeat_interleave(3, 1).reshape(6 * nb)) + Jn.mT @ (weight[..., None] * Jn) + J_e.mT @ J_e
+    right = (Jn.mT @ (weight * depth)[..., None] - J_e.mT @ error[..., None])[..., 0]
+    return torch.linalg.solve(normal, right)
+
+
+def step_reference(model: Model, parameters: Parameters, state: State, V_WP: Tensor) -> State:
+    """One time step; see `Stepper.step`."""
+    h, nb = model.time_step, model.num_bodies
+    lcp, contacts, joints, free = build_lcp(model, parameters, state, V_WP)
+    x, _ = solve_lcp(lcp, free, model.friction_directions)
+    V = x[:, : 6 * nb].unflatten(1, (nb, 6))
+    delta = _stabilise(model, contacts, joints).unflatten(1, (nb, 6))
+    q = quaternion_multiply(quaternion_exp(h * V[..., :3] + delta[..., :3]), state.q_WB)
+    return State(
+        q_WB=q / q.norm(dim=-1, keepdim=True),
+        p_WB=state.p_WB + h * V[..., 3:] + delta[..., 3:],
+        V_WB=V,
+        q_WP=quaternion_multiply(quaternion_exp(h * V_WP[:, :3]), state.q_WP),
+        p_WP=state.p_WP + h * V_WP[:, 3:],
+    )
+
+
+def rollout_reference(
+    model: Model, parameters: Parameters, state: State, V_WP: Tensor, record_every: int
+) -> Trajectory:
+    """A sequence of steps; see `Stepper.rollout`."""
+    frames = [state]
+    for t in range(V_WP.shape[0]):
+        try:
+            state = step_reference(model, parameters, state, V_WP[t])
+        except SolverError as error:
+            raise SolverError(f"step {t}: {error}") from error
+        if (t + 1) % record_every == 0:
+            frames.append(state)
+    return Trajectory(*(torch.stack([getattr(f, name) for f in frames]) for name in State.__dataclass_fields__))

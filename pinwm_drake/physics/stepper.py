@@ -1,0 +1,183 @@
+"""The differentiable step x' = g(x, a, theta) and rollouts of it, batched over worlds."""
+
+from typing import Any, Literal
+
+import numba
+import numpy as np
+import torch
+from torch import Tensor
+
+from pinwm_drake.errors import ModelError, SolverError, StateError
+from pinwm_drake.physics.kernels import rollout as kernels
+from pinwm_drake.physics.model import Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State, Trajectory, check_tensor
+
+
+class Stepper:
+    """Advances worlds by Stewart-Trinkle velocity steps and differentiates through them.
+
+    Source: Stewart and Trinkle (1996); PIN-WM eq. 8-10; see `kernels/lcp.py` and `kernels/adjoint.py`.
+    """
+
+    def __init__(
+        self, model: Model, backend: Literal["numba", "torch"] = "numba", *, num_threads: int | None = None
+    ) -> None:
+        """Makes a stepper.
+
+        Args:
+            model: the scene.
+            backend: "numba" runs compiled kernels on the CPU; "torch" runs the dense reference on the device of its
+                inputs (this is the path for CUDA).
+            num_threads: threads of the numba backend, worlds being shared among them; None for all that numba has.
+
+        Raises:
+            ModelError: unknown backend, or more threads than numba has.
+        """
+        if backend not in ("numba", "torch"):
+            raise ModelError(f"backend is {backend!r}; allowed: 'numba' or 'torch'")
+        most = numba.config.NUMBA_NUM_THREADS
+        if num_threads is not None and not 1 <= num_threads <= most:
+            raise ModelError(f"num_threads is {num_threads}; allowed: 1 to {most}")
+        self.model = model
+        self.backend = backend
+        self.num_threads = num_threads or most
+
+    def step(self, parameters: Parameters, state: State, V_WP: Tensor | None = None) -> State:
+        """One time step; differentiable in everything it is given.
+
+        Args:
+            parameters: theta of W worlds.
+            state: state of W worlds.
+            V_WP: (W, 6), spatial velocity of the pusher during the step, [rad/s; m/s], world frame; None: at rest.
+
+        Returns:
+            The state after the step.
+
+        Raises:
+            StateError, ParameterError, ModelError: an input does not fit the model.
+            SolverError: a world's LCP found no solution; the message names world and step.
+        """
+        W = state.num_worlds
+        V = torch.zeros(1, W, 6, dtype=torch.float64, device=state.p_WP.device) if V_WP is None else V_WP[None]
+        return self.rollout(parameters, state, V).frame(1)
+
+    def rollout(self, parameters: Parameters, state: State, V_WP: Tensor, *, record_every: int = 1) -> Trajectory:
+        """A sequence of steps; differentiable in everything it is given.
+
+        Without gradients its memory does not grow with its length (only with the frames it records). With
+        gradients it keeps states and active sets of every step, under 1 kB per step and world.
+
+        Args:
+            parameters: theta of W worlds.
+            state: initial state of W worlds.
+            V_WP: (T, W, 6), spatial velocity of the pusher in each step, [rad/s; m/s], world frame.
+            record_every: steps between recorded frames; divides T.
+
+        Returns:
+            T / record_every + 1 frames, the first being the initial state.
+
+        Raises:
+            StateError, ParameterError, ModelError: an input does not fit the model.
+            SolverError: a world's LCP found no solution; the message names world and step.
+        """
+        state.check(self.model)
+        parameters.check(self.model)
+        W = state.num_worlds
+        check_tensor("V_WP", V_WP, (int(V_WP.shape[0]), W, 6))
+        if parameters.num_worlds != W:
+            raise StateError(f"parameters of {parameters.num_worlds} worlds for a state of {W}")
+        if record_every < 1 or V_WP.shape[0] % record_every:
+            raise StateError(f"record_every is {record_every}; allowed: a divisor of {V_WP.shape[0]} steps")
+        if self.backend == "torch":
+            from pinwm_drake.physics.reference import rollout_reference
+
+            return rollout_reference(self.model, parameters, state, V_WP, record_every)
+        inputs = (
+            parameters.mass,
+            parameters.inertia,
+            parameters.friction,
+            parameters.restitution,
+            state.q_WB,
+            state.p_WB,
+            state.V_WB,
+            state.q_WP,
+            state.p_WP,
+            V_WP,
+        )
+        for tensor in inputs:
+            if tensor.device.type != "cpu":
+                raise StateError(f"a tensor is on {tensor.device}; allowed: cpu (use backend='torch' elsewhere)")
+        return Trajectory(*_Rollout.apply(self, record_every, *inputs))
+
+
+def _raise_failure(model: Model, status: np.ndarray) -> None:
+    world = int(np.flatnonzero(status < 0)[0])
+    code = -int(status[world])
+    if code > kernels.TOO_MANY_CONTACTS:
+        raise SolverError(
+            f"world {world}, step {code - kernels.TOO_MANY_CONTACTS - 1}: more than "
+            f"{model.max_contacts - 1} contacts; raise Model(max_contacts=...)"
+        )
+    raise SolverError(f"world {world}, step {code - 1}: the contact LCP found no solution")
+
+
+class _Rollout(torch.autograd.Function):
+    """A rollout as one node of the graph."""
+
+    @staticmethod
+    def forward(ctx: Any, stepper: Stepper, record_every: int, *inputs: Tensor) -> tuple[Tensor, ...]:
+        model = stepper.model
+        mass, inertia, friction, restitution, q, p, V, q_P, p_P, V_P = (
+            np.ascontiguousarray(tensor.detach().numpy()) for tensor in inputs
+        )
+        keep = any(ctx.needs_input_grad)
+        T, W = V_P.shape[:2]
+        parameters = (mass, inertia, friction, restitution)
+        frames = kernels.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
+        width = model.friction_directions + 2
+        saved = kernels.allocate_saved(T, W, model.num_bodies, model.max_contacts, width, keep)
+        threads = min(stepper.num_threads, W)
+        arguments = (model.arrays, parameters, V_P, record_every, frames, saved)
+        if threads == 1:
+            kernels.forward_serial(*arguments)
+        else:
+            with _threads(threads):
+                kernels.forward_parallel(*arguments)
+        if (frames[-1] < 0).any():
+            _raise_failure(model, frames[-1])
+        ctx.arguments = arguments
+        ctx.threads = threads
+        return tuple(torch.from_numpy(array) for array in frames[:5])
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+        arguments = ctx.arguments
+        model_arrays, parameters, V_P, record_every, frames, saved = arguments
+        frame_bars = tuple(np.ascontiguousarray(gradient.detach().numpy()) for gradient in gradients)
+        bars = tuple(
+            np.zeros(shape)
+            for shape in (*(array.shape for array in parameters), *(array.shape[1:] for array in frames[:5]), V_P.shape)
+        )
+        if ctx.threads == 1:
+            kernels.backward_serial(*arguments, frame_bars, bars)
+        else:
+            with _threads(ctx.threads):
+                kernels.backward_parallel(*arguments, frame_bars, bars)
+        if (frames[-1] < 0).any():
+            raise SolverError(f"world {int(np.flatnonzero(frames[-1] < 0)[0])}: the adjoint's matrix is singular")
+        return (None, None, *(torch.from_numpy(bar) for bar in bars))
+
+
+class _threads:
+    """Sets numba's thread count within a block."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+
+    def __enter__(self) -> None:
+        self.before = numba.get_num_threads()
+        numba.set_num_threads(self.count)
+
+    def __exit__(self, *_: object) -> None:
+        numba.set_num_threads(self.before)

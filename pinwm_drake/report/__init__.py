@@ -1,0 +1,1 @@
+"""Figures, videos and tables of what the other packages computed. They take arrays, not models."""

@@ -1,0 +1,27 @@
+"""Text on a picture."""
+
+from functools import cache
+
+import numpy as np
+from matplotlib import font_manager
+from PIL import Image, ImageDraw, ImageFont
+
+
+@cache
+def _font(size: int) -> ImageFont.FreeTypeFont:
+    # matplotlib ships this font, so that it is there on every machine.
+    return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), size)
+
+
+def write_caption(image: np.ndarray, text: str) -> None:
+    """Writes one line into the lower left corner.
+
+    Args:
+        image: (height, width, 3) uint8, sRGB, changed in place.
+        text: What to write.
+    """
+    height = image.shape[0]
+    size = max(8, height // 27)
+    canvas = Image.fromarray(image)
+    ImageDraw.Draw(canvas).text((size, height - 2 * size), text, font=_font(size), fill=(45, 52, 64))
+    image[:] = np.asarray(canvas)

@@ -1,0 +1,55 @@
+"""Where results are written: a checked folder, and files that appear whole or not at all."""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pinwm_drake.errors import InputError
+
+
+def prepare_folder(folder: Path) -> Path:
+    """Makes an output folder and tries whether it takes files.
+
+    Args:
+        folder: Where results are to go; parents are made too.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: When it cannot be made or written to, or is a file.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(folder, value=error.strerror, allowed="a folder that can be written to") from error
+    return folder
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Hands out a temporary name beside `path`, and renames it to `path` when the block ends well.
+
+    A reader never sees half a file, and a failed run leaves the earlier file as it was.
+
+    Args:
+        path: The final name. Its folder exists.
+
+    Yields:
+        The name to write to, with the same suffix.
+
+    Raises:
+        InputError: When the file cannot be written or renamed.
+    """
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        yield temporary
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(path, value=error.strerror, allowed="a file that can be written") from error
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,145 @@
+"""Pictures of rigid bodies on a floor: grid, soft shadow, paths and shaded meshes, seen by a fixed camera."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import trimesh
+
+from pinwm_drake.report.camera import ViewCamera
+from pinwm_drake.report.raster import Surface, draw_triangles
+
+# Unit vector towards the light, world; the light is far away.
+_LIGHT_W = np.array([-0.38, -0.30, 0.875]) / np.linalg.norm([-0.38, -0.30, 0.875])
+_FLOOR = np.array([0.80, 0.82, 0.85])
+_SKY = np.array([0.93, 0.95, 0.97])
+_MINOR, _MAJOR = 0.02, 0.10  # spacing of the floor's grid lines [m]
+_SUPERSAMPLING = 2
+
+
+@dataclass(frozen=True)
+class Actor:
+    """A mesh to be shown at changing poses.
+
+    Attributes:
+        corners_B: (n, 3, 3) [m], corners of each triangle, counter-clockwise from outside, body frame.
+        normals_B: (n, 3, 3), outward unit normals at the corners, body frame.
+        colour: (3,), linear RGB in [0, 1].
+    """
+
+    corners_B: np.ndarray
+    normals_B: np.ndarray
+    colour: np.ndarray
+
+    @classmethod
+    def from_mesh(cls, mesh: trimesh.Trimesh, colour: tuple[float, float, float], *, smooth: bool) -> "Actor":
+        """Takes over a mesh.
+
+        Args:
+            mesh: Triangles in metres, body frame.
+            colour: Linear RGB in [0, 1].
+            smooth: Whether the normals are interpolated, as on a sphere, or constant on each face.
+
+        Returns:
+            The actor.
+        """
+        flat = np.repeat(mesh.face_normals[:, None], 3, axis=1)
+        return cls(mesh.triangles, mesh.vertex_normals[mesh.faces] if smooth else flat, np.array(colour))
+
+    def at(self, R_WB: np.ndarray, p_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (n, 3, 3) [m] and normals (n, 3, 3) in the world, for a pose (3, 3), (3,) [m]."""
+        return self.corners_B @ R_WB.T + p_WB, self.normals_B @ R_WB.T
+
+
+class Stage:
+    """A floor at one height, and the camera that looks at it."""
+
+    def __init__(self, camera: ViewCamera, floor_height: float = 0.0) -> None:
+        """Draws the empty floor once.
+
+        Args:
+            camera: The view.
+            floor_height: z of the floor in the world [m].
+        """
+        self.camera = camera
+        self.floor_height = floor_height
+        self._large = camera.scaled(_SUPERSAMPLING)
+        rays = self._large.rays().astype(np.float32)
+        self._empty = _floor_picture(camera.p_WC, rays, floor_height)
+        halfway = _LIGHT_W.astype(np.float32) - rays
+        self._halfway = halfway / np.linalg.norm(halfway, axis=-1, keepdims=True)
+
+    def picture(
+        self,
+        actors: list[tuple[Actor, np.ndarray, np.ndarray]],
+        paths: list[tuple[np.ndarray, tuple[float, float, float]]],
+    ) -> np.ndarray:
+        """One frame.
+
+        Args:
+            actors: Each with its pose R_WB (3, 3), p_WB (3,) [m] in the world.
+            paths: Lines on the floor, (n, 2) [m] in the world's x and y, each with its linear RGB colour.
+
+        Returns:
+            (height, width, 3) uint8, sRGB.
+        """
+        placed = [(actor, *actor.at(R_WB, p_WB)) for actor, R_WB, p_WB in actors]
+        image = self._empty * self._shadow([corners for _, corners, _ in placed])
+        for points, colour in paths:
+            self._draw_path(image, points, colour)
+        surface = Surface.empty(self._large)
+        for actor, corners_W, normals_W in placed:
+            draw_triangles(surface, self._large, corners_W, normals_W, actor.colour)
+        covered = surface.inverse_depth > 0
+        image[covered] = self._shade(surface, covered)
+        size = (self.camera.width, self.camera.height)
+        image = cv2.resize(np.clip(image, 0, 1), size, interpolation=cv2.INTER_AREA)
+        return (255 * image ** (1 / 2.2) + 0.5).astype(np.uint8)
+
+    def _shadow(self, corners_W: list[np.ndarray]) -> np.ndarray:
+        """How much light reaches the floor at each pixel: (height, width, 1), 1 in full light."""
+        mask = np.zeros((self.camera.height, self.camera.width), np.float32)
+        for corners in corners_W:
+            heights = corners[..., 2:] - self.floor_height
+            on_floor = corners - heights * _LIGHT_W / _LIGHT_W[2]
+            pixels, _ = self.camera.project(on_floor.reshape(-1, 3))
+            # Four binary digits of sub-pixel precision.
+            for triangle in np.round(16 * pixels.reshape(-1, 3, 2)).astype(np.int32):
+                cv2.fillConvexPoly(mask, triangle, 1.0, cv2.LINE_AA, shift=4)
+        light = 1 - 0.5 * cv2.GaussianBlur(mask, (0, 0), self.camera.height / 110)
+        return cv2.resize(light, (self._large.width, self._large.height))[..., None]
+
+    def _draw_path(self, image: np.ndarray, points: np.ndarray, colour: tuple[float, float, float]) -> None:
+        """Draws a line on the floor, under whatever stands on it."""
+        if len(points) < 2:
+            return
+        on_floor = np.column_stack((points, np.full(len(points), self.floor_height)))
+        pixels = np.round(16 * self._large.project(on_floor)[0]).astype(np.int32)
+        cv2.polylines(image, [pixels], False, colour, 2 * _SUPERSAMPLING, cv2.LINE_AA, shift=4)
+
+    def _shade(self, surface: Surface, covered: np.ndarray) -> np.ndarray:
+        """Light on the covered pixels: sky from above, one lamp, and its highlight; (n, 3) linear RGB."""
+        normal, colour = surface.normal[covered], surface.colour[covered]
+        normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        ambient = 0.36 + 0.14 * normal[:, 2:]
+        lamp = np.clip(normal @ _LIGHT_W.astype(np.float32), 0, 1)[:, None]
+        highlight = np.einsum("ij,ij->i", normal, self._halfway[covered])[:, None]
+        return colour * (ambient + 0.72 * lamp) + 0.18 * np.clip(highlight, 0, 1) ** 40 * (lamp > 0)
+
+
+def _floor_picture(p_WC: np.ndarray, rays: np.ndarray, height: float) -> np.ndarray:
+    """The floor with its grid, fading into the sky: (rows, columns, 3) linear RGB, float32."""
+    below = rays[..., 2] < -1e-3
+    distance = np.where(below, (height - p_WC[2]) / np.where(below, rays[..., 2], -1), 1e3)
+    at = p_WC[:2] + distance[..., None] * rays[..., :2]
+    shade = np.ones(rays.shape[:2])
+    for spacing, strength in ((_MINOR, 0.05), (_MAJOR, 0.16)):
+        for axis in (0, 1):
+            value = at[..., axis] / spacing
+            # Width of a pixel in units of the spacing, so that lines stay thin and fade far away.
+            pixel = np.hypot(*np.gradient(value))
+            line = np.clip(1.2 * _SUPERSAMPLING - np.abs(value - np.round(value)) / pixel, 0, 1)
+            shade -= strength * line * np.clip(0.35 / pixel / _SUPERSAMPLING, 0, 1)
+    haze = np.clip(1 - np.exp(-np.maximum(distance - 1.0, 0) / 1.2), 0, 1)[..., None]
+    floor = (_FLOOR**2.2) * shade[..., None]
+    return ((1 - haze) * floor + haze * _SKY**2.2).astype(np.float32)

@@ -1,0 +1,44 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import pinwm_drake
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_version(pinwm):
+    assert pinwm("--version") == (0, f"pinwm {pinwm_drake.__version__}\n", "")
+
+
+@pytest.mark.parametrize("command", [(), ("push",)])
+def test_help_shows_an_example(pinwm, command):
+    code, output, _ = pinwm(*command, "--help")
+    assert code == 0
+    assert "Example: pinwm push" in output
+
+
+@pytest.mark.parametrize(
+    "arguments", [("no-such-command",), ("push", "--no-such-option"), ("push", "--friction", "slippery"), ()]
+)
+def test_a_senseless_command_line_exits_with_2(pinwm, arguments):
+    code, output, errors = pinwm(*arguments)
+    assert code == 2
+    assert "Usage: pinwm" in output + errors
+
+
+def test_help_loads_nothing_heavy():
+    code = """
+import sys
+from pinwm_drake.cli import main
+sys.argv = ["pinwm", "push", "--help"]
+try:
+    main()
+finally:
+    heavy = ("torch", "numba", "pydrake", "matplotlib", "cv2", "trimesh")
+    print([name for name in heavy if name in sys.modules])
+"""
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines()[-1] == "[]"

@@ -1,0 +1,63 @@
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def call(*command: str, cwd: Path, path: Path | None = None) -> str:
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    if path is not None:
+        environment["PYTHONPATH"] = str(path)
+    result = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout.strip()
+
+
+def pip(command: str, *options: str | Path, cwd: Path) -> None:
+    call(sys.executable, "-m", "pip", command, "--quiet", "--no-deps", *map(str, options), cwd=cwd)
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wheel built from a copy of the tree, so that no build folder lands in the checkout."""
+    scratch = tmp_path_factory.mktemp("wheel")
+    source = scratch / "source"
+    source.mkdir()
+    for name in ("pinwm_drake", "models", "systems", "pyproject.toml", "setup.py", "README.md", "LICENSE"):
+        if (ROOT / name).exists():
+            (source / name).symlink_to(ROOT / name)
+    pip("wheel", "--no-build-isolation", "--wheel-dir", scratch, source, cwd=scratch)
+    (built,) = scratch.glob("pinwm_drake-*.whl")
+    return built
+
+
+def test_installed_wheel_finds_its_models(wheel, tmp_path):
+    site = tmp_path / "site"
+    pip("install", "--no-index", "--target", site, wheel, cwd=tmp_path)
+    code = """
+import pinwm_drake, pinwm_drake.models as models
+print(pinwm_drake.__file__)
+for name in models.model_names():
+    print(models.resolve("package://pinwm_models/" + name))
+"""
+    # -P leaves out the current folder; PYTHONPATH comes before a checkout installed for development.
+    package, *files = call(sys.executable, "-P", "-c", code, cwd=tmp_path, path=site).splitlines()
+    assert Path(package) == site / "pinwm_drake" / "__init__.py"
+    expected = {"package.xml", "t_block/t_block.obj", "mug/mug.obj"}
+    assert {Path(file).relative_to(site / "pinwm_drake" / "models").as_posix() for file in files} >= expected
+
+
+def test_wheel_holds_the_package_and_nothing_else(wheel):
+    names = zipfile.ZipFile(wheel).namelist()
+    assert {name.split("/")[0].split("-")[0] for name in names} == {"pinwm_drake"}
+    assert not [name for name in names if "__pycache__" in name or name.endswith((".nbi", ".nbc"))]
+    checkout = {
+        f"pinwm_drake/{path.relative_to(ROOT / 'pinwm_drake').as_posix()}"
+        for path in (ROOT / "pinwm_drake").rglob("*.py")
+    }
+    assert checkout <= set(names)
