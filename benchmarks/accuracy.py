@@ -1,9 +1,9 @@
 """Where the block is after the push, according to the three engines: a check that they do the same work.
 
-The push is nearly along the line of the centre of mass, which is unstable: the turn of the block is what tells
-contact models apart. A hard contact, a soft one (MuJoCo) and one with a margin (Bullet) cannot agree to the last
-millimetre. The second table turns the whole scene about z, which should change nothing, and does change something
-where the friction cone is a pyramid.
+The push is nearly along the line of the centre of mass, which is unstable: the turn of the block is what
+tells contact models apart. A hard contact, a soft one (MuJoCo) and one with a margin (Bullet) cannot agree to
+the last millimetre. The second table turns the whole scene about z: with a round friction cone that would
+change nothing, with a pyramid it does.
 """
 
 import math
@@ -52,9 +52,8 @@ def table(data: dict) -> str:
     ]
     for pusher, poses in data["pushers"].items():
         for name, pose in poses.items():
-            lines.append(
-                f"| {pusher} | {name} | {pose['x']:.1f} | {pose['y']:.1f} | {pose['z']:.2f} | {pose['yaw']:.1f} |"
-            )
+            x, y, z, yaw = pose["x"], pose["y"], pose["z"], pose["yaw"]
+            lines.append(f"| {pusher} | {name} | {x:.1f} | {y:.1f} | {z:.2f} | {yaw:.1f} |")
     headings = [f"{heading:g}°: x, mm; yaw, degrees" for heading in _HEADINGS]
     lines += ["", f"| directions | {' | '.join(headings)} |", "| --- " * (len(headings) + 1) + "|"]
     for directions, poses in data["headings"].items():

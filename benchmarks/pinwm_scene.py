@@ -50,9 +50,10 @@ class PinwmPush:
         device: str = "cpu",
         directions: int = 8,
         heading: float = 0.0,
+        threads: int = 1,
     ) -> None:
         self.model = make_model(pusher, directions)
-        self.stepper = Stepper(self.model, backend=backend)
+        self.stepper = Stepper(self.model, backend=backend, num_threads=threads)
         parameters = Parameters.nominal(
             self.model,
             friction_floor=push.FRICTION,

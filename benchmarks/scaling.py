@@ -6,6 +6,7 @@ Two scenes, in which every contact presses and slips in every step:
 - plates: n / 4 plates slide on the floor, far apart, each on its four corners, so that the bodies grow too.
 """
 
+import time
 from pathlib import Path
 
 from benchmarks import push, results, timing
@@ -142,10 +143,12 @@ def measure(rounds: int) -> dict:
                 raise RuntimeError(f"{kind}: only {pressing} of {contacts} contacts press in some step")
             cases[f"{kind}_forward", contacts] = scene.forward(_STEPS)
             cases[f"{kind}_forward_backward", contacts] = scene.forward_backward(_STEPS)
-    samples = timing.interleave(cases, rounds)
+    samples = timing.interleave(cases, rounds, clock=time.process_time)
     for contacts in _REFERENCE_CONTACTS:
         case = Sliding("nails", contacts, "torch", worlds=1).forward(_REFERENCE_STEPS)
-        samples |= timing.interleave({("reference", contacts): case}, rounds=3, warmup=1)
+        samples |= timing.interleave(
+            {("reference", contacts): case}, rounds=3, warmup=1, clock=time.process_time
+        )
     data: dict = {"series": {}}
     for name in _LABELS:
         contacts = np.array(_REFERENCE_CONTACTS if name == "reference" else _CONTACTS)
@@ -165,15 +168,15 @@ def plot(data: dict) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 3.8), layout="constrained")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 5.0), layout="constrained")
     for (name, label), color in zip(_LABELS.items(), _COLORS, strict=True):
         series = data["series"][name]
         contacts, cost = np.array(series["contacts"]), np.array(series["microseconds"])
         line = series["line"]
         if name != "reference":
             left.plot(contacts, line["slope"] * contacts + line["intercept"], color=color, linewidth=1)
-            text = f"{label}: {line['slope']:.2f} µs a contact, R² = {line['r2']:.4f}"
-            left.plot(contacts, cost, "o", color=color, label=text)
+            left.plot(contacts, cost, "o", color=color)
+            label = f"{label}: {line['slope']:.2f} µs a contact, R² = {line['r2']:.4f}"
         right.loglog(contacts, cost, "o-", color=color, label=label)
     left.set(xlabel="contacts", ylabel="µs a step", ylim=(0, None), xlim=(0, None))
     ticks = [4, 8, 16, 32, 64]
@@ -181,25 +184,25 @@ def plot(data: dict) -> None:
     right.minorticks_off()
     for axes in (left, right):
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=8)
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
     figure.savefig(PLOT, dpi=130)
 
 
 def table(data: dict) -> str:
     """The figures in Markdown."""
     series = data["series"]
-    contacts = series["forward"]["contacts"]
+    contacts = series["nails_forward"]["contacts"]
     lines = [
-        f"| contacts | {' | '.join(str(count) for count in contacts)} | line | R² | cost(64) / cost(4) |",
+        f"| contacts | {' | '.join(str(count) for count in contacts)} | line, µs | R² | cost(64) / cost(4) |",
         "| --- " * (len(contacts) + 4) + "|",
     ]
     for name, label in _LABELS.items():
         cost = dict(zip(series[name]["contacts"], series[name]["microseconds"], strict=True))
-        cells = [f"{cost[count]:.0f}" if count in cost else "" for count in contacts]
+        cells = [f"{cost[count]:.1f}" if count in cost else "" for count in contacts]
         line = series[name]["line"]
         text = f"{line['intercept']:.1f} + {line['slope']:.2f} n" if name != "reference" else ""
         r2 = f"{line['r2']:.4f}" if name != "reference" else ""
-        lines.append(f"| {label}, µs | " + " | ".join(cells) + f" | {text} | {r2} | {line['ratio']:.1f} |")
+        lines.append(f"| {label}, µs | {' | '.join(cells)} | {text} | {r2} | {line['ratio']:.1f} |")
     tail = f"{data['rounds']} rounds; other work took {data['load']:.0f} % of the CPUs."
     return "\n".join([*lines, "", tail])
 

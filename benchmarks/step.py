@@ -3,6 +3,8 @@
 All engines perform the push of `push.py` for 320 steps; a round is one rollout of each, in turn.
 """
 
+import time
+
 from benchmarks import push, results, timing
 
 timing.limit_threads(1)  # before numba and torch are imported
@@ -28,6 +30,9 @@ def measure(pusher: str, rounds: int) -> dict:
     Args:
         pusher: One of `push.PUSHERS`.
         rounds: Number of timed rounds.
+
+    Raises:
+        RuntimeError: an engine's pusher is not in touch with the block for most of the rollout.
     """
     ours, mujoco, bullet = PinwmPush(pusher), MujocoPush(pusher), BulletPush(pusher)
     cold = ours.cold()
@@ -44,11 +49,17 @@ def measure(pusher: str, rounds: int) -> dict:
             "bullet_calls": bullet.call_overhead(),
         },
         rounds,
+        clock=time.process_time,
     )
     contacts = {}
     for name, engine in (("pinwm_drake", ours), ("mujoco", mujoco), ("bullet", bullet)):
         trace = engine.trace()
         counts = np.array(trace["contacts"])
+        if trace["pusher_steps"] < 0.8 * push.STEPS:
+            # Without the pusher it would be another, cheaper scene.
+            raise RuntimeError(
+                f"{name}: the {pusher} presses in {trace['pusher_steps']} of {push.STEPS} steps"
+            )
         contacts[name] = {
             "mean": round(float(counts.mean()), 2),
             "min": int(counts.min()),

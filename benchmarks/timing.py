@@ -2,9 +2,10 @@
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -47,6 +48,9 @@ def competing_load(window: float = 1.0) -> float:
     return 100.0 * (1.0 - (idle_after - idle_before) / max(1, all_after - all_before))
 
 
+_Name = TypeVar("_Name", bound=Hashable)
+
+
 @dataclass(frozen=True)
 class Case:
     """One thing to time.
@@ -87,7 +91,12 @@ class Samples:
         return Samples(self.seconds / other.seconds).summary(scale=1.0)
 
 
-def interleave(cases: Mapping[str, Case], rounds: int, warmup: int = 2) -> dict[str, Samples]:
+def interleave(
+    cases: Mapping[_Name, Case],
+    rounds: int,
+    warmup: int = 2,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[_Name, Samples]:
     """Times all cases in interleaved rounds: A B C A B C and so on.
 
     Whatever slows the machine for a while then slows all of them alike, and the ratio of two cases is taken
@@ -97,14 +106,16 @@ def interleave(cases: Mapping[str, Case], rounds: int, warmup: int = 2) -> dict[
         cases: What to time.
         rounds: Number of timed rounds.
         warmup: Number of rounds that are run first and not counted (compilation, caches, allocations).
+        clock: Time in seconds. For cases of one thread `time.process_time` is the better one: it stops while
+            other processes have the core, and is the same as the wall's on a machine that does nothing else.
     """
-    seconds: dict[str, list[float]] = {name: [] for name in cases}
+    seconds: dict[_Name, list[float]] = {name: [] for name in cases}
     for round_ in range(warmup + rounds):
         for name, case in cases.items():
             case.prepare()
-            start = time.perf_counter()
+            start = clock()
             case.run()
-            elapsed = time.perf_counter() - start
+            elapsed = clock() - start
             if round_ >= warmup:
                 seconds[name].append(elapsed / case.units)
     return {name: Samples(np.array(values)) for name, values in seconds.items()}

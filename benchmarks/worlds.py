@@ -7,7 +7,6 @@ from benchmarks import results, timing
 WORLDS, THREADS = 32, 2
 timing.limit_threads(THREADS)  # before numba and torch are imported
 
-import numba  # noqa: E402
 import torch  # noqa: E402
 
 from benchmarks.pinwm_scene import PinwmPush  # noqa: E402
@@ -17,16 +16,15 @@ BAR = 1.7  # times the speed of one thread
 
 def measure(rounds: int) -> dict:
     """Times one rollout of all worlds with one thread and with two, in turn."""
-    scene = PinwmPush("sphere", num_worlds=WORLDS)
-
-    def threads(count: int) -> None:
-        numba.set_num_threads(count)
-        torch.set_num_threads(count)
-
     cases = {}
-    for name, case in (("forward", scene.forward()), ("forward_backward", scene.forward_backward())):
-        for count in (1, THREADS):
-            cases[f"{name}_{count}"] = timing.Case(case.run, lambda count=count: threads(count), case.units)
+    for count in (1, THREADS):
+        scene = PinwmPush("sphere", num_worlds=WORLDS, threads=count)
+
+        def threads_of_torch(count: int = count) -> None:
+            torch.set_num_threads(count)
+
+        for name, case in (("forward", scene.forward()), ("forward_backward", scene.forward_backward())):
+            cases[f"{name}_{count}"] = timing.Case(case.run, threads_of_torch, case.units)
     samples = timing.interleave(cases, rounds)
     data: dict = {"microseconds": {name: sample.summary() for name, sample in samples.items()}}
     for name in ("forward", "forward_backward"):

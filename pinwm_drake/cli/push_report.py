@@ -85,13 +85,12 @@ def _write_table(path: Path, result: push_scene.PushResult) -> None:
 
 def _summary(result: push_scene.PushResult) -> Table:
     """What came out, with the derivatives of the final yaw."""
-    table = Table(title="Push of the T-block", show_header=False)
+    table = Table("", "result", "by differences", title="Push of the T-block")
     moved = 1e3 * (result.p_WB[-1] - result.p_WB[0])
-    table.add_row("moved in x, y", f"{moved[0]:.2f}, {moved[1]:.2f} mm")
-    table.add_row("turned", f"{math.degrees(result.yaw[-1]):.3f}°")
+    table.add_row("moved in x and y", f"{moved[0]:.2f}, {moved[1]:.2f} mm")
+    table.add_row("turned (yaw)", f"{math.degrees(result.yaw[-1]):.3f}°")
     table.add_row("highest speed", f"{1e3 * np.linalg.norm(result.V_WB[:, 3:], axis=1).max():.1f} mm/s")
     table.add_section()
     for row in result.derivatives:
-        value = f"{row.adjoint:+.6g} {row.unit} (differences: {row.difference:+.6g})"
-        table.add_row(f"d yaw / d {row.name}", value)
+        table.add_row(f"d yaw / d {row.name}", f"{row.adjoint:+.6g} {row.unit}", f"{row.difference:+.6g}")
     return table

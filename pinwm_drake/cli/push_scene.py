@@ -183,6 +183,7 @@ def simulate_push(options: PushOptions, report: Callable[[str, float], None]) ->
     Raises:
         PinwmError: When a parameter is refused or the solver fails.
     """
+    report("simulate", 0.0)
     rollout = PushRollout(options)
     values = (options.friction, options.pusher_friction, options.offset)
     inputs = torch.tensor(values, dtype=torch.float64, requires_grad=True)
@@ -191,7 +192,7 @@ def simulate_push(options: PushOptions, report: Callable[[str, float], None]) ->
     (gradient,) = torch.autograd.grad(yaw_of(record.q_WB[-1, 0, 0]), inputs)
     report("differentiate", 1.0)
     differences = _central_differences(rollout, inputs.detach(), lambda share: report("check", share))
-    names = ("friction of block and floor", "friction of block and pusher", "offset of the pusher")
+    names = ("friction on the floor", "friction at the pusher", "offset of the pusher")
     units = ("rad", "rad", "rad/m")
     derivatives = zip(names, units, gradient.tolist(), differences.tolist(), strict=True)
     q_WB, p_WB, V_WB = (part.detach()[:, 0, 0].numpy() for part in (record.q_WB, record.p_WB, record.V_WB))

@@ -32,8 +32,8 @@ jit_with_memory = njit(cache=True, error_model="numpy", fastmath={"contract", "n
 
 VERTEX_OF_ONE, VERTEX_OF_TWO, EDGE_PAIR = 0, 1, 2
 
-_MAX_CANDIDATES = 48
-_MAX_KEPT = 4
+MAX_CANDIDATES = 48
+MAX_KEPT = 4
 
 # Candidates at the same place within this [m] are one.
 _SAME_PLACE = 1.0e-6
@@ -45,8 +45,8 @@ _SAME_DEPTH = 1.0e-7
 # times: the rim of a rounded face must not replace what touches. The directions are at an odd angle to the first side
 # of the face, so that for boxes none has two equally good corners.
 _GAP_WEIGHT = 5.0
-_COSINES = tuple(math.cos(0.61 + 0.5 * math.pi * k) for k in range(_MAX_KEPT))
-_SINES = tuple(math.sin(0.61 + 0.5 * math.pi * k) for k in range(_MAX_KEPT))
+_COSINES = tuple(math.cos(0.61 + 0.5 * math.pi * k) for k in range(MAX_KEPT))
+_SINES = tuple(math.sin(0.61 + 0.5 * math.pi * k) for k in range(MAX_KEPT))
 
 
 @jit
@@ -77,8 +77,8 @@ def collect_manifold(table, one, two, X_21, nx, ny, nz, least, column, margin, r
     if cosine_1 < aligned and cosine_2 < aligned:
         return count, math.inf
     # Place (frame 2) and gap; kind and the two features, that of `one` first.
-    places = np.empty((_MAX_CANDIDATES, 4))
-    features = np.empty((_MAX_CANDIDATES, 3), np.int64)
+    places = np.empty((MAX_CANDIDATES, 4))
+    features = np.empty((MAX_CANDIDATES, 3), np.int64)
     found = 0
     # The face of the simpler hull bounds the overlap: the other's may be one of many small ones.
     simpler = table.pieces[one + 1, 2] - table.pieces[one, 2] < table.pieces[two + 1, 2] - table.pieces[two, 2]
@@ -94,12 +94,12 @@ def collect_manifold(table, one, two, X_21, nx, ny, nz, least, column, margin, r
     nearest = math.inf
     for k in range(found):
         nearest = min(nearest, places[k, 3])
-    if found > _MAX_KEPT:
+    if found > MAX_KEPT:
         if cosine_2 >= aligned:
             ex, ey, ez = xyz(table.edge_lines, table.corners[table.faces[face_2], 1])
         else:
             ex, ey, ez = turn(X_21, *xyz(table.edge_lines, table.corners[table.faces[face_1], 1]))
-        found = _reduce(ex, ey, ez, nx, ny, nz, places, features, found)
+        found = reduce_candidates(ex, ey, ez, nx, ny, nz, places, features, found)
     for k in range(found):
         if count >= rows.shape[0]:
             break
@@ -118,7 +118,7 @@ def collect_manifold(table, one, two, X_21, nx, ny, nz, least, column, margin, r
 
 
 @jit
-def _add(x, y, z, gap, kind, first, second, places, features, found):
+def add_candidate(x, y, z, gap, kind, first, second, places, features, found):
     """Adds a candidate unless there is one at its place; returns the number of candidates."""
     for k in range(found):
         if norm(places[k, 0] - x, places[k, 1] - y, places[k, 2] - z) < _SAME_PLACE:
@@ -141,7 +141,7 @@ def _vertices_over(table, moving, face, X_FM, on_two, least, margin, places, fea
             if not on_two:
                 kind, first, second = VERTEX_OF_TWO, face, v
                 x, y, z = xyz(table.vertices, v)
-            found = _add(x, y, z, gap, kind, first, second, places, features, found)
+            found = add_candidate(x, y, z, gap, kind, first, second, places, features, found)
     return found
 
 
@@ -169,12 +169,12 @@ def _edges_over(table, moving, face, X_FM, X_21, on_two, least, margin, places, 
                 if not on_two:
                     first, second = other, e
                     x, y, z = transform(X_21, x, y, z)
-                found = _add(x, y, z, gap, kind, first, second, places, features, found)
+                found = add_candidate(x, y, z, gap, kind, first, second, places, features, found)
     return found
 
 
 @jit
-def _reduce(ex, ey, ez, nx, ny, nz, places, features, found):
+def reduce_candidates(ex, ey, ez, nx, ny, nz, places, features, found):
     """Moves the outermost candidates to the front, and the deepest in place of the nearest kept one.
 
     Source: the choice of points by area in common physics engines, here by fixed directions, which is steadier.
@@ -185,7 +185,7 @@ def _reduce(ex, ey, ez, nx, ny, nz, places, features, found):
         if places[k, 3] < places[deepest, 3] - _SAME_DEPTH:
             deepest = k
     kept = 0
-    for d in range(_MAX_KEPT):
+    for d in range(MAX_KEPT):
         best, reach = -1, -math.inf
         for k in range(found):
             x, y, z = places[k, 0], places[k, 1], places[k, 2]

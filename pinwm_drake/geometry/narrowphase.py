@@ -4,11 +4,14 @@ It only selects features; `features` computes gap, normal and points from them i
 """
 
 from pinwm_drake.geometry.capsule_hull import collide_capsule_hull
+from pinwm_drake.geometry.cylinder_cylinder import collide_cylinders
+from pinwm_drake.geometry.cylinder_hull import collide_with_cylinder
 from pinwm_drake.geometry.floor import collide_floor
 from pinwm_drake.geometry.hull_hull import collide_hulls
 from pinwm_drake.geometry.pieces import CAPSULE, HULL, SPHERE
 from pinwm_drake.geometry.rows import inverse_pose, jit, relative_pose, transform, xyz
 from pinwm_drake.geometry.segments import collide_rounds
+from pinwm_drake.geometry.sphere_cylinder import collide_sphere_cylinder
 from pinwm_drake.geometry.sphere_hull import collide_sphere_hull
 
 __all__ = ["collide_bodies", "collide_floor"]
@@ -73,4 +76,8 @@ def _collide_pieces(table, i, j, X_BA, X_AB, margin, rows, count):
         if kind_1 == CAPSULE:
             return collide_capsule_hull(table, one, two, X_21, column, margin, rows, count)
         return collide_hulls(table, one, two, X_21, column, margin, rows, count)
-    return count
+    if kind_1 == SPHERE:
+        return collide_sphere_cylinder(table, one, two, X_21, column, margin, rows, count)
+    if kind_1 <= HULL:
+        return collide_with_cylinder(table, one, two, X_21, column, margin, rows, count)
+    return collide_cylinders(table, one, two, X_21, column, margin, rows, count)

@@ -147,7 +147,7 @@ def append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, known, column, margin
     end_t = -1 if t <= 0.0 else (1 if t >= other else 0)
     if distance < COINCIDENT:
         if end_s != 0 or end_t != 0:
-            _write_coincident(table, i2 if end_s > 0 else i, j2 if end_t > 0 else j, vx, vy, vz, rows, count, column)
+            write_coincident(table, i2 if end_s > 0 else i, j2 if end_t > 0 else j, vx, vy, vz, rows, count, column)
             return count + 1
     else:
         nx, ny, nz = px + s * ux - qx - t * vx, py + s * uy - qy - t * vy, pz + s * uz - qz - t * vz
@@ -170,7 +170,7 @@ def _write_places(table, i, i2, j, j2, s, t, end_s, end_t, sign, rows, count, co
 
 
 @jit
-def _write_coincident(table, i, j, vx, vy, vz, rows, count, column):
+def write_coincident(table, i, j, vx, vy, vz, rows, count, column):
     """Writes vertex i against a plane that touches the ball about vertex j, across the axis v of j's piece."""
     nx, ny, nz = (0.0, -vz, vy) if abs(vx) < 0.8 else (vz, 0.0, -vx)
     length = norm(nx, ny, nz)

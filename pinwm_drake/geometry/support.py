@@ -29,7 +29,8 @@ def support(table, piece, nx, ny, nz):
         along = dot(ux, uy, uz, nx, ny, nz)
         ex, ey, ez = nx - along * ux, ny - along * uy, nz - along * uz
         length = norm(ex, ey, ez)
-        if length > 0.0:
+        # Along the axis what is left across it is rounding, of any direction.
+        if length > 1.0e-12 * norm(nx, ny, nz):
             scale = table.vertices[best, 3] / length
             x, y, z = x + scale * ex, y + scale * ey, z + scale * ez
     return x, y, z, best

@@ -94,7 +94,7 @@ class Model:
     friction_directions: int = 8
     joints: Sequence[Joint] = ()
     contact_margin: float = 1e-3
-    compliance: float = 1e-6
+    compliance: float = 1e-5
     max_contacts: int = 64
 
     def __post_init__(self) -> None:

@@ -15,7 +15,7 @@ from pinwm_drake.errors import SolverError
 from pinwm_drake.geometry.features_torch import contacts_from_features, tangent_frames
 from pinwm_drake.physics.interior_point import interior_point
 from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, LINEAR
-from pinwm_drake.physics.kernels.detect import FADE
+from pinwm_drake.physics.kernels.detect import FADE, LEAST_REBOUND
 from pinwm_drake.physics.kernels.select import select_worlds
 from pinwm_drake.physics.kernels.stabilise import FADE_GAP, KAPPA, SLOP
 from pinwm_drake.physics.lcp import MixedLcp, settle, solve_on_active_set
@@ -188,7 +188,10 @@ def build_lcp(
     e = torch.gather(parameters.restitution, 1, contacts.pair)
     mu = torch.gather(parameters.friction, 1, contacts.pair)
     keep = 1.0 - closing * (1.0 - (1.0 - e) ** FADE)
-    bias_n = bias[..., 0] + keep * contacts.gap.clamp_min(-SLOP) / h + closing * e * approach.clamp_max(0.0)
+    falls = h * (contacts.frame[:, :, 0] @ gravity).clamp_max(0.0) * (contacts.body[..., 1] >= nb)
+    rebound = falls - e * approach
+    rebound = torch.where((approach < 0.0) & (rebound > -LEAST_REBOUND), closing * rebound, torch.zeros_like(rebound))
+    bias_n = bias[..., 0] + keep * contacts.gap.clamp_min(-SLOP) / h - rebound
 
     directions = torch.tensor([arrays.cosines, arrays.sines], dtype=dtype, device=device).T  # (k, 2)
     J_rows = torch.cat(
@@ -201,10 +204,12 @@ def build_lcp(
     block[..., k + 1, 1 : k + 1] = -1.0
     block[..., k + 1, 0] = mu
     identity = torch.eye(k + 2, dtype=dtype, device=device)
-    block = torch.where(valid[..., None, None], block, identity)
-    # Padded contacts read s = z + 1: they have no solution but z = 0.
-    J_rows = torch.where(valid[..., None, None], J_rows, torch.zeros_like(J_rows))
-    b_rows = torch.where(valid[..., None], b_rows, torch.ones_like(b_rows))
+    # Rows of padding, and friction rows without friction, read s = z + 1, which has no solution but z = 0.
+    rough = valid & (mu > 0.0)
+    real = torch.cat([valid[..., None], rough[..., None].expand(-1, -1, k + 1)], -1)
+    block = torch.where(real[..., None], block, identity)
+    J_rows = torch.where(real[..., None], J_rows, torch.zeros_like(J_rows))
+    b_rows = torch.where(real, b_rows, torch.ones_like(b_rows))
     C = mu.shape[1]
     B = torch.zeros(W, C, k + 2, C, k + 2, dtype=dtype, device=device)
     index = torch.arange(C, device=device)
@@ -236,8 +241,8 @@ def build_lcp(
     return lcp, contacts, (J_e, error_e), free
 
 
-def solve_lcp(lcp: MixedLcp, free: Tensor, k: int) -> tuple[Tensor, Tensor]:
-    """Differentiable solution x (W, n), z (W, N) of the LCP.
+def solve_lcp(lcp: MixedLcp, free: Tensor, k: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Differentiable solution x (W, n), z (W, N) of the LCP, and its active set (W, N).
 
     The interior-point method finds the active set without gradient; the solution on it is one linear solve.
 
@@ -260,7 +265,7 @@ def solve_lcp(lcp: MixedLcp, free: Tensor, k: int) -> tuple[Tensor, Tensor]:
                 break
     if not bool(settled.all()):
         raise SolverError(f"world {int(torch.nonzero(~settled)[0])}: the contact LCP found no solution")
-    return solve_on_active_set(lcp, active)
+    return (*solve_on_active_set(lcp, active), active)
 
 
 def _stabilise(model: Model, contacts: Contacts, joints: tuple[Tensor, Tensor]) -> Tensor:
@@ -282,7 +287,7 @@ def step_reference(model: Model, parameters: Parameters, state: State, V_WP: Ten
     """One time step; see `Stepper.step`."""
     h, nb = model.time_step, model.num_bodies
     lcp, contacts, joints, free = build_lcp(model, parameters, state, V_WP)
-    x, _ = solve_lcp(lcp, free, model.friction_directions)
+    x, _, _ = solve_lcp(lcp, free, model.friction_directions)
     V = x[:, : 6 * nb].unflatten(1, (nb, 6))
     delta = _stabilise(model, contacts, joints).unflatten(1, (nb, 6))
     q = quaternion_multiply(quaternion_exp(h * V[..., :3] + delta[..., :3]), state.q_WB)

@@ -1,8 +1,11 @@
 """The differentiable step x' = g(x, a, theta) and rollouts of it, batched over worlds."""
 
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any, Literal
 
-import numba
 import numpy as np
 import torch
 from torch import Tensor
@@ -29,19 +32,18 @@ class Stepper:
             model: the scene.
             backend: "numba" runs compiled kernels on the CPU; "torch" runs the dense reference on the device of its
                 inputs (this is the path for CUDA).
-            num_threads: threads of the numba backend, worlds being shared among them; None for all that numba has.
+            num_threads: threads of the numba backend, worlds being shared among them; None for one on each core.
 
         Raises:
-            ModelError: unknown backend, or more threads than numba has.
+            ModelError: unknown backend, or no thread.
         """
         if backend not in ("numba", "torch"):
             raise ModelError(f"backend is {backend!r}; allowed: 'numba' or 'torch'")
-        most = numba.config.NUMBA_NUM_THREADS
-        if num_threads is not None and not 1 <= num_threads <= most:
-            raise ModelError(f"num_threads is {num_threads}; allowed: 1 to {most}")
+        if num_threads is not None and num_threads < 1:
+            raise ModelError(f"num_threads is {num_threads}; allowed: at least 1")
         self.model = model
         self.backend = backend
-        self.num_threads = num_threads or most
+        self.num_threads = num_threads or len(os.sched_getaffinity(0))
 
     def step(self, parameters: Parameters, state: State, V_WP: Tensor | None = None) -> State:
         """One time step; differentiable in everything it is given.
@@ -122,6 +124,19 @@ def _raise_failure(model: Model, status: np.ndarray) -> None:
     raise SolverError(f"world {world}, step {code - 1}: the contact LCP found no solution")
 
 
+def _share(kernel: Callable[..., None], arguments: tuple, num_worlds: int, num_threads: int) -> None:
+    """Runs a kernel on all worlds, shared among threads; the kernels release Python's lock."""
+    threads = min(num_threads, num_worlds)
+    if threads == 1:
+        kernel(*arguments, 0, num_worlds)
+        return
+    # More parts than threads, so that a thread which is done early takes over.
+    bounds = np.linspace(0, num_worlds, min(4 * threads, num_worlds) + 1).astype(int)
+    with ThreadPoolExecutor(threads) as pool:
+        for part in [pool.submit(kernel, *arguments, a, b) for a, b in pairwise(bounds.tolist())]:
+            part.result()
+
+
 class _Rollout(torch.autograd.Function):
     """A rollout as one node of the graph."""
 
@@ -137,17 +152,12 @@ class _Rollout(torch.autograd.Function):
         frames = kernels.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
         width = model.friction_directions + 2
         saved = kernels.allocate_saved(T, W, model.num_bodies, model.max_contacts, width, keep)
-        threads = min(stepper.num_threads, W)
         arguments = (model.arrays, parameters, V_P, record_every, frames, saved)
-        if threads == 1:
-            kernels.forward_serial(*arguments)
-        else:
-            with _threads(threads):
-                kernels.forward_parallel(*arguments)
+        _share(kernels.rollout_forward, arguments, W, stepper.num_threads)
         if (frames[-1] < 0).any():
             _raise_failure(model, frames[-1])
         ctx.arguments = arguments
-        ctx.threads = threads
+        ctx.threads = stepper.num_threads
         return tuple(torch.from_numpy(array) for array in frames[:5])
 
     @staticmethod
@@ -159,25 +169,7 @@ class _Rollout(torch.autograd.Function):
             np.zeros(shape)
             for shape in (*(array.shape for array in parameters), *(array.shape[1:] for array in frames[:5]), V_P.shape)
         )
-        if ctx.threads == 1:
-            kernels.backward_serial(*arguments, frame_bars, bars)
-        else:
-            with _threads(ctx.threads):
-                kernels.backward_parallel(*arguments, frame_bars, bars)
+        _share(kernels.rollout_backward, (*arguments, frame_bars, bars), V_P.shape[1], ctx.threads)
         if (frames[-1] < 0).any():
             raise SolverError(f"world {int(np.flatnonzero(frames[-1] < 0)[0])}: the adjoint's matrix is singular")
         return (None, None, *(torch.from_numpy(bar) for bar in bars))
-
-
-class _threads:
-    """Sets numba's thread count within a block."""
-
-    def __init__(self, count: int) -> None:
-        self.count = count
-
-    def __enter__(self) -> None:
-        self.before = numba.get_num_threads()
-        numba.set_num_threads(self.count)
-
-    def __exit__(self, *_: object) -> None:
-        numba.set_num_threads(self.before)

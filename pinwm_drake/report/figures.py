@@ -103,7 +103,7 @@ def _draw_from_above(
     axes.set_title(f"from above, every {times[-1] / (_SILHOUETTES - 1):.2f} s", fontsize=9, color=_GREY)
     axes.grid(color="#e3e5e8")
     axes.set_axisbelow(True)
-    axes.legend(frameon=False, fontsize=8, loc="upper left")
+    axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.09), ncol=2)
 
 
 def _silhouette(mesh: trimesh.Trimesh, R_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

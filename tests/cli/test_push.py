@@ -39,7 +39,7 @@ def test_push_writes_table_figure_and_video(pinwm, tmp_path):
     out = tmp_path / "new/folder"
     code, output, errors = pinwm("push", "--out", str(out), "--seconds", "0.5", "--speed", "0.2")
     assert (code, errors) == (0, "")
-    assert "friction of block and floor" in output
+    assert "d yaw / d friction on the floor" in output
     assert sorted(path.name for path in out.iterdir()) == ["push.mp4", "push.png", "trajectory.csv"]
 
     with (out / "trajectory.csv").open() as file:
@@ -76,10 +76,11 @@ def simulate(**changes):
 
 @pytest.mark.parametrize("pusher", PUSHER_SHAPES)
 def test_derivatives_agree_with_central_differences(pusher):
-    for derivative in simulate(pusher=pusher).derivatives:
-        # The bar of the physics' own tests: 1e-4 relative to the larger of both, over a shorter push.
-        scale = max(abs(derivative.adjoint), abs(derivative.difference), 1e-3)
-        assert abs(derivative.adjoint - derivative.difference) < 1e-4 * scale, derivative
+    result = simulate(pusher=pusher)
+    assert result.p_WB[-1, 1] > 0.05
+    for derivative in result.derivatives:
+        # The bar of the physics' own tests. Needed here: 4e-6, solver tolerance over difference step.
+        assert derivative.adjoint == pytest.approx(derivative.difference, rel=1e-4), derivative.name
 
 
 def test_a_push_beside_the_centre_turns_the_block_away_from_it():

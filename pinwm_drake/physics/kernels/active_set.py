@@ -95,11 +95,13 @@ def correct_active_set(system, contacts, active, lam, s, impulse_tolerance, spee
                 active[c, k + 1] = 0
                 g = lam[c, k + 1]
                 for i in range(k):
-                    active[c, 1 + i] = 1 if s[c, 1 + i] - g < 0.0 else 0
+                    active[c, 1 + i] = 1 if s[c, 1 + i] - g < 0.0 and contacts.mu[c] > 0.0 else 0
             continue
         if lam[c, 0] < -impulse_tolerance:
             flips += 1
             active[c, 0] = 0
+            continue
+        if contacts.mu[c] == 0.0:
             continue
         for i in range(k):
             if active[c, 1 + i] != 0:

@@ -13,7 +13,7 @@ import math
 from pinwm_drake.geometry.features import contact_adjoint, tangents_adjoint
 from pinwm_drake.physics.kernels.active_set import solve_active_set
 from pinwm_drake.physics.kernels.adjoint_joints import joints_adjoint
-from pinwm_drake.physics.kernels.detect import FADE
+from pinwm_drake.physics.kernels.detect import FADE, rebound
 from pinwm_drake.physics.kernels.dynamics import gyroscopic_jacobian, solve3
 from pinwm_drake.physics.kernels.jit import kernel
 from pinwm_drake.physics.kernels.lcp import INV_DELTA, INV_DN, S0, S1, S2, S11, S12, S22, contact_velocity
@@ -243,16 +243,20 @@ def _contact_rows_adjoint(
         _add(adjoint.V[B], 0, 1.0, _cross(r_B, Y))
         _add(adjoint.V[B], 3, 1.0, Y)
 
-    # bias_n = keep max(gap, -SLOP) / h + closing e min(approach, 0)
+    # bias_n = keep max(gap, -SLOP) / h - rebound
     e = restitution[contacts.pair[c]]
     closing, gap, approach = contacts.closing[c], contacts.gap[c], contacts.approach[c]
     keep = 1.0 - closing * (1.0 - (1.0 - e) ** FADE)
     gap_bar = -y_n * keep / model.time_step if gap > -SLOP else 0.0
     keep_bar = -y_n * max(gap, -SLOP) / model.time_step
     restitution_bar[contacts.pair[c]] -= keep_bar * closing * FADE * (1.0 - e) ** (FADE - 1)
-    restitution_bar[contacts.pair[c]] -= y_n * closing * min(approach, 0.0)
-    if approach < 0.0 and closing * e != 0.0:
-        a = -y_n * closing * e
+    _, bounces = rebound(model, contacts, c, e)
+    if bounces:
+        restitution_bar[contacts.pair[c]] -= y_n * approach
+    if bounces and e > 0.0:
+        if not B_moves and _dot(n, model.gravity) < 0.0:
+            _add(frame[0], 0, y_n * model.time_step, model.gravity)
+        a = -y_n * e
         V_A, V_B = bodies.V[A], bodies.V[B]
         v_A, v_B = _point_velocity(V_A, r_A), _point_velocity(V_B, r_B)
         for i in range(3):

@@ -9,7 +9,10 @@ from pinwm_drake.physics.kernels.stabilise import SLOP
 
 # The gap that a closing contact may leave open fades out with restitution as (1 - e)^FADE: an inelastic contact
 # lands exactly on the surface, an elastic one bounces from where it is, which keeps its speed.
-FADE = 8
+FADE = 32
+# A contact that gravity does not press together bounces at any restitution, e = 0 included, so that the derivative
+# with respect to e is there; this much of a press is rounding, m/s.
+LEAST_REBOUND = 1e-9
 
 
 @kernel
@@ -54,6 +57,22 @@ def select_features(model, bodies, contacts):
                 contacts.dynamic[c, 1] = B if B < nb else -1
                 contacts.pair[c] = pair
     contacts.count[0] = count
+
+
+@kernel
+def rebound(model, contacts, c, e):
+    """Speed with which contact c leaves a bounce, m/s, and whether it bounces.
+
+    It is Newton's e |approach|, less what gravity takes in the step; where gravity takes all, nothing bounces.
+    Without that loss a bounce would gain the energy m g h e |approach|, because it rises for a whole step.
+    """
+    speed = e * max(-contacts.approach[c], 0.0)
+    if contacts.dynamic[c, 1] < 0:
+        n, g = contacts.frame[c, 0], model.gravity
+        speed += min(model.time_step * (n[0] * g[0] + n[1] * g[1] + n[2] * g[2]), 0.0)
+    if contacts.closing[c] > 0.0 and contacts.approach[c] < 0.0 and speed > -LEAST_REBOUND:
+        return speed, True
+    return 0.0, False
 
 
 @kernel
@@ -103,7 +122,8 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
         contacts.closing[c] = closing
         e = restitution[contacts.pair[c]]
         keep = 1.0 - closing * (1.0 - (1.0 - e) ** FADE)
-        contacts.bias[c, 0] = keep * max(gap, -SLOP) / h - closing * e * max(-approach, 0.0)
+        speed, _ = rebound(model, contacts, c, e)
+        contacts.bias[c, 0] = keep * max(gap, -SLOP) / h - speed
         contacts.bias[c, 1] = 0.0
         contacts.bias[c, 2] = 0.0
         if B == model.num_bodies:

@@ -47,14 +47,18 @@ def start_point(system, contacts, x, lam, s, impulse, speed):
     for r in range(system.num_rows):
         x[6 * system.num_bodies + r] = 0.0
     for c in range(contacts.count[0]):
-        mu = max(contacts.mu[c], 0.01)
+        mu = contacts.mu[c]
         lam[c, 0] = impulse
-        lam[c, k + 1] = speed
         s[c, 0] = speed
+        lam[c, k + 1] = speed
         s[c, k + 1] = 0.5 * mu * impulse
         for i in range(k):
             lam[c, 1 + i] = 0.5 * mu * impulse / k
             s[c, 1 + i] = speed
+        if mu == 0.0:
+            # Such a contact has its normal row only.
+            for i in range(1, k + 2):
+                lam[c, i] = 0.0
 
 
 @kernel
@@ -84,51 +88,55 @@ def interior_point(system, contacts, work, x, lam, s, impulse, speed, tolerance,
     n = 6 * system.num_bodies + system.num_rows
     eps = system.contact_compliance
     gap_scale = impulse * speed
+    num_rows = 0
+    for c in range(nc):
+        num_rows += k + 2 if contacts.mu[c] > 0.0 else 1
     for iteration in range(max_iterations):
         slacks(system, contacts, x, lam, work.r)
         gap, residual = 0.0, 0.0
         for c in range(nc):
-            for i in range(k + 2):
+            for i in range(k + 2 if contacts.mu[c] > 0.0 else 1):
                 work.r[c, i] -= s[c, i]
                 gap += lam[c, i] * s[c, i]
                 residual = max(residual, abs(work.r[c, i]) / (speed if i <= k else impulse))
-        gap /= nc * (k + 2)
+        gap /= num_rows
         if gap <= tolerance * gap_scale and residual <= tolerance:
             return iteration
         for c in range(nc):
+            rough = contacts.mu[c] > 0.0
             for i in range(k):
-                work.weights[c, i] = lam[c, 1 + i] / (s[c, 1 + i] + eps * lam[c, 1 + i])
-            for i in range(k + 2):
+                work.weights[c, i] = lam[c, 1 + i] / (s[c, 1 + i] + eps * lam[c, 1 + i]) if rough else 0.0
+            for i in range(k + 2 if contacts.mu[c] > 0.0 else 1):
                 work.R[c, i] = -work.r[c, i] - s[c, i]
             inv_dn = lam[c, 0] / (s[c, 0] + eps * lam[c, 0])
-            reduce_contact(system, work, c, inv_dn, s[c, k + 1] / lam[c, k + 1], False)
+            reduce_contact(system, work, c, inv_dn, s[c, k + 1] / lam[c, k + 1] if rough else 0.0, not rough)
         assemble(system, contacts, work)
         if not lu_factor(n, work.S, work.pivot):
             return -1
         _direction(system, contacts, work, x, lam)
         longest = 1.0
         for c in range(nc):
-            for i in range(k + 2):
+            for i in range(k + 2 if contacts.mu[c] > 0.0 else 1):
                 ratio = work.dlam[c, i] / lam[c, i]
                 work.ratio[c, i] = ratio
                 longest = max(longest, max(-ratio, 1.0 + ratio))
         alpha = 1.0 / longest
         gap_affine = 0.0
         for c in range(nc):
-            for i in range(k + 2):
+            for i in range(k + 2 if contacts.mu[c] > 0.0 else 1):
                 ratio = work.ratio[c, i]
                 gap_affine += lam[c, i] * (1.0 + alpha * ratio) * s[c, i] * (1.0 - alpha * (1.0 + ratio))
-        gap_affine /= nc * (k + 2)
+        gap_affine /= num_rows
         relative = gap_affine / gap
         target = relative * relative * relative * gap
         for c in range(nc):
-            for i in range(k + 2):
+            for i in range(k + 2 if contacts.mu[c] > 0.0 else 1):
                 ratio = work.ratio[c, i]
                 work.R[c, i] = -work.r[c, i] + target / lam[c, i] - s[c, i] * (1.0 - ratio * (1.0 + ratio))
         _direction(system, contacts, work, x, lam)
         longest = 1e-3
         for c in range(nc):
-            for i in range(k + 2):
+            for i in range(k + 2 if contacts.mu[c] > 0.0 else 1):
                 ratio = work.dlam[c, i] / lam[c, i]
                 # ds / s from lambda ds + s dlambda = target - lambda s - (dlambda ds)_affine
                 q = (work.R[c, i] + work.r[c, i]) / s[c, i]
@@ -139,7 +147,7 @@ def interior_point(system, contacts, work, x, lam, s, impulse, speed, tolerance,
         for i in range(n):
             x[i] += alpha * work.dx[i]
         for c in range(nc):
-            for i in range(k + 2):
+            for i in range(k + 2 if contacts.mu[c] > 0.0 else 1):
                 d = work.dlam[c, i]
                 ds = (work.R[c, i] + work.r[c, i]) - s[c, i] * d / lam[c, i]
                 lam[c, i] += alpha * d

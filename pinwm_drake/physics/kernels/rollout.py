@@ -1,7 +1,7 @@
-"""Rollouts of many worlds, forward and backward (numba); one world is one unit of work for a thread."""
+"""Rollouts of many worlds, forward and backward (numba)."""
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from pinwm_drake.physics.kernels.adjoint import step_adjoint
 from pinwm_drake.physics.kernels.jit import kernel
@@ -143,31 +143,33 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
         p_P0_bar[w] = adjoint.pose[nb, 3:6]
 
 
-@njit(cache=True)
-def forward_serial(model, parameters, V_P, record_every, frames, saved):
-    """Rolls all worlds out, one after the other; see `rollout_forward`."""
-    for w in range(V_P.shape[1]):
+@njit(cache=True, nogil=True)
+def rollout_forward(model, parameters, V_P, record_every, frames, saved, first, last):
+    """Rolls out worlds first..last-1, without holding Python's lock.
+
+    Args:
+        model: ModelArrays.
+        parameters: mass (W, nb), inertia (W, nb, 3, 3), friction and restitution (W, num_pairs).
+        V_P: (T, W, 6), pusher velocities.
+        record_every: steps between frames.
+        frames: from `allocate_frames`, written from frame 1 on.
+        saved: from `allocate_saved`, written if not empty.
+        first, last: range of worlds.
+    """
+    for w in range(first, last):
         _forward_world(w, model, parameters, V_P, record_every, frames, saved)
 
 
-@njit(cache=True, parallel=True)
-def forward_parallel(model, parameters, V_P, record_every, frames, saved):
-    """Rolls all worlds out on numba's threads; see `rollout_forward`."""
-    for w in prange(V_P.shape[1]):
-        _forward_world(w, model, parameters, V_P, record_every, frames, saved)
+@njit(cache=True, nogil=True)
+def rollout_backward(model, parameters, V_P, record_every, frames, saved, frame_bars, bars, first, last):
+    """Pulls gradients back through worlds first..last-1, without holding Python's lock.
 
-
-@njit(cache=True)
-def backward_serial(model, parameters, V_P, record_every, frames, saved, frame_bars, bars):
-    """Pulls gradients back through all worlds, one after the other; see `rollout_backward`."""
-    for w in range(V_P.shape[1]):
-        _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars)
-
-
-@njit(cache=True, parallel=True)
-def backward_parallel(model, parameters, V_P, record_every, frames, saved, frame_bars, bars):
-    """Pulls gradients back through all worlds on numba's threads; see `rollout_backward`."""
-    for w in prange(V_P.shape[1]):
+    Args:
+        model, parameters, V_P, record_every, frames, saved, first, last: as in `rollout_forward`.
+        frame_bars: gradients with respect to the five frame arrays.
+        bars: receive the gradients with respect to the parameters, the initial state and V_P.
+    """
+    for w in range(first, last):
         _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars)
 
 

@@ -60,6 +60,9 @@ def solve_lcp(system, contacts, work, warm):
             for i in range(k + 1):
                 work.active[c, i] = 1 if work.lam[c, i] * speed > work.s[c, i] * impulse else 0
             work.active[c, k + 1] = 1 if work.lam[c, k + 1] * impulse > work.s[c, k + 1] * speed else 0
+            if contacts.mu[c] == 0.0:
+                for i in range(1, k + 2):
+                    work.active[c, i] = 0
         if _settle(system, contacts, work, impulse, speed):
             return used
     return -1

@@ -1,0 +1,62 @@
+import pytest
+import torch
+
+from pinwm_drake.physics import Stepper
+from tests.physics.gradients import central_difference, flatten, gradients, make_cotangents
+from tests.physics.scenes import nominal, push_model, push_start, straight_push
+
+STEPS, EVERY = 320, 10  # 32 frames of 10 steps
+
+# Directions in which the push depends smoothly on its inputs. Out of the plane it does not: a pusher that moves
+# vertically by more than compliance * load, about 1e-7 m/s, slips on the block instead of sticking.
+PLANAR = {
+    "mass": lambda v: v,
+    "inertia": lambda v: torch.diag_embed(torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)) * v[..., 2:, 2:],
+    "friction": lambda v: v,
+    "p_WB": lambda v: torch.tensor([1.0, 0.3, 0.0], dtype=torch.float64).expand_as(v),
+    "q_WB": lambda v: torch.stack([-v[..., 3], 0 * v[..., 0], 0 * v[..., 0], v[..., 0]], -1),
+    "V_WB": lambda v: torch.tensor([0.0, 0.0, 1.0, 0.1, 0.2, 0.0], dtype=torch.float64).expand_as(v),
+    "p_WP": lambda v: torch.tensor([1.0, -0.4, 0.0], dtype=torch.float64).expand_as(v),
+    "V_WP": lambda v: torch.tensor([0.0, 0.0, 0.0, 1.0, 0.5, 0.0], dtype=torch.float64).expand_as(v),
+}
+
+
+@pytest.fixture(scope="module", params=["sphere", "capsule"])
+def push(request):
+    model = push_model(request.param)
+    stepper = Stepper(model)
+    parameters = nominal(model, friction_floor=0.03, friction_pusher=0.03)
+    inputs = flatten(parameters, push_start(model), straight_push(STEPS))
+    cotangents = make_cotangents(inputs, STEPS // EVERY + 1, torch.Generator().manual_seed(1))
+    return stepper, inputs, cotangents, gradients(stepper, inputs, cotangents, EVERY)
+
+
+@pytest.mark.parametrize("name", PLANAR)
+def test_a_32_frame_push_agrees_with_central_differences(push, name):
+    # The push has contacts with floor and pusher, an impact, and 300 steps of sliding contact.
+    stepper, inputs, cotangents, gradient = push
+    direction = PLANAR[name](inputs[name])
+    analytic = float((gradient[name] * direction).sum())
+    # Rounding over the step is an error of about 1e-10 / step, truncation one of step^4 and of crossing kinks: of
+    # several steps the best one tells.
+    errors = [
+        abs(central_difference(stepper, inputs, cotangents, EVERY, name, direction, step) / analytic - 1.0)
+        for step in (1e-4, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 3e-8)
+    ]
+    assert min(errors) < 1e-4, errors
+
+
+def test_restitution_has_the_derivative_towards_larger_values(push):
+    stepper, inputs, cotangents, gradient = push
+    analytic = float(gradient["restitution"].sum())
+    ones = torch.ones_like(inputs["restitution"])
+    step, value = 1e-6, {}
+    for scale in range(3):
+        moved = {**inputs, "restitution": scale * step * ones}
+        with torch.no_grad():
+            from tests.physics.gradients import rollout_loss
+
+            value[scale] = float(rollout_loss(stepper, moved, cotangents, EVERY))
+    one_sided = (-3.0 * value[0] + 4.0 * value[1] - value[2]) / (2.0 * step)
+    # A one-sided second-order difference: error of order step, amplified by the push's length.
+    assert one_sided == pytest.approx(analytic, rel=1e-3)
