@@ -9,9 +9,12 @@ from pinwm_drake.geometry.pieces import RIM_POINTS
 from pinwm_drake.geometry.rows import PARALLEL_SINE, cross, dot, jit, norm, transform, write_line, write_part, xyz
 
 # A rim meets a line as a circle where the sine of the normal against the axis is more than this, so that its sign is
-# beyond doubt, and where the line's point is on the side of the rim within 60 degrees, from where the nearest place
-# is found (see `features`).
+# beyond doubt, where the line does not run along the rim (PARALLEL_SINE), and where the line's point is on the side of
+# the rim within 60 degrees, from where the nearest place is found (see `features`).
 _MIN_SINE, _MIN_COSINE = 1.0e-3, 0.5
+
+# Points closer than this [m] define no direction to the accuracy of a normal.
+SAME_PLACE = 1.0e-6
 
 _POINT, _PLANE, _CIRCLE = float(POINT), float(PLANE), float(CIRCLE)
 
@@ -94,11 +97,17 @@ def rim_line(table, piece, end, px, py, pz, dx, dy, dz, nx, ny, nz):
     tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)
     mx, my, mz = cross(tx, ty, tz, dx, dy, dz)
     wx, wy, wz = px - rx - radius * ex, py - ry - radius * ey, pz - rz - radius * ez
+    t = -dot(wx, wy, wz, dx, dy, dz)
+    if norm(mx, my, mz) < PARALLEL_SINE:
+        # The tangent runs along the line: the difference of the nearest points is the normal, while there is one.
+        mx, my, mz = wx + t * dx, wy + t * dy, wz + t * dz
+        if norm(mx, my, mz) < SAME_PLACE:
+            mx, my, mz, _ = radial(dx, dy, dz, nx, ny, nz)
     size = math.copysign(norm(mx, my, mz), dot(mx, my, mz, nx, ny, nz))
-    if abs(size) < PARALLEL_SINE:
-        return math.nan, math.nan, math.nan, math.inf, 0.0
+    if size == 0.0:
+        return math.nan, math.nan, math.nan, math.inf, t
     mx, my, mz = mx / size, my / size, mz / size
-    return mx, my, mz, dot(mx, my, mz, wx, wy, wz), -dot(wx, wy, wz, dx, dy, dz)
+    return mx, my, mz, dot(mx, my, mz, wx, wy, wz), t
 
 
 @jit
@@ -155,7 +164,9 @@ def write_rim_line(table, piece, end, v, w, X_CL, nx, ny, nz, rows, count, colum
     dx, dy, dz = dx / length, dy / length, dz / length
     t = dot(qx - px, qy - py, qz - pz, dx, dy, dz)
     fx, fy, fz, _ = radial(ux, uy, uz, px + t * dx - rx, py + t * dy - ry, pz + t * dz - rz)
-    if sine > _MIN_SINE and dot(ex, ey, ez, fx, fy, fz) > _MIN_COSINE:
+    tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)
+    crossing = norm(*cross(tx, ty, tz, dx, dy, dz))
+    if sine > _MIN_SINE and crossing > PARALLEL_SINE and dot(ex, ey, ez, fx, fy, fz) > _MIN_COSINE:
         write_rim(table, piece, end, rows, count, column)
         write_line(table, v, w, t, 1.0, rows, count, 8 - column)
     else:

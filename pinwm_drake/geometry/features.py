@@ -262,8 +262,10 @@ def tangents_adjoint(nx, ny, nz, t1, t1bar, t2bar):
 
 
 @_jit
-def _radii(kind, ux, uy, uz, r, ex, ey, ez, t1, t2):
+def _radii(kind, outward, ux, uy, uz, r, ex, ey, ez, t1, t2):
     """Radius-of-curvature tensor of a surface in the tangent basis; (ex, ey, ez) is a - p.
+
+    `outward` is the sign of the surface's outward normal along n.
 
     Returns its finite part (r11, r12, r22), and for a line its direction (w1, w2), along which the surface is flat.
     A plane, flat in both directions, is left to the caller.
@@ -277,7 +279,7 @@ def _radii(kind, ux, uy, uz, r, ex, ey, ez, t1, t2):
         s = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez + _TINY)
         ex, ey, ez = ex * s, ey * s, ez * s
         nx, ny, nz = t1[1] * t2[2] - t1[2] * t2[1], t1[2] * t2[0] - t1[0] * t2[2], t1[0] * t2[1] - t1[1] * t2[0]
-        k = r / (abs(nx * ex + ny * ey + nz * ez) + 1e-12)
+        k = r / (outward * (nx * ex + ny * ey + nz * ez) + 1e-12)
         ux, uy, uz = uy * ez - uz * ey, uz * ex - ux * ez, ux * ey - uy * ex
         w1, w2 = ux * t1[0] + uy * t1[1] + uz * t1[2], ux * t2[0] + uy * t2[1] + uz * t2[2]
         return k * w1 * w1, k * w1 * w2, k * w2 * w2, 0.0, 0.0
@@ -304,12 +306,12 @@ def contact_adjoint(row, R_A, p_A, R_B, p_B, n, a, b, phi, nbar, cbar, phibar, t
     ux, uy, uz = _rotate(R_A, row[4], row[5], row[6])
     px, py, pz = _rotate(R_A, row[1], row[2], row[3])
     A11, A12, A22, u1, u2 = _radii(
-        kind_A, ux, uy, uz, row[7], a[0] - p_A[0] - px, a[1] - p_A[1] - py, a[2] - p_A[2] - pz, t1, t2
+        kind_A, -1.0, ux, uy, uz, row[7], a[0] - p_A[0] - px, a[1] - p_A[1] - py, a[2] - p_A[2] - pz, t1, t2
     )
     ux, uy, uz = _rotate(R_B, row[12], row[13], row[14])
     px, py, pz = _rotate(R_B, row[9], row[10], row[11])
     B11, B12, B22, w1, w2 = _radii(
-        kind_B, ux, uy, uz, row[15], b[0] - p_B[0] - px, b[1] - p_B[1] - py, b[2] - p_B[2] - pz, t1, t2
+        kind_B, 1.0, ux, uy, uz, row[15], b[0] - p_B[0] - px, b[1] - p_B[1] - py, b[2] - p_B[2] - pz, t1, t2
     )
     # Gradient of the witness points' sliding, the same for both.
     s1 = 0.5 * (cbar[0] * t1x + cbar[1] * t1y + cbar[2] * t1z)

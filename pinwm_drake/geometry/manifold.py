@@ -133,10 +133,16 @@ def add_candidate(x, y, z, gap, kind, first, second, places, features, found):
 @jit
 def _vertices_over(table, moving, face, X_FM, on_two, least, margin, places, features, found):
     """Adds the vertices of a hull over a face of the other; F is the frame of the face's body, that of `two` or not."""
+    # The plane in the frame of the moving hull: most of its vertices are far above it.
+    nx, ny, nz = xyz(table.planes, face)
+    mx, my, mz = turn_back(X_FM, nx, ny, nz)
+    offset = table.planes[face, 3] - nx * X_FM[9] - ny * X_FM[10] - nz * X_FM[11]
     for v in range(table.pieces[moving, 1], table.pieces[moving + 1, 1]):
+        gap = mx * table.vertices[v, 0] + my * table.vertices[v, 1] + mz * table.vertices[v, 2] - offset
+        if not least <= gap < margin:
+            continue
         x, y, z = transform(X_FM, *xyz(table.vertices, v))
-        gap = height(table.planes, face, x, y, z)
-        if least <= gap < margin and outside_face(table, face, x, y, z) <= ON_FACE:
+        if outside_face(table, face, x, y, z) <= ON_FACE:
             kind, first, second = VERTEX_OF_ONE, v, face
             if not on_two:
                 kind, first, second = VERTEX_OF_TWO, face, v
@@ -149,13 +155,17 @@ def _vertices_over(table, moving, face, X_FM, on_two, least, margin, places, fea
 def _edges_over(table, moving, face, X_FM, X_21, on_two, least, margin, places, features, found):
     """Adds the crossings of the edges of a hull with the sides of a face of the other, whose body frame is F."""
     nx, ny, nz = xyz(table.planes, face)
+    mx, my, mz = turn_back(X_FM, nx, ny, nz)
+    offset = table.planes[face, 3] - nx * X_FM[9] - ny * X_FM[10] - nz * X_FM[11]
     for e in range(table.pieces[moving, 3], table.pieces[moving + 1, 3]):
-        px, py, pz = transform(X_FM, *xyz(table.vertices, table.edges[e, 0]))
+        v, w = table.edges[e, 0], table.edges[e, 1]
+        start = mx * table.vertices[v, 0] + my * table.vertices[v, 1] + mz * table.vertices[v, 2] - offset
+        stop = mx * table.vertices[w, 0] + my * table.vertices[w, 1] + mz * table.vertices[w, 2] - offset
+        if min(start, stop) >= margin:
+            continue
+        px, py, pz = transform(X_FM, *xyz(table.vertices, v))
         ux, uy, uz = turn(X_FM, *xyz(table.edge_lines, e))
         length = table.edge_lines[e, 3]
-        rise = dot(nx, ny, nz, ux, uy, uz) * length
-        if height(table.planes, face, px, py, pz) + min(rise, 0.0) >= margin:
-            continue
         enter, leave, enter_side, leave_side = clip_to_face(table, face, px, py, pz, ux, uy, uz, length)
         for end in range(2):
             t, side = (enter, enter_side) if end == 0 else (leave, leave_side)

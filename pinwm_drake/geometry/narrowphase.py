@@ -47,8 +47,27 @@ def collide_bodies(table, body_A, R_WA, p_WA, body_B, R_WB, p_WB, margin, rows, 
         if _apart(cx, cy, cz, reach, table.body_spheres, body_B):
             continue
         for j in range(table.bodies[body_B, 0], table.bodies[body_B + 1, 0]):
-            if not _apart(cx, cy, cz, reach, table.piece_spheres, j):
-                count = _collide_pieces(table, i, j, X_BA, X_AB, margin, rows, count)
+            if _apart(cx, cy, cz, reach, table.piece_spheres, j):
+                continue
+            # The less general kind comes first; `column` says to which body it belongs.
+            one, two, X_21, column = i, j, X_BA, 0
+            if table.pieces[i, 0] > table.pieces[j, 0]:
+                one, two, X_21, column = j, i, X_AB, 8
+            kind_1, kind_2 = table.pieces[one, 0], table.pieces[two, 0]
+            if kind_2 <= CAPSULE:
+                count = collide_rounds(table, one, two, X_21, column, margin, rows, count)
+            elif kind_2 == HULL and kind_1 == SPHERE:
+                count = collide_sphere_hull(table, one, two, X_21, column, margin, rows, count)
+            elif kind_2 == HULL and kind_1 == CAPSULE:
+                count = collide_capsule_hull(table, one, two, X_21, column, margin, rows, count)
+            elif kind_2 == HULL:
+                count = collide_hulls(table, one, two, X_21, column, margin, rows, count)
+            elif kind_1 == SPHERE:
+                count = collide_sphere_cylinder(table, one, two, X_21, column, margin, rows, count)
+            elif kind_1 <= HULL:
+                count = collide_with_cylinder(table, one, two, X_21, column, margin, rows, count)
+            else:
+                count = collide_cylinders(table, one, two, X_21, column, margin, rows, count)
     return count
 
 
@@ -58,26 +77,3 @@ def _apart(cx, cy, cz, reach, spheres, k):
     dx, dy, dz = cx - spheres[k, 0], cy - spheres[k, 1], cz - spheres[k, 2]
     reach += spheres[k, 3]
     return dx * dx + dy * dy + dz * dz > reach * reach
-
-
-@jit
-def _collide_pieces(table, i, j, X_BA, X_AB, margin, rows, count):
-    """Appends the contacts of piece i of A with piece j of B."""
-    # The less general kind comes first; `column` says to which body it belongs.
-    one, two, X_21, column = i, j, X_BA, 0
-    if table.pieces[i, 0] > table.pieces[j, 0]:
-        one, two, X_21, column = j, i, X_AB, 8
-    kind_1, kind_2 = table.pieces[one, 0], table.pieces[two, 0]
-    if kind_2 <= CAPSULE:
-        return collide_rounds(table, one, two, X_21, column, margin, rows, count)
-    if kind_2 == HULL:
-        if kind_1 == SPHERE:
-            return collide_sphere_hull(table, one, two, X_21, column, margin, rows, count)
-        if kind_1 == CAPSULE:
-            return collide_capsule_hull(table, one, two, X_21, column, margin, rows, count)
-        return collide_hulls(table, one, two, X_21, column, margin, rows, count)
-    if kind_1 == SPHERE:
-        return collide_sphere_cylinder(table, one, two, X_21, column, margin, rows, count)
-    if kind_1 <= HULL:
-        return collide_with_cylinder(table, one, two, X_21, column, margin, rows, count)
-    return collide_cylinders(table, one, two, X_21, column, margin, rows, count)

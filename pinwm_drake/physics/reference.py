@@ -189,8 +189,8 @@ def build_lcp(
     mu = torch.gather(parameters.friction, 1, contacts.pair)
     keep = 1.0 - closing * (1.0 - (1.0 - e) ** FADE)
     falls = h * (contacts.frame[:, :, 0] @ gravity).clamp_max(0.0) * (contacts.body[..., 1] >= nb)
-    rebound = falls - e * approach
-    rebound = torch.where((approach < 0.0) & (rebound > -LEAST_REBOUND), closing * rebound, torch.zeros_like(rebound))
+    bounces = (closing > 0.0) & (approach < 0.0) & (falls - e * approach > -LEAST_REBOUND)
+    rebound = torch.where(bounces, falls * (e > 0.0) - e * approach, torch.zeros_like(approach))
     bias_n = bias[..., 0] + keep * contacts.gap.clamp_min(-SLOP) / h - rebound
 
     directions = torch.tensor([arrays.cosines, arrays.sines], dtype=dtype, device=device).T  # (k, 2)

@@ -55,8 +55,8 @@ def test_t_block_has_the_shape_of_the_released_capture(shared):
     theirs = trimesh.load(shared / "data/pinwm_push_t/meshes/object.obj", force="mesh")
     np.testing.assert_allclose(ours.bounds, theirs.bounds, atol=DIGITS)
     assert ours.volume == pytest.approx(theirs.volume, rel=DIGITS)
-    # Points 0.1 mm on either side of the middle of each of its triangles. Theirs is two boxes that touch: the two
-    # triangles of the stem's end and, at their middles, the two of the bar's side lie inside the whole.
+    # Points 0.1 mm on either side of the middle of each of its triangles. Theirs is two boxes that touch: the
+    # triangles of the stem's end and, at their middles, those of the bar's side lie inside the whole.
     offset = 1e-4 * theirs.face_normals
     assert all(contains(ours, point) for point in theirs.triangles_center - offset)
     hidden = [contains(ours, point) for point in theirs.triangles_center + offset]

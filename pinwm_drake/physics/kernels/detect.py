@@ -66,13 +66,15 @@ def rebound(model, contacts, c, e):
     It is Newton's e |approach|, less what gravity takes in the step; where gravity takes all, nothing bounces.
     Without that loss a bounce would gain the energy m g h e |approach|, because it rises for a whole step.
     """
-    speed = e * max(-contacts.approach[c], 0.0)
+    if contacts.closing[c] == 0.0 or contacts.approach[c] >= 0.0:
+        return 0.0, False
+    speed, loss = -e * contacts.approach[c], 0.0
     if contacts.dynamic[c, 1] < 0:
         n, g = contacts.frame[c, 0], model.gravity
-        speed += min(model.time_step * (n[0] * g[0] + n[1] * g[1] + n[2] * g[2]), 0.0)
-    if contacts.closing[c] > 0.0 and contacts.approach[c] < 0.0 and speed > -LEAST_REBOUND:
-        return speed, True
-    return 0.0, False
+        loss = max(-model.time_step * (n[0] * g[0] + n[1] * g[1] + n[2] * g[2]), 0.0)
+    if speed + LEAST_REBOUND <= loss:
+        return 0.0, False
+    return (speed - loss if e > 0.0 else 0.0), True
 
 
 @kernel
