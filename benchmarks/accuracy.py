@@ -66,8 +66,7 @@ def main() -> None:
     """Measures and reports."""
     given = results.arguments(__doc__ or "").parse_args()
     pushers = {
-        pusher: {name: _pose(engine(pusher).trace()) for name, engine in _ENGINES.items()}
-        for pusher in push.PUSHERS
+        pusher: {name: _pose(engine(pusher).trace()) for name, engine in _ENGINES.items()} for pusher in push.PUSHERS
     }
     headings = {str(count): [_turned(count, heading) for heading in _HEADINGS] for count in _DIRECTIONS}
     data = {"pushers": pushers, "headings": headings}

@@ -39,9 +39,7 @@ class BulletPush:
             height=push.LENGTH,
             physicsClientId=client,
         )
-        self.pusher = pybullet.createMultiBody(
-            _PUSHER_MASS, tip, basePosition=self._start, physicsClientId=client
-        )
+        self.pusher = pybullet.createMultiBody(_PUSHER_MASS, tip, basePosition=self._start, physicsClientId=client)
         still = {"restitution": 0.0, "linearDamping": 0.0, "angularDamping": 0.0, "physicsClientId": client}
         pybullet.changeDynamics(floor, -1, lateralFriction=1.0, **still)
         pybullet.changeDynamics(self.pusher, -1, lateralFriction=1.0, **still)

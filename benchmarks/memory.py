@@ -81,9 +81,7 @@ def table(data: dict) -> str:
     ]
     for row in data["rows"]:
         kind = "forward and backward" if row["gradient"] else "no gradient"
-        lines.append(
-            f"| {kind} | {row['worlds']} | {row['steps']} | {row['before']:.0f} | {row['added']:.1f} |"
-        )
+        lines.append(f"| {kind} | {row['worlds']} | {row['steps']} | {row['before']:.0f} | {row['added']:.1f} |")
     added = [row["added"] for row in data["rows"] if row["gradient"]]
     flat = [row["added"] for row in data["rows"] if not row["gradient"]]
     lines += [

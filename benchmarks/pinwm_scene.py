@@ -157,14 +157,10 @@ def inspect_path(model: Model, theta: Parameters, path: Trajectory, V_WP: torch.
 
 def pressing_pairs(report: StepReport) -> list[str]:
     """The pair of each contact that presses, that is, has a positive normal impulse."""
-    return [
-        pair for pair, impulse in zip(report.pair, report.multipliers[:, 0], strict=True) if impulse > 0.0
-    ]
+    return [pair for pair, impulse in zip(report.pair, report.multipliers[:, 0], strict=True) if impulse > 0.0]
 
 
 def leaves(record: Parameters | State) -> Parameters | State:
     """A copy whose tensors each collect a gradient."""
     tensors = {field.name: getattr(record, field.name) for field in fields(record)}
-    return replace(
-        record, **{name: tensor.detach().clone().requires_grad_() for name, tensor in tensors.items()}
-    )
+    return replace(record, **{name: tensor.detach().clone().requires_grad_() for name, tensor in tensors.items()})

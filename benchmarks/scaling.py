@@ -146,9 +146,7 @@ def measure(rounds: int) -> dict:
     samples = timing.interleave(cases, rounds, clock=time.process_time)
     for contacts in _REFERENCE_CONTACTS:
         case = Sliding("nails", contacts, "torch", worlds=1).forward(_REFERENCE_STEPS)
-        samples |= timing.interleave(
-            {("reference", contacts): case}, rounds=3, warmup=1, clock=time.process_time
-        )
+        samples |= timing.interleave({("reference", contacts): case}, rounds=3, warmup=1, clock=time.process_time)
     data: dict = {"series": {}}
     for name in _LABELS:
         contacts = np.array(_REFERENCE_CONTACTS if name == "reference" else _CONTACTS)
@@ -203,7 +201,7 @@ def table(data: dict) -> str:
         text = f"{line['intercept']:.1f} + {line['slope']:.2f} n" if name != "reference" else ""
         r2 = f"{line['r2']:.4f}" if name != "reference" else ""
         lines.append(f"| {label}, µs | {' | '.join(cells)} | {text} | {r2} | {line['ratio']:.1f} |")
-    tail = f"{data['rounds']} rounds; other work took {data['load']:.0f} % of the CPUs."
+    tail = f"{data['rounds']} rounds; other processes took {data['load']:.0f} % of the CPUs."
     return "\n".join([*lines, "", tail])
 
 
@@ -212,8 +210,9 @@ def main() -> None:
     parser = results.arguments(__doc__ or "")
     parser.add_argument("--rounds", type=int, default=30)
     given = parser.parse_args()
-    load = timing.competing_load()
-    data = {"rounds": given.rounds, "load": load, **measure(given.rounds)}
+    with timing.CompetingLoad() as load:
+        measured = measure(given.rounds)
+    data = {"rounds": given.rounds, "load": load.percent, **measured}
     if given.write:
         plot(data)
     results.publish("scaling", data, table(data), given.write)

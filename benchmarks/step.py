@@ -57,9 +57,7 @@ def measure(pusher: str, rounds: int) -> dict:
         counts = np.array(trace["contacts"])
         if trace["pusher_steps"] < 0.8 * push.STEPS:
             # Without the pusher it would be another, cheaper scene.
-            raise RuntimeError(
-                f"{name}: the {pusher} presses in {trace['pusher_steps']} of {push.STEPS} steps"
-            )
+            raise RuntimeError(f"{name}: the {pusher} presses in {trace['pusher_steps']} of {push.STEPS} steps")
         contacts[name] = {
             "mean": round(float(counts.mean()), 2),
             "min": int(counts.min()),
@@ -101,11 +99,9 @@ def table(data: dict) -> str:
         bare_bullet = times["bullet"]["median"] - times["bullet_calls"]["median"]
         against = f"{times['mujoco']['median'] / times['bullet']['median']:.2f}"
         lines += [
-            f"| {pusher} | MuJoCo, loop in C | {results.spread(times['mujoco'])} "
-            f"| 1 | {against} | {touch('mujoco')} |",
+            f"| {pusher} | MuJoCo, loop in C | {results.spread(times['mujoco'])} | 1 | {against} | {touch('mujoco')} |",
             f"| {pusher} | MuJoCo, loop in Python less empty calls | {in_python:.1f} | | | | | |",
-            f"| {pusher} | Bullet, loop in Python | {results.spread(times['bullet'])} "
-            f"| | 1 | {touch('bullet')} |",
+            f"| {pusher} | Bullet, loop in Python | {results.spread(times['bullet'])} | | 1 | {touch('bullet')} |",
             f"| {pusher} | Bullet, less calls in an empty world | {bare_bullet:.1f} | | | | | |",
         ]
         forward = results.verdict(figures["forward_over_mujoco"]["median"], FORWARD_BAR)
@@ -113,8 +109,8 @@ def table(data: dict) -> str:
         verdicts.append(f"- {pusher}: forward / MuJoCo {forward}; forward and backward / MuJoCo {backward}.")
         residuals.append(figures["contacts"]["pinwm_drake"]["residual"])
     tail = (
-        f"{data['rounds']} rounds; other work took {data['load']:.0f} % of the CPUs. Largest residual of "
-        f"pinwm_drake's LCPs in these rollouts (momentum, signs, complementarity; SI): {max(residuals):.0e}."
+        f"{data['rounds']} rounds; other processes took {data['load']:.0f} % of the CPUs. Largest residual "
+        f"of pinwm_drake's LCPs there (momentum, signs, complementarity; SI units): {max(residuals):.0e}."
     )
     return "\n".join([*lines, "", *verdicts, "", tail])
 
@@ -125,9 +121,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=150)
     parser.add_argument("--pushers", nargs="+", choices=push.PUSHERS, default=list(push.PUSHERS))
     given = parser.parse_args()
-    load = timing.competing_load()
-    figures = {pusher: measure(pusher, given.rounds) for pusher in given.pushers}
-    data = {"rounds": given.rounds, "load": load, "pushers": figures}
+    with timing.CompetingLoad() as load:
+        figures = {pusher: measure(pusher, given.rounds) for pusher in given.pushers}
+    data = {"rounds": given.rounds, "load": load.percent, "pushers": figures}
     results.publish("step", data, table(data), given.write)
 
 

@@ -25,27 +25,36 @@ def limit_threads(threads: int, cpus: int | None = None) -> None:
         os.sched_setaffinity(0, allowed[-min(cpus or threads, len(allowed)) :])
 
 
-def competing_load(window: float = 1.0) -> float:
-    """Share of the machine's CPUs, in percent, that is busy while this process only waits.
+class CompetingLoad:
+    """Share of the machine's CPUs that other processes take within a `with` block.
 
     A timing taken beside other work is not wrong by itself (the rounds are interleaved, so that all the cases
     suffer alike), but a reader should know of it. Linux only; NaN elsewhere.
 
-    Args:
-        window: Time over which to look, in seconds.
+    Attributes:
+        percent: Of all CPUs together; set when the block ends.
     """
-    stat = Path("/proc/stat")
-    if not stat.exists():
-        return float("nan")
 
-    def ticks() -> tuple[int, int]:
-        fields = [int(word) for word in stat.read_text().splitlines()[0].split()[1:9]]
-        return sum(fields), fields[3] + fields[4]  # all, idle + waiting for input and output
+    percent = float("nan")
 
-    all_before, idle_before = ticks()
-    time.sleep(window)
-    all_after, idle_after = ticks()
-    return 100.0 * (1.0 - (idle_after - idle_before) / max(1, all_after - all_before))
+    def __enter__(self) -> "CompetingLoad":
+        self._before = self._seconds()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        everyone, total, own = (after - before for after, before in zip(self._seconds(), self._before, strict=True))
+        self.percent = 100.0 * max(0.0, everyone - own) / total if total > 0.0 else float("nan")
+
+    @staticmethod
+    def _seconds() -> tuple[float, float, float]:
+        """CPU time in seconds: taken by everyone, there in all, and taken by this process."""
+        stat = Path("/proc/stat")
+        if not stat.exists():
+            return 0.0, 0.0, 0.0
+        ticks = [int(word) for word in stat.read_text().splitlines()[0].split()[1:9]]
+        idle = ticks[3] + ticks[4]  # idle, and waiting for input and output
+        second = os.sysconf("SC_CLK_TCK")
+        return (sum(ticks) - idle) / second, sum(ticks) / second, time.process_time()
 
 
 _Name = TypeVar("_Name", bound=Hashable)

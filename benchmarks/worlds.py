@@ -47,7 +47,7 @@ def table(data: dict) -> str:
         f"- {label}: {results.verdict(data[f'{name}_speedup']['median'], BAR, at_most=False)}."
         for name, label in (("forward", "forward"), ("forward_backward", "forward and backward"))
     ]
-    tail = f"{WORLDS} worlds, {data['rounds']} rounds; other work took {data['load']:.0f} % of the CPUs."
+    tail = f"{WORLDS} worlds, {data['rounds']} rounds; other processes took {data['load']:.0f} % of the CPUs."
     return "\n".join([*lines, "", *verdicts, "", tail])
 
 
@@ -59,8 +59,9 @@ def main() -> None:
     if (os.cpu_count() or 1) < THREADS:
         print(f"this machine has one core; a speed-up of {THREADS} threads needs {THREADS}")
         return
-    load = timing.competing_load()
-    data = {"rounds": given.rounds, "load": load, **measure(given.rounds)}
+    with timing.CompetingLoad() as load:
+        measured = measure(given.rounds)
+    data = {"rounds": given.rounds, "load": load.percent, **measured}
     results.publish("worlds", data, table(data), given.write)
 
 

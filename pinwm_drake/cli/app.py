@@ -46,7 +46,5 @@ def main() -> None:
     try:
         app()
     except PinwmError as error:
-        Console(stderr=True, soft_wrap=True).print(
-            f"[bold red]pinwm:[/] {escape(str(error))}", highlight=False
-        )
+        Console(stderr=True, soft_wrap=True).print(f"[bold red]pinwm:[/] {escape(str(error))}", highlight=False)
         raise SystemExit(1) from None

@@ -7,18 +7,14 @@ import typer
 
 
 def push(
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for trajectory.csv, push.png and push.mp4.")
-    ] = Path("out/push"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for trajectory.csv, push.png and push.mp4.")] = Path(
+        "out/push"
+    ),
     friction: Annotated[float, typer.Option(help="Friction coefficient of block and floor.")] = 0.03,
     pusher_friction: Annotated[float, typer.Option(help="Friction coefficient of block and pusher.")] = 0.1,
     speed: Annotated[float, typer.Option(help="Speed of the pusher, in m/s.")] = 0.15,
-    offset: Annotated[
-        float, typer.Option(help="Where it hits, sideways of the centre of mass, in m.")
-    ] = 0.01,
-    seconds: Annotated[
-        float, typer.Option(help="Simulated time, in s; the pusher moves for 2/3 of it.")
-    ] = 2.4,
+    offset: Annotated[float, typer.Option(help="Where it hits, sideways of the centre of mass, in m.")] = 0.01,
+    seconds: Annotated[float, typer.Option(help="Simulated time, in s; the pusher moves for 2/3 of it.")] = 2.4,
     time_step: Annotated[float, typer.Option(help="Time step, in s.", show_default="1/240")] = 1 / 240,
     pusher: Annotated[str, typer.Option(help="Shape of the pusher: sphere, capsule or cylinder.")] = "sphere",
 ) -> None:

@@ -207,9 +207,7 @@ def simulate_push(options: PushOptions, report: Callable[[str, float], None]) ->
 
 
 @torch.no_grad()
-def _central_differences(
-    rollout: PushRollout, inputs: torch.Tensor, report: Callable[[float], None]
-) -> torch.Tensor:
+def _central_differences(rollout: PushRollout, inputs: torch.Tensor, report: Callable[[float], None]) -> torch.Tensor:
     """D yaw / d inputs (3,) from six worlds, each with one input moved up or down."""
     steps = _DIFFERENCE_STEP * torch.eye(3, dtype=torch.float64)
     moved = torch.cat((inputs + steps, inputs - steps))

@@ -1,9 +1,9 @@
 """A capsule against a convex hull (numba).
 
-A segment has few features, so all candidates are tried instead of iterating. The largest separation over the normals
-of the hull's faces, and over the normals of segment and silhouette edges, is a lower bound of the signed distance of
-the segment; it is the signed distance in penetration, and where a pair of features attains it. Elsewhere the nearest
-pair lies on the hull's edges and is found by going through them.
+A segment has few features, so all candidates are tried instead of iterating. The largest separation over the
+normals of the hull's faces, and over the normals of segment and silhouette edges, is a lower bound of the
+signed distance of the segment; it is the signed distance in penetration, and where a pair of features attains
+it. Elsewhere the nearest pair lies on the hull's edges and is found by going through them.
 
 Everything is computed in the frame H of the hull's body; the frame of the capsule's body is S.
 """
@@ -15,7 +15,6 @@ from pinwm_drake.geometry.rows import (
     PARALLEL_SINE,
     dot,
     height,
-    jit,
     norm,
     transform,
     turn,
@@ -25,8 +24,10 @@ from pinwm_drake.geometry.rows import (
     xyz,
 )
 from pinwm_drake.geometry.segments import COINCIDENT, SAME, append_segments, closest_on_segments
+from pinwm_drake.jit import geometry_kernel
 
-@jit
+
+@geometry_kernel
 def collide_capsule_hull(table, stick, hull, X_HS, column, margin, rows, count):
     """Contacts of a capsule with a hull; arguments as for `collide_sphere_hull`."""
     v = table.pieces[stick, 1]
@@ -63,9 +64,9 @@ def collide_capsule_hull(table, stick, hull, X_HS, column, margin, rows, count):
     return _append_end(table, stick, face, X_HS, column, rows, count)
 
 
-@jit
+@geometry_kernel
 def silhouette_separation(table, hull, px, py, pz, ux, uy, uz):
-    """Largest separation of a line (p, u) from a hull along the normals of its silhouette edges; -1, -inf if none."""
+    """The silhouette edge whose normal separates a line (p, u) most from a hull, and how far; else -1, -inf."""
     best, over = -1, -math.inf
     for e in range(table.pieces[hull, 3], table.pieces[hull + 1, 3]):
         left, right = table.edges[e, 2], table.edges[e, 3]
@@ -85,7 +86,7 @@ def silhouette_separation(table, hull, px, py, pz, ux, uy, uz):
     return best, over
 
 
-@jit
+@geometry_kernel
 def _face_along(table, edge, ux, uy, uz):
     """The face beside an edge to which a line is parallel within MANIFOLD_ANGLE, or -1."""
     left, right = table.edges[edge, 2], table.edges[edge, 3]
@@ -97,14 +98,16 @@ def _face_along(table, edge, ux, uy, uz):
     return left if a <= b + SAME else right
 
 
-@jit
+@geometry_kernel
 def segment_on_face(table, stick, face, X_HS, least, column, margin, rows, count):
     """Appends the ends of that part of a segment which lies over a face.
 
-    An end of the segment gives point against plane, a crossing of the face's boundary gives line against line.
+    An end of the segment gives point against plane, a crossing of the face's boundary gives line against
+    line.
 
     Returns:
-        Rows used now, and the smallest gap among the candidates (m; infinite where nothing lies over the face).
+        Rows used now, and the smallest gap among the candidates (m; infinite where nothing lies over the
+        face).
     """
     v = table.pieces[stick, 1]
     length, radius = table.axes[stick, 3], table.vertices[v, 3]
@@ -138,7 +141,7 @@ def segment_on_face(table, stick, face, X_HS, least, column, margin, rows, count
     return count, nearest
 
 
-@jit
+@geometry_kernel
 def _append_crossing(table, stick, edge, X_HS, column, rows, count):
     """Appends the axis against an edge that it has passed."""
     if count >= rows.shape[0]:
@@ -150,7 +153,7 @@ def _append_crossing(table, stick, edge, X_HS, column, rows, count):
     return count + 1
 
 
-@jit
+@geometry_kernel
 def _append_end(table, stick, face, X_HS, column, rows, count):
     """Appends the deeper end of a capsule against a face."""
     if count >= rows.shape[0]:
@@ -164,9 +167,9 @@ def _append_end(table, stick, face, X_HS, column, rows, count):
     return count + 1
 
 
-@jit
+@geometry_kernel
 def _append_nearest(table, stick, hull, X_HS, known, column, margin, rows, count):
-    """Appends the nearest pair of a capsule and the edges of a hull, apart; `known` as for `append_segments`."""
+    """Appends the nearest pair of a capsule and the edges of a hull; `known` as for `append_segments`."""
     v = table.pieces[stick, 1]
     length = table.axes[stick, 3]
     px, py, pz = transform(X_HS, *xyz(table.vertices, v))
@@ -175,14 +178,10 @@ def _append_nearest(table, stick, hull, X_HS, known, column, margin, rows, count
     for e in range(table.pieces[hull, 3], table.pieces[hull + 1, 3]):
         qx, qy, qz = xyz(table.vertices, table.edges[e, 0])
         ex, ey, ez = xyz(table.edge_lines, e)
-        _, _, d = closest_on_segments(
-            px, py, pz, ux, uy, uz, length, qx, qy, qz, ex, ey, ez, table.edge_lines[e, 3]
-        )
+        _, _, d = closest_on_segments(px, py, pz, ux, uy, uz, length, qx, qy, qz, ex, ey, ez, table.edge_lines[e, 3])
         if d < distance - SAME:
             edge, distance = e, d
     if distance < COINCIDENT:
         return count
     start, end = table.edges[edge, 0], table.edges[edge, 1]
-    return append_segments(
-        table, v, v + 1, start, end, X_HS, 0.0, 0.0, 1.0, known, column, margin, rows, count
-    )
+    return append_segments(table, v, v + 1, start, end, X_HS, 0.0, 0.0, 1.0, known, column, margin, rows, count)

@@ -1,4 +1,4 @@
-"""Objects as unions of convex pieces: by decomposition of a mesh, and the two objects of the tasks exactly."""
+"""Objects as unions of convex pieces: decomposed meshes, and the two objects of the tasks exactly."""
 
 import numpy as np
 import trimesh
@@ -15,8 +15,8 @@ def decompose(
 
     Args:
         mesh: Watertight, m.
-        threshold: Concavity that a piece may keep, 0.01 to 1, as a fraction of the mesh's extent: smaller follows the
-            mesh more closely with more pieces.
+        threshold: Concavity that a piece may keep, 0.01 to 1, as a fraction of the mesh's extent: smaller
+            follows the mesh more closely with more pieces.
         max_pieces: No more pieces than this; reaching it can close hollows.
         seed: Of the search. The same seed gives the same pieces.
 
@@ -26,8 +26,8 @@ def decompose(
     Raises:
         GeometryError: A mesh that is not watertight, or an argument out of its range.
 
-    Source: X. Wei et al., "Approximate Convex Decomposition for 3D Meshes with Collision-Aware Concavity and Tree
-    Search", ACM ToG 41(4), 2022; the package coacd.
+    Source: X. Wei et al., "Approximate Convex Decomposition for 3D Meshes with Collision-Aware Concavity and
+    Tree Search", ACM ToG 41(4), 2022; the package coacd.
     """
     if not 0.01 <= threshold <= 1.0:
         raise GeometryError(f"threshold of decompose is {threshold}; allowed: 0.01 to 1")
@@ -51,8 +51,8 @@ def t_block() -> list[ConvexPiece]:
     """The T-block: bar 100 x 40 mm, stem 40 x 100 mm, 50 mm thick.
 
     Returns:
-        Bar and stem in the body frame B: z is the thickness, the bar is along x at -y, the stem points to +y. Both
-        have the same volume, so that the origin, half way between their centres, is the centre of mass.
+        Bar and stem in the body frame B: z is the thickness, the bar is along x at -y, the stem points to +y.
+        Both have the same volume, so that the origin, half way between their centres, is the centre of mass.
     """
     bar = box(np.array([0.1, 0.04, 0.05]), (np.eye(3), np.array([0.0, -0.035, 0.0])))
     stem = box(np.array([0.04, 0.1, 0.05]), (np.eye(3), np.array([0.0, 0.035, 0.0])))
@@ -64,8 +64,8 @@ def hollow_mug(
 ) -> list[ConvexPiece]:
     """A mug without handle: a base, and a wall of segments; its inside is open.
 
-    The outline is a regular polygon with a corner on the x axis, inscribed in the circle of the diameter; the inside
-    is the same polygon, smaller by the wall at its corners.
+    The outline is a regular polygon with a corner on the x axis, inscribed in the circle of the diameter; the
+    inside is the same polygon, smaller by the wall at its corners.
 
     Args:
         length: m. Along z of B, base included.
@@ -74,8 +74,8 @@ def hollow_mug(
         segments: Of the wall, 3 or more.
 
     Returns:
-        The base, then the segments, in the body frame B: z is the axis, the base is at -z and the opening at +z. The
-        origin is the centre of mass for a uniform density (see `mug_center`).
+        The base, then the segments, in the body frame B: z is the axis, the base is at -z and the opening at
+        +z. The origin is the centre of mass for a uniform density (see `mug_center`).
 
     Raises:
         GeometryError: A length that is not positive, a wall that leaves no inside, or fewer than 3 segments.

@@ -1,25 +1,31 @@
 """The pair of features by which a segment or hull meets a cylinder (numba).
 
-A search by `epa` or `gjk` gives the normal of a curved body only to the square root of its tolerance. It names the
-features, though: every pair of a part of the cylinder with a vertex, edge or face near the search's result has a
-normal in closed form, and the separation along a normal is a lower bound of the signed distance whatever the normal
-is. The pair with the largest bound is the contact.
+A search by `epa` or `gjk` gives the normal of a curved body only to the square root of its tolerance. It
+names the features, though: every pair of a part of the cylinder with a vertex, edge or face near the search's
+result has a normal in closed form, and the separation along a normal is a lower bound of the signed distance
+whatever the normal is. The pair with the largest bound is the contact.
 """
 
 import math
 
 import numpy as np
 
-from pinwm_drake.geometry.cylinder_parts import radial, rim_line, write_cap, write_rim, write_rim_line, write_rim_place
+from pinwm_drake.geometry.cylinder_parts import (
+    radial,
+    rim_line,
+    write_cap,
+    write_rim,
+    write_rim_line,
+    write_rim_place,
+)
 from pinwm_drake.geometry.epa import expand
 from pinwm_drake.geometry.gjk import distance
-from pinwm_drake.geometry.manifold import aligned_face, jit_with_memory
+from pinwm_drake.geometry.manifold import aligned_face
 from pinwm_drake.geometry.pieces import HULL
 from pinwm_drake.geometry.rows import (
     PARALLEL_SINE,
     cross,
     dot,
-    jit,
     norm,
     transform,
     turn,
@@ -32,6 +38,7 @@ from pinwm_drake.geometry.rows import (
 )
 from pinwm_drake.geometry.segments import COINCIDENT, SAME
 from pinwm_drake.geometry.support import separation_along, support
+from pinwm_drake.jit import allocating_kernel, geometry_kernel
 
 # Of the searches, m. With a radius of curvature of centimetres the normal is then right to about 1e-3 rad.
 _TOLERANCE = 1.0e-8
@@ -45,7 +52,7 @@ FACE_RIM, VERTEX_CAP, EDGE_SIDE, VERTEX_SIDE, VERTEX_RIM, EDGE_RIM = 0, 1, 2, 3,
 _CANDIDATES = 28
 
 
-@jit_with_memory
+@allocating_kernel
 def cylinder_axis(table, one, two, X_21, margin):
     """The normal and features by which a capsule's segment or a hull meets a cylinder.
 
@@ -57,9 +64,9 @@ def cylinder_axis(table, one, two, X_21, margin):
         margin: The search ends where some axis separates the cores by this, m.
 
     Returns:
-        The signed distance of the cores (m; at least the margin where that is exceeded), the unit normal from `two`
-        to `one` (frame 2), the pair of features, the vertices of the edge or twice the vertex or face of `one`, and
-        the end of the cylinder.
+        The signed distance of the cores (m; at least the margin where that is exceeded), the unit normal from
+        `two` to `one` (frame 2), the pair of features, the vertices of the edge or twice the vertex or face
+        of `one`, and the end of the cylinder.
     """
     ends = np.empty((4, 2), np.int64)
     size = 3
@@ -81,9 +88,9 @@ def cylinder_axis(table, one, two, X_21, margin):
     return best, nx, ny, nz, pair, first, second, end
 
 
-@jit
+@geometry_kernel
 def _candidate(table, one, two, X_21, k, ends, size, nx, ny, nz):
-    """Candidate number k near the axis n: pair of features (-1: none), their indices as above, and its normal."""
+    """Candidate k near the axis n: pair of features (-1: none), their indices as above, and its normal."""
     none = -1
     ux, uy, uz = xyz(table.axes, two)
     end = 1 if dot(nx, ny, nz, ux, uy, uz) > 0.0 else 0
@@ -124,7 +131,8 @@ def _candidate(table, one, two, X_21, k, ends, size, nx, ny, nz):
         mz = over_side * ez + sign * over_cap * uz
         length = norm(mx, my, mz)
         return VERTEX_RIM, v, v, end, mx / length, my / length, mz / length
-    # Pairs of the rows of `ends` in the order 01, 02, 12, 03, 13, 23, each with side, first rim and second rim.
+    # Pairs of the rows of `ends` in the order 01, 02, 12, 03, 13, 23, each with side, first rim and second
+    # rim.
     number, part = (k - 10) // 3, (k - 10) % 3
     row = 3 if number >= 3 else (2 if number >= 1 else 1)
     other = number - row * (row - 1) // 2
@@ -149,7 +157,7 @@ def _candidate(table, one, two, X_21, k, ends, size, nx, ny, nz):
     return EDGE_SIDE, v, w, end, mx / length, my / length, mz / length
 
 
-@jit
+@geometry_kernel
 def write_pair(table, one, two, X_21, nx, ny, nz, pair, first, second, end, rows, count, column):
     """Writes the features that `cylinder_axis` found."""
     j = table.pieces[two, 1]

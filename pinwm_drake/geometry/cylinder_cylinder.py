@@ -1,7 +1,7 @@
 """Two cylinders against each other (numba).
 
-As in `cylinder_axis`: a search names the features, and the pair of features with the largest separation along its
-normal, known in closed form or by Newton's method for two rims, is the contact.
+As in `cylinder_axis`: a search names the features, and the pair of features with the largest separation along
+its normal, known in closed form or by Newton's method for two rims, is the contact.
 """
 
 import math
@@ -9,18 +9,23 @@ import math
 import numpy as np
 
 from pinwm_drake.geometry.cylinder_pair_manifold import collect_cylinder_manifold
-from pinwm_drake.geometry.cylinder_parts import radial, rim_line, write_cap, write_rim, write_rim_line, write_rim_place
+from pinwm_drake.geometry.cylinder_parts import (
+    radial,
+    rim_line,
+    write_cap,
+    write_rim,
+    write_rim_line,
+    write_rim_place,
+)
 from pinwm_drake.geometry.epa import expand
 from pinwm_drake.geometry.face_clip import DEEPER
 from pinwm_drake.geometry.features import LINE
 from pinwm_drake.geometry.gjk import distance
-from pinwm_drake.geometry.manifold import jit_with_memory
 from pinwm_drake.geometry.rows import (
     PARALLEL_SINE,
     cross,
     dot,
     inverse_pose,
-    jit,
     norm,
     transform,
     turn,
@@ -31,6 +36,7 @@ from pinwm_drake.geometry.rows import (
 )
 from pinwm_drake.geometry.segments import SAME
 from pinwm_drake.geometry.support import separation_along
+from pinwm_drake.jit import allocating_kernel, geometry_kernel
 
 _LINE = float(LINE)
 
@@ -45,7 +51,7 @@ _CANDIDATES = 8
 _NEWTON_STEPS = 20
 
 
-@jit_with_memory
+@allocating_kernel
 def collide_cylinders(table, one, two, X_21, column, margin, rows, count):
     """Appends the contacts of two cylinders; arguments as for `segments.collide_rounds`."""
     ends = np.empty((4, 2), np.int64)
@@ -76,7 +82,7 @@ def collide_cylinders(table, one, two, X_21, column, margin, rows, count):
     return count
 
 
-@jit
+@geometry_kernel
 def _candidate(table, one, two, X_21, X_12, k, nx, ny, nz):
     """Candidate number k near the axis n: pair of features (-1: none), the ends of both, and its normal."""
     ux, uy, uz = turn(X_21, *xyz(table.axes, one))
@@ -120,21 +126,19 @@ def _candidate(table, one, two, X_21, X_12, k, nx, ny, nz):
             return none, 0, 0, nx, ny, nz
         return SIDE_RIM, end_1, k - 5, mx, my, mz
     mx, my, mz = _two_rims(table, one, two, X_21, end_1, end_2, nx, ny, nz)
-    outward = min(
-        (1.0 - 2.0 * end_1) * dot(mx, my, mz, ux, uy, uz), (2.0 * end_2 - 1.0) * dot(mx, my, mz, vx, vy, vz)
-    )
+    outward = min((1.0 - 2.0 * end_1) * dot(mx, my, mz, ux, uy, uz), (2.0 * end_2 - 1.0) * dot(mx, my, mz, vx, vy, vz))
     if not outward > -SAME:
         return none, 0, 0, nx, ny, nz
     return RIM_RIM, end_1, end_2, mx, my, mz
 
 
-@jit
+@geometry_kernel
 def _two_rims(table, one, two, X_21, end_1, end_2, nx, ny, nz):
-    """The normal of largest separation of two rims near n, by Newton's method on the sphere; NaN where there is none.
+    """The normal of largest separation of two rims near n, by Newton's method on the sphere; NaN if none.
 
-    The separation is f = n . (a - b) with the farthest points a and b of the rims. Its gradient in the tangent plane
-    is that of a - b there, and its Hessian -r_1 t_1 t_1' / s_1 - r_2 t_2 t_2' / s_2 - f I, with the tangents t of the
-    rims and the sines s of n against their axes.
+    The separation is f = n . (a - b) with the farthest points a and b of the rims. Its gradient in the
+    tangent plane is that of a - b there, and its Hessian -r_1 t_1 t_1' / s_1 - r_2 t_2 t_2' / s_2 - f I, with
+    the tangents t of the rims and the sines s of n against their axes.
     """
     ux, uy, uz = turn(X_21, *xyz(table.axes, one))
     vx, vy, vz = xyz(table.axes, two)
@@ -146,7 +150,11 @@ def _two_rims(table, one, two, X_21, end_1, end_2, nx, ny, nz):
         fx, fy, fz, s_2 = radial(vx, vy, vz, nx, ny, nz)
         if s_1 < PARALLEL_SINE or s_2 < PARALLEL_SINE:
             return math.nan, 0.0, 0.0
-        wx, wy, wz = px + r_1 * ex - qx - r_2 * fx, py + r_1 * ey - qy - r_2 * fy, pz + r_1 * ez - qz - r_2 * fz
+        wx, wy, wz = (
+            px + r_1 * ex - qx - r_2 * fx,
+            py + r_1 * ey - qy - r_2 * fy,
+            pz + r_1 * ez - qz - r_2 * fz,
+        )
         tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)
         sx, sy, sz = cross(vx, vy, vz, fx, fy, fz)
         # A basis of the tangent plane: across n and the first axis, and across both.
@@ -176,7 +184,7 @@ def _two_rims(table, one, two, X_21, end_1, end_2, nx, ny, nz):
     return nx, ny, nz
 
 
-@jit
+@geometry_kernel
 def _write(table, one, two, X_21, X_12, nx, ny, nz, pair, end_1, end_2, rows, count, column):
     """Writes the pair of features."""
     i, j = table.pieces[one, 1], table.pieces[two, 1]
@@ -201,7 +209,8 @@ def _write(table, one, two, X_21, X_12, nx, ny, nz, pair, end_1, end_2, rows, co
     elif pair == SIDE_RIM:
         write_rim_line(table, two, end_2, i, i + 1, X_21, nx, ny, nz, rows, count, 8 - column)
     elif pair == RIM_RIM:
-        # The first against the tangent of the second: as for `write_rim_line`, well-conditioned by PARALLEL_SINE.
+        # The first against the tangent of the second: as for `write_rim_line`, well-conditioned by
+        # PARALLEL_SINE.
         qx, qy, qz = xyz(table.vertices, j + end_2)
         ex, ey, ez, _ = radial(vx, vy, vz, nx, ny, nz)
         tx, ty, tz = cross(vx, vy, vz, ex, ey, ez)

@@ -20,13 +20,14 @@ from pinwm_drake.geometry.cylinder_parts import radial
 from pinwm_drake.geometry.face_clip import DEEPER, MANIFOLD_ANGLE, outside_face
 from pinwm_drake.geometry.manifold import aligned_face
 from pinwm_drake.geometry.pieces import HULL
-from pinwm_drake.geometry.rows import dot, inverse_pose, jit, norm, transform, turn, turn_back, xyz
+from pinwm_drake.geometry.rows import dot, inverse_pose, norm, transform, turn, turn_back, xyz
 from pinwm_drake.geometry.segments import SAME
+from pinwm_drake.jit import geometry_kernel
 
 
-@jit
+@geometry_kernel
 def collide_with_cylinder(table, one, two, X_21, column, margin, rows, count):
-    """Appends the contacts of a capsule or hull with a cylinder; arguments as for `segments.collide_rounds`."""
+    """Appends the contacts of a capsule or hull with a cylinder; arguments of `segments.collide_rounds`."""
     i = table.pieces[one, 1]
     radius = table.vertices[i, 3]
     if table.pieces[one, 0] == HULL:
@@ -64,7 +65,7 @@ def collide_with_cylinder(table, one, two, X_21, column, margin, rows, count):
     return count
 
 
-@jit
+@geometry_kernel
 def _best_face(table, one, two, X_21):
     """The face of a hull along whose normal a cylinder is separated most, and that separation [m]."""
     X_12 = inverse_pose(X_21)
@@ -82,13 +83,13 @@ def _best_face(table, one, two, X_21):
     return best, apart
 
 
-@jit
+@geometry_kernel
 def _holds(table, one, two, X_21, face, apart):
     """Whether the least translation out of a slight penetration is along a face's normal, for certain.
 
-    The Minkowski difference has a facet over this face. Where the facet extends by R about the point below which the
-    origin lies at depth d, no direction within 168 degrees of the normal leads out sooner if R >= 10 d; and none of
-    the others does if the middles of the pieces are far enough apart against the normal.
+    The Minkowski difference has a facet over this face. Where the facet extends by R about the point below
+    which the origin lies at depth d, no direction within 168 degrees of the normal leads out sooner if R >=
+    10 d; and none of the others does if the middles of the pieces are far enough apart against the normal.
     """
     X_12 = inverse_pose(X_21)
     j = table.pieces[two, 1]
@@ -116,7 +117,7 @@ def _holds(table, one, two, X_21, face, apart):
     return 0.98 * over - 0.2 * beside >= -apart
 
 
-@jit
+@geometry_kernel
 def _on_face(table, one, two, X_21, face, least, column, margin, rows, count):
     """Appends the manifold of a cylinder on a face where its side or cap is nearly parallel to it."""
     nx, ny, nz = turn(X_21, *xyz(table.planes, face))
@@ -130,7 +131,7 @@ def _on_face(table, one, two, X_21, face, least, column, margin, rows, count):
     return count, math.inf
 
 
-@jit
+@geometry_kernel
 def _along(table, two, X_21, v, w, across):
     """Sine of the angle between the edge from v to w and the axis of a cylinder, or its cosine (`across`)."""
     px, py, pz = turn(X_21, *xyz(table.vertices, v))
@@ -142,9 +143,9 @@ def _along(table, two, X_21, v, w, across):
     return abs(dot(ux, uy, uz, dx, dy, dz)) / length if across else sine / length
 
 
-@jit
+@geometry_kernel
 def _edge_at(table, one, two, X_21, v, across):
-    """The edge at vertex v that runs along a cylinder, or `across` its axis, within MANIFOLD_ANGLE; else v twice."""
+    """The edge at v that runs along a cylinder, or `across` its axis, within MANIFOLD_ANGLE; else v twice."""
     if table.pieces[one, 0] != HULL:
         i = table.pieces[one, 1]
         return (i, i + 1) if _along(table, two, X_21, i, i + 1, across) < MANIFOLD_ANGLE else (v, v)

@@ -1,7 +1,7 @@
-"""Contact manifolds of a cylinder: its side or cap on a face, and segments along its side or on its cap (numba).
+"""Contact manifolds of a cylinder: its side or cap on a face, segments along its side or on a cap (numba).
 
-All functions append pairs with a gap from `least` up to the margin [m], and return the rows used and the smallest gap
-among them (m; infinite without any). The cylinder is `two`.
+All functions append pairs with a gap from `least` up to the margin [m], and return the rows used and the
+smallest gap among them (m; infinite without any). The cylinder is `two`.
 """
 
 import math
@@ -25,13 +25,17 @@ from pinwm_drake.geometry.face_clip import (
     gap_over_side,
     outside_face,
 )
-from pinwm_drake.geometry.manifold import MAX_CANDIDATES, MAX_KEPT, add_candidate, jit_with_memory, reduce_candidates
+from pinwm_drake.geometry.manifold import (
+    MAX_CANDIDATES,
+    MAX_KEPT,
+    add_candidate,
+    reduce_candidates,
+)
 from pinwm_drake.geometry.pieces import RIM_POINTS
 from pinwm_drake.geometry.rows import (
     dot,
     height,
     inverse_pose,
-    jit,
     norm,
     transform,
     turn,
@@ -41,18 +45,19 @@ from pinwm_drake.geometry.rows import (
     write_vertex,
     xyz,
 )
+from pinwm_drake.jit import allocating_kernel, geometry_kernel
 
-# Kinds of candidates of a cap on a face: a vertex on the cap, a fixed point of the rim on the face, the lowest point
-# of the rim on the face, an edge across the rim.
+# Kinds of candidates of a cap on a face: a vertex on the cap, a fixed point of the rim on the face, the
+# lowest point of the rim on the face, an edge across the rim.
 _VERTEX, _PLACE, _LOWEST, _CROSSING = 0, 1, 2, 3
 
 # Below this sine of the tilt the lowest point of a rim is ill-conditioned and its fixed points serve.
 _MIN_TILT = 1.0e-4
 
 
-@jit
+@geometry_kernel
 def side_on_face(table, one, two, X_21, face, least, column, margin, rows, count):
-    """The side of a cylinder along a face of a hull: both ends of that part of its line of contact over the face."""
+    """The side of a cylinder along a face of a hull: both ends of its line of contact over the face."""
     X_12 = inverse_pose(X_21)
     j = table.pieces[two, 1]
     length, radius = table.axes[two, 3], table.vertices[j, 3]
@@ -85,7 +90,7 @@ def side_on_face(table, one, two, X_21, face, least, column, margin, rows, count
     return count, nearest
 
 
-@jit_with_memory
+@allocating_kernel
 def cap_on_face(table, one, two, X_21, face, end, least, column, margin, rows, count):
     """A cap on a face of a hull: corners of the overlap of polygon and disc, at most four."""
     X_12 = inverse_pose(X_21)
@@ -164,9 +169,9 @@ def cap_on_face(table, one, two, X_21, face, end, least, column, margin, rows, c
     return count, nearest
 
 
-@jit
+@geometry_kernel
 def through_disc(px, py, pz, dx, dy, dz, ux, uy, uz, radius):
-    """Where the line p + t d passes in and out of the cylinder of a radius about the axis u; NaN where it does not."""
+    """Where the line p + t d passes in and out of a cylinder about the axis u; NaN where it does not."""
     a, b = dot(px, py, pz, ux, uy, uz), dot(dx, dy, dz, ux, uy, uz)
     px, py, pz, dx, dy, dz = px - a * ux, py - a * uy, pz - a * uz, dx - b * ux, dy - b * uy, dz - b * uz
     a, b, c = dot(dx, dy, dz, dx, dy, dz), dot(px, py, pz, dx, dy, dz), dot(px, py, pz, px, py, pz)
@@ -177,9 +182,9 @@ def through_disc(px, py, pz, dx, dy, dz, ux, uy, uz, radius):
     return (-b - root) / a, (-b + root) / a
 
 
-@jit
+@geometry_kernel
 def segment_along_side(table, i, i2, two, X_21, least, column, margin, rows, count):
-    """A capsule's axis or a hull's edge (vertices i, i2) along the side: ends of the segment, and rims beside it."""
+    """A capsule's axis or a hull's edge (vertices i, i2) along the side: its ends, and rims beside it."""
     j = table.pieces[two, 1]
     radius, round_radius = table.vertices[j, 3], table.vertices[i, 3]
     ux, uy, uz = xyz(table.axes, two)
@@ -217,9 +222,9 @@ def segment_along_side(table, i, i2, two, X_21, least, column, margin, rows, cou
     return count, nearest
 
 
-@jit
+@geometry_kernel
 def segment_on_cap(table, i, i2, two, X_21, end, least, column, margin, rows, count):
-    """A capsule's axis or a hull's edge (vertices i, i2) on a cap: both ends of that part of it over the cap."""
+    """A capsule's axis or a hull's edge (vertices i, i2) on a cap: both ends of its part over the cap."""
     c = table.pieces[two, 1] + end
     sign = 2.0 * end - 1.0
     radius, round_radius = table.vertices[c, 3], table.vertices[i, 3]

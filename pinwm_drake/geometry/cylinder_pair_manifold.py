@@ -16,14 +16,20 @@ from pinwm_drake.geometry.cylinder_parts import (
 )
 from pinwm_drake.geometry.face_clip import MANIFOLD_ANGLE, ON_FACE
 from pinwm_drake.geometry.features import POINT
-from pinwm_drake.geometry.manifold import MAX_CANDIDATES, MAX_KEPT, add_candidate, jit_with_memory, reduce_candidates
+from pinwm_drake.geometry.manifold import (
+    MAX_CANDIDATES,
+    MAX_KEPT,
+    add_candidate,
+    reduce_candidates,
+)
 from pinwm_drake.geometry.pieces import RIM_POINTS
-from pinwm_drake.geometry.rows import dot, jit, transform, turn, turn_back, write_part, xyz
+from pinwm_drake.geometry.rows import dot, transform, turn, turn_back, write_part, xyz
+from pinwm_drake.jit import allocating_kernel, geometry_kernel
 
 _POINT = float(POINT)
 
 
-@jit
+@geometry_kernel
 def collect_cylinder_manifold(table, one, two, X_21, X_12, nx, ny, nz, least, column, margin, rows, count):
     """Appends the manifold of two cylinders whose normal (from `two` to `one`, frame 2) is n.
 
@@ -59,7 +65,7 @@ def collect_cylinder_manifold(table, one, two, X_21, X_12, nx, ny, nz, least, co
     return count, nearest
 
 
-@jit
+@geometry_kernel
 def _rims_along(table, one, two, X_12, nx, ny, nz, least, column, margin, rows, count):
     """The rims of `one` beside the axis of `two`; n points out of `one`, in its frame."""
     j = table.pieces[two, 1]
@@ -67,9 +73,7 @@ def _rims_along(table, one, two, X_12, nx, ny, nz, least, column, margin, rows, 
     dx, dy, dz = turn(X_12, *xyz(table.axes, two))
     nearest = math.inf
     for end in range(2):
-        mx, my, mz, gap = rim_line_gap(
-            table, one, end, px, py, pz, dx, dy, dz, table.axes[two, 3], nx, ny, nz
-        )
+        mx, my, mz, gap = rim_line_gap(table, one, end, px, py, pz, dx, dy, dz, table.axes[two, 3], nx, ny, nz)
         gap -= table.vertices[j, 3]
         if least <= gap < margin and count < rows.shape[0]:
             write_rim_line(table, one, end, j, j + 1, X_12, mx, my, mz, rows, count, column)
@@ -78,7 +82,7 @@ def _rims_along(table, one, two, X_12, nx, ny, nz, least, column, margin, rows, 
     return count, nearest
 
 
-@jit
+@geometry_kernel
 def _side_on_cap(table, one, two, X_21, X_12, end, least, column, margin, rows, count):
     """The side of `one` on a cap of `two`: both ends of that part of its line of contact over the cap."""
     i, c = table.pieces[one, 1], table.pieces[two, 1] + end
@@ -113,7 +117,7 @@ def _side_on_cap(table, one, two, X_21, X_12, end, least, column, margin, rows, 
     return count, nearest
 
 
-@jit_with_memory
+@allocating_kernel
 def _cap_on_cap(table, one, two, X_21, X_12, end_1, end_2, least, column, margin, rows, count):
     """Cap on cap: the points fixed on either rim that lie over the other cap, and the lowest one of `one`."""
     c, d = table.pieces[one, 1] + end_1, table.pieces[two, 1] + end_2

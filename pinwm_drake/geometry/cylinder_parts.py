@@ -6,11 +6,21 @@ from pinwm_drake.geometry.face_clip import BEYOND_END, MANIFOLD_ANGLE
 from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
 from pinwm_drake.geometry.features import _nearest_circle_to_line as nearest_circle_to_line
 from pinwm_drake.geometry.pieces import RIM_POINTS
-from pinwm_drake.geometry.rows import PARALLEL_SINE, cross, dot, jit, norm, transform, write_line, write_part, xyz
+from pinwm_drake.geometry.rows import (
+    PARALLEL_SINE,
+    cross,
+    dot,
+    norm,
+    transform,
+    write_line,
+    write_part,
+    xyz,
+)
+from pinwm_drake.jit import geometry_kernel
 
-# A rim meets a line as a circle where the sine of the normal against the axis is more than this, so that its sign is
-# beyond doubt, where the line does not run along the rim (PARALLEL_SINE), and where the line's point is on the side of
-# the rim within 60 degrees, from where the nearest place is found (see `features`).
+# A rim meets a line as a circle where the sine of the normal against the axis is more than this, so that its
+# sign is beyond doubt, where the line does not run along the rim (PARALLEL_SINE), and where the line's point
+# is on the side of the rim within 60 degrees, from where the nearest place is found (see `features`).
 _MIN_SINE, _MIN_COSINE = 1.0e-3, 0.5
 
 # Points closer than this [m] define no direction to the accuracy of a normal.
@@ -22,7 +32,7 @@ _COSINES = tuple(math.cos(2.0 * math.pi * k / RIM_POINTS) for k in range(RIM_POI
 _SINES = tuple(math.sin(2.0 * math.pi * k / RIM_POINTS) for k in range(RIM_POINTS))
 
 
-@jit
+@geometry_kernel
 def rim_place(table, piece, end, k):
     """The point number k fixed on a rim (`pieces.rim_points`), m, frame of the body; `end` is 0 or 1."""
     v = table.pieces[piece, 1] + end
@@ -43,7 +53,7 @@ def rim_place(table, piece, end, k):
     return cx + c * ex + s * fx, cy + c * ey + s * fy, cz + c * ez + s * fz
 
 
-@jit
+@geometry_kernel
 def radial(ux, uy, uz, x, y, z):
     """Part of a vector across the axis u as unit vector and length; zeros along the axis."""
     along = dot(ux, uy, uz, x, y, z)
@@ -54,14 +64,14 @@ def radial(ux, uy, uz, x, y, z):
     return x / length, y / length, z / length, length
 
 
-@jit
+@geometry_kernel
 def write_rim_place(table, piece, end, k, rows, count, column):
     """Writes a point fixed on a rim."""
     x, y, z = rim_place(table, piece, end, k)
     write_part(rows, count, column, _POINT, x, y, z, 0.0, 0.0, 0.0, 0.0)
 
 
-@jit
+@geometry_kernel
 def write_cap(table, piece, end, rows, count, column):
     """Writes the plane of a cap."""
     x, y, z = xyz(table.vertices, table.pieces[piece, 1] + end)
@@ -70,7 +80,7 @@ def write_cap(table, piece, end, rows, count, column):
     write_part(rows, count, column, _PLANE, x, y, z, sign * ux, sign * uy, sign * uz, 0.0)
 
 
-@jit
+@geometry_kernel
 def write_rim(table, piece, end, rows, count, column):
     """Writes a rim; its axis points out of the cylinder."""
     v = table.pieces[piece, 1] + end
@@ -80,12 +90,13 @@ def write_rim(table, piece, end, rows, count, column):
     write_part(rows, count, column, _CIRCLE, x, y, z, sign * ux, sign * uy, sign * uz, table.vertices[v, 3])
 
 
-@jit
+@geometry_kernel
 def rim_line(table, piece, end, px, py, pz, dx, dy, dz, nx, ny, nz):
-    """The normal of a rim and a line p + t d near the normal n out of the cylinder (frame of the cylinder's body).
+    """The normal of a rim and a line p + t d near the normal n out of the cylinder (frame of its body).
 
     Returns:
-        The unit normal (NaN where it is not defined), the distance of the line along it (m), and the place t there.
+        The unit normal (NaN where it is not defined), the distance of the line along it (m), and the place t
+        there.
     """
     rx, ry, rz = xyz(table.vertices, table.pieces[piece, 1] + end)
     ux, uy, uz = xyz(table.axes, piece)
@@ -99,7 +110,8 @@ def rim_line(table, piece, end, px, py, pz, dx, dy, dz, nx, ny, nz):
     wx, wy, wz = px - rx - radius * ex, py - ry - radius * ey, pz - rz - radius * ez
     t = -dot(wx, wy, wz, dx, dy, dz)
     if norm(mx, my, mz) < PARALLEL_SINE:
-        # The tangent runs along the line: the difference of the nearest points is the normal, while there is one.
+        # The tangent runs along the line: the difference of the nearest points is the normal, while there is
+        # one.
         mx, my, mz = wx + t * dx, wy + t * dy, wz + t * dz
         if norm(mx, my, mz) < SAME_PLACE:
             mx, my, mz, _ = radial(dx, dy, dz, nx, ny, nz)
@@ -110,12 +122,13 @@ def rim_line(table, piece, end, px, py, pz, dx, dy, dz, nx, ny, nz):
     return mx, my, mz, dot(mx, my, mz, wx, wy, wz), t
 
 
-@jit
+@geometry_kernel
 def rim_line_gap(table, piece, end, px, py, pz, dx, dy, dz, length, nx, ny, nz):
-    """Gap between a rim and a segment p + t d, 0 <= t <= length, along a normal near n (frame of the cylinder's body).
+    """Gap between a rim and a segment p + t d, 0 <= t <= length, along a normal near n out of the cylinder.
 
     Returns:
-        The unit normal, and the gap (m; infinite where the normal is not near n or the place is beyond an end).
+        The unit normal, and the gap (m; infinite where the normal is not near n or the place is beyond an
+        end).
     """
     mx, my, mz, gap, t = rim_line(table, piece, end, px, py, pz, dx, dy, dz, nx, ny, nz)
     near = dot(mx, my, mz, nx, ny, nz) > math.cos(MANIFOLD_ANGLE)
@@ -124,9 +137,9 @@ def rim_line_gap(table, piece, end, px, py, pz, dx, dy, dz, length, nx, ny, nz):
     return mx, my, mz, gap
 
 
-@jit
+@geometry_kernel
 def write_segment_place(table, v, w, t, rows, count, column):
-    """Writes the point at t [m] on the line from vertex v to vertex w as a point, with the radius of its piece."""
+    """Writes the place t [m] on the line from vertex v to vertex w as a point, with its piece's radius."""
     x, y, z = xyz(table.vertices, v)
     dx, dy, dz = xyz(table.vertices, w)
     dx, dy, dz = dx - x, dy - y, dz - z
@@ -135,11 +148,12 @@ def write_segment_place(table, v, w, t, rows, count, column):
     write_part(rows, count, column, _POINT, x, y, z, 0.0, 0.0, 0.0, table.vertices[v, 3])
 
 
-@jit
+@geometry_kernel
 def write_rim_line(table, piece, end, v, w, X_CL, nx, ny, nz, rows, count, column):
     """Writes a rim against the line from vertex v to vertex w of another body.
 
-    Where circle and line are ill-conditioned, the line's point is written against the plane across the normal.
+    Where circle and line are ill-conditioned, the line's point is written against the plane across the
+    normal.
 
     Args:
         table: PieceTable.

@@ -1,18 +1,18 @@
 """Signed distance and normal of two pieces by growing a polytope in their Minkowski difference (numba).
 
-Source: G. van den Bergen, "Proximity queries and penetration depth computation on 3D game objects", GDC 2001. Unlike
-there the polytope starts from any tetrahedron inside the difference, not from one that contains the origin: the face
-with the least signed offset is expanded, so that the method runs through touching, where the search for an enclosing
-tetrahedron is ill-conditioned.
+Source: G. van den Bergen, "Proximity queries and penetration depth computation on 3D game objects", GDC 2001.
+Unlike there the polytope starts from any tetrahedron inside the difference, not from one that contains the
+origin: the face with the least signed offset is expanded, so that the method runs through touching, where the
+search for an enclosing tetrahedron is ill-conditioned.
 """
 
 import math
 
 import numpy as np
 
-from pinwm_drake.geometry.manifold import jit_with_memory
-from pinwm_drake.geometry.rows import cross, dot, jit, norm, transform, xyz
+from pinwm_drake.geometry.rows import cross, dot, norm, transform, xyz
 from pinwm_drake.geometry.support import support_of_difference
+from pinwm_drake.jit import allocating_kernel, geometry_kernel
 
 _MAX_POINTS = 128
 _MAX_FACES = 2 * _MAX_POINTS
@@ -21,7 +21,7 @@ _MAX_FACES = 2 * _MAX_POINTS
 _FLAT = 1.0e-13
 
 
-@jit_with_memory
+@allocating_kernel
 def expand(table, one, two, X_21, margin, tolerance, ends):
     """Largest separation of two pieces over the faces of the grown polytope.
 
@@ -34,8 +34,8 @@ def expand(table, one, two, X_21, margin, tolerance, ends):
         ends: (4, 2) int64. Receives in three rows the vertices of `one` and `two` behind the final face.
 
     Returns:
-        The separation (m; within the tolerance of the signed distance when negative, else a lower bound of it) and
-        the unit axis from `two` to `one` (frame 2).
+        The separation (m; within the tolerance of the signed distance when negative, else a lower bound of
+        it) and the unit axis from `two` to `one` (frame 2).
     """
     points = np.empty((_MAX_POINTS, 3))
     sources = np.empty((_MAX_POINTS, 2), np.int64)
@@ -66,7 +66,7 @@ def expand(table, one, two, X_21, margin, tolerance, ends):
     return best, bx, by, bz
 
 
-@jit
+@geometry_kernel
 def _first_tetrahedron(table, one, two, X_21, points, sources, corners, planes):
     """A tetrahedron in the difference, turned to the origin; returns the first separation and its axis."""
     cx, cy, cz = transform(X_21, *xyz(table.piece_spheres, one))
@@ -118,7 +118,7 @@ def _first_tetrahedron(table, one, two, X_21, points, sources, corners, planes):
     return separation, nx, ny, nz
 
 
-@jit
+@geometry_kernel
 def _set_plane(points, corners, planes, face):
     """Computes the plane of a face; one without area gets an infinite offset and is never chosen."""
     ax, ay, az = xyz(points, corners[face, 0])
@@ -134,7 +134,7 @@ def _set_plane(points, corners, planes, face):
     planes[face, 3] = (dot(nx, ny, nz, ax, ay, az) + dot(nx, ny, nz, bx, by, bz) + dot(nx, ny, nz, cx, cy, cz)) / 3.0
 
 
-@jit
+@geometry_kernel
 def _grow(points, new, corners, planes, horizon, faces):
     """Replaces the faces that a new point sees by a cone over their outline; returns the number of faces."""
     wx, wy, wz = xyz(points, new)

@@ -2,26 +2,28 @@
 
 import math
 
-from pinwm_drake.geometry.rows import PARALLEL_SINE, cross, dot, height, jit, line_parameters, norm, xyz
+from pinwm_drake.geometry.rows import PARALLEL_SINE, cross, dot, height, line_parameters, norm, xyz
+from pinwm_drake.jit import geometry_kernel
 
 # A point this little [m] outside a side of a face counts as over the face.
 ON_FACE = 1.0e-8
 
-# A segment along a side of a face may lie this fraction of its length outside of it and counts as over the face.
+# A segment along a side of a face may lie this fraction of its length outside of it and counts as over the
+# face.
 ALONG_SIDE = 1.0e-4
 
 # The nearest points of a crossing may lie this little [m] beyond the ends of their edges.
 BEYOND_END = 1.0e-6
 
-# Segments that meet at less than this angle [rad] run along each other, and a segment along a face that it meets at
-# less than this: they touch in a manifold of contacts.
+# Segments that meet at less than this angle [rad] run along each other, and a segment along a face that it
+# meets at less than this: they touch in a manifold of contacts.
 MANIFOLD_ANGLE = 0.1
 
 # In penetration a candidate deeper than the least translation by more than this [m] is not a contact.
 DEEPER = 1.0e-7
 
 
-@jit
+@geometry_kernel
 def outside_face(table, face, x, y, z):
     """How far a point lies outside the worst side of a face [m], measured in the face's plane."""
     worst = -math.inf
@@ -30,13 +32,13 @@ def outside_face(table, face, x, y, z):
     return worst
 
 
-@jit
+@geometry_kernel
 def clip_to_face(table, face, px, py, pz, ux, uy, uz, length):
     """The part of the segment p + t u, 0 <= t <= length, over a face (all in the frame of the face's body).
 
     Returns:
-        Its ends t (m; the first beyond the second where nothing lies over the face) and at each the side of the face
-        that is crossed there, or -1 at an end of the segment.
+        Its ends t (m; the first beyond the second where nothing lies over the face) and at each the side of
+        the face that is crossed there, or -1 at an end of the segment.
     """
     enter, leave, enter_side, leave_side = 0.0, length, -1, -1
     for k in range(table.faces[face], table.faces[face + 1]):
@@ -59,9 +61,9 @@ def clip_to_face(table, face, px, py, pz, ux, uy, uz, length):
     return enter, leave, enter_side, leave_side
 
 
-@jit
+@geometry_kernel
 def gap_over_side(table, face, side, px, py, pz, ux, uy, uz, length):
-    """Gap of the segment p + t u and the edge at a side of a face, as lines, counted upwards from the face [m].
+    """Gap [m] of the segment p + t u and the edge at a side of a face, as lines, counted upwards.
 
     Infinite where they are parallel, do not run along the face, or are nearest beyond their ends.
     """

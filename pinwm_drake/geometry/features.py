@@ -27,7 +27,7 @@ separated surfaces and in terms of radii instead of curvatures, so that vertices
 
 import math
 
-from numba import njit
+from pinwm_drake.jit import geometry_kernel
 
 POINT = 0
 LINE = 1
@@ -39,10 +39,8 @@ FEATURE_SIZE = 16
 _NEWTON_STEPS = 12
 _TINY = 1.0e-300
 
-_jit = njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"}, inline="never")
 
-
-@_jit
+@geometry_kernel
 def _rotate(R, x, y, z):
     return (
         R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
@@ -51,7 +49,7 @@ def _rotate(R, x, y, z):
     )
 
 
-@_jit
+@geometry_kernel
 def _nearest_circle_to_line(c, u, radius, p, d):
     """Point of a circle (centre c, axis u) where the distance to the line (p, d) is stationary.
 
@@ -82,7 +80,7 @@ def _nearest_circle_to_line(c, u, radius, p, d):
     return ex, ey, ez
 
 
-@_jit
+@geometry_kernel
 def _rim_point(c, u, radius, other_type, p, d, n, toward):
     """Witness point of a rim (centre c, axis u) against another feature (p, d).
 
@@ -105,7 +103,7 @@ def _rim_point(c, u, radius, other_type, p, d, n, toward):
     return (c[0] + radius * ex, c[1] + radius * ey, c[2] + radius * ez)
 
 
-@_jit
+@geometry_kernel
 def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
     """Gap, normal and witness points of one feature pair.
 
@@ -154,7 +152,11 @@ def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
         return gap
 
     if type_A == LINE and type_B == LINE:
-        cx, cy, cz = uA[1] * uB[2] - uA[2] * uB[1], uA[2] * uB[0] - uA[0] * uB[2], uA[0] * uB[1] - uA[1] * uB[0]
+        cx, cy, cz = (
+            uA[1] * uB[2] - uA[2] * uB[1],
+            uA[2] * uB[0] - uA[0] * uB[2],
+            uA[0] * uB[1] - uA[1] * uB[0],
+        )
         s2 = cx * cx + cy * cy + cz * cz + _TINY
         s = 1.0 / math.sqrt(s2)
         nx, ny, nz = cx * s, cy * s, cz * s
@@ -171,7 +173,7 @@ def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
         b[0], b[1], b[2] = a[0] - gap * nx, a[1] - gap * ny, a[2] - gap * nz
         return gap
 
-    if type_A == CIRCLE and type_B == LINE or type_A == LINE and type_B == CIRCLE:
+    if (type_A == CIRCLE and type_B == LINE) or (type_A == LINE and type_B == CIRCLE):
         # The normal is perpendicular to both the rim's tangent and the line, so that the gap keeps its sign.
         on_A = type_A == CIRCLE
         centre, axis, radius = (pA, uA, r_A) if on_A else (pB, uB, r_B)
@@ -221,7 +223,7 @@ def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
     return gap
 
 
-@_jit
+@geometry_kernel
 def tangents(nx, ny, nz):
     """Unit tangents (t1, t2), with t1 x t2 = n, smooth wherever the reference axis does not change.
 
@@ -237,7 +239,7 @@ def tangents(nx, ny, nz):
     return t1x, t1y, t1z, ny * t1z - nz * t1y, nz * t1x - nx * t1z, nx * t1y - ny * t1x
 
 
-@_jit
+@geometry_kernel
 def tangents_adjoint(nx, ny, nz, t1, t1bar, t2bar):
     """Pulls gradients of the two tangents back to the normal; returns the three components of nbar."""
     # t2 = n x t1
@@ -261,7 +263,7 @@ def tangents_adjoint(nx, ny, nz, t1, t1bar, t2bar):
     return gx, gy, gz
 
 
-@_jit
+@geometry_kernel
 def _radii(kind, outward, ux, uy, uz, r, ex, ey, ez, t1, t2):
     """Radius-of-curvature tensor of a surface in the tangent basis; (ex, ey, ez) is a - p.
 
@@ -278,7 +280,11 @@ def _radii(kind, outward, ux, uy, uz, r, ex, ey, ez, t1, t2):
         # Along the rim's tangent the outward normal turns by cos(alpha) / r per metre; across, it turns freely.
         s = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez + _TINY)
         ex, ey, ez = ex * s, ey * s, ez * s
-        nx, ny, nz = t1[1] * t2[2] - t1[2] * t2[1], t1[2] * t2[0] - t1[0] * t2[2], t1[0] * t2[1] - t1[1] * t2[0]
+        nx, ny, nz = (
+            t1[1] * t2[2] - t1[2] * t2[1],
+            t1[2] * t2[0] - t1[0] * t2[2],
+            t1[0] * t2[1] - t1[1] * t2[0],
+        )
         k = r / (outward * (nx * ex + ny * ey + nz * ez) + 1e-12)
         ux, uy, uz = uy * ez - uz * ey, uz * ex - ux * ez, ux * ey - uy * ex
         w1, w2 = ux * t1[0] + uy * t1[1] + uz * t1[2], ux * t2[0] + uy * t2[1] + uz * t2[2]
@@ -286,7 +292,7 @@ def _radii(kind, outward, ux, uy, uz, r, ex, ey, ez, t1, t2):
     return r, 0.0, r, 0.0, 0.0
 
 
-@_jit
+@geometry_kernel
 def contact_adjoint(row, R_A, p_A, R_B, p_B, n, a, b, phi, nbar, cbar, phibar, twist_A, twist_B):
     """Pulls gradients of a contact back to the poses of its two bodies.
 

@@ -4,7 +4,8 @@ import math
 
 from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
 from pinwm_drake.geometry.pieces import CYLINDER
-from pinwm_drake.geometry.rows import dot, jit, norm, write_part, xyz
+from pinwm_drake.geometry.rows import dot, norm, write_part, xyz
+from pinwm_drake.jit import geometry_kernel
 
 _POINT, _PLANE, _CIRCLE = float(POINT), float(PLANE), float(CIRCLE)
 
@@ -18,15 +19,16 @@ _DIRECTION_SIN = tuple(math.sin(2.0 * math.pi * k / _DIRECTIONS) for k in range(
 # points of a face that lies flat on the floor differ by rounding, and the choice must not follow that.
 _SAME_DEPTH = 1.0e-7
 
-# Sine of the tilt above which a rim touches with its lowest point, and below which it does not (there the point's
-# place is ill-conditioned; the points fixed on the rim are too high by 0.08 radius * tilt at most).
+# Sine of the tilt above which a rim touches with its lowest point, and below which it does not (there the
+# point's place is ill-conditioned; the points fixed on the rim are too high by 0.08 radius * tilt at most).
 _MIN_TILT = 1.0e-4
 
-# The fixed points serve a cylinder that stands. Off 0.2 rad they would only make a rolling cylinder a polygon.
+# The fixed points serve a cylinder that stands. Off 0.2 rad they would only make a rolling cylinder a
+# polygon.
 _MAX_STANDING_TILT = 0.2
 
 
-@jit
+@geometry_kernel
 def collide_floor(table, body, R_WB, p_WB, floor_height, margin, rows, count):
     """Appends the contacts of one body (A) with the floor (B).
 
@@ -62,7 +64,7 @@ def collide_floor(table, body, R_WB, p_WB, floor_height, margin, rows, count):
     return count
 
 
-@jit
+@geometry_kernel
 def _gap(table, i, ux, uy, uz, lift):
     """Gap of one floor point [m]; infinite for the fixed points of a cylinder that does not stand."""
     piece = table.floor_owners[i]
@@ -75,7 +77,7 @@ def _gap(table, i, ux, uy, uz, lift):
     return dot(ux, uy, uz, x, y, z) + lift - table.floor_points[i, 3]
 
 
-@jit
+@geometry_kernel
 def _append_point(table, i, floor_height, rows, count):
     if count >= rows.shape[0]:
         return count
@@ -85,12 +87,12 @@ def _append_point(table, i, floor_height, rows, count):
     return count + 1
 
 
-@jit
+@geometry_kernel
 def _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, count):
     """Appends the outermost points along eight directions fixed in the body, and the deepest.
 
-    The directions lie in the coordinate plane of the body that is most nearly horizontal, so that the choice depends
-    on the pose only through which points are within the margin.
+    The directions lie in the coordinate plane of the body that is most nearly horizontal, so that the choice
+    depends on the pose only through which points are within the margin.
     """
     start, end = table.bodies[body, 1], table.bodies[body + 1, 1]
     first_axis, second_axis = 0, 1
@@ -126,7 +128,7 @@ def _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, count):
     return count
 
 
-@jit
+@geometry_kernel
 def _is_point(table, i, rows, row):
     return (
         rows[row, 1] == table.floor_points[i, 0]
@@ -135,7 +137,7 @@ def _is_point(table, i, rows, row):
     )
 
 
-@jit
+@geometry_kernel
 def _append_rims(table, piece, ux, uy, uz, lift, floor_height, margin, rows, count):
     """Appends the lowest point of each rim of a tilted cylinder."""
     ax, ay, az = xyz(table.axes, piece)

@@ -1,22 +1,22 @@
 """Distance of two disjoint pieces (numba).
 
-Source: E. G. Gilbert, D. W. Johnson, S. S. Keerthi, "A fast procedure for computing the distance between complex
-objects in three-dimensional space", IEEE J. Robotics and Automation 4(2), 1988; the nearest point of a simplex by
-Voronoi regions after C. Ericson, Real-Time Collision Detection, sections 5.1.5-5.1.6.
+Source: E. G. Gilbert, D. W. Johnson, S. S. Keerthi, "A fast procedure for computing the distance between
+complex objects in three-dimensional space", IEEE J. Robotics and Automation 4(2), 1988; the nearest point of
+a simplex by Voronoi regions after C. Ericson, Real-Time Collision Detection, sections 5.1.5-5.1.6.
 """
 
 import math
 
 import numpy as np
 
-from pinwm_drake.geometry.manifold import jit_with_memory
-from pinwm_drake.geometry.rows import dot, jit, norm, xyz
+from pinwm_drake.geometry.rows import dot, norm, xyz
 from pinwm_drake.geometry.support import support_of_difference
+from pinwm_drake.jit import allocating_kernel, geometry_kernel
 
 _MAX_ITERATIONS = 64
 
 
-@jit_with_memory
+@allocating_kernel
 def distance(table, one, two, X_21, nx, ny, nz, tolerance, ends):
     """Distance of the cores of two pieces that do not touch.
 
@@ -29,8 +29,8 @@ def distance(table, one, two, X_21, nx, ny, nz, tolerance, ends):
         ends: (4, 2) int64. Receives the vertices of `one` and `two` whose differences span the nearest point.
 
     Returns:
-        The distance (m; 0 where they touch), the unit normal from `two` to `one` (frame 2), and how many rows of
-        `ends` are used.
+        The distance (m; 0 where they touch), the unit normal from `two` to `one` (frame 2), and how many rows
+        of `ends` are used.
     """
     # Points of {b - a}; the one nearest to the origin is minus the shortest translation of `one` into `two`.
     simplex = np.empty((4, 3))
@@ -75,7 +75,7 @@ def distance(table, one, two, X_21, nx, ny, nz, tolerance, ends):
     return length, -x / length, -y / length, -z / length, size
 
 
-@jit
+@geometry_kernel
 def _nearest(simplex, size, weights, best):
     """Point of a simplex nearest to the origin; its weights come in `weights`, `best` is scratch."""
     for k in range(4):
@@ -106,7 +106,7 @@ def _nearest(simplex, size, weights, best):
     return x, y, z
 
 
-@jit
+@geometry_kernel
 def _triangle(simplex, i, j, k):
     """Barycentric coordinates of the point of a triangle nearest to the origin."""
     ax, ay, az = xyz(simplex, i)

@@ -1,9 +1,9 @@
 """Two convex hulls against each other (numba).
 
-The axis of largest separation is found first; it is a lower bound of the signed distance, and the signed distance
-itself in penetration. Then the manifold about that axis is collected. Where a pair of it attains the bound, it is the
-nearest pair; where none does, the hulls are apart and meet with a vertex or at the ends of edges, and the nearest
-pair is found by `gjk` and appended too.
+The axis of largest separation is found first; it is a lower bound of the signed distance, and the signed
+distance itself in penetration. Then the manifold about that axis is collected. Where a pair of it attains the
+bound, it is the nearest pair; where none does, the hulls are apart and meet with a vertex or at the ends of
+edges, and the nearest pair is found by `gjk` and appended too.
 """
 
 import numpy as np
@@ -11,21 +11,22 @@ import numpy as np
 from pinwm_drake.geometry.epa import expand
 from pinwm_drake.geometry.face_clip import DEEPER
 from pinwm_drake.geometry.gjk import distance
-from pinwm_drake.geometry.manifold import aligned_face, collect_manifold, jit_with_memory
-from pinwm_drake.geometry.rows import jit, turn_back, write_face, write_line_pair, write_vertex
+from pinwm_drake.geometry.manifold import aligned_face, collect_manifold
+from pinwm_drake.geometry.rows import turn_back, write_face, write_line_pair, write_vertex
 from pinwm_drake.geometry.segments import COINCIDENT, SAME, append_segments
 from pinwm_drake.geometry.separating_axis import EDGES, FACE_OF_ONE, FACE_OF_TWO, separating_axis
 from pinwm_drake.geometry.support import support
+from pinwm_drake.jit import allocating_kernel, geometry_kernel
 
-# Hulls whose pairs of edges, and of faces and vertices, are more than this take `epa` instead of all axes. At the
-# limit both take about 5 us.
+# Hulls whose pairs of edges, and of faces and vertices, are more than this take `epa` instead of all axes. At
+# the limit both take about 5 us.
 _MAX_PAIRS = 1500
 
 # Of the face that `epa` returns [m].
 _TOLERANCE = 1.0e-10
 
 
-@jit_with_memory
+@allocating_kernel
 def collide_hulls(table, one, two, X_21, column, margin, rows, count):
     """Appends the contacts of two hulls; arguments as for `segments.collide_rounds`."""
     ends = np.empty((4, 2), np.int64)
@@ -36,9 +37,7 @@ def collide_hulls(table, one, two, X_21, column, margin, rows, count):
         kind, first, second = _features_of_axis(table, one, two, X_21, nx, ny, nz)
     if apart >= margin:
         return count
-    count, nearest = collect_manifold(
-        table, one, two, X_21, nx, ny, nz, apart - DEEPER, column, margin, rows, count
-    )
+    count, nearest = collect_manifold(table, one, two, X_21, nx, ny, nz, apart - DEEPER, column, margin, rows, count)
     if nearest <= apart + SAME or count >= rows.shape[0]:
         return count
     if apart >= COINCIDENT:
@@ -55,7 +54,12 @@ def collide_hulls(table, one, two, X_21, column, margin, rows, count):
     else:
         i, i2, j, j2 = 0, 0, 0, 0
         if first >= 0:
-            i, i2, j, j2 = table.edges[first, 0], table.edges[first, 1], table.edges[second, 0], table.edges[second, 1]
+            i, i2, j, j2 = (
+                table.edges[first, 0],
+                table.edges[first, 1],
+                table.edges[second, 0],
+                table.edges[second, 1],
+            )
         else:
             i, i2, _ = _corners(ends, 3, column - column)
             j, j2, _ = _corners(ends, 3, column - column + 1)
@@ -66,7 +70,7 @@ def collide_hulls(table, one, two, X_21, column, margin, rows, count):
     return count + 1
 
 
-@jit
+@geometry_kernel
 def _pairs(table, one, two):
     vertices_1 = table.pieces[one + 1, 1] - table.pieces[one, 1]
     vertices_2 = table.pieces[two + 1, 1] - table.pieces[two, 1]
@@ -77,7 +81,7 @@ def _pairs(table, one, two):
     return edges_1 * edges_2 + faces_1 * vertices_2 + faces_2 * vertices_1
 
 
-@jit
+@geometry_kernel
 def _features_of_axis(table, one, two, X_21, nx, ny, nz):
     """Kind and features of an axis as `separating_axis` gives them; for two edges they are -1."""
     mx, my, mz = turn_back(X_21, -nx, -ny, -nz)
@@ -92,9 +96,9 @@ def _features_of_axis(table, one, two, X_21, nx, ny, nz):
     return EDGES, -1, -1
 
 
-@jit
+@geometry_kernel
 def _append_nearest(table, one, two, X_21, nx, ny, nz, ends, size, known, column, margin, rows, count):
-    """Appends the pair of features that the vertices in `ends` span, apart; `known` as for `append_segments`."""
+    """Appends the pair of features that the vertices in `ends` span; `known` as for `append_segments`."""
     i, i2, face_of_one = _corners(ends, size, column - column)
     j, j2, face_of_two = _corners(ends, size, column - column + 1)
     if face_of_two:
@@ -111,9 +115,9 @@ def _append_nearest(table, one, two, X_21, nx, ny, nz, ends, size, known, column
     return append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, known, column, margin, rows, count)
 
 
-@jit
+@geometry_kernel
 def _corners(ends, size, side):
-    """The first two different vertices in a column of `ends` (twice the one if all are the same); whether more."""
+    """The first two different vertices in a column of `ends` (or one twice), and whether there are more."""
     a = ends[0, side]
     b, more = a, False
     for k in range(1, size):

@@ -1,22 +1,19 @@
 """Contact manifold of two convex hulls near a given normal (numba).
 
-Candidates are the corners of the overlap of two nearly parallel faces, or of a face with a vertex or edge on it: a
-vertex of either hull over the other's face gives point against plane, an edge that passes over a side of the face
-line against line. At most four are kept.
+Candidates are the corners of the overlap of two nearly parallel faces, or of a face with a vertex or edge on
+it: a vertex of either hull over the other's face gives point against plane, an edge that passes over a side
+of the face line against line. At most four are kept.
 """
 
 import math
 
 import numpy as np
-from numba import njit
 
 from pinwm_drake.geometry.face_clip import MANIFOLD_ANGLE, ON_FACE, clip_to_face, gap_over_side, outside_face
 from pinwm_drake.geometry.rows import (
     cross,
     dot,
-    height,
     inverse_pose,
-    jit,
     norm,
     transform,
     turn,
@@ -26,9 +23,7 @@ from pinwm_drake.geometry.rows import (
     write_vertex,
     xyz,
 )
-
-# Like `rows.jit`, for functions that need scratch memory.
-jit_with_memory = njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"}, _nrt=True)
+from pinwm_drake.jit import allocating_kernel, geometry_kernel
 
 VERTEX_OF_ONE, VERTEX_OF_TWO, EDGE_PAIR = 0, 1, 2
 
@@ -41,15 +36,15 @@ _SAME_PLACE = 1.0e-6
 # Candidates are as deep within this [m].
 _SAME_DEPTH = 1.0e-7
 
-# Of too many candidates the outermost along these directions remain, where a gap counts against a candidate this many
-# times: the rim of a rounded face must not replace what touches. The directions are at an odd angle to the first side
-# of the face, so that for boxes none has two equally good corners.
+# Of too many candidates the outermost along these directions remain, where a gap counts against a candidate
+# this many times: the rim of a rounded face must not replace what touches. The directions are at an odd angle
+# to the first side of the face, so that for boxes none has two equally good corners.
 _GAP_WEIGHT = 5.0
 _COSINES = tuple(math.cos(0.61 + 0.5 * math.pi * k) for k in range(MAX_KEPT))
 _SINES = tuple(math.sin(0.61 + 0.5 * math.pi * k) for k in range(MAX_KEPT))
 
 
-@jit
+@geometry_kernel
 def aligned_face(table, hull, nx, ny, nz):
     """The face of a hull whose normal is nearest to n (frame of its body), and the cosine between them."""
     face, cosine = -1, -2.0
@@ -60,7 +55,7 @@ def aligned_face(table, hull, nx, ny, nz):
     return face, cosine
 
 
-@jit_with_memory
+@allocating_kernel
 def collect_manifold(table, one, two, X_21, nx, ny, nz, least, column, margin, rows, count):
     """Appends the manifold of two hulls whose contact normal (from `two` to `one`, frame 2) is near n.
 
@@ -111,13 +106,18 @@ def collect_manifold(table, one, two, X_21, nx, ny, nz, least, column, margin, r
             write_face(table, first, rows, count, column)
             write_vertex(table, second, rows, count, 8 - column)
         else:
-            i, i2, j, j2 = table.edges[first, 0], table.edges[first, 1], table.edges[second, 0], table.edges[second, 1]
+            i, i2, j, j2 = (
+                table.edges[first, 0],
+                table.edges[first, 1],
+                table.edges[second, 0],
+                table.edges[second, 1],
+            )
             write_line_pair(table, i, i2, j, j2, X_21, nx, ny, nz, rows, count, column)
         count += 1
     return count, nearest
 
 
-@jit
+@geometry_kernel
 def add_candidate(x, y, z, gap, kind, first, second, places, features, found):
     """Adds a candidate unless there is one at its place; returns the number of candidates."""
     for k in range(found):
@@ -130,9 +130,9 @@ def add_candidate(x, y, z, gap, kind, first, second, places, features, found):
     return found
 
 
-@jit
+@geometry_kernel
 def _vertices_over(table, moving, face, X_FM, on_two, least, margin, places, features, found):
-    """Adds the vertices of a hull over a face of the other; F is the frame of the face's body, that of `two` or not."""
+    """Adds the vertices of a hull over a face of the other; F is the frame of the face's body, 2 or 1."""
     # The plane in the frame of the moving hull: most of its vertices are far above it.
     nx, ny, nz = xyz(table.planes, face)
     mx, my, mz = turn_back(X_FM, nx, ny, nz)
@@ -151,9 +151,9 @@ def _vertices_over(table, moving, face, X_FM, on_two, least, margin, places, fea
     return found
 
 
-@jit
+@geometry_kernel
 def _edges_over(table, moving, face, X_FM, X_21, on_two, least, margin, places, features, found):
-    """Adds the crossings of the edges of a hull with the sides of a face of the other, whose body frame is F."""
+    """Adds the crossings of the edges of a hull with the sides of a face of the other, whose frame is F."""
     nx, ny, nz = xyz(table.planes, face)
     mx, my, mz = turn_back(X_FM, nx, ny, nz)
     offset = table.planes[face, 3] - nx * X_FM[9] - ny * X_FM[10] - nz * X_FM[11]
@@ -183,11 +183,12 @@ def _edges_over(table, moving, face, X_FM, X_21, on_two, least, margin, places, 
     return found
 
 
-@jit
+@geometry_kernel
 def reduce_candidates(ex, ey, ez, nx, ny, nz, places, features, found):
     """Moves the outermost candidates to the front, and the deepest in place of the nearest kept one.
 
-    Source: the choice of points by area in common physics engines, here by fixed directions, which is steadier.
+    Source: the choice of points by area in common physics engines, here by fixed directions, which is
+    steadier.
     """
     fx, fy, fz = cross(nx, ny, nz, ex, ey, ez)
     deepest = 0
@@ -216,7 +217,9 @@ def reduce_candidates(ex, ey, ez, nx, ny, nz, places, features, found):
         for k in range(kept):
             known = min(known, places[k, 3])
             d = norm(
-                places[k, 0] - places[deepest, 0], places[k, 1] - places[deepest, 1], places[k, 2] - places[deepest, 2]
+                places[k, 0] - places[deepest, 0],
+                places[k, 1] - places[deepest, 1],
+                places[k, 2] - places[deepest, 2],
             )
             if d < distance - _SAME_DEPTH:
                 closest, distance = k, d
@@ -225,7 +228,7 @@ def reduce_candidates(ex, ey, ez, nx, ny, nz, places, features, found):
     return kept
 
 
-@jit
+@geometry_kernel
 def _swap(places, features, i, j):
     for k in range(4):
         places[i, k], places[j, k] = places[j, k], places[i, k]

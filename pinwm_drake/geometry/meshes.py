@@ -15,8 +15,8 @@ from pinwm_drake.geometry.shapes import convex_hull
 # Extents [m] beyond which a file is taken to be in another unit: objects on a table are in between.
 _LARGEST, _SMALLEST = 5.0, 1e-3
 
-# A part whose volume is below this share of that of its convex hull is not convex. Coordinates rounded to 1e-6 m
-# cost a part of 10 mm about 1e-4 of its volume.
+# A part whose volume is below this share of that of its convex hull is not convex. Coordinates rounded to
+# 1e-6 m cost a part of 10 mm about 1e-4 of its volume.
 _CONVEX_SHARE = 1.0 - 1e-3
 
 
@@ -47,8 +47,8 @@ def load_mesh(path: str | os.PathLike[str]) -> trimesh.Trimesh:
         The mesh, with faces turned outwards and without textures.
 
     Raises:
-        InputError: The file is missing, cannot be read, has no faces, has a coordinate that is not finite, is not
-            watertight, encloses no volume, or has an extent below 1 mm or above 5 m.
+        InputError: The file is missing, cannot be read, has no faces, has a coordinate that is not finite, is
+            not watertight, encloses no volume, or has an extent below 1 mm or above 5 m.
     """
     parts = _load_parts(Path(path))
     starts = np.cumsum([0] + [len(part.vertices) for part in parts])
@@ -65,7 +65,8 @@ def load_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
         path: As for `load_mesh`.
 
     Returns:
-        The convex hull of each object and each separate component, in the order of the file, frame of the mesh.
+        The convex hull of each object and each separate component, in the order of the file, frame of the
+        mesh.
 
     Raises:
         InputError: As for `load_mesh`, or a part that is not convex.
@@ -76,7 +77,7 @@ def load_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
         if part.volume < _CONVEX_SHARE * hull.volume:
             raise InputError(
                 path,
-                value=f"a part (number {number}) that fills {part.volume / hull.volume:.1%} of its convex hull",
+                value=f"part {number}, which fills {part.volume / hull.volume:.1%} of its convex hull",
                 allowed="convex parts; decompose the mesh first (pinwm_drake.geometry.convex.decompose)",
             )
         pieces.append(convex_hull(part.vertices))
@@ -97,7 +98,8 @@ def mass_properties(
         The properties.
 
     Raises:
-        GeometryError: Neither or both of mass and density, one that is not positive, or a mesh without volume.
+        GeometryError: Neither or both of mass and density, one that is not positive, or a mesh without
+            volume.
     """
     if (mass is None) == (density is None):
         raise GeometryError(f"mass_properties got mass={mass}, density={density}; allowed: exactly one of the two")
@@ -161,9 +163,11 @@ def _load_parts(path: Path) -> list[trimesh.Trimesh]:
     for part in parts:
         if not part.is_watertight or not part.is_winding_consistent:
             raise InputError(path, value="an open surface", allowed="a watertight mesh: two faces at every edge")
-        if abs(part.volume) < 1e-12:
+        with np.errstate(divide="ignore", invalid="ignore"):  # trimesh divides by the volume
+            volume = float(part.volume)
+        if abs(volume) < 1e-12:
             raise InputError(path, value="a part without volume", allowed="parts of 1 mm^3 or more")
-        if part.volume < 0.0:
+        if volume < 0.0:
             part.invert()
     return parts
 
@@ -171,7 +175,9 @@ def _load_parts(path: Path) -> list[trimesh.Trimesh]:
 def _read_obj(path: Path) -> list[trimesh.Trimesh]:
     """The objects of an OBJ file in its order (trimesh returns them in another)."""
     text = path.read_text()
-    loaded = trimesh.exchange.obj.load_obj(io.StringIO(text), split_objects=True, skip_materials=True, maintain_order=True)
+    loaded = trimesh.exchange.obj.load_obj(
+        io.StringIO(text), split_objects=True, skip_materials=True, maintain_order=True
+    )
     blocks = loaded.get("geometry", {"": loaded})
     names = [line[2:].strip() for line in text.splitlines() if line.startswith("o ")]
     order = {name: number for number, name in reversed(list(enumerate(names)))}

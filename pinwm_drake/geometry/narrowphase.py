@@ -9,15 +9,16 @@ from pinwm_drake.geometry.cylinder_hull import collide_with_cylinder
 from pinwm_drake.geometry.floor import collide_floor
 from pinwm_drake.geometry.hull_hull import collide_hulls
 from pinwm_drake.geometry.pieces import CAPSULE, HULL, SPHERE
-from pinwm_drake.geometry.rows import inverse_pose, jit, relative_pose, transform, xyz
+from pinwm_drake.geometry.rows import inverse_pose, relative_pose, transform, xyz
 from pinwm_drake.geometry.segments import collide_rounds
 from pinwm_drake.geometry.sphere_cylinder import collide_sphere_cylinder
 from pinwm_drake.geometry.sphere_hull import collide_sphere_hull
+from pinwm_drake.jit import geometry_kernel
 
 __all__ = ["collide_bodies", "collide_floor"]
 
 
-@jit
+@geometry_kernel
 def collide_bodies(table, body_A, R_WA, p_WA, body_B, R_WB, p_WB, margin, rows, count):
     """Appends the contacts between the pieces of two bodies.
 
@@ -71,7 +72,7 @@ def collide_bodies(table, body_A, R_WA, p_WA, body_B, R_WB, p_WB, margin, rows, 
     return count
 
 
-@jit
+@geometry_kernel
 def _apart(cx, cy, cz, reach, spheres, k):
     """Whether a sphere of radius `reach` about c, in B, misses sphere k."""
     dx, dy, dz = cx - spheres[k, 0], cy - spheres[k, 1], cz - spheres[k, 2]

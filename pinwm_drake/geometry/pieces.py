@@ -25,8 +25,8 @@ class ConvexPiece:
 
     Attributes:
         kind: SPHERE, CAPSULE, HULL or CYLINDER.
-        vertices: (n, 3), m, frame B. Sphere: the centre. Capsule: the ends of its segment. Cylinder: the centres
-            of its caps, in the order of the axis. Hull: its vertices.
+        vertices: (n, 3), m, frame B. Sphere: the centre. Capsule: the ends of its segment. Cylinder: the
+            centres of its caps, in the order of the axis. Hull: its vertices.
         radius: m. Sphere, capsule and cylinder: their radius. Hull: 0.
         faces: Hull only: one loop of vertex indices per face, counter-clockwise seen from outside.
     """
@@ -40,27 +40,30 @@ class ConvexPiece:
 class PieceTable(NamedTuple):
     """Every piece of every body as arrays: what the narrow phase is compiled for.
 
-    int64 and float64, C order, SI; every coordinate is in the frame B of its body. All indices are global. A column
-    called "first ..." has one row more than there are entries: those of entry i are [first[i], first[i + 1]).
+    int64 and float64, C order, SI; every coordinate is in the frame B of its body. All indices are global. A
+    column called "first ..." has one row more than there are entries: those of entry i are
+    [first[i], first[i + 1]).
 
     Attributes:
         bodies: (B + 1, 2). First piece, first floor point.
         body_spheres: (B, 4), m. Centre and radius of a sphere about the body.
         pieces: (P + 1, 4). Kind, first vertex, first face, first edge; only hulls have faces and edges.
-        piece_spheres: (P, 4), m. Centre and radius of a sphere about the piece; the centre lies inside the piece.
-        axes: (P, 4). Capsule or cylinder: unit vector from its first to its second vertex, and their distance, m.
-            Else zeros.
+        piece_spheres: (P, 4), m. Centre and radius of a sphere about the piece; the centre lies inside the
+            piece.
+        axes: (P, 4). Capsule or cylinder: unit vector from its first to its second vertex, and their
+            distance, m. Else zeros.
         vertices: (V, 4), m. Vertex, and radius of its piece (0 for a hull).
         faces: (F + 1,). First corner.
         planes: (F, 4). Outward unit normal n, and offset, m: n . x = offset on the face.
-        corners: (K, 2). Vertex, and edge from it to the next corner: counter-clockwise about the face from outside.
-        sides: (K, 4). For that edge the unit normal in the face's plane that points out of the face, and offset, m: a
-            point x of the plane lies in the face where n . x <= offset for all its sides.
+        corners: (K, 2). Vertex, and edge from it to the next corner: counter-clockwise about the face from
+            outside.
+        sides: (K, 4). For that edge the unit normal in the face's plane that points out of the face, and
+            offset, m: a point x of the plane lies in the face where n . x <= offset for all its sides.
         edges: (E, 4). v0, v1, face on the left going from v0 to v1 (seen from outside), face on the right.
         edge_lines: (E, 4). Unit vector from v0 to v1, and length, m.
-        floor_points: (Q, 4), m. The points with which the body can touch a plane first, and their rounding radii: the
-            vertices of the convex hull of all hulls, the centres of spheres, the ends of capsules, and points fixed
-            on the rims of cylinders.
+        floor_points: (Q, 4), m. The points with which the body can touch a plane first, and their rounding
+            radii: the vertices of the convex hull of all hulls, the centres of spheres, the ends of capsules,
+            and points fixed on the rims of cylinders.
         floor_owners: (Q,). Piece of the cylinder for a point on a rim, else -1.
     """
 
@@ -90,8 +93,8 @@ def pack_pieces(pieces_of_body: list[list[ConvexPiece]]) -> PieceTable:
         The table; bodies, pieces and vertices keep their order.
 
     Raises:
-        GeometryError: A body without pieces, an unknown kind, a vertex that is not finite, or a hull whose faces do
-            not close.
+        GeometryError: A body without pieces, an unknown kind, a vertex that is not finite, or a hull whose
+            faces do not close.
     """
     for number, body in enumerate(pieces_of_body):
         if not body:
@@ -208,14 +211,14 @@ def _union_sphere(spheres: np.ndarray) -> np.ndarray:
 
 
 def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray, np.ndarray]:
-    """The points of one body that a plane can touch with their rounding radii, and the owners of points on rims."""
+    """The points of one body that a plane can touch, with their radii, and the owners of points on rims."""
     from scipy.spatial import ConvexHull
 
     points, owners = [], []
     sharp = [piece.vertices for piece in body if piece.kind == HULL]
     if sharp:
-        # A plane touches a union of pieces only where it touches their common convex hull: inner vertices drop out,
-        # and a vertex that pieces share (to 1e-9 m) comes once.
+        # A plane touches a union of pieces only where it touches their common convex hull: inner vertices
+        # drop out, and a vertex that pieces share (to 1e-9 m) comes once.
         cloud = np.concatenate(sharp)
         _, unique = np.unique(np.round(cloud, 9), axis=0, return_index=True)
         cloud = cloud[np.sort(unique)]

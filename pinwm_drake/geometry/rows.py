@@ -1,26 +1,24 @@
-"""Writing of feature rows (the layout is described in `features`), and the small vector algebra around it (numba).
+"""Writing of feature rows, whose layout `features` describes, and the small vector algebra around it (numba).
 
-Vectors are triples of scalars here: numba then keeps them in registers, where a small array would be allocated.
+Vectors are triples of scalars here: numba then keeps them in registers, where a small array would be
+allocated.
 """
 
 import math
 
-from numba import njit
-
 from pinwm_drake.geometry.features import LINE, PLANE, POINT
+from pinwm_drake.jit import geometry_kernel
 
-# Without numba's runtime (`_nrt=False`) nothing can be allocated, and arrays are not reference counted: counting the
-# arrays of a PieceTable at every call takes longer than the geometry, and threads would fight for the counters.
-jit = njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"}, _nrt=False)
-
-# As numbers of a row. An integer constant as an argument would make numba compile the callee for that very value.
+# As numbers of a row. An integer constant as an argument would make numba compile the callee for that very
+# value.
 _POINT, _LINE, _PLANE = float(POINT), float(LINE), float(PLANE)
 
-# Lines whose directions have a cross product below this are parallel: the normal of such a pair is not defined.
+# Lines whose directions have a cross product below this are parallel: the normal of such a pair is not
+# defined.
 PARALLEL_SINE = 1.0e-3
 
 
-@jit
+@geometry_kernel
 def write_part(rows, count, column, kind, px, py, pz, ux, uy, uz, radius):
     """Writes one body's part of a row.
 
@@ -43,25 +41,25 @@ def write_part(rows, count, column, kind, px, py, pz, ux, uy, uz, radius):
     rows[count, column + 7] = radius
 
 
-@jit
+@geometry_kernel
 def dot(ax, ay, az, bx, by, bz):
     """Scalar product."""
     return ax * bx + ay * by + az * bz
 
 
-@jit
+@geometry_kernel
 def cross(ax, ay, az, bx, by, bz):
     """Vector product."""
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-@jit
+@geometry_kernel
 def norm(x, y, z):
     """Length of a vector."""
     return math.sqrt(x * x + y * y + z * z)
 
 
-@jit
+@geometry_kernel
 def rotate_back(R, x, y, z):
     """R' v."""
     return (
@@ -71,7 +69,7 @@ def rotate_back(R, x, y, z):
     )
 
 
-@jit
+@geometry_kernel
 def transform(X, x, y, z):
     """X p, with a pose as twelve scalars: rotation by rows, then position."""
     return (
@@ -81,19 +79,19 @@ def transform(X, x, y, z):
     )
 
 
-@jit
+@geometry_kernel
 def turn(X, x, y, z):
     """R v of such a pose."""
     return X[0] * x + X[1] * y + X[2] * z, X[3] * x + X[4] * y + X[5] * z, X[6] * x + X[7] * y + X[8] * z
 
 
-@jit
+@geometry_kernel
 def turn_back(X, x, y, z):
     """R' v of such a pose."""
     return X[0] * x + X[3] * y + X[6] * z, X[1] * x + X[4] * y + X[7] * z, X[2] * x + X[5] * y + X[8] * z
 
 
-@jit
+@geometry_kernel
 def relative_pose(R_WA, p_WA, R_WB, p_WB):
     """X_BA as twelve scalars."""
     px, py, pz = rotate_back(R_WB, p_WA[0] - p_WB[0], p_WA[1] - p_WB[1], p_WA[2] - p_WB[2])
@@ -103,26 +101,26 @@ def relative_pose(R_WA, p_WA, R_WB, p_WB):
     return xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz
 
 
-@jit
+@geometry_kernel
 def inverse_pose(X):
     """X_AB from X_BA."""
     px, py, pz = turn_back(X, -X[9], -X[10], -X[11])
     return X[0], X[3], X[6], X[1], X[4], X[7], X[2], X[5], X[8], px, py, pz
 
 
-@jit
+@geometry_kernel
 def xyz(table, i):
     """The first three numbers of a row of one of the table's arrays: a point, direction or normal."""
     return table[i, 0], table[i, 1], table[i, 2]
 
 
-@jit
+@geometry_kernel
 def height(table, i, x, y, z):
     """Height [m] of a point over row i of `planes` or `sides`."""
     return table[i, 0] * x + table[i, 1] * y + table[i, 2] * z - table[i, 3]
 
 
-@jit
+@geometry_kernel
 def write_face(table, face, rows, count, column):
     """Writes the plane of a face."""
     x, y, z = xyz(table.vertices, table.corners[table.faces[face], 0])
@@ -130,14 +128,14 @@ def write_face(table, face, rows, count, column):
     write_part(rows, count, column, _PLANE, x, y, z, nx, ny, nz, 0.0)
 
 
-@jit
+@geometry_kernel
 def write_vertex(table, v, rows, count, column):
     """Writes a vertex of a hull, the centre of a sphere or an end of a capsule."""
     x, y, z = xyz(table.vertices, v)
     write_part(rows, count, column, _POINT, x, y, z, 0.0, 0.0, 0.0, table.vertices[v, 3])
 
 
-@jit
+@geometry_kernel
 def write_line(table, v, w, t, sign, rows, count, column):
     """Writes the line from vertex v to vertex w with its point at t [m] from v; `sign` orients it.
 
@@ -153,9 +151,9 @@ def write_line(table, v, w, t, sign, rows, count, column):
     write_part(rows, count, column, _LINE, x, y, z, ux, uy, uz, table.vertices[v, 3])
 
 
-@jit
+@geometry_kernel
 def line_parameters(ux, uy, uz, vx, vy, vz, wx, wy, wz):
-    """Nearest points of two lines p + s u and q + t v that are not parallel, with w = p - q; s and t in metres.
+    """Nearest points of lines p + s u and q + t v that are not parallel, with w = p - q; s and t in metres.
 
     Source: C. Ericson, Real-Time Collision Detection, section 5.1.8, with unit directions.
     """
@@ -164,11 +162,12 @@ def line_parameters(ux, uy, uz, vx, vy, vz, wx, wy, wz):
     return s, b * s + f
 
 
-@jit
+@geometry_kernel
 def write_line_pair(table, i, i2, j, j2, X_21, nx, ny, nz, rows, count, column):
-    """Writes two lines at their nearest points, oriented for a normal near n (from the second to the first, frame 2).
+    """Writes two lines at their nearest points, oriented for a normal near n.
 
-    Lines as for `write_line`; they must not be parallel. The first belongs to the body of `column`.
+    The normal points from the second to the first, frame 2. Lines as for `write_line`; they must not be
+    parallel. The first belongs to the body of `column`.
     """
     px, py, pz = transform(X_21, *xyz(table.vertices, i))
     ux, uy, uz = transform(X_21, *xyz(table.vertices, i2))

@@ -8,7 +8,6 @@ from pinwm_drake.geometry.rows import (
     PARALLEL_SINE,
     cross,
     dot,
-    jit,
     norm,
     transform,
     write_line,
@@ -16,6 +15,7 @@ from pinwm_drake.geometry.rows import (
     write_vertex,
     xyz,
 )
+from pinwm_drake.jit import geometry_kernel
 
 _PLANE = float(PLANE)
 
@@ -26,12 +26,12 @@ COINCIDENT = 1.0e-9
 SAME = 1.0e-9
 
 
-@jit
+@geometry_kernel
 def closest_on_segments(px, py, pz, ux, uy, uz, length, qx, qy, qz, vx, vy, vz, other):
     """Nearest points of two segments p + s u, 0 <= s <= length, and q + t v, 0 <= t <= other.
 
-    For parallel segments (`PARALLEL_SINE`) one of the two points is an end. Source: C. Ericson, Real-Time Collision
-    Detection, section 5.1.9, with unit directions.
+    For parallel segments (`PARALLEL_SINE`) one of the two points is an end. Source: C. Ericson, Real-Time
+    Collision Detection, section 5.1.9, with unit directions.
 
     Returns:
         s, t (m; exactly 0 or the length at an end) and the distance (m).
@@ -62,7 +62,7 @@ def closest_on_segments(px, py, pz, ux, uy, uz, length, qx, qy, qz, vx, vy, vz, 
     return best_s, best_t, distance
 
 
-@jit
+@geometry_kernel
 def collide_rounds(table, one, two, X_21, column, margin, rows, count):
     """Appends the contacts of a sphere or capsule with another.
 
@@ -86,9 +86,9 @@ def collide_rounds(table, one, two, X_21, column, margin, rows, count):
     return append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, math.inf, column, margin, rows, count)
 
 
-@jit
+@geometry_kernel
 def append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, known, column, margin, rows, count):
-    """Appends the nearest pair of two segments, and the ends of their overlap where they run along each other.
+    """Appends the nearest pair of two segments, and both ends of the overlap of nearly parallel ones.
 
     Args:
         table: PieceTable.
@@ -96,7 +96,8 @@ def append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, known, column, margin
         j, j2: Vertices of the second segment.
         X_21: Pose of the first body in the second, twelve scalars.
         nx, ny, nz: A direction from the second to the first (frame 2), for segments that cross.
-        known: Gap of a pair appended before, m (infinite for none): a nearest pair no closer than that is left out.
+        known: Gap of a pair appended before, m (infinite for none): a nearest pair no closer than that is
+            left out.
         column: 0 where the first segment belongs to body A, 8 where to body B.
         margin: m.
         rows: (max_contacts, 16).
@@ -156,9 +157,9 @@ def append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, known, column, margin
     return count + 1
 
 
-@jit
+@geometry_kernel
 def _write_places(table, i, i2, j, j2, s, t, end_s, end_t, sign, rows, count, column):
-    """Writes a place on each of two segments; `end_s` is -1 or 1 at an end, which is copied without rounding, or 0."""
+    """Writes a place on each of two segments; `end_s` is -1 or 1 at an end, which is copied, or 0."""
     if end_s == 0:
         write_line(table, i, i2, s, sign, rows, count, column)
     else:
@@ -169,9 +170,9 @@ def _write_places(table, i, i2, j, j2, s, t, end_s, end_t, sign, rows, count, co
         write_vertex(table, j2 if end_t > 0 else j, rows, count, 8 - column)
 
 
-@jit
+@geometry_kernel
 def write_coincident(table, i, j, vx, vy, vz, rows, count, column):
-    """Writes vertex i against a plane that touches the ball about vertex j, across the axis v of j's piece."""
+    """Writes vertex i against a plane that touches the ball about vertex j, across the axis of its piece."""
     nx, ny, nz = (0.0, -vz, vy) if abs(vx) < 0.8 else (vz, 0.0, -vx)
     length = norm(nx, ny, nz)
     if length == 0.0:
@@ -180,6 +181,4 @@ def write_coincident(table, i, j, vx, vy, vz, rows, count, column):
     x, y, z = xyz(table.vertices, j)
     radius = table.vertices[j, 3]
     write_vertex(table, i, rows, count, column)
-    write_part(
-        rows, count, 8 - column, _PLANE, x + radius * nx, y + radius * ny, z + radius * nz, nx, ny, nz, 0.0
-    )
+    write_part(rows, count, 8 - column, _PLANE, x + radius * nx, y + radius * ny, z + radius * nz, nx, ny, nz, 0.0)

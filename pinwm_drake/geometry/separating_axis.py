@@ -1,22 +1,23 @@
 """The axis of largest separation of two convex hulls, by trying all face normals and edge pairs (numba).
 
-Exact through touching into penetration, where iterative methods lose their direction; the cost is the product of
-the edge numbers, so that large hulls take `epa` instead.
+Exact through touching into penetration, where iterative methods lose their direction; the cost is the product
+of the edge numbers, so that large hulls take `epa` instead.
 
-Source: D. Gregorius, "The separating axis test between convex polyhedra", GDC 2013: of all pairs of edges only those
-whose arcs on the Gauss map cross give a face of the Minkowski difference.
+Source: D. Gregorius, "The separating axis test between convex polyhedra", GDC 2013: of all pairs of edges
+only those whose arcs on the Gauss map cross give a face of the Minkowski difference.
 """
 
 import math
 
-from pinwm_drake.geometry.rows import PARALLEL_SINE, cross, dot, jit, norm, transform, turn, turn_back, xyz
+from pinwm_drake.geometry.rows import PARALLEL_SINE, cross, dot, norm, transform, turn, turn_back, xyz
 from pinwm_drake.geometry.segments import SAME
+from pinwm_drake.jit import geometry_kernel
 
 # Which features the axis belongs to.
 FACE_OF_TWO, FACE_OF_ONE, EDGES = 0, 1, 2
 
 
-@jit
+@geometry_kernel
 def separating_axis(table, one, two, X_21, margin):
     """Largest separation of two hulls over the normals of the faces of their Minkowski difference.
 
@@ -27,8 +28,9 @@ def separating_axis(table, one, two, X_21, margin):
         margin: The search ends where some axis separates them by this, m.
 
     Returns:
-        The separation (m; the signed distance when negative, else a lower bound of it), the unit axis from `two` to
-        `one` (frame 2), its kind, and its features: face and deepest vertex of the other hull, or the two edges.
+        The separation (m; the signed distance when negative, else a lower bound of it), the unit axis from
+        `two` to `one` (frame 2), its kind, and its features: face and deepest vertex of the other hull, or
+        the two edges.
     """
     best, kind, first, second = -math.inf, FACE_OF_TWO, -1, -1
     nx, ny, nz = 0.0, 0.0, 0.0
@@ -84,7 +86,7 @@ def separating_axis(table, one, two, X_21, margin):
     return best, nx, ny, nz, kind, first, second
 
 
-@jit
+@geometry_kernel
 def _lowest(table, hull, nx, ny, nz):
     """The vertex of a hull that is lowest along n, and its height [m]."""
     lowest, low = -1, math.inf

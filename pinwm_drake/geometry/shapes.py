@@ -93,8 +93,8 @@ def convex_hull(points: np.ndarray, merge_tolerance: float = 1e-6) -> ConvexPiec
 
     Args:
         points: (n, 3), m, frame B.
-        merge_tolerance: Triangles whose corners lie within this fraction of the hull's extent of one plane become one
-            face. A file that rounds its coordinates to 1e-6 m wants about 1e-6 m over the extent.
+        merge_tolerance: Triangles whose corners lie within this fraction of the hull's extent of one plane
+            become one face. A file that rounds its coordinates to 1e-6 m wants about 1e-6 m over the extent.
 
     Returns:
         The piece, in B. Only points that are corners of the hull remain, in their given order.
@@ -113,8 +113,11 @@ def convex_hull(points: np.ndarray, merge_tolerance: float = 1e-6) -> ConvexPiec
         hull = ConvexHull(cloud)
     except QhullError as error:
         raise GeometryError(f"convex_hull of {len(cloud)} points failed: they must not lie in one plane") from error
-    loops = _merge_triangles(cloud, hull.simplices, hull.equations, merge_tolerance * float(np.ptp(cloud, axis=0).max()))
-    # A corner has three faces or more; a vertex of only two lies within the tolerance on the edge between them.
+    loops = _merge_triangles(
+        cloud, hull.simplices, hull.equations, merge_tolerance * float(np.ptp(cloud, axis=0).max())
+    )
+    # A corner has three faces or more; a vertex of only two lies within the tolerance on the edge between
+    # them.
     while True:
         valence = np.bincount(np.concatenate([np.array(loop) for loop in loops]), minlength=len(cloud))
         if not np.any((valence > 0) & (valence < 3)):
@@ -130,14 +133,12 @@ def convex_hull(points: np.ndarray, merge_tolerance: float = 1e-6) -> ConvexPiec
 def _merge_triangles(
     points: np.ndarray, triangles: np.ndarray, planes: np.ndarray, tolerance: float
 ) -> list[tuple[int, ...]]:
-    """Joins the triangles of a hull that lie in one plane, the largest first; returns the loop of each joined face."""
+    """Joins triangles of a hull that lie in one plane, the largest first; the loops of the joined faces."""
     corners = points[triangles]
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.sum(crosses * planes[:, :3], axis=1) < 0.0
     triangles = np.where(inward[:, None], triangles[:, ::-1], triangles)
-    triangle_of = {
-        (int(t[k]), int(t[(k + 1) % 3])): number for number, t in enumerate(triangles) for k in range(3)
-    }
+    triangle_of = {(int(t[k]), int(t[(k + 1) % 3])): number for number, t in enumerate(triangles) for k in range(3)}
     areas = np.linalg.norm(crosses, axis=1)
     owner = np.full(len(triangles), -1)
     loops = []

@@ -1,18 +1,19 @@
 """A sphere against a convex hull (numba).
 
-The face with the largest plane distance is the nearest one wherever the centre lies over it, and gives the least
-translation where the centre is inside. Elsewhere the nearest point is on an edge. A hull has few edges: all are
-tried, which is exact and needs no iteration.
+The face with the largest plane distance is the nearest one wherever the centre lies over it, and gives the
+least translation where the centre is inside. Elsewhere the nearest point is on an edge. A hull has few edges:
+all are tried, which is exact and needs no iteration.
 """
 
 import math
 
 from pinwm_drake.geometry.face_clip import outside_face
-from pinwm_drake.geometry.rows import height, jit, transform, write_face, write_line, write_vertex, xyz
+from pinwm_drake.geometry.rows import height, transform, write_face, write_line, write_vertex, xyz
 from pinwm_drake.geometry.segments import COINCIDENT, SAME
+from pinwm_drake.jit import geometry_kernel
 
 
-@jit
+@geometry_kernel
 def collide_sphere_hull(table, ball, hull, X_HS, column, margin, rows, count):
     """Appends the contact of a sphere with a hull; arguments as for `segments.collide_rounds`."""
     v = table.pieces[ball, 1]

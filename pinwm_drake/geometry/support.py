@@ -3,10 +3,11 @@
 import math
 
 from pinwm_drake.geometry.pieces import CYLINDER
-from pinwm_drake.geometry.rows import dot, jit, norm, transform, turn_back, xyz
+from pinwm_drake.geometry.rows import dot, norm, transform, turn_back, xyz
+from pinwm_drake.jit import geometry_kernel
 
 
-@jit
+@geometry_kernel
 def support(table, piece, nx, ny, nz):
     """Farthest point of a piece's core along n; the core of a sphere or capsule is its centre or segment.
 
@@ -16,7 +17,8 @@ def support(table, piece, nx, ny, nz):
         nx, ny, nz: The direction in the frame of the piece's body, of any length.
 
     Returns:
-        The point (m, three scalars, that frame) and its vertex; for a cylinder the vertex is the cap's centre.
+        The point (m, three scalars, that frame) and its vertex; for a cylinder the vertex is the cap's
+        centre.
     """
     first, best, reach = table.pieces[piece, 1], -1, -math.inf
     for v in range(first, table.pieces[piece + 1, 1]):
@@ -36,12 +38,12 @@ def support(table, piece, nx, ny, nz):
     return x, y, z, best
 
 
-@jit
+@geometry_kernel
 def support_of_difference(table, one, two, X_21, nx, ny, nz):
     """Farthest point of {b - a : b in `two`, a in `one`} along n, in the frame of `two`.
 
-    With n of unit length, minus its height along n is the separation of the cores along n, n pointing from `two`
-    to `one`: a lower bound of their signed distance.
+    With n of unit length, minus its height along n is the separation of the cores along n, n pointing from
+    `two` to `one`: a lower bound of their signed distance.
 
     Returns:
         The point (m, three scalars), and the vertices of `one` and `two` as `support` gives them.
@@ -53,7 +55,7 @@ def support_of_difference(table, one, two, X_21, nx, ny, nz):
     return bx - ax, by - ay, bz - az, i, j
 
 
-@jit
+@geometry_kernel
 def separation_along(table, one, two, X_21, nx, ny, nz):
     """Separation of the cores along a unit vector n of frame 2 that points from `two` to `one` [m]."""
     x, y, z, _, _ = support_of_difference(table, one, two, X_21, nx, ny, nz)

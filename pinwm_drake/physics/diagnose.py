@@ -76,7 +76,7 @@ def inspect(
     used, contacts, system, solver = inspect_step(model.arrays, *arrays, model.max_contacts)
     if used < 0:
         raise SolverError(f"world {world}: the contact LCP found no solution")
-    C = int(contacts.count[0])
+    C = int(contacts.number[0])
     k = model.friction_directions
     lam, s = solver.lam[:C], solver.s[:C]
     closed = lam[:, :1] > 0.0

@@ -58,7 +58,7 @@ class MixedLcp:
         return MixedLcp(*(getattr(self, name).detach() for name in self.__dataclass_fields__))
 
     def slack(self, x: Tensor, z: Tensor) -> Tensor:
-        """s (W, N) at x (W, n) and z (W, N)."""
+        """S (W, N) at x (W, n) and z (W, N)."""
         return (self.H @ x[..., None] + self.B @ z[..., None])[..., 0] + self.b
 
     def standard_form(self) -> tuple[Tensor, Tensor]:

@@ -114,7 +114,7 @@ class Parameters:
         )
 
     def unconstrained(self) -> dict[str, Tensor]:
-        """theta as unbounded tensors: log_mass (W, nb), log_cholesky (W, nb, 6), log_friction and
+        """Theta as unbounded tensors: log_mass (W, nb), log_cholesky (W, nb, 6), log_friction and
         logit_restitution (W, num_pairs).
 
         The six numbers are the logarithms of the diagonal of the Cholesky factor L of the second moment

@@ -119,7 +119,10 @@ def _joint_rows(model: Model, state: State, R: Tensor, V_WP: Tensor) -> tuple[Te
             return torch.as_tensor(value, dtype=R.dtype, device=R.device)
 
         d = R[:, B] @ constant(arrays.joint_direction[r])
-        u_A, u_B = R[:, A] @ constant(arrays.joint_anchor[r, 0]), R[:, B] @ constant(arrays.joint_anchor[r, 1])
+        u_A, u_B = (
+            R[:, A] @ constant(arrays.joint_anchor[r, 0]),
+            R[:, B] @ constant(arrays.joint_anchor[r, 1]),
+        )
         kind = arrays.joint_kind[r]
         row = torch.zeros(W, nb + 2, 6, dtype=R.dtype, device=R.device)
         for body, sign, u in ((A, 1.0, u_A), (B, -1.0, u_B)):
@@ -142,14 +145,14 @@ def _joint_rows(model: Model, state: State, R: Tensor, V_WP: Tensor) -> tuple[Te
     return torch.stack(J_e, 1), torch.stack(bias, 1), torch.stack(errors, 1)
 
 
-def _gyroscopic_step(I: Tensor, w0: Tensor, h: float) -> Tensor:
-    """Solves I (w - w0) + h w x I w = 0 (body frame) by Newton's method; the last step carries the gradient."""
+def _gyroscopic_step(I_B: Tensor, w0: Tensor, h: float) -> Tensor:
+    """Solves I_B (w - w0) + h w x I_B w = 0 (body frame) by Newton's method; the last step carries the gradient."""
 
     def residual(w: Tensor) -> Tensor:
-        return (I @ (w - w0)[..., None])[..., 0] + h * torch.linalg.cross(w, (I @ w[..., None])[..., 0])
+        return (I_B @ (w - w0)[..., None])[..., 0] + h * torch.linalg.cross(w, (I_B @ w[..., None])[..., 0])
 
     def jacobian(w: Tensor) -> Tensor:
-        return I + h * (_skew(w) @ I - _skew((I @ w[..., None])[..., 0]))
+        return I_B + h * (_skew(w) @ I_B - _skew((I_B @ w[..., None])[..., 0]))
 
     with torch.no_grad():
         w = w0
@@ -278,7 +281,9 @@ def _stabilise(model: Model, contacts: Contacts, joints: tuple[Tensor, Tensor]) 
     Jn = contacts.J[:, :, 0]
     J_e, error = joints
     metric = KAPPA * torch.as_tensor(model.arrays.stabilisation_weight, dtype=gap.dtype, device=gap.device)
-    normal = torch.diag(metric.repeat_interleave(3, 1).reshape(6 * nb)) + Jn.mT @ (weight[..., None] * Jn) + J_e.mT @ J_e
+    normal = (
+        torch.diag(metric.repeat_interleave(3, 1).reshape(6 * nb)) + Jn.mT @ (weight[..., None] * Jn) + J_e.mT @ J_e
+    )
     right = (Jn.mT @ (weight * depth)[..., None] - J_e.mT @ error[..., None])[..., 0]
     return torch.linalg.solve(normal, right)
 

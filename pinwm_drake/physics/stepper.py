@@ -110,7 +110,8 @@ class Stepper:
         for tensor in inputs:
             if tensor.device.type != "cpu":
                 raise StateError(f"a tensor is on {tensor.device}; allowed: cpu (use backend='torch' elsewhere)")
-        return Trajectory(*_Rollout.apply(self, record_every, *inputs))
+        # torch leaves `apply` untyped.
+        return Trajectory(*_Rollout.apply(self, record_every, *inputs))  # type: ignore[no-untyped-call]
 
 
 def _raise_failure(model: Model, status: np.ndarray) -> None:
@@ -161,13 +162,17 @@ class _Rollout(torch.autograd.Function):
         return tuple(torch.from_numpy(array) for array in frames[:5])
 
     @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         arguments = ctx.arguments
-        model_arrays, parameters, V_P, record_every, frames, saved = arguments
+        _, parameters, V_P, _, frames, _ = arguments
         frame_bars = tuple(np.ascontiguousarray(gradient.detach().numpy()) for gradient in gradients)
         bars = tuple(
             np.zeros(shape)
-            for shape in (*(array.shape for array in parameters), *(array.shape[1:] for array in frames[:5]), V_P.shape)
+            for shape in (
+                *(array.shape for array in parameters),
+                *(array.shape[1:] for array in frames[:5]),
+                V_P.shape,
+            )
         )
         _share(kernels.rollout_backward, (*arguments, frame_bars, bars), V_P.shape[1], ctx.threads)
         if (frames[-1] < 0).any():

@@ -50,9 +50,7 @@ class ViewCamera:
 
     def scaled(self, factor: int) -> "ViewCamera":
         """The same view with `factor` times the pixels along each side."""
-        return ViewCamera(
-            self.R_WC, self.p_WC, self.focal * factor, self.width * factor, self.height * factor
-        )
+        return ViewCamera(self.R_WC, self.p_WC, self.focal * factor, self.width * factor, self.height * factor)
 
     def project(self, p_W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where points appear.

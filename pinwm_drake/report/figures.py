@@ -90,9 +90,7 @@ def _draw_from_above(
         axes.add_collection(PolyCollection(triangles, facecolor=colour, edgecolor="none", alpha=0.55))
         axes.add_collection(LineCollection(outline, colors=[colour], linewidths=1.2))
         centre = tuple(1e3 * p_WP[k, :2])
-        axes.add_patch(
-            Circle(centre, 1e3 * pusher_radius, color=_PUSHER, alpha=0.2 + 0.6 * share, linewidth=0)
-        )
+        axes.add_patch(Circle(centre, 1e3 * pusher_radius, color=_PUSHER, alpha=0.2 + 0.6 * share, linewidth=0))
     axes.plot(*(1e3 * p_WB[:, :2].T), color=_BLOCK, linewidth=1.5, label="centre of mass")
     axes.plot(*(1e3 * p_WP[:, :2].T), color=_PUSHER, linewidth=1, linestyle="--", label="pusher")
     axes.set_aspect("equal")

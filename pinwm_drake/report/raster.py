@@ -25,9 +25,7 @@ class Surface:
     def empty(cls, camera: ViewCamera) -> "Surface":
         """A buffer in which nothing has been drawn."""
         shape = (camera.height, camera.width)
-        return cls(
-            np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32), np.zeros((*shape, 3), np.float32)
-        )
+        return cls(np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32), np.zeros((*shape, 3), np.float32))
 
 
 def draw_triangles(

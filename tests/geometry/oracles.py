@@ -52,8 +52,8 @@ def evaluate(row: np.ndarray, X_WA, X_WB) -> dict:
 def minkowski_distance(one: ConvexPiece, X_1, two: ConvexPiece, X_2) -> tuple[float, np.ndarray]:
     """Signed distance of two pieces without cylinders, and the normal from `two` to `one`.
 
-    The cores' difference is a polytope; in penetration the distance is that to its nearest face plane, outside that
-    to the nearest triangle. Exact up to qhull's rounding.
+    The cores' difference is a polytope; in penetration the distance is that to its nearest face plane,
+    outside that to the nearest triangle. Exact up to qhull's rounding.
     """
     p = one.vertices @ X_1[0].T + X_1[1]
     q = two.vertices @ X_2[0].T + X_2[1]
@@ -101,7 +101,7 @@ def support_distance(one: ConvexPiece, X_1, two: ConvexPiece, X_2) -> float:
     regions by Nelder and Mead's method in the tangent plane, restarted, since the separation has kinks.
     """
     directions = _DIRECTIONS
-    values = _separations(one, X_1, two, X_2, directions)
+    values = separations(one, X_1, two, X_2, directions)
     starts: list[np.ndarray] = []
     for k in np.argsort(-values):
         if all(directions[k] @ other < 0.99 for other in starts):
@@ -118,7 +118,7 @@ def support_distance(one: ConvexPiece, X_1, two: ConvexPiece, X_2) -> float:
 
             def negative(c, centre=centre, basis=basis):
                 n = centre + c @ basis
-                return -_separations(one, X_1, two, X_2, (n / np.linalg.norm(n))[None])[0]
+                return -separations(one, X_1, two, X_2, (n / np.linalg.norm(n))[None])[0]
 
             simplex = width * np.array([[0.0, 0.0], [1.0, 0.2], [-0.3, 1.0]])
             found = minimize(
@@ -134,6 +134,11 @@ def support_distance(one: ConvexPiece, X_1, two: ConvexPiece, X_2) -> float:
     return float(best)
 
 
+def best_sampled_separation(one: ConvexPiece, X_1, two: ConvexPiece, X_2) -> float:
+    """The largest separation over 5000 directions, a lower bound of the signed distance."""
+    return float(np.max(separations(one, X_1, two, X_2, _DIRECTIONS)))
+
+
 def _fibonacci_sphere(number: int) -> np.ndarray:
     k = np.arange(number) + 0.5
     z, angle = 1.0 - 2.0 * k / number, np.pi * (1.0 + np.sqrt(5.0)) * k
@@ -143,7 +148,8 @@ def _fibonacci_sphere(number: int) -> np.ndarray:
 _DIRECTIONS = _fibonacci_sphere(5000)
 
 
-def _separations(one: ConvexPiece, X_1, two: ConvexPiece, X_2, directions: np.ndarray) -> np.ndarray:
+def separations(one: ConvexPiece, X_1, two: ConvexPiece, X_2, directions: np.ndarray) -> np.ndarray:
+    """Separation of two pieces along unit directions (N, 3) from `two` to `one`, m."""
     return -_supports(one, X_1, -directions) - _supports(two, X_2, directions)
 
 

@@ -23,10 +23,7 @@ def contains(mesh: trimesh.Trimesh, point: np.ndarray) -> bool:
     A, B, C = (np.linalg.norm(corners[:, k], axis=1) for k in range(3))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c))
     scale = (
-        A * B * C
-        + np.einsum("ij,ij->i", a, b) * C
-        + np.einsum("ij,ij->i", b, c) * A
-        + np.einsum("ij,ij->i", c, a) * B
+        A * B * C + np.einsum("ij,ij->i", a, b) * C + np.einsum("ij,ij->i", b, c) * A + np.einsum("ij,ij->i", c, a) * B
     )
     return bool(2 * np.arctan2(volume, scale).sum() > 2 * math.pi)
 

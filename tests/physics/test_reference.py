@@ -90,8 +90,23 @@ def test_bodies_that_touch_each_other_agree():
 def test_joints_agree(kind):
     # Two cubes in free fall above the floor, joined to each other, and one of them to the pusher.
     joints = [
-        Joint(kind, "a", "b", p_A=(0.05, 0.0, 0.0), p_B=(-0.05, 0.0, 0.0), axis_A=(0, 0.6, 0.8), axis_B=(0, 0.6, 0.8)),
-        Joint("no_translation", "a", "pusher", p_A=(0.0, 0.0, 0.025), p_B=(0.0, 0.0, 0.0), axis_B=(0.0, 0.0, 1.0)),
+        Joint(
+            kind,
+            "a",
+            "b",
+            p_A=(0.05, 0.0, 0.0),
+            p_B=(-0.05, 0.0, 0.0),
+            axis_A=(0, 0.6, 0.8),
+            axis_B=(0, 0.6, 0.8),
+        ),
+        Joint(
+            "no_translation",
+            "a",
+            "pusher",
+            p_A=(0.0, 0.0, 0.025),
+            p_B=(0.0, 0.0, 0.0),
+            axis_B=(0.0, 0.0, 1.0),
+        ),
     ]
     model = Model(bodies=[cube("a"), cube("b", mass=0.2)], pusher=[sphere(0.005)], joints=joints)
     generator = torch.Generator().manual_seed(5)
@@ -100,7 +115,12 @@ def test_joints_agree(kind):
     state = State.at_rest(model, p_WB=p, V_WB=V, p_WP=(-0.05, 0.0, 0.055))
     # The derivative of the position error of an angular row leaves out terms of the size of the drift.
     compare(
-        model, nominal(model), state, straight_push(12, velocity=(0.1, 0.0, 0.05)), record_every=3, backward=1e-4
+        model,
+        nominal(model),
+        state,
+        straight_push(12, velocity=(0.1, 0.0, 0.05)),
+        record_every=3,
+        backward=1e-4,
     )
 
 
@@ -125,7 +145,10 @@ def test_worlds_do_not_depend_on_each_other_or_on_threads():
     state, V = push_start(model), straight_push(60)
     alone = Stepper(model, num_threads=1).rollout(one, state, V, record_every=20)
     many = Stepper(model).rollout(
-        one.expand(5), State(*(x.expand(5, *x.shape[1:]) for x in vars(state).values())), V.expand(-1, 5, -1), record_every=20
+        one.expand(5),
+        State(*(x.expand(5, *x.shape[1:]) for x in vars(state).values())),
+        V.expand(-1, 5, -1),
+        record_every=20,
     )
     for name in alone.__dataclass_fields__:
         for world in range(5):
@@ -135,7 +158,11 @@ def test_worlds_do_not_depend_on_each_other_or_on_threads():
 def test_a_rollout_may_be_cut_anywhere():
     # A step depends on its state alone, not on what a rollout remembers to solve faster.
     model = push_model()
-    parameters, state, V = nominal(model, friction_floor=0.05, friction_pusher=0.1), push_start(model), straight_push(60)
+    parameters, state, V = (
+        nominal(model, friction_floor=0.05, friction_pusher=0.1),
+        push_start(model),
+        straight_push(60),
+    )
     stepper = Stepper(model)
     whole = stepper.rollout(parameters, state, V, record_every=60).frame(-1)
     half = stepper.rollout(parameters, state, V[:27], record_every=27).frame(-1)

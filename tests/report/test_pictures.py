@@ -17,9 +17,7 @@ RED, BLUE = (0.8, 0.05, 0.05), (0.05, 0.05, 0.8)
 
 
 def view(width: int = 160, height: int = 90) -> ViewCamera:
-    return ViewCamera.look_at(
-        np.array([1.0, 0.0, 1.0]), np.zeros(3), width=width, height=height, field_of_view=0.5
-    )
+    return ViewCamera.look_at(np.array([1.0, 0.0, 1.0]), np.zeros(3), width=width, height=height, field_of_view=0.5)
 
 
 def test_the_camera_sees_its_target_in_the_middle_and_up_as_up():

@@ -29,9 +29,7 @@ def test_poses_agree_with_drake():
         X_AB_drake, X_BC_drake = drake_transform(X_AB, i), drake_transform(X_BC, i)
         expected = (X_AB_drake @ X_BC_drake).GetAsMatrix4()
         np.testing.assert_allclose(pose_to_matrix(X_AC)[i], expected, atol=ROUNDING)
-        np.testing.assert_allclose(
-            pose_to_matrix(X_BA)[i], X_AB_drake.inverse().GetAsMatrix4(), atol=ROUNDING
-        )
+        np.testing.assert_allclose(pose_to_matrix(X_BA)[i], X_AB_drake.inverse().GetAsMatrix4(), atol=ROUNDING)
         np.testing.assert_allclose(p_AC[i], X_AB_drake.multiply(X_BC.p[i].numpy()), atol=ROUNDING)
 
 

@@ -55,9 +55,7 @@ def test_quaternions_agree_with_drake():
 def test_matrix_to_quaternion_agrees_with_drake_in_every_branch():
     # Rotations by nearly π about each axis make each component in turn the largest.
     half_turns = torch.eye(4, dtype=torch.float64)[[1, 2, 3]] + 1e-3
-    q = normalize_quaternion(
-        torch.cat((random_quaternions(50), half_turns, torch.eye(4, dtype=torch.float64)))
-    )
+    q = normalize_quaternion(torch.cat((random_quaternions(50), half_turns, torch.eye(4, dtype=torch.float64))))
     found = matrix_to_quaternion(quaternion_to_matrix(q))
     for i in range(len(q)):
         assert found[i, 0] >= 0

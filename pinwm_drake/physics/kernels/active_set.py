@@ -8,7 +8,7 @@ Source: Hintermüller, Ito, Kunisch, "The primal-dual active set strategy as a s
 Optim. 13(3), 2002.
 """
 
-from pinwm_drake.physics.kernels.jit import kernel
+from pinwm_drake.jit import kernel
 from pinwm_drake.physics.kernels.lcp import (
     assemble,
     contact_loads,
@@ -31,7 +31,7 @@ def factor_active_set(system, contacts, work, active):
         active: (>=nc, k + 2) uint8, 1 where lambda (or gamma) may be positive and its slack is zero.
     """
     k = len(system.cosines)
-    nc = contacts.count[0]
+    nc = contacts.number[0]
     inverse = 1.0 / system.contact_compliance
     for c in range(nc):
         held = active[c, 0] != 0
@@ -49,7 +49,7 @@ def solve_active_set(system, contacts, work, active, x, lam, s):
     Writes x = [xi'; lambda_e], lam and the slacks s of all rows. Returns False if the matrix is singular.
     """
     k = len(system.cosines)
-    nc = contacts.count[0]
+    nc = contacts.number[0]
     n = 6 * system.num_bodies + system.num_rows
     if not factor_active_set(system, contacts, work, active):
         return False
@@ -86,7 +86,7 @@ def correct_active_set(system, contacts, active, lam, s, impulse_tolerance, spee
     """
     k = len(system.cosines)
     flips = 0
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         if active[c, 0] == 0:
             if s[c, 0] < -speed_tolerance:
                 # A contact that closes starts out sticking: the directions that oppose its velocity carry load.

@@ -11,12 +11,12 @@ Source: Amos and Kolter (2017), "OptNet", eq. 7-8; de Avila Belbute-Peres et al.
 import math
 
 from pinwm_drake.geometry.features import contact_adjoint, tangents_adjoint
+from pinwm_drake.jit import kernel
 from pinwm_drake.physics.kernels.active_set import solve_active_set
 from pinwm_drake.physics.kernels.adjoint_joints import joints_adjoint
 from pinwm_drake.physics.kernels.detect import FADE, rebound
 from pinwm_drake.physics.kernels.dynamics import gyroscopic_jacobian, solve3
-from pinwm_drake.physics.kernels.jit import kernel
-from pinwm_drake.physics.kernels.lcp import INV_DELTA, INV_DN, S0, S1, S2, S11, S12, S22, contact_velocity
+from pinwm_drake.physics.kernels.lcp import INV_DELTA, INV_DN, S1, S2, S11, S12, S22, contact_velocity
 from pinwm_drake.physics.kernels.small_matrix import lu_solve, lu_solve_transposed
 from pinwm_drake.physics.kernels.stabilise import SLOP, contact_weight, stabilise
 from pinwm_drake.physics.kernels.step import build_step
@@ -88,10 +88,7 @@ def _pose_update_adjoint(model, bodies, solver, adjoint, moved):
     h = model.time_step
     nb = model.num_bodies
     for b in range(nb + model.num_kinematic):
-        if b < nb:
-            V = solver.x[6 * b : 6 * b + 6]
-        else:
-            V = bodies.V[b]
+        V = solver.x[6 * b : 6 * b + 6] if b < nb else bodies.V[b]
         phi = (h * V[0], h * V[1], h * V[2])
         if moved and b < nb:
             o = 6 * b
@@ -142,7 +139,7 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
     """Back through the position correction; adjoint.y holds delta's gradient on entry."""
     y, delta = adjoint.y, solver.delta
     lu_solve(6 * system.num_bodies, solver.S_delta, solver.pivot_delta, y)
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         gap = contacts.gap[c]
         weight, slope = contact_weight(gap)
         if weight == 0.0:
@@ -167,7 +164,11 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
             o = 6 * body
             p, q = sign * weight * left, -sign * weight * Jy
             w = (p * y[o] + q * delta[o], p * y[o + 1] + q * delta[o + 1], p * y[o + 2] + q * delta[o + 2])
-            v = (p * y[o + 3] + q * delta[o + 3], p * y[o + 4] + q * delta[o + 4], p * y[o + 5] + q * delta[o + 5])
+            v = (
+                p * y[o + 3] + q * delta[o + 3],
+                p * y[o + 4] + q * delta[o + 4],
+                p * y[o + 5] + q * delta[o + 5],
+            )
             _add(adjoint.frame[0], 0, 1.0, v)
             _add(adjoint.frame[0], 0, 1.0, _cross(w, contacts.lever[c, side]))
             _add(adjoint.lever[side], 0, 1.0, _cross(n, w))
@@ -239,7 +240,7 @@ def _contact_rows_adjoint(
     lever[0, 0], lever[0, 1], lever[0, 2] = f[0] - g[0], f[1] - g[1], f[2] - g[2]
     f, g = _cross(F, y_B), _cross(Y, xi_B)
     lever[1, 0], lever[1, 1], lever[1, 2] = g[0] - f[0], g[1] - f[1], g[2] - f[2]
-    if B == model.num_bodies and not B_moves:
+    if model.num_bodies == B and not B_moves:
         _add(adjoint.V[B], 0, 1.0, _cross(r_B, Y))
         _add(adjoint.V[B], 3, 1.0, Y)
 
@@ -276,7 +277,7 @@ def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, sol
     """Back through M xi' = M xi* + h f of body b, the gyroscopic step and the inertia's rotation."""
     h = model.time_step
     o = 6 * b
-    R, I, V, w = bodies.R[b], inertia[b], bodies.V[b], bodies.V_body[b]
+    R, I_B, V, w = bodies.R[b], inertia[b], bodies.V[b], bodies.V_body[b]
     x, y = solver.x[o : o + 6], adjoint.y[o : o + 6]
     pose = adjoint.pose[b]
     mass = system.mass[b]
@@ -289,16 +290,14 @@ def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, sol
     _add(pose, 0, 1.0, _cross(system.momentum[o : o + 3], y))
     y_body, x_body = _multiply_transposed(R, y), _multiply_transposed(R, x)
     w0 = _multiply_transposed(R, V)
-    bar = _multiply(I, y_body)
-    a, b_, c, d, e, f, g, k, i_ = gyroscopic_jacobian(I, w, h)
+    bar = _multiply(I_B, y_body)
+    a, b_, c, d, e, f, g, k, i_ = gyroscopic_jacobian(I_B, w, h)
     z = solve3((a, d, g, b_, e, k, c, f, i_), bar[0], bar[1], bar[2])
     zw = _cross(z, w)
     for i in range(3):
         for j in range(3):
-            inertia_bar[b, i, j] += (
-                y_body[i] * (w[j] - x_body[j]) - z[i] * (w[j] - w0[j]) - h * zw[i] * w[j]
-            )
-    w0_bar = _multiply(R, _multiply(I, z))
+            inertia_bar[b, i, j] += y_body[i] * (w[j] - x_body[j]) - z[i] * (w[j] - w0[j]) - h * zw[i] * w[j]
+    w0_bar = _multiply(R, _multiply(I_B, z))
     _add(pose, 0, -1.0, _cross(V, w0_bar))
     for i in range(3):
         adjoint.V[b, i] = w0_bar[i]
@@ -355,7 +354,7 @@ def step_adjoint(
     for r in range(system.num_rows):
         adjoint.y[6 * nb + r] = 0.0
     lu_solve_transposed(6 * nb + system.num_rows, solver.S, solver.pivot, adjoint.y)
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         _contact_rows_adjoint(
             model, friction_bar, restitution, restitution_bar, bodies, contacts, system, solver, adjoint, c
         )

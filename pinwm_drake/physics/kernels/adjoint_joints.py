@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from pinwm_drake.jit import allocating_kernel, kernel
 from pinwm_drake.physics.kernels.arrays import LINEAR
-from pinwm_drake.physics.kernels.jit import kernel
 from pinwm_drake.physics.kernels.joints import joint_geometry
 
 
@@ -14,7 +14,7 @@ def _add_cross(out, start, scale, a, b):
     out[start + 2] += scale * (a[0] * b[1] - a[1] * b[0])
 
 
-@kernel
+@allocating_kernel
 def joints_adjoint(model, bodies, system, solver, adjoint):
     """Pulls the gradients of J_e, bias_e and error_e back to poses and to the pusher's velocity.
 

@@ -4,7 +4,7 @@ import math
 
 from pinwm_drake.geometry.features import contact_from_features, tangents
 from pinwm_drake.geometry.narrowphase import collide_bodies, collide_floor
-from pinwm_drake.physics.kernels.jit import kernel
+from pinwm_drake.jit import kernel
 from pinwm_drake.physics.kernels.stabilise import SLOP
 
 # The gap that a closing contact may leave open fades out with restitution as (1 - e)^FADE: an inelastic contact
@@ -39,24 +39,33 @@ def select_features(model, bodies, contacts):
             if pair < 0:
                 continue
             first = count
-            if B == nb + 1:
+            if nb + 1 == B:
                 margin = model.margin + h * speed_A
                 count = collide_floor(
                     model.table, A, bodies.R[A], bodies.p[A], model.floor_height, margin, contacts.rows, count
                 )
             else:
-                speed_B = _speed_bound(model, bodies, B) + (fall if B < nb else 0.0)
+                speed_B = _speed_bound(model, bodies, B) + (fall if nb > B else 0.0)
                 margin = model.margin + h * (speed_A + speed_B)
                 count = collide_bodies(
-                    model.table, A, bodies.R[A], bodies.p[A], B, bodies.R[B], bodies.p[B], margin, contacts.rows, count
+                    model.table,
+                    A,
+                    bodies.R[A],
+                    bodies.p[A],
+                    B,
+                    bodies.R[B],
+                    bodies.p[B],
+                    margin,
+                    contacts.rows,
+                    count,
                 )
             for c in range(first, count):
                 contacts.body[c, 0] = A
                 contacts.body[c, 1] = B
                 contacts.dynamic[c, 0] = A
-                contacts.dynamic[c, 1] = B if B < nb else -1
+                contacts.dynamic[c, 1] = B if nb > B else -1
                 contacts.pair[c] = pair
-    contacts.count[0] = count
+    contacts.number[0] = count
 
 
 @kernel
@@ -86,7 +95,7 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
         restitution: (num_pairs,), in [0, 1].
     """
     h = model.time_step
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         A, B = contacts.body[c, 0], contacts.body[c, 1]
         a, b = contacts.witness[c, 0], contacts.witness[c, 1]
         frame, lever, J = contacts.frame[c], contacts.lever[c], contacts.J[c]
@@ -118,7 +127,7 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
         free = 0.0
         for i in range(6):
             free += J[0, 0, i] * system.free[6 * A + i]
-            free += J[1, 0, i] * (system.free[6 * B + i] if B < model.num_bodies else bodies.V[B, i])
+            free += J[1, 0, i] * (system.free[6 * B + i] if model.num_bodies > B else bodies.V[B, i])
         contacts.approach[c] = approach
         closing = 1.0 if gap + h * free < 0.0 else 0.0
         contacts.closing[c] = closing
@@ -128,7 +137,7 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
         contacts.bias[c, 0] = keep * max(gap, -SLOP) / h - speed
         contacts.bias[c, 1] = 0.0
         contacts.bias[c, 2] = 0.0
-        if B == model.num_bodies:
+        if model.num_bodies == B:
             for i in range(3):
                 total = 0.0
                 for j in range(6):

@@ -2,7 +2,7 @@
 
 import math
 
-from pinwm_drake.physics.kernels.jit import kernel
+from pinwm_drake.jit import kernel
 
 _NEWTON_STEPS = 8
 
@@ -24,7 +24,7 @@ def rotation_from_quaternion(q, R):
 
 @kernel
 def integrate_quaternion(q, x, y, z):
-    """q <- exp([x, y, z]) q, the rotation vector in the world frame, rad; renormalised."""
+    """Q <- exp([x, y, z]) q, the rotation vector in the world frame, rad; renormalised."""
     angle2 = x * x + y * y + z * z
     if angle2 < 1e-12:
         c, s = 1.0 - angle2 / 8.0, 0.5 - angle2 / 48.0
@@ -55,33 +55,33 @@ def solve3(A, x, y, z):
 
 
 @kernel
-def gyroscopic_jacobian(I, w, h):
-    """I + h ([w]x I - [I w]x), the derivative of the gyroscopic residual, as nine numbers by rows."""
+def gyroscopic_jacobian(I_B, w, h):
+    """I_B + h ([w]x I_B - [I w]x), the derivative of the gyroscopic residual, as nine numbers by rows."""
     x, y, z = w[0], w[1], w[2]
-    mx = I[0, 0] * x + I[0, 1] * y + I[0, 2] * z
-    my = I[1, 0] * x + I[1, 1] * y + I[1, 2] * z
-    mz = I[2, 0] * x + I[2, 1] * y + I[2, 2] * z
+    mx = I_B[0, 0] * x + I_B[0, 1] * y + I_B[0, 2] * z
+    my = I_B[1, 0] * x + I_B[1, 1] * y + I_B[1, 2] * z
+    mz = I_B[2, 0] * x + I_B[2, 1] * y + I_B[2, 2] * z
     return (
-        I[0, 0] + h * (y * I[2, 0] - z * I[1, 0]),
-        I[0, 1] + h * (y * I[2, 1] - z * I[1, 1] + mz),
-        I[0, 2] + h * (y * I[2, 2] - z * I[1, 2] - my),
-        I[1, 0] + h * (z * I[0, 0] - x * I[2, 0] - mz),
-        I[1, 1] + h * (z * I[0, 1] - x * I[2, 1]),
-        I[1, 2] + h * (z * I[0, 2] - x * I[2, 2] + mx),
-        I[2, 0] + h * (x * I[1, 0] - y * I[0, 0] + my),
-        I[2, 1] + h * (x * I[1, 1] - y * I[0, 1] - mx),
-        I[2, 2] + h * (x * I[1, 2] - y * I[0, 2]),
+        I_B[0, 0] + h * (y * I_B[2, 0] - z * I_B[1, 0]),
+        I_B[0, 1] + h * (y * I_B[2, 1] - z * I_B[1, 1] + mz),
+        I_B[0, 2] + h * (y * I_B[2, 2] - z * I_B[1, 2] - my),
+        I_B[1, 0] + h * (z * I_B[0, 0] - x * I_B[2, 0] - mz),
+        I_B[1, 1] + h * (z * I_B[0, 1] - x * I_B[2, 1]),
+        I_B[1, 2] + h * (z * I_B[0, 2] - x * I_B[2, 2] + mx),
+        I_B[2, 0] + h * (x * I_B[1, 0] - y * I_B[0, 0] + my),
+        I_B[2, 1] + h * (x * I_B[1, 1] - y * I_B[0, 1] - mx),
+        I_B[2, 2] + h * (x * I_B[1, 2] - y * I_B[0, 2]),
     )
 
 
 @kernel
-def gyroscopic_step(I, w0, h, w):
-    """Implicit step of torque-free rotation in the body frame: I (w - w0) + h w x I w = 0, by Newton's method.
+def gyroscopic_step(I_B, w0, h, w):
+    """Implicit step of torque-free rotation in the body frame: I_B (w - w0) + h w x I_B w = 0, by Newton's method.
 
     It never adds energy, unlike the explicit term.
 
     Args:
-        I: (3, 3), body frame, kg m^2.
+        I_B: (3, 3), body frame, kg m^2.
         w0: three numbers, rad/s, body frame.
         h: s.
         w: (3,), receives the new angular velocity, rad/s, body frame.
@@ -91,14 +91,14 @@ def gyroscopic_step(I, w0, h, w):
     w[0], w[1], w[2] = w0
     for _ in range(_NEWTON_STEPS):
         x, y, z = w[0], w[1], w[2]
-        mx = I[0, 0] * x + I[0, 1] * y + I[0, 2] * z
-        my = I[1, 0] * x + I[1, 1] * y + I[1, 2] * z
-        mz = I[2, 0] * x + I[2, 1] * y + I[2, 2] * z
+        mx = I_B[0, 0] * x + I_B[0, 1] * y + I_B[0, 2] * z
+        my = I_B[1, 0] * x + I_B[1, 1] * y + I_B[1, 2] * z
+        mz = I_B[2, 0] * x + I_B[2, 1] * y + I_B[2, 2] * z
         dx, dy, dz = x - w0[0], y - w0[1], z - w0[2]
-        rx = I[0, 0] * dx + I[0, 1] * dy + I[0, 2] * dz + h * (y * mz - z * my)
-        ry = I[1, 0] * dx + I[1, 1] * dy + I[1, 2] * dz + h * (z * mx - x * mz)
-        rz = I[2, 0] * dx + I[2, 1] * dy + I[2, 2] * dz + h * (x * my - y * mx)
-        ux, uy, uz = solve3(gyroscopic_jacobian(I, w, h), rx, ry, rz)
+        rx = I_B[0, 0] * dx + I_B[0, 1] * dy + I_B[0, 2] * dz + h * (y * mz - z * my)
+        ry = I_B[1, 0] * dx + I_B[1, 1] * dy + I_B[1, 2] * dz + h * (z * mx - x * mz)
+        rz = I_B[2, 0] * dx + I_B[2, 1] * dy + I_B[2, 2] * dz + h * (x * my - y * mx)
+        ux, uy, uz = solve3(gyroscopic_jacobian(I_B, w, h), rx, ry, rz)
         w[0], w[1], w[2] = x - ux, y - uy, z - uz
         if abs(ux) + abs(uy) + abs(uz) <= 1e-15 * (abs(x) + abs(y) + abs(z)):
             break
@@ -116,19 +116,19 @@ def begin_step(model, mass, inertia, bodies, system):
     for b in range(model.num_bodies + model.num_kinematic):
         rotation_from_quaternion(bodies.q[b], bodies.R[b])
     for b in range(model.num_bodies):
-        R, I, V = bodies.R[b], inertia[b], bodies.V[b]
+        R, I_B, V = bodies.R[b], inertia[b], bodies.V[b]
         wx = R[0, 0] * V[0] + R[1, 0] * V[1] + R[2, 0] * V[2]
         wy = R[0, 1] * V[0] + R[1, 1] * V[1] + R[2, 1] * V[2]
         wz = R[0, 2] * V[0] + R[1, 2] * V[1] + R[2, 2] * V[2]
         w = bodies.V_body[b]
-        gyroscopic_step(I, (wx, wy, wz), h, w)
+        gyroscopic_step(I_B, (wx, wy, wz), h, w)
         o = 6 * b
         for i in range(3):
             for j in range(3):
                 total = 0.0
                 for k in range(3):
                     for m in range(3):
-                        total += R[i, k] * I[k, m] * R[j, m]
+                        total += R[i, k] * I_B[k, m] * R[j, m]
                 system.inertia[b, i, j] = total
             system.free[o + i] = R[i, 0] * w[0] + R[i, 1] * w[1] + R[i, 2] * w[2]
             system.free[o + 3 + i] = V[3 + i] + h * model.gravity[i]

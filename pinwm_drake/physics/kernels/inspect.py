@@ -1,14 +1,13 @@
 """One step of one world with its LCP laid open (numba)."""
 
-from numba import njit
-
+from pinwm_drake.jit import entry_point
 from pinwm_drake.physics.kernels.lcp import negative_residual, slacks
 from pinwm_drake.physics.kernels.solve import solve_lcp
 from pinwm_drake.physics.kernels.step import build_step
 from pinwm_drake.physics.kernels.workspace import make_workspace
 
 
-@njit(cache=True)
+@entry_point
 def inspect_step(model, mass, inertia, friction, restitution, q, p, V, q_P, p_P, V_P, limit):
     """Builds and solves the LCP of one step from a state of one world; see `diagnose.inspect`.
 
@@ -16,7 +15,7 @@ def inspect_step(model, mass, inertia, friction, restitution, q, p, V, q_P, p_P,
         Interior-point iterations (-1: not solved), contacts, system, solver work, and the slacks and residual
         evaluated afresh at the solution.
     """
-    bodies, contacts, system, solver, memory = make_workspace(model, limit)
+    bodies, contacts, system, solver, _ = make_workspace(model, limit)
     nb = model.num_bodies
     for b in range(nb):
         bodies.q[b] = q[b]

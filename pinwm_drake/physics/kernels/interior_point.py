@@ -8,7 +8,7 @@ Source: Mehrotra (1992); Nocedal and Wright, Numerical Optimization, algorithm 1
 the form that OptNet and PIN-WM's released code use.
 """
 
-from pinwm_drake.physics.kernels.jit import kernel
+from pinwm_drake.jit import kernel
 from pinwm_drake.physics.kernels.lcp import (
     assemble,
     contact_loads,
@@ -20,6 +20,10 @@ from pinwm_drake.physics.kernels.lcp import (
 )
 from pinwm_drake.physics.kernels.small_matrix import lu_factor, lu_solve
 
+# A step shorter than this is followed by one that centres, towards this part of the gap.
+SHORT_STEP = 0.3
+CENTRING = 0.5
+
 
 @kernel
 def scales(system, contacts):
@@ -30,12 +34,12 @@ def scales(system, contacts):
         total += system.mass[b]
         for i in range(3):
             speed = max(speed, abs(system.free[6 * b + 3 + i]))
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         jn, j1, j2 = contact_velocity(contacts, c, system.free)
         for i in range(3):
             speed = max(speed, abs(contacts.bias[c, i]))
         speed = max(speed, max(abs(jn), max(abs(j1), abs(j2))))
-    return total * speed / max(contacts.count[0], 1), speed
+    return total * speed / max(contacts.number[0], 1), speed
 
 
 @kernel
@@ -46,7 +50,7 @@ def start_point(system, contacts, x, lam, s, impulse, speed):
         x[i] = system.free[i]
     for r in range(system.num_rows):
         x[6 * system.num_bodies + r] = 0.0
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         mu = contacts.mu[c]
         lam[c, 0] = impulse
         s[c, 0] = speed
@@ -84,13 +88,14 @@ def interior_point(system, contacts, work, x, lam, s, impulse, speed, tolerance,
         Iterations used, or -1 if the Newton matrix became singular or the steps vanished.
     """
     k = len(system.cosines)
-    nc = contacts.count[0]
+    nc = contacts.number[0]
     n = 6 * system.num_bodies + system.num_rows
     eps = system.contact_compliance
     gap_scale = impulse * speed
     num_rows = 0
     for c in range(nc):
         num_rows += k + 2 if contacts.mu[c] > 0.0 else 1
+    alpha = 1.0
     for iteration in range(max_iterations):
         slacks(system, contacts, x, lam, work.r)
         gap, residual = 0.0, 0.0
@@ -114,6 +119,7 @@ def interior_point(system, contacts, work, x, lam, s, impulse, speed, tolerance,
         if not lu_factor(n, work.S, work.pivot):
             return -1
         _direction(system, contacts, work, x, lam)
+        previous = alpha
         longest = 1.0
         for c in range(nc):
             for i in range(k + 2 if contacts.mu[c] > 0.0 else 1):
@@ -129,10 +135,16 @@ def interior_point(system, contacts, work, x, lam, s, impulse, speed, tolerance,
         gap_affine /= num_rows
         relative = gap_affine / gap
         target = relative * relative * relative * gap
+        # A short step means that some products lag far behind the mean: the next one only restores the balance.
+        second_order = 1.0
+        if previous < SHORT_STEP:
+            target, second_order = CENTRING * gap, 0.0
         for c in range(nc):
             for i in range(k + 2 if contacts.mu[c] > 0.0 else 1):
                 ratio = work.ratio[c, i]
-                work.R[c, i] = -work.r[c, i] + target / lam[c, i] - s[c, i] * (1.0 - ratio * (1.0 + ratio))
+                work.R[c, i] = (
+                    -work.r[c, i] + target / lam[c, i] - s[c, i] * (1.0 - second_order * ratio * (1.0 + ratio))
+                )
         _direction(system, contacts, work, x, lam)
         longest = 1e-3
         for c in range(nc):

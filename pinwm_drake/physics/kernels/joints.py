@@ -9,8 +9,8 @@ Source: Cline (2002), section 2.5.
 
 import numpy as np
 
+from pinwm_drake.jit import allocating_kernel, kernel
 from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, LINEAR
-from pinwm_drake.physics.kernels.jit import kernel
 
 
 @kernel
@@ -28,7 +28,7 @@ def joint_geometry(model, bodies, r, d, u_A, u_B):
     _rotate(bodies.R[B], model.joint_anchor[r, 1], u_B)
 
 
-@kernel
+@allocating_kernel
 def build_joints(model, bodies, system):
     """Fills system.J_e, bias_e (the pusher's share) and error_e."""
     if system.num_rows == 0:

@@ -19,7 +19,7 @@ friction torque and its gradient unique; it changes velocities by eps lambda, ab
 Source: Cline (2002), section 4; PIN-WM eq. 8-9. The arrow elimination and the compliance are ours.
 """
 
-from pinwm_drake.physics.kernels.jit import kernel
+from pinwm_drake.jit import kernel
 
 # Columns of the `reduced` array: the arrow of one contact, summed over its friction directions.
 INV_DN, INV_DELTA, S0, S1, S2, S11, S12, S22 = range(8)
@@ -68,7 +68,7 @@ def assemble(system, contacts, work):
             for j in range(3):
                 S[o + i, o + j] = inertia[b, i, j]
             S[o + 3 + i, o + 3 + i] = mass[b]
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         inv_dn = reduced[c, INV_DN]
         if inv_dn == 0.0 and reduced[c, S0] == 0.0:
             continue
@@ -108,7 +108,7 @@ def contact_loads(system, contacts, work, x):
     cosines, sines, bodies, J, mu = system.cosines, system.sines, contacts.dynamic, contacts.J, contacts.mu
     reduced, weights, R, gamma0 = work.reduced, work.weights, work.R, work.gamma0
     k = len(cosines)
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         inv_dn = reduced[c, INV_DN]
         if inv_dn == 0.0 and reduced[c, S0] == 0.0:
             gamma0[c] = 0.0
@@ -153,7 +153,7 @@ def recover(system, contacts, work, x, dlam):
     cosines, sines, mu = system.cosines, system.sines, contacts.mu
     reduced, weights, R, gamma0 = work.reduced, work.weights, work.R, work.gamma0
     k = len(cosines)
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         inv_dn = reduced[c, INV_DN]
         if inv_dn == 0.0 and reduced[c, S0] == 0.0:
             for i in range(k + 2):
@@ -169,7 +169,7 @@ def recover(system, contacts, work, x, dlam):
 
 @kernel
 def negative_residual(system, contacts, x, lam, out):
-    """out = -(M xi' - p - J_e' lambda_e - J' lambda; J_e xi' + bias_e + eps_e lambda_e)."""
+    """Out = -(M xi' - p - J_e' lambda_e - J' lambda; J_e xi' + bias_e + eps_e lambda_e)."""
     cosines, sines, bodies, J = system.cosines, system.sines, contacts.dynamic, contacts.J
     inertia, mass, momentum, J_e = system.inertia, system.mass, system.momentum, system.J_e
     size = 6 * system.num_bodies
@@ -187,7 +187,7 @@ def negative_residual(system, contacts, x, lam, out):
             total -= J_e[r, i] * x[i]
             out[i] += J_e[r, i] * x[size + r]
         out[size + r] = total
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         f1, f2 = 0.0, 0.0
         for i in range(len(cosines)):
             f1 += cosines[i] * lam[c, 1 + i]
@@ -208,7 +208,7 @@ def slacks(system, contacts, x, lam, s):
     cosines, sines, compliance = system.cosines, system.sines, system.contact_compliance
     bias, mu = contacts.bias, contacts.mu
     k = len(cosines)
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         jn, j1, j2 = contact_velocity(contacts, c, x)
         v1, v2 = j1 + bias[c, 1], j2 + bias[c, 2]
         g = lam[c, k + 1]

@@ -1,10 +1,9 @@
 """Rollouts of many worlds, forward and backward (numba)."""
 
 import numpy as np
-from numba import njit
 
+from pinwm_drake.jit import allocating_kernel, entry_point, kernel
 from pinwm_drake.physics.kernels.adjoint import step_adjoint
-from pinwm_drake.physics.kernels.jit import kernel
 from pinwm_drake.physics.kernels.step import step_world
 from pinwm_drake.physics.kernels.workspace import make_adjoint_work, make_workspace
 
@@ -14,28 +13,34 @@ TOO_MANY_CONTACTS = 1_000_000_000
 
 
 @kernel
+def _copy(target, source):
+    for i in range(source.shape[0]):
+        target[i] = source[i]
+
+
+@kernel
 def _load(bodies, nb, has_pusher, q, p, V, q_P, p_P):
     for b in range(nb):
-        bodies.q[b] = q[b]
-        bodies.p[b] = p[b]
-        bodies.V[b] = V[b]
+        _copy(bodies.q[b], q[b])
+        _copy(bodies.p[b], p[b])
+        _copy(bodies.V[b], V[b])
     if has_pusher:
-        bodies.q[nb] = q_P
-        bodies.p[nb] = p_P
+        _copy(bodies.q[nb], q_P)
+        _copy(bodies.p[nb], p_P)
 
 
 @kernel
 def _store(bodies, nb, has_pusher, q, p, V, q_P, p_P):
     for b in range(nb):
-        q[b] = bodies.q[b]
-        p[b] = bodies.p[b]
-        V[b] = bodies.V[b]
+        _copy(q[b], bodies.q[b])
+        _copy(p[b], bodies.p[b])
+        _copy(V[b], bodies.V[b])
     if has_pusher:
-        q_P[:] = bodies.q[nb]
-        p_P[:] = bodies.p[nb]
+        _copy(q_P, bodies.q[nb])
+        _copy(p_P, bodies.p[nb])
 
 
-@kernel
+@allocating_kernel
 def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
     mass, inertia, friction, restitution = parameters
     q, p, V, q_P, p_P, status = frames
@@ -55,13 +60,13 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
         used = step_world(
             model, mass[w], inertia[w], friction[w], restitution[w], bodies, contacts, system, solver, memory
         )
-        full = contacts.count[0] == limit
+        full = contacts.number[0] == limit
         if used < 0 or full:
             status[w] = -t - 1 - (TOO_MANY_CONTACTS if full else 0)
             return
         status[w] += used
         if keep:
-            for c in range(contacts.count[0]):
+            for c in range(contacts.number[0]):
                 active_s[t, w, c] = solver.active[c]
         if (t + 1) % record_every == 0:
             f = (t + 1) // record_every
@@ -99,16 +104,27 @@ def _quaternion_gradient(theta_bar, q, q_bar):
     q_bar[3] = a * y - b * x + c * w
 
 
-@kernel
+@allocating_kernel
 def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars):
     mass, inertia, friction, restitution = parameters
-    q, p, V, q_P, p_P, status = frames
+    q, _, _, q_P, _, status = frames
     q_s, p_s, V_s, q_P_s, p_P_s, active_s = saved
     q_bar, p_bar, V_bar, q_P_bar, p_P_bar = frame_bars
-    mass_bar, inertia_bar, friction_bar, restitution_bar, q0_bar, p0_bar, V0_bar, q_P0_bar, p_P0_bar, V_P_bar = bars
+    (
+        mass_bar,
+        inertia_bar,
+        friction_bar,
+        restitution_bar,
+        q0_bar,
+        p0_bar,
+        V0_bar,
+        q_P0_bar,
+        p_P0_bar,
+        V_P_bar,
+    ) = bars
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
-    bodies, contacts, system, solver, memory = make_workspace(model, active_s.shape[2])
+    bodies, contacts, system, solver, _ = make_workspace(model, active_s.shape[2])
     adjoint = make_adjoint_work(model)
     for t in range(V_P.shape[0] - 1, -1, -1):
         if (t + 1) % record_every == 0:
@@ -143,7 +159,7 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
         p_P0_bar[w] = adjoint.pose[nb, 3:6]
 
 
-@njit(cache=True, nogil=True)
+@entry_point
 def rollout_forward(model, parameters, V_P, record_every, frames, saved, first, last):
     """Rolls out worlds first..last-1, without holding Python's lock.
 
@@ -160,7 +176,7 @@ def rollout_forward(model, parameters, V_P, record_every, frames, saved, first, 
         _forward_world(w, model, parameters, V_P, record_every, frames, saved)
 
 
-@njit(cache=True, nogil=True)
+@entry_point
 def rollout_backward(model, parameters, V_P, record_every, frames, saved, frame_bars, bars, first, last):
     """Pulls gradients back through worlds first..last-1, without holding Python's lock.
 
@@ -173,7 +189,9 @@ def rollout_backward(model, parameters, V_P, record_every, frames, saved, frame_
         _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars)
 
 
-def allocate_frames(q, p, V, q_P, p_P, num_frames):
+def allocate_frames(
+    q: np.ndarray, p: np.ndarray, V: np.ndarray, q_P: np.ndarray, p_P: np.ndarray, num_frames: int
+) -> tuple[np.ndarray, ...]:
     """Frame arrays (num_frames, W, ...) with the initial state in frame 0, and the worlds' status (W,)."""
     arrays = []
     for first in (q, p, V, q_P, p_P):
@@ -183,7 +201,9 @@ def allocate_frames(q, p, V, q_P, p_P, num_frames):
     return (*arrays, np.zeros(q.shape[0], np.int64))
 
 
-def allocate_saved(num_steps, num_worlds, num_bodies, max_contacts, width, keep):
+def allocate_saved(
+    num_steps: int, num_worlds: int, num_bodies: int, max_contacts: int, width: int, keep: bool
+) -> tuple[np.ndarray, ...]:
     """What the backward pass needs of every step: states and active sets; empty if not `keep`."""
     T = num_steps if keep else 0
     W = num_worlds

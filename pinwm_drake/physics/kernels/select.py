@@ -1,14 +1,14 @@
 """The narrow phase for many worlds at once, for the torch reference (numba)."""
 
 import numpy as np
-from numba import njit
 
+from pinwm_drake.jit import entry_point
 from pinwm_drake.physics.kernels.detect import select_features
 from pinwm_drake.physics.kernels.dynamics import rotation_from_quaternion
 from pinwm_drake.physics.kernels.workspace import make_workspace
 
 
-@njit(cache=True)
+@entry_point
 def select_worlds(model, q, p, V, q_P, p_P, V_P, limit):
     """Feature pairs of all worlds, padded to `limit` contacts.
 
@@ -27,7 +27,7 @@ def select_worlds(model, q, p, V, q_P, p_P, V_P, limit):
     rows = np.zeros((W, limit, 16))
     body = np.zeros((W, limit, 2), np.int64)
     pair = np.zeros((W, limit), np.int64)
-    bodies, contacts, system, solver, memory = make_workspace(model, limit)
+    bodies, contacts, _, _, _ = make_workspace(model, limit)
     for w in range(W):
         for b in range(nb):
             bodies.p[b] = p[w, b]
@@ -38,7 +38,7 @@ def select_worlds(model, q, p, V, q_P, p_P, V_P, limit):
             bodies.V[nb] = V_P[w]
             rotation_from_quaternion(q_P[w], bodies.R[nb])
         select_features(model, bodies, contacts)
-        count[w] = contacts.count[0]
+        count[w] = contacts.number[0]
         rows[w] = contacts.rows
         body[w] = contacts.body
         pair[w] = contacts.pair

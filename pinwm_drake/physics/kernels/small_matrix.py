@@ -1,6 +1,6 @@
 """LU factors and solves of the small dense systems of a step (numba)."""
 
-from pinwm_drake.physics.kernels.jit import kernel
+from pinwm_drake.jit import kernel
 
 
 @kernel

@@ -1,15 +1,16 @@
-"""Solves one step's LCP: the last active set first, the interior-point method when that fails (numba)."""
+"""Solves one step's LCP: the last active set first, then the interior-point method, then Lemke's (numba)."""
 
+from pinwm_drake.jit import kernel
 from pinwm_drake.physics.kernels.active_set import correct_active_set, solve_active_set
 from pinwm_drake.physics.kernels.interior_point import interior_point, scales, start_point
-from pinwm_drake.physics.kernels.jit import kernel
+from pinwm_drake.physics.kernels.lemke import solve_by_lemke
 
 # A violated sign below this, relative to the step's impulse and speed scales, is rounding.
 SIGN_TOLERANCE = 1e-12
 # How often a wrong set is corrected by its signs before the interior-point method takes over.
 MAX_CORRECTIONS = 8
-# Relative duality gaps at which the interior-point method offers its active set; the last one gives up.
-GAPS = (1e-6, 1e-9, 1e-12, 1e-15)
+# Relative duality gaps at which the interior-point method offers its active set; the last one hands over to Lemke's.
+GAPS = (1e-6, 1e-9, 1e-12)
 MAX_ITERATIONS = 60
 
 
@@ -38,7 +39,7 @@ def solve_lcp(system, contacts, work, warm):
         Interior-point iterations used (0 if the guess was right), or -1 if no solution was found.
     """
     k = len(system.cosines)
-    nc = contacts.count[0]
+    nc = contacts.number[0]
     impulse, speed = scales(system, contacts)
     if (warm or nc == 0) and _settle(system, contacts, work, impulse, speed):
         return 0
@@ -65,4 +66,6 @@ def solve_lcp(system, contacts, work, warm):
                     work.active[c, i] = 0
         if _settle(system, contacts, work, impulse, speed):
             return used
+    if solve_by_lemke(system, contacts, work, impulse, speed) and _settle(system, contacts, work, impulse, speed):
+        return used
     return -1

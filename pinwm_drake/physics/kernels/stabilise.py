@@ -13,7 +13,7 @@ is rare, because the LCP lets no contact close by more than its gap.
 Source: in place of the Baumgarte term of PIN-WM eq. 9; cf. Cline (2002), section 4.5 (post-stabilisation).
 """
 
-from pinwm_drake.physics.kernels.jit import kernel
+from pinwm_drake.jit import kernel
 from pinwm_drake.physics.kernels.small_matrix import lu_factor, lu_solve
 
 # Penetration that the LCP itself removes, m.
@@ -43,7 +43,7 @@ def factor_stabilisation(model, contacts, system, solver):
         False if there is nothing to correct (or the matrix is singular).
     """
     needed = system.num_rows > 0
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         if contacts.gap[c] < -SLOP:
             needed = True
     if not needed:
@@ -58,7 +58,7 @@ def factor_stabilisation(model, contacts, system, solver):
         for i in range(3):
             S[6 * b + i, 6 * b + i] = KAPPA * model.stabilisation_weight[b, 0]
             S[6 * b + 3 + i, 6 * b + 3 + i] = KAPPA * model.stabilisation_weight[b, 1]
-    for c in range(contacts.count[0]):
+    for c in range(contacts.number[0]):
         weight, _ = contact_weight(contacts.gap[c])
         if weight == 0.0:
             continue

@@ -1,8 +1,8 @@
 """One forward step of one world: x' = g(x, a, theta) (numba)."""
 
+from pinwm_drake.jit import kernel
 from pinwm_drake.physics.kernels.detect import build_rows, select_features
 from pinwm_drake.physics.kernels.dynamics import begin_step, integrate_quaternion
-from pinwm_drake.physics.kernels.jit import kernel
 from pinwm_drake.physics.kernels.joints import build_joints
 from pinwm_drake.physics.kernels.solve import solve_lcp
 from pinwm_drake.physics.kernels.stabilise import stabilise
@@ -20,14 +20,14 @@ def build_step(model, mass, inertia, friction, restitution, bodies, contacts, sy
 @kernel
 def recall(contacts, solver, memory):
     """Guesses the active set from the previous step's; False if there was none."""
-    if memory.count[0] < 0:
+    if memory.number[0] < 0:
         return False
     width = memory.active.shape[1]
-    previous = memory.count[0]
-    for c in range(contacts.count[0]):
+    previous = memory.number[0]
+    for c in range(contacts.number[0]):
         A, B = contacts.body[c, 0], contacts.body[c, 1]
         best, found = 1e300, -1
-        if previous == contacts.count[0] and memory.body[c, 0] == A and memory.body[c, 1] == B:
+        if previous == contacts.number[0] and memory.body[c, 0] == A and memory.body[c, 1] == B:
             found = c
         else:
             # The set of contacts changed: the nearest former contact of the same bodies, measured on A.
@@ -47,8 +47,8 @@ def recall(contacts, solver, memory):
 @kernel
 def remember(contacts, solver, memory):
     """Keeps the step's active set as a guess for the next."""
-    memory.count[0] = contacts.count[0]
-    for c in range(contacts.count[0]):
+    memory.number[0] = contacts.number[0]
+    for c in range(contacts.number[0]):
         memory.body[c, 0] = contacts.body[c, 0]
         memory.body[c, 1] = contacts.body[c, 1]
         for i in range(1, 4):

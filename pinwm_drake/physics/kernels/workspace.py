@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pinwm_drake.geometry.features import FEATURE_SIZE
-from pinwm_drake.physics.kernels.jit import kernel
+from pinwm_drake.jit import allocating_kernel
 
 
 class BodyWork(NamedTuple):
@@ -30,7 +30,7 @@ class ContactWork(NamedTuple):
     """The contacts of a step.
 
     Attributes:
-        count: (1,), number of contacts.
+        number: (1,), number of contacts.
         rows: (C, 16), feature pairs.
         body: (C, 2), bodies A and B in BodyWork's numbering.
         dynamic: (C, 2), the same, -1 where that side does not move freely.
@@ -46,7 +46,7 @@ class ContactWork(NamedTuple):
         mu: (C,), friction coefficients.
     """
 
-    count: np.ndarray
+    number: np.ndarray
     rows: np.ndarray
     body: np.ndarray
     dynamic: np.ndarray
@@ -129,13 +129,13 @@ class Memory(NamedTuple):
     """The active set of the previous step, a guess for the next one; see `solve.py`.
 
     Attributes:
-        count: (1,), contacts; -1 when there was no previous step.
+        number: (1,), contacts; -1 when there was no previous step.
         rows: (C, 16), their feature pairs.
         body: (C, 2), their bodies.
         active: (C, k + 2), their active rows.
     """
 
-    count: np.ndarray
+    number: np.ndarray
     rows: np.ndarray
     body: np.ndarray
     active: np.ndarray
@@ -164,7 +164,7 @@ class AdjointWork(NamedTuple):
     error_e: np.ndarray
 
 
-@kernel
+@allocating_kernel
 def make_adjoint_work(model):
     """Allocates the adjoint's work arrays."""
     nb = model.num_bodies
@@ -182,7 +182,7 @@ def make_adjoint_work(model):
     )
 
 
-@kernel
+@allocating_kernel
 def make_workspace(model, max_contacts):
     """Allocates the work tuples for a model and at most max_contacts contacts."""
     nb = model.num_bodies
@@ -192,7 +192,11 @@ def make_workspace(model, max_contacts):
     n = 6 * nb + nr
     m = max_contacts
     bodies = BodyWork(
-        np.zeros((total, 4)), np.zeros((total, 3, 3)), np.zeros((total, 3)), np.zeros((total, 6)), np.zeros((nb, 3))
+        np.zeros((total, 4)),
+        np.zeros((total, 3, 3)),
+        np.zeros((total, 3)),
+        np.zeros((total, 6)),
+        np.zeros((nb, 3)),
     )
     bodies.q[:, 0] = 1.0
     for b in range(total):

@@ -1,0 +1,69 @@
+"""How the compiled kernels are compiled, and the care their disk cache needs.
+
+numba keeps compiled kernels beside their source files, but looks only at the file of the outermost function: a
+change in a kernel that others call would leave those others stale. So the sources are hashed when the first kernel
+module is imported, and all cached kernels of a checkout go when the hash has changed.
+"""
+
+import contextlib
+import hashlib
+import os
+from pathlib import Path
+
+from numba import njit
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def forget_stale_kernels(package: Path = _PACKAGE) -> bool:
+    """Deletes the cached kernels of a package whose kernel sources have changed since they were compiled.
+
+    Args:
+        package: folder of the package; its `__pycache__` keeps the hash.
+
+    Returns:
+        Whether anything was forgotten. A folder that cannot be written is left alone: an installed package does not
+        change file by file.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        source = path.read_bytes()
+        if b"pinwm_drake.jit" in source or path.name == "jit.py":
+            digest.update(source)
+    stamp = package / "__pycache__" / "kernels.sha256"
+    try:
+        if stamp.is_file() and stamp.read_text() == digest.hexdigest():
+            return False
+        stamp.parent.mkdir(exist_ok=True)
+        for pattern in ("*.nbi", "*.nbc"):
+            for path in package.rglob(f"__pycache__/{pattern}"):
+                with contextlib.suppress(FileNotFoundError):
+                    path.unlink()
+        partial = stamp.with_suffix(f".{os.getpid()}.tmp")
+        partial.write_text(digest.hexdigest())
+        partial.replace(stamp)
+    except OSError:
+        return False
+    return True
+
+
+forget_stale_kernels()
+
+# Divisions follow IEEE (no exception), products may be contracted, the sign of zero does not matter. NaN and infinity
+# keep their meaning everywhere: results are checked for them.
+_EXACT = {"contract", "nsz", "arcp"}
+
+# Kernels come without numba's runtime (`_nrt=False`): they cannot allocate, and do not count references. Counting
+# those of a model's arrays at every call takes longer than the geometry, and threads would fight for the counters.
+
+# For the physics: sums may also be reordered, which is what lets short loops use vector instructions.
+kernel = njit(cache=True, error_model="numpy", fastmath={*_EXACT, "reassoc"}, _nrt=False)
+
+# For geometry, whose tie-breaks want sums in the order written.
+geometry_kernel = njit(cache=True, error_model="numpy", fastmath=_EXACT, _nrt=False)
+
+# For the few kernels that allocate.
+allocating_kernel = njit(cache=True, error_model="numpy", fastmath=_EXACT, _nrt=True)
+
+# For entry points: they release Python's lock, so that threads can share worlds.
+entry_point = njit(cache=True, nogil=True)
