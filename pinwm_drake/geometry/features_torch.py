@@ -1,4 +1,4 @@
-"""Contact geometry in closed form from feature pairs, in torch: the oracle of `features`, differentiated by autograd."""
+"""Contact geometry in closed form of feature pairs in torch: the oracle of `features`."""
 
 import torch
 from torch import Tensor

@@ -11,6 +11,22 @@ from pinwm_drake.physics.lcp import MixedLcp
 MAX_ITERATIONS = 100
 
 
+def _direction(
+    lu: tuple[Tensor, Tensor], momentum: Tensor, residual: Tensor, z: Tensor, s: Tensor, target: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Newton step (dx, dz, ds) for s dz + z ds = target, with the factored matrix."""
+    N = z.shape[-1]
+    d = torch.linalg.lu_solve(*lu, torch.cat([momentum, -residual + target / z], -1)[..., None])[..., 0]
+    dz = d[..., -N:]
+    return d[..., :-N], dz, (target - s * dz) / z
+
+
+def _step_length(z: Tensor, s: Tensor, dz: Tensor, ds: Tensor) -> Tensor:
+    """Longest step (W, 1) that keeps z and s non-negative."""
+    ratio = torch.maximum(-dz / z, -ds / s).amax(-1, keepdim=True)
+    return 1.0 / ratio.clamp_min(1e-3)
+
+
 def interior_point(lcp: MixedLcp, x: Tensor, tolerance: float) -> tuple[Tensor, Tensor, Tensor]:
     """Follows the central path until the mean of s z, over its scale, and the residuals are below `tolerance`.
 
@@ -38,21 +54,12 @@ def interior_point(lcp: MixedLcp, x: Tensor, tolerance: float) -> tuple[Tensor, 
         lu = torch.linalg.lu_factor(torch.cat([top, bottom], -2))
         momentum = lcp.p - (lcp.A @ x[..., None])[..., 0] + (lcp.H.mT @ z[..., None])[..., 0]
 
-        def direction(complementarity: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-            right = torch.cat([momentum, -residual + complementarity / z], -1)
-            d = torch.linalg.lu_solve(*lu, right[..., None])[..., 0]
-            dz = d[..., -N:]
-            return d[..., :-N], dz, (complementarity - s * dz) / z
-
-        def step_length(dz: Tensor, ds: Tensor) -> Tensor:
-            ratio = torch.maximum(-dz / z, -ds / s).amax(-1, keepdim=True)
-            return 1.0 / ratio.clamp_min(1e-3)
-
-        _, dz, ds = direction(-s * z)
-        alpha = step_length(dz, ds).clamp_max(1.0)
+        _, dz, ds = _direction(lu, momentum, residual, z, s, -s * z)
+        alpha = _step_length(z, s, dz, ds).clamp_max(1.0)
         relative = ((z + alpha * dz) * (s + alpha * ds)).mean(-1, keepdim=True) / gap
-        dx, dz, ds = direction(relative**3 * gap - s * z - dz * ds)
-        alpha = (torch.clamp(1.0 - relative, min=0.99) * step_length(dz, ds)).clamp_max(1.0)
+        target = relative**3 * gap - s * z - dz * ds
+        dx, dz, ds = _direction(lu, momentum, residual, z, s, target)
+        alpha = (torch.clamp(1.0 - relative, min=0.99) * _step_length(z, s, dz, ds)).clamp_max(1.0)
         alpha = torch.where(done, torch.zeros_like(alpha), alpha)
         x, z, s = x + alpha * dx, z + alpha * dz, s + alpha * ds
     return x, z, s

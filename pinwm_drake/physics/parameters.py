@@ -114,14 +114,15 @@ class Parameters:
         )
 
     def unconstrained(self) -> dict[str, Tensor]:
-        """Theta as unbounded tensors: log_mass (W, nb), log_cholesky (W, nb, 6), log_friction and
-        logit_restitution (W, num_pairs).
+        """Theta as unbounded tensors.
 
+        They are log_mass (W, nb), log_cholesky (W, nb, 6), log_friction and logit_restitution (W, num_pairs).
         The six numbers are the logarithms of the diagonal of the Cholesky factor L of the second moment
         Sigma / mass = L L', then its entries 21, 31, 32 over the diagonal's mean. Coefficients are kept 1e-12 away
         from where the logarithm ends.
         """
-        moment = 0.5 * self.inertia.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * torch.eye(3) - self.inertia
+        eye = torch.eye(3, dtype=self.inertia.dtype, device=self.inertia.device)
+        moment = 0.5 * self.inertia.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * eye - self.inertia
         L = torch.linalg.cholesky(moment / self.mass[..., None, None])
         diagonal = L.diagonal(dim1=-2, dim2=-1)
         lower = torch.stack([L[..., 1, 0], L[..., 2, 0], L[..., 2, 1]], -1) / diagonal.mean(-1, keepdim=True)

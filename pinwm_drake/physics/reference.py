@@ -138,7 +138,8 @@ def _joint_rows(model: Model, state: State, R: Tensor, V_WP: Tensor) -> tuple[Te
             errors.append((d * torch.linalg.cross(u_B, u_A)).sum(-1))
         else:
             E = R[:, A] @ constant(arrays.joint_rotation[r]).mT @ R[:, B].mT
-            errors.append((d * 0.5 * torch.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], -1)).sum(-1))  # fmt: skip
+            turn = torch.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], -1)
+            errors.append((d * 0.5 * turn).sum(-1))
     if not J_e:
         empty = torch.zeros(W, 0, dtype=R.dtype, device=R.device)
         return torch.zeros(W, 0, 6 * nb, dtype=R.dtype, device=R.device), empty, empty

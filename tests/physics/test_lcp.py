@@ -57,7 +57,7 @@ def test_a_push_stays_solved_to_1e_9():
 
 def test_drakes_moby_solver_finds_the_same_velocities(problem):
     model, parameters, state, V_WP = problem
-    lcp, _, _, free = build_lcp(model, parameters, state, V_WP)
+    lcp, _, _, _ = build_lcp(model, parameters, state, V_WP)
     matrix, vector = (x.numpy() for x in lcp.standard_form())
     ours = Stepper(model).step(parameters, state, V_WP).V_WB.flatten(1).numpy()
     solved = 0
@@ -119,7 +119,7 @@ def test_friction_derivatives_need_the_transposed_system():
     # The same adjoint with the KKT matrix itself in place of its transpose, as in PIN-WM's released code.
     lcp, contacts, _, free = build_lcp(model, parameters, state, V_WP)
     k = model.friction_directions
-    x, z, active = solve_lcp(lcp, free, k)
+    _, z, active = solve_lcp(lcp, free, k)
     on = active[0].to(torch.float64)[:, None]
     bottom = torch.cat([on * lcp.H[0], on * lcp.B[0] + torch.diag(1.0 - on[:, 0])], -1)
     kkt = torch.cat([torch.cat([lcp.A[0], -lcp.H[0].mT], -1), bottom])

@@ -226,7 +226,8 @@ def test_elastic_bounces_of_a_tumbling_block_create_next_to_none():
 def test_torque_free_rotation_keeps_its_momentum_and_never_gains_energy():
     # The intermediate axis is unstable: the body flips over and over (Dzhanibekov).
     inertia = np.diag([1.0e-4, 2.0e-4, 2.8e-4])
-    model = Model(bodies=[Body("plate", [sphere(0.05)], 0.3, inertia)], floor_height=None, gravity=(0.0, 0.0, 0.0), time_step=1e-4)  # fmt: skip
+    plate = Body("plate", [sphere(0.05)], 0.3, inertia)
+    model = Model(bodies=[plate], floor_height=None, gravity=(0.0, 0.0, 0.0), time_step=1e-4)
     parameters = nominal(model)
     state = State.at_rest(model, V_WB=(1e-3, 10.0, 0.0, 0.0, 0.0, 0.0))
     frames = run(Stepper(model), parameters, state, 3.0)

@@ -12,9 +12,9 @@ A Newton step of an interior-point method and a solve on a known active set have
 arrow whose diagonal is d = s / lambda + eps there, and eps (active) or infinity (inactive) here. Eliminating the
 contacts leaves a dense system in x alone, so the cost is linear in the number of contacts.
 
-The compliance eps is a 1e-5th of a body's inverse mass. It picks the least-squares distribution among
-the infinitely many contact forces of a face on a face (a rigid plate on equal springs), which makes x', its
-friction torque and its gradient unique; it changes velocities by eps lambda, about 1e-7 m/s, and lets a body rest 0.1 nm deep.
+The compliance eps is a 1e-5th of a body's inverse mass. It picks the least-squares distribution among the infinitely
+many contact forces of a face on a face (a rigid plate on equal springs), which makes x', its friction torque and its
+gradient unique. It changes velocities by eps lambda, about 1e-7 m/s in a push, and lets a block rest 0.1 nm deep.
 
 Source: Cline (2002), section 4; PIN-WM eq. 8-9. The arrow elimination and the compliance are ours.
 """
