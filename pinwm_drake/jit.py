@@ -53,17 +53,24 @@ forget_stale_kernels()
 # keep their meaning everywhere: results are checked for them.
 _EXACT = {"contract", "nsz", "arcp"}
 
-# Kernels come without numba's runtime (`_nrt=False`): they cannot allocate, and do not count references. Counting
+# Most kernels are called by kernels only. They come without the wrappers through which Python would call them:
+# unpacking a model's arrays there is more code than the kernels themselves, and half of the compile time.
+_INTERNAL = {"cache": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+# And they come without numba's runtime (`_nrt=False`): they cannot allocate, and do not count references. Counting
 # those of a model's arrays at every call takes longer than the geometry, and threads would fight for the counters.
 
 # For the physics: sums may also be reordered, which is what lets short loops use vector instructions.
-kernel = njit(cache=True, error_model="numpy", fastmath={*_EXACT, "reassoc"}, _nrt=False)
+kernel = njit(**_INTERNAL, fastmath={*_EXACT, "reassoc"}, _nrt=False)
 
 # For geometry, whose tie-breaks want sums in the order written.
+internal_kernel = njit(**_INTERNAL, fastmath=_EXACT, _nrt=False)
+
+# The same for geometry that Python calls too.
 geometry_kernel = njit(cache=True, error_model="numpy", fastmath=_EXACT, _nrt=False)
 
 # For the few kernels that allocate.
-allocating_kernel = njit(cache=True, error_model="numpy", fastmath=_EXACT, _nrt=True)
+allocating_kernel = njit(**_INTERNAL, fastmath=_EXACT, _nrt=True)
 
 # For entry points: they release Python's lock, so that threads can share worlds.
 entry_point = njit(cache=True, nogil=True)

@@ -10,7 +10,7 @@ Everything is computed in the frame H of the hull's body; the frame of the capsu
 
 import math
 
-from pinwm_drake.geometry.face_clip import ALONG_SIDE, DEEPER, MANIFOLD_ANGLE, clip_to_face, gap_over_side
+from pinwm_drake.geometry.face_clip import ALONG_SIDE, DEEPER, MANIFOLD_ANGLE, SAME_NORMAL, clip_to_face, gap_over_side
 from pinwm_drake.geometry.rows import (
     PARALLEL_SINE,
     dot,
@@ -24,10 +24,10 @@ from pinwm_drake.geometry.rows import (
     xyz,
 )
 from pinwm_drake.geometry.segments import COINCIDENT, SAME, append_segments, closest_on_segments
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import internal_kernel
 
 
-@geometry_kernel
+@internal_kernel
 def collide_capsule_hull(table, stick, hull, X_HS, column, margin, rows, count):
     """Contacts of a capsule with a hull; arguments as for `collide_sphere_hull`."""
     v = table.pieces[stick, 1]
@@ -42,7 +42,7 @@ def collide_capsule_hull(table, stick, hull, X_HS, column, margin, rows, count):
             face, over = f, h
     if over - radius >= margin:
         return count
-    edge, edge_over = silhouette_separation(table, hull, px, py, pz, ux, uy, uz)
+    edge, edge_over, nx, ny, nz = silhouette_separation(table, hull, px, py, pz, ux, uy, uz)
     if edge_over - radius >= margin:
         return count
     # A contact pair that attains the largest separation is the nearest one.
@@ -50,10 +50,12 @@ def collide_capsule_hull(table, stick, hull, X_HS, column, margin, rows, count):
     if edge_over > over + SAME:
         # The normal of an edge can be nearly that of a face; then the face carries the contact.
         face = _face_along(table, edge, ux, uy, uz)
+    else:
+        nx, ny, nz = xyz(table.planes, face)
     nearest = math.inf
     if face >= 0:
         count, nearest = segment_on_face(
-            table, stick, face, X_HS, separation - radius - DEEPER, column, margin, rows, count
+            table, stick, face, X_HS, nx, ny, nz, separation - radius - DEEPER, column, margin, rows, count
         )
         if nearest <= separation - radius + SAME:
             return count
@@ -64,10 +66,11 @@ def collide_capsule_hull(table, stick, hull, X_HS, column, margin, rows, count):
     return _append_end(table, stick, face, X_HS, column, rows, count)
 
 
-@geometry_kernel
+@internal_kernel
 def silhouette_separation(table, hull, px, py, pz, ux, uy, uz):
     """The silhouette edge whose normal separates a line (p, u) most from a hull, and how far; else -1, -inf."""
     best, over = -1, -math.inf
+    bx, by, bz = 0.0, 0.0, 0.0
     for e in range(table.pieces[hull, 3], table.pieces[hull + 1, 3]):
         left, right = table.edges[e, 2], table.edges[e, 3]
         lx, ly, lz = xyz(table.planes, left)
@@ -80,13 +83,15 @@ def silhouette_separation(table, hull, px, py, pz, ux, uy, uz):
         a, b = abs(a), abs(b)
         nx, ny, nz = b * lx + a * rx, b * ly + a * ry, b * lz + a * rz
         x, y, z = xyz(table.vertices, table.edges[e, 0])
-        d = dot(nx, ny, nz, px - x, py - y, pz - z) / norm(nx, ny, nz)
+        size = norm(nx, ny, nz)
+        d = dot(nx, ny, nz, px - x, py - y, pz - z) / size
         if d > over + SAME:
             best, over = e, d
-    return best, over
+            bx, by, bz = nx / size, ny / size, nz / size
+    return best, over, bx, by, bz
 
 
-@geometry_kernel
+@internal_kernel
 def _face_along(table, edge, ux, uy, uz):
     """The face beside an edge to which a line is parallel within MANIFOLD_ANGLE, or -1."""
     left, right = table.edges[edge, 2], table.edges[edge, 3]
@@ -98,8 +103,8 @@ def _face_along(table, edge, ux, uy, uz):
     return left if a <= b + SAME else right
 
 
-@geometry_kernel
-def segment_on_face(table, stick, face, X_HS, least, column, margin, rows, count):
+@internal_kernel
+def segment_on_face(table, stick, face, X_HS, kx, ky, kz, least, column, margin, rows, count):
     """Appends the ends of that part of a segment which lies over a face.
 
     An end of the segment gives point against plane, a crossing of the face's boundary gives line against
@@ -128,20 +133,23 @@ def segment_on_face(table, stick, face, X_HS, least, column, margin, rows, count
             if least <= gap < margin and count < rows.shape[0]:
                 write_vertex(table, v + which, rows, count, column)
                 write_face(table, face, rows, count, 8 - column)
-                nearest = min(nearest, gap)
+                if dot(nx, ny, nz, kx, ky, kz) > SAME_NORMAL:
+                    nearest = min(nearest, gap)
                 count += 1
             continue
-        gap = gap_over_side(table, face, side, px, py, pz, ux, uy, uz, length) - radius
+        gap, cosine = gap_over_side(table, face, side, px, py, pz, ux, uy, uz, length, kx, ky, kz)
+        gap -= radius
         if least <= gap < margin and count < rows.shape[0]:
             edge = table.corners[side, 1]
             start, end = table.edges[edge, 0], table.edges[edge, 1]
             write_line_pair(table, v, v + 1, start, end, X_HS, nx, ny, nz, rows, count, column)
-            nearest = min(nearest, gap)
+            if cosine > SAME_NORMAL:
+                nearest = min(nearest, gap)
             count += 1
     return count, nearest
 
 
-@geometry_kernel
+@internal_kernel
 def _append_crossing(table, stick, edge, X_HS, column, rows, count):
     """Appends the axis against an edge that it has passed."""
     if count >= rows.shape[0]:
@@ -153,7 +161,7 @@ def _append_crossing(table, stick, edge, X_HS, column, rows, count):
     return count + 1
 
 
-@geometry_kernel
+@internal_kernel
 def _append_end(table, stick, face, X_HS, column, rows, count):
     """Appends the deeper end of a capsule against a face."""
     if count >= rows.shape[0]:
@@ -167,7 +175,7 @@ def _append_end(table, stick, face, X_HS, column, rows, count):
     return count + 1
 
 
-@geometry_kernel
+@internal_kernel
 def _append_nearest(table, stick, hull, X_HS, known, column, margin, rows, count):
     """Appends the nearest pair of a capsule and the edges of a hull; `known` as for `append_segments`."""
     v = table.pieces[stick, 1]

@@ -38,7 +38,7 @@ from pinwm_drake.geometry.rows import (
 )
 from pinwm_drake.geometry.segments import COINCIDENT, SAME
 from pinwm_drake.geometry.support import separation_along, support
-from pinwm_drake.jit import allocating_kernel, geometry_kernel
+from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 # Of the searches, m. With a radius of curvature of centimetres the normal is then right to about 1e-3 rad.
 _TOLERANCE = 1.0e-8
@@ -88,7 +88,7 @@ def cylinder_axis(table, one, two, X_21, margin):
     return best, nx, ny, nz, pair, first, second, end
 
 
-@geometry_kernel
+@internal_kernel
 def _candidate(table, one, two, X_21, k, ends, size, nx, ny, nz):
     """Candidate k near the axis n: pair of features (-1: none), their indices as above, and its normal."""
     none = -1
@@ -157,7 +157,7 @@ def _candidate(table, one, two, X_21, k, ends, size, nx, ny, nz):
     return EDGE_SIDE, v, w, end, mx / length, my / length, mz / length
 
 
-@geometry_kernel
+@internal_kernel
 def write_pair(table, one, two, X_21, nx, ny, nz, pair, first, second, end, rows, count, column):
     """Writes the features that `cylinder_axis` found."""
     j = table.pieces[two, 1]
@@ -169,7 +169,7 @@ def write_pair(table, one, two, X_21, nx, ny, nz, pair, first, second, end, rows
         if across > PARALLEL_SINE:
             write_rim(table, two, end, rows, count, 8 - column)
         else:
-            write_rim_place(table, two, end, column - column, rows, count, 8 - column)
+            write_rim_place(table, two, end, 0, rows, count, 8 - column)
     elif pair == EDGE_SIDE:
         write_line_pair(table, first, second, j, j + 1, X_21, nx, ny, nz, rows, count, column)
     elif pair == EDGE_RIM:

@@ -36,7 +36,7 @@ from pinwm_drake.geometry.rows import (
 )
 from pinwm_drake.geometry.segments import SAME
 from pinwm_drake.geometry.support import separation_along
-from pinwm_drake.jit import allocating_kernel, geometry_kernel
+from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 _LINE = float(LINE)
 
@@ -82,7 +82,7 @@ def collide_cylinders(table, one, two, X_21, column, margin, rows, count):
     return count
 
 
-@geometry_kernel
+@internal_kernel
 def _candidate(table, one, two, X_21, X_12, k, nx, ny, nz):
     """Candidate number k near the axis n: pair of features (-1: none), the ends of both, and its normal."""
     ux, uy, uz = turn(X_21, *xyz(table.axes, one))
@@ -132,7 +132,7 @@ def _candidate(table, one, two, X_21, X_12, k, nx, ny, nz):
     return RIM_RIM, end_1, end_2, mx, my, mz
 
 
-@geometry_kernel
+@internal_kernel
 def _two_rims(table, one, two, X_21, end_1, end_2, nx, ny, nz):
     """The normal of largest separation of two rims near n, by Newton's method on the sphere; NaN if none.
 
@@ -184,7 +184,7 @@ def _two_rims(table, one, two, X_21, end_1, end_2, nx, ny, nz):
     return nx, ny, nz
 
 
-@geometry_kernel
+@internal_kernel
 def _write(table, one, two, X_21, X_12, nx, ny, nz, pair, end_1, end_2, rows, count, column):
     """Writes the pair of features."""
     i, j = table.pieces[one, 1], table.pieces[two, 1]
@@ -196,14 +196,14 @@ def _write(table, one, two, X_21, X_12, nx, ny, nz, pair, end_1, end_2, rows, co
         if sine > PARALLEL_SINE:
             write_rim(table, one, end_1, rows, count, column)
         else:
-            write_rim_place(table, one, end_1, column - column, rows, count, column)
+            write_rim_place(table, one, end_1, 0, rows, count, column)
         write_cap(table, two, end_2, rows, count, 8 - column)
     elif pair == CAP_RIM:
         write_cap(table, one, end_1, rows, count, column)
         if sine > PARALLEL_SINE:
             write_rim(table, two, end_2, rows, count, 8 - column)
         else:
-            write_rim_place(table, two, end_2, column - column, rows, count, 8 - column)
+            write_rim_place(table, two, end_2, 0, rows, count, 8 - column)
     elif pair == SIDE_SIDE and sine > PARALLEL_SINE:
         write_line_pair(table, i, i + 1, j, j + 1, X_21, nx, ny, nz, rows, count, column)
     elif pair == SIDE_RIM:

@@ -22,10 +22,10 @@ from pinwm_drake.geometry.manifold import aligned_face
 from pinwm_drake.geometry.pieces import HULL
 from pinwm_drake.geometry.rows import dot, inverse_pose, norm, transform, turn, turn_back, xyz
 from pinwm_drake.geometry.segments import SAME
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import internal_kernel
 
 
-@geometry_kernel
+@internal_kernel
 def collide_with_cylinder(table, one, two, X_21, column, margin, rows, count):
     """Appends the contacts of a capsule or hull with a cylinder; arguments of `segments.collide_rounds`."""
     i = table.pieces[one, 1]
@@ -35,37 +35,46 @@ def collide_with_cylinder(table, one, two, X_21, column, margin, rows, count):
         if apart >= margin:
             return count
         # Mostly the contact is on a face, and is then known without a search.
-        more, nearest = _on_face(table, one, two, X_21, face, apart - DEEPER, column, margin, rows, count)
+        nx, ny, nz = turn(X_21, *xyz(table.planes, face))
+        more, nearest = _on_face(
+            table, one, two, X_21, -nx, -ny, -nz, face, apart - DEEPER, column, margin, rows, count
+        )
         if nearest <= apart + SAME and (apart >= 0.0 or _holds(table, one, two, X_21, face, apart)):
             return more
     apart, nx, ny, nz, pair, first, second, end = cylinder_axis(table, one, two, X_21, margin + radius)
     apart -= radius
     if apart >= margin:
         return count
-    least, nearest = apart - DEEPER, math.inf
+    least, nearest, on_face = apart - DEEPER, math.inf, False
     if table.pieces[one, 0] == HULL:
         mx, my, mz = turn_back(X_21, -nx, -ny, -nz)
         face, cosine = aligned_face(table, one, mx, my, mz)
         if pair == FACE_RIM:
             face, cosine = first, 1.0
         if cosine >= math.cos(MANIFOLD_ANGLE):
-            count, nearest = _on_face(table, one, two, X_21, face, least, column, margin, rows, count)
-    if math.isinf(nearest) and pair != FACE_RIM and pair != EDGE_RIM:
+            before = count
+            count, nearest = _on_face(table, one, two, X_21, nx, ny, nz, face, least, column, margin, rows, count)
+            on_face = count > before
+    if not on_face and pair != FACE_RIM and pair != EDGE_RIM:
         v, w = first, second
         if pair != EDGE_SIDE:
             v, w = _edge_at(table, one, two, X_21, first, pair == VERTEX_CAP)
         if v != w:
             if pair == VERTEX_CAP:
-                count, nearest = segment_on_cap(table, v, w, two, X_21, end, least, column, margin, rows, count)
+                count, nearest = segment_on_cap(
+                    table, v, w, two, X_21, nx, ny, nz, end, least, column, margin, rows, count
+                )
             elif _along(table, two, X_21, v, w, False) < MANIFOLD_ANGLE:
-                count, nearest = segment_along_side(table, v, w, two, X_21, least, column, margin, rows, count)
+                count, nearest = segment_along_side(
+                    table, v, w, two, X_21, nx, ny, nz, least, column, margin, rows, count
+                )
     if apart < nearest - SAME and count < rows.shape[0]:
         write_pair(table, one, two, X_21, nx, ny, nz, pair, first, second, end, rows, count, column)
         count += 1
     return count
 
 
-@geometry_kernel
+@internal_kernel
 def _best_face(table, one, two, X_21):
     """The face of a hull along whose normal a cylinder is separated most, and that separation [m]."""
     X_12 = inverse_pose(X_21)
@@ -83,7 +92,7 @@ def _best_face(table, one, two, X_21):
     return best, apart
 
 
-@geometry_kernel
+@internal_kernel
 def _holds(table, one, two, X_21, face, apart):
     """Whether the least translation out of a slight penetration is along a face's normal, for certain.
 
@@ -117,21 +126,21 @@ def _holds(table, one, two, X_21, face, apart):
     return 0.98 * over - 0.2 * beside >= -apart
 
 
-@geometry_kernel
-def _on_face(table, one, two, X_21, face, least, column, margin, rows, count):
+@internal_kernel
+def _on_face(table, one, two, X_21, kx, ky, kz, face, least, column, margin, rows, count):
     """Appends the manifold of a cylinder on a face where its side or cap is nearly parallel to it."""
     nx, ny, nz = turn(X_21, *xyz(table.planes, face))
     ux, uy, uz = xyz(table.axes, two)
     along = dot(nx, ny, nz, ux, uy, uz)
     if abs(along) < MANIFOLD_ANGLE:
-        return side_on_face(table, one, two, X_21, face, least, column, margin, rows, count)
+        return side_on_face(table, one, two, X_21, kx, ky, kz, face, least, column, margin, rows, count)
     if abs(along) > math.cos(MANIFOLD_ANGLE):
         end = 1 if along < 0.0 else 0
-        return cap_on_face(table, one, two, X_21, face, end, least, column, margin, rows, count)
+        return cap_on_face(table, one, two, X_21, kx, ky, kz, face, end, least, column, margin, rows, count)
     return count, math.inf
 
 
-@geometry_kernel
+@internal_kernel
 def _along(table, two, X_21, v, w, across):
     """Sine of the angle between the edge from v to w and the axis of a cylinder, or its cosine (`across`)."""
     px, py, pz = turn(X_21, *xyz(table.vertices, v))
@@ -143,7 +152,7 @@ def _along(table, two, X_21, v, w, across):
     return abs(dot(ux, uy, uz, dx, dy, dz)) / length if across else sine / length
 
 
-@geometry_kernel
+@internal_kernel
 def _edge_at(table, one, two, X_21, v, across):
     """The edge at v that runs along a cylinder, or `across` its axis, within MANIFOLD_ANGLE; else v twice."""
     if table.pieces[one, 0] != HULL:

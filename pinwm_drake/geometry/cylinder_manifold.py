@@ -1,7 +1,8 @@
 """Contact manifolds of a cylinder: its side or cap on a face, segments along its side or on a cap (numba).
 
 All functions append pairs with a gap from `least` up to the margin [m], and return the rows used and the
-smallest gap among them (m; infinite without any). The cylinder is `two`.
+smallest gap among the pairs with the unit normal k (m; infinite without any). The cylinder is `two`; k points
+from it to `one`, in its frame.
 """
 
 import math
@@ -21,6 +22,7 @@ from pinwm_drake.geometry.cylinder_parts import (
 from pinwm_drake.geometry.face_clip import (
     ALONG_SIDE,
     ON_FACE,
+    SAME_NORMAL,
     clip_to_face,
     gap_over_side,
     outside_face,
@@ -29,6 +31,7 @@ from pinwm_drake.geometry.manifold import (
     MAX_CANDIDATES,
     MAX_KEPT,
     add_candidate,
+    nearest_along_normal,
     reduce_candidates,
 )
 from pinwm_drake.geometry.pieces import RIM_POINTS
@@ -45,7 +48,7 @@ from pinwm_drake.geometry.rows import (
     write_vertex,
     xyz,
 )
-from pinwm_drake.jit import allocating_kernel, geometry_kernel
+from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 # Kinds of candidates of a cap on a face: a vertex on the cap, a fixed point of the rim on the face, the
 # lowest point of the rim on the face, an edge across the rim.
@@ -55,8 +58,8 @@ _VERTEX, _PLACE, _LOWEST, _CROSSING = 0, 1, 2, 3
 _MIN_TILT = 1.0e-4
 
 
-@geometry_kernel
-def side_on_face(table, one, two, X_21, face, least, column, margin, rows, count):
+@internal_kernel
+def side_on_face(table, one, two, X_21, kx, ky, kz, face, least, column, margin, rows, count):
     """The side of a cylinder along a face of a hull: both ends of its line of contact over the face."""
     X_12 = inverse_pose(X_21)
     j = table.pieces[two, 1]
@@ -67,6 +70,7 @@ def side_on_face(table, one, two, X_21, face, least, column, margin, rows, count
     ex, ey, ez, _ = radial(ux, uy, uz, -nx, -ny, -nz)
     qx, qy, qz = cx + radius * ex, cy + radius * ey, cz + radius * ez
     enter, leave, enter_side, leave_side = clip_to_face(table, face, qx, qy, qz, ux, uy, uz, length)
+    kx, ky, kz = turn(X_12, -kx, -ky, -kz)
     nearest = math.inf
     for end in range(2):
         t, side = (enter, enter_side) if end == 0 else (leave, leave_side)
@@ -74,10 +78,13 @@ def side_on_face(table, one, two, X_21, face, least, column, margin, rows, count
             break
         if side < 0:
             gap = height(table.planes, face, qx + t * ux, qy + t * uy, qz + t * uz)
+            cosine = dot(nx, ny, nz, kx, ky, kz)
         else:
-            gap = gap_over_side(table, face, side, cx, cy, cz, ux, uy, uz, length) - radius
+            gap, cosine = gap_over_side(table, face, side, cx, cy, cz, ux, uy, uz, length, kx, ky, kz)
+            gap -= radius
         if least <= gap < margin and count < rows.shape[0]:
-            nearest = min(nearest, gap)
+            if cosine > SAME_NORMAL:
+                nearest = min(nearest, gap)
             if side < 0:
                 write_face(table, face, rows, count, column)
                 write_rim(table, two, end, rows, count, 8 - column)
@@ -91,7 +98,7 @@ def side_on_face(table, one, two, X_21, face, least, column, margin, rows, count
 
 
 @allocating_kernel
-def cap_on_face(table, one, two, X_21, face, end, least, column, margin, rows, count):
+def cap_on_face(table, one, two, X_21, kx, ky, kz, face, end, least, column, margin, rows, count):
     """A cap on a face of a hull: corners of the overlap of polygon and disc, at most four."""
     X_12 = inverse_pose(X_21)
     j = table.pieces[two, 1]
@@ -102,16 +109,17 @@ def cap_on_face(table, one, two, X_21, face, end, least, column, margin, rows, c
     cx, cy, cz = xyz(table.vertices, j + end)
     fx, fy, fz = xyz(table.planes, face)
     mx, my, mz = turn(X_21, -fx, -fy, -fz)
-    places = np.empty((MAX_CANDIDATES, 4))
+    places = np.empty((MAX_CANDIDATES, 5))
     features = np.empty((MAX_CANDIDATES, 3), np.int64)
     found = 0
+    on_cap, on_face = dot(ux, uy, uz, kx, ky, kz), dot(mx, my, mz, kx, ky, kz)
     for v in range(table.pieces[one, 1], table.pieces[one + 1, 1]):
         x, y, z = transform(X_21, *xyz(table.vertices, v))
         gap = dot(ux, uy, uz, x - cx, y - cy, z - cz)
         _, _, _, across = radial(ux, uy, uz, x - cx, y - cy, z - cz)
         if least <= gap < margin and across <= radius + ON_FACE:
-            kind = _VERTEX + v - v
-            found = add_candidate(x, y, z, gap, kind, v, v, places, features, found)
+            kind = _VERTEX
+            found = add_candidate(x, y, z, gap, on_cap, kind, v, v, places, features, found)
     for k in range(RIM_POINTS + 1):
         kind = _PLACE
         if k < RIM_POINTS:
@@ -125,7 +133,7 @@ def cap_on_face(table, one, two, X_21, face, end, least, column, margin, rows, c
         px, py, pz = transform(X_12, x, y, z)
         gap = height(table.planes, face, px, py, pz)
         if least <= gap < margin and outside_face(table, face, px, py, pz) <= ON_FACE:
-            found = add_candidate(x, y, z, gap, kind, k, k, places, features, found)
+            found = add_candidate(x, y, z, gap, on_face, kind, k, k, places, features, found)
     for k in range(table.faces[face], table.faces[face + 1]):
         edge = table.corners[k, 1]
         px, py, pz = transform(X_21, *xyz(table.vertices, table.edges[edge, 0]))
@@ -136,14 +144,12 @@ def cap_on_face(table, one, two, X_21, face, end, least, column, margin, rows, c
             x, y, z = px + t * dx, py + t * dy, pz + t * dz
             gap = dot(ux, uy, uz, x - cx, y - cy, z - cz)
             if least <= gap < margin:
-                kind = _CROSSING + edge - edge
-                found = add_candidate(x, y, z, gap, kind, edge, edge, places, features, found)
-    nearest = math.inf
-    for k in range(found):
-        nearest = min(nearest, places[k, 3])
+                kind = _CROSSING
+                found = add_candidate(x, y, z, gap, on_cap, kind, edge, edge, places, features, found)
+    nearest = nearest_along_normal(places, found)
     if found > MAX_KEPT:
         # Directions fixed in the cylinder, at an odd angle to the points on its rim.
-        px, py, pz = rim_place(table, two, end, end - end)
+        px, py, pz = rim_place(table, two, end, 0)
         ex, ey, ez, _ = radial(ux, uy, uz, px - cx, py - cy, pz - cz)
         found = reduce_candidates(ex, ey, ez, ux, uy, uz, places, features, found)
     for k in range(found):
@@ -169,7 +175,7 @@ def cap_on_face(table, one, two, X_21, face, end, least, column, margin, rows, c
     return count, nearest
 
 
-@geometry_kernel
+@internal_kernel
 def through_disc(px, py, pz, dx, dy, dz, ux, uy, uz, radius):
     """Where the line p + t d passes in and out of a cylinder about the axis u; NaN where it does not."""
     a, b = dot(px, py, pz, ux, uy, uz), dot(dx, dy, dz, ux, uy, uz)
@@ -182,8 +188,8 @@ def through_disc(px, py, pz, dx, dy, dz, ux, uy, uz, radius):
     return (-b - root) / a, (-b + root) / a
 
 
-@geometry_kernel
-def segment_along_side(table, i, i2, two, X_21, least, column, margin, rows, count):
+@internal_kernel
+def segment_along_side(table, i, i2, two, X_21, kx, ky, kz, least, column, margin, rows, count):
     """A capsule's axis or a hull's edge (vertices i, i2) along the side: its ends, and rims beside it."""
     j = table.pieces[two, 1]
     radius, round_radius = table.vertices[j, 3], table.vertices[i, 3]
@@ -198,12 +204,13 @@ def segment_along_side(table, i, i2, two, X_21, least, column, margin, rows, cou
     for k in range(2):
         x, y, z = px + k * length * dx - qx, py + k * length * dy - qy, pz + k * length * dz - qz
         t = dot(x, y, z, ux, uy, uz)
-        _, _, _, across = radial(ux, uy, uz, x, y, z)
+        ex, ey, ez, across = radial(ux, uy, uz, x, y, z)
         gap = across - radius - round_radius
         if 0.0 <= t <= table.axes[two, 3] and least <= gap < margin and count < rows.shape[0]:
             write_vertex(table, i2 if k == 1 else i, rows, count, column)
             write_line(table, j, j + 1, t, 1.0, rows, count, 8 - column)
-            nearest = min(nearest, gap)
+            if dot(ex, ey, ez, kx, ky, kz) > SAME_NORMAL:
+                nearest = min(nearest, gap)
             count += 1
     for end in range(2):
         x, y, z = xyz(table.vertices, j + end)
@@ -217,13 +224,14 @@ def segment_along_side(table, i, i2, two, X_21, least, column, margin, rows, cou
         gap -= round_radius
         if least <= gap < margin and count < rows.shape[0]:
             write_rim_line(table, two, end, i, i2, X_21, mx, my, mz, rows, count, 8 - column)
-            nearest = min(nearest, gap)
+            if dot(mx, my, mz, kx, ky, kz) > SAME_NORMAL:
+                nearest = min(nearest, gap)
             count += 1
     return count, nearest
 
 
-@geometry_kernel
-def segment_on_cap(table, i, i2, two, X_21, end, least, column, margin, rows, count):
+@internal_kernel
+def segment_on_cap(table, i, i2, two, X_21, kx, ky, kz, end, least, column, margin, rows, count):
     """A capsule's axis or a hull's edge (vertices i, i2) on a cap: both ends of its part over the cap."""
     c = table.pieces[two, 1] + end
     sign = 2.0 * end - 1.0
@@ -244,7 +252,8 @@ def segment_on_cap(table, i, i2, two, X_21, end, least, column, margin, rows, co
         t = max(enter, 0.0) if k == 0 else min(leave, length)
         gap = dot(ux, uy, uz, px + t * dx - cx, py + t * dy - cy, pz + t * dz - cz) - round_radius
         if least <= gap < margin and count < rows.shape[0]:
-            nearest = min(nearest, gap)
+            if dot(ux, uy, uz, kx, ky, kz) > SAME_NORMAL:
+                nearest = min(nearest, gap)
             write_segment_place(table, i, i2, t, rows, count, column)
             write_cap(table, two, end, rows, count, 8 - column)
             count += 1

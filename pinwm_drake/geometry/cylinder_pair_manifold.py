@@ -14,22 +14,23 @@ from pinwm_drake.geometry.cylinder_parts import (
     write_rim_line,
     write_rim_place,
 )
-from pinwm_drake.geometry.face_clip import MANIFOLD_ANGLE, ON_FACE
+from pinwm_drake.geometry.face_clip import MANIFOLD_ANGLE, ON_FACE, SAME_NORMAL
 from pinwm_drake.geometry.features import POINT
 from pinwm_drake.geometry.manifold import (
     MAX_CANDIDATES,
     MAX_KEPT,
     add_candidate,
+    nearest_along_normal,
     reduce_candidates,
 )
 from pinwm_drake.geometry.pieces import RIM_POINTS
 from pinwm_drake.geometry.rows import dot, transform, turn, turn_back, write_part, xyz
-from pinwm_drake.jit import allocating_kernel, geometry_kernel
+from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 _POINT = float(POINT)
 
 
-@geometry_kernel
+@internal_kernel
 def collect_cylinder_manifold(table, one, two, X_21, X_12, nx, ny, nz, least, column, margin, rows, count):
     """Appends the manifold of two cylinders whose normal (from `two` to `one`, frame 2) is n.
 
@@ -55,17 +56,19 @@ def collect_cylinder_manifold(table, one, two, X_21, X_12, nx, ny, nz, least, co
             nearest = min(nearest, low)
     elif abs(along_1) > parallel and abs(along_2) > parallel:
         end_1, end_2 = 0 if along_1 > 0.0 else 1, 1 if along_2 > 0.0 else 0
-        return _cap_on_cap(table, one, two, X_21, X_12, end_1, end_2, least, column, margin, rows, count)
+        return _cap_on_cap(
+            table, one, two, X_21, X_12, along_1, along_2, end_1, end_2, least, column, margin, rows, count
+        )
     elif abs(along_1) < MANIFOLD_ANGLE and abs(along_2) > parallel:
         end = 1 if along_2 > 0.0 else 0
-        return _side_on_cap(table, one, two, X_21, X_12, end, least, column, margin, rows, count)
+        return _side_on_cap(table, one, two, X_21, X_12, abs(along_2), end, least, column, margin, rows, count)
     elif abs(along_2) < MANIFOLD_ANGLE and abs(along_1) > parallel:
         end = 0 if along_1 > 0.0 else 1
-        return _side_on_cap(table, two, one, X_12, X_21, end, least, 8 - column, margin, rows, count)
+        return _side_on_cap(table, two, one, X_12, X_21, abs(along_1), end, least, 8 - column, margin, rows, count)
     return count, nearest
 
 
-@geometry_kernel
+@internal_kernel
 def _rims_along(table, one, two, X_12, nx, ny, nz, least, column, margin, rows, count):
     """The rims of `one` beside the axis of `two`; n points out of `one`, in its frame."""
     j = table.pieces[two, 1]
@@ -77,13 +80,14 @@ def _rims_along(table, one, two, X_12, nx, ny, nz, least, column, margin, rows, 
         gap -= table.vertices[j, 3]
         if least <= gap < margin and count < rows.shape[0]:
             write_rim_line(table, one, end, j, j + 1, X_12, mx, my, mz, rows, count, column)
-            nearest = min(nearest, gap)
+            if dot(mx, my, mz, nx, ny, nz) > SAME_NORMAL:
+                nearest = min(nearest, gap)
             count += 1
     return count, nearest
 
 
-@geometry_kernel
-def _side_on_cap(table, one, two, X_21, X_12, end, least, column, margin, rows, count):
+@internal_kernel
+def _side_on_cap(table, one, two, X_21, X_12, cosine, end, least, column, margin, rows, count):
     """The side of `one` on a cap of `two`: both ends of that part of its line of contact over the cap."""
     i, c = table.pieces[one, 1], table.pieces[two, 1] + end
     length, radius = table.axes[one, 3], table.vertices[i, 3]
@@ -106,7 +110,8 @@ def _side_on_cap(table, one, two, X_21, X_12, end, least, column, margin, rows, 
             t = k * length
         gap = dot(nx, ny, nz, qx + t * ux - cx, qy + t * uy - cy, qz + t * uz - cz)
         if least <= gap < margin and count < rows.shape[0]:
-            nearest = min(nearest, gap)
+            if cosine > SAME_NORMAL:
+                nearest = min(nearest, gap)
             if inside:
                 write_rim(table, one, k, rows, count, column)
             else:
@@ -118,7 +123,7 @@ def _side_on_cap(table, one, two, X_21, X_12, end, least, column, margin, rows, 
 
 
 @allocating_kernel
-def _cap_on_cap(table, one, two, X_21, X_12, end_1, end_2, least, column, margin, rows, count):
+def _cap_on_cap(table, one, two, X_21, X_12, along_1, along_2, end_1, end_2, least, column, margin, rows, count):
     """Cap on cap: the points fixed on either rim that lie over the other cap, and the lowest one of `one`."""
     c, d = table.pieces[one, 1] + end_1, table.pieces[two, 1] + end_2
     ux, uy, uz = xyz(table.axes, one)
@@ -126,11 +131,12 @@ def _cap_on_cap(table, one, two, X_21, X_12, end_1, end_2, least, column, margin
     sign_1, sign_2 = 2.0 * end_1 - 1.0, 2.0 * end_2 - 1.0
     cx, cy, cz = xyz(table.vertices, c)
     dx, dy, dz = xyz(table.vertices, d)
-    places = np.empty((MAX_CANDIDATES, 4))
+    places = np.empty((MAX_CANDIDATES, 5))
     features = np.empty((MAX_CANDIDATES, 3), np.int64)
     found = 0
     for k in range(2 * RIM_POINTS):
         kind = k // RIM_POINTS
+        cosine = abs(along_2) if kind == 0 else abs(along_1)
         if kind == 0:
             x, y, z = transform(X_21, *rim_place(table, one, end_1, k))
             gap = sign_2 * dot(vx, vy, vz, x - dx, y - dy, z - dz)
@@ -143,12 +149,10 @@ def _cap_on_cap(table, one, two, X_21, X_12, end_1, end_2, least, column, margin
             _, _, _, across = radial(ux, uy, uz, px - cx, py - cy, pz - cz)
             beside = across - table.vertices[c, 3]
         if beside <= ON_FACE and least <= gap < margin:
-            found = add_candidate(x, y, z, gap, kind, k, k, places, features, found)
-    nearest = math.inf
-    for k in range(found):
-        nearest = min(nearest, places[k, 3])
+            found = add_candidate(x, y, z, gap, cosine, kind, k, k, places, features, found)
+    nearest = nearest_along_normal(places, found)
     if found > MAX_KEPT:
-        px, py, pz = rim_place(table, two, end_2, end_2 - end_2)
+        px, py, pz = rim_place(table, two, end_2, 0)
         ex, ey, ez, _ = radial(vx, vy, vz, px - dx, py - dy, pz - dz)
         found = reduce_candidates(ex, ey, ez, vx, vy, vz, places, features, found)
     for k in range(found):

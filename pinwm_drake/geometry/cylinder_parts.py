@@ -16,7 +16,7 @@ from pinwm_drake.geometry.rows import (
     write_part,
     xyz,
 )
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import internal_kernel
 
 # A rim meets a line as a circle where the sine of the normal against the axis is more than this, so that its
 # sign is beyond doubt, where the line does not run along the rim (PARALLEL_SINE), and where the line's point
@@ -32,7 +32,7 @@ _COSINES = tuple(math.cos(2.0 * math.pi * k / RIM_POINTS) for k in range(RIM_POI
 _SINES = tuple(math.sin(2.0 * math.pi * k / RIM_POINTS) for k in range(RIM_POINTS))
 
 
-@geometry_kernel
+@internal_kernel
 def rim_place(table, piece, end, k):
     """The point number k fixed on a rim (`pieces.rim_points`), m, frame of the body; `end` is 0 or 1."""
     v = table.pieces[piece, 1] + end
@@ -53,7 +53,7 @@ def rim_place(table, piece, end, k):
     return cx + c * ex + s * fx, cy + c * ey + s * fy, cz + c * ez + s * fz
 
 
-@geometry_kernel
+@internal_kernel
 def radial(ux, uy, uz, x, y, z):
     """Part of a vector across the axis u as unit vector and length; zeros along the axis."""
     along = dot(ux, uy, uz, x, y, z)
@@ -64,14 +64,14 @@ def radial(ux, uy, uz, x, y, z):
     return x / length, y / length, z / length, length
 
 
-@geometry_kernel
+@internal_kernel
 def write_rim_place(table, piece, end, k, rows, count, column):
     """Writes a point fixed on a rim."""
     x, y, z = rim_place(table, piece, end, k)
     write_part(rows, count, column, _POINT, x, y, z, 0.0, 0.0, 0.0, 0.0)
 
 
-@geometry_kernel
+@internal_kernel
 def write_cap(table, piece, end, rows, count, column):
     """Writes the plane of a cap."""
     x, y, z = xyz(table.vertices, table.pieces[piece, 1] + end)
@@ -80,7 +80,7 @@ def write_cap(table, piece, end, rows, count, column):
     write_part(rows, count, column, _PLANE, x, y, z, sign * ux, sign * uy, sign * uz, 0.0)
 
 
-@geometry_kernel
+@internal_kernel
 def write_rim(table, piece, end, rows, count, column):
     """Writes a rim; its axis points out of the cylinder."""
     v = table.pieces[piece, 1] + end
@@ -90,7 +90,7 @@ def write_rim(table, piece, end, rows, count, column):
     write_part(rows, count, column, _CIRCLE, x, y, z, sign * ux, sign * uy, sign * uz, table.vertices[v, 3])
 
 
-@geometry_kernel
+@internal_kernel
 def rim_line(table, piece, end, px, py, pz, dx, dy, dz, nx, ny, nz):
     """The normal of a rim and a line p + t d near the normal n out of the cylinder (frame of its body).
 
@@ -122,7 +122,7 @@ def rim_line(table, piece, end, px, py, pz, dx, dy, dz, nx, ny, nz):
     return mx, my, mz, dot(mx, my, mz, wx, wy, wz), t
 
 
-@geometry_kernel
+@internal_kernel
 def rim_line_gap(table, piece, end, px, py, pz, dx, dy, dz, length, nx, ny, nz):
     """Gap between a rim and a segment p + t d, 0 <= t <= length, along a normal near n out of the cylinder.
 
@@ -137,7 +137,7 @@ def rim_line_gap(table, piece, end, px, py, pz, dx, dy, dz, length, nx, ny, nz):
     return mx, my, mz, gap
 
 
-@geometry_kernel
+@internal_kernel
 def write_segment_place(table, v, w, t, rows, count, column):
     """Writes the place t [m] on the line from vertex v to vertex w as a point, with its piece's radius."""
     x, y, z = xyz(table.vertices, v)
@@ -148,7 +148,7 @@ def write_segment_place(table, v, w, t, rows, count, column):
     write_part(rows, count, column, _POINT, x, y, z, 0.0, 0.0, 0.0, table.vertices[v, 3])
 
 
-@geometry_kernel
+@internal_kernel
 def write_rim_line(table, piece, end, v, w, X_CL, nx, ny, nz, rows, count, column):
     """Writes a rim against the line from vertex v to vertex w of another body.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from pinwm_drake.geometry.rows import cross, dot, norm, transform, xyz
 from pinwm_drake.geometry.support import support_of_difference
-from pinwm_drake.jit import allocating_kernel, geometry_kernel
+from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 _MAX_POINTS = 128
 _MAX_FACES = 2 * _MAX_POINTS
@@ -66,7 +66,7 @@ def expand(table, one, two, X_21, margin, tolerance, ends):
     return best, bx, by, bz
 
 
-@geometry_kernel
+@internal_kernel
 def _first_tetrahedron(table, one, two, X_21, points, sources, corners, planes):
     """A tetrahedron in the difference, turned to the origin; returns the first separation and its axis."""
     cx, cy, cz = transform(X_21, *xyz(table.piece_spheres, one))
@@ -118,7 +118,7 @@ def _first_tetrahedron(table, one, two, X_21, points, sources, corners, planes):
     return separation, nx, ny, nz
 
 
-@geometry_kernel
+@internal_kernel
 def _set_plane(points, corners, planes, face):
     """Computes the plane of a face; one without area gets an infinite offset and is never chosen."""
     ax, ay, az = xyz(points, corners[face, 0])
@@ -134,7 +134,7 @@ def _set_plane(points, corners, planes, face):
     planes[face, 3] = (dot(nx, ny, nz, ax, ay, az) + dot(nx, ny, nz, bx, by, bz) + dot(nx, ny, nz, cx, cy, cz)) / 3.0
 
 
-@geometry_kernel
+@internal_kernel
 def _grow(points, new, corners, planes, horizon, faces):
     """Replaces the faces that a new point sees by a cone over their outline; returns the number of faces."""
     wx, wy, wz = xyz(points, new)

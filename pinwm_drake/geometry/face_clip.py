@@ -3,7 +3,7 @@
 import math
 
 from pinwm_drake.geometry.rows import PARALLEL_SINE, cross, dot, height, line_parameters, norm, xyz
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import internal_kernel
 
 # A point this little [m] outside a side of a face counts as over the face.
 ON_FACE = 1.0e-8
@@ -19,11 +19,14 @@ BEYOND_END = 1.0e-6
 # meets at less than this: they touch in a manifold of contacts.
 MANIFOLD_ANGLE = 0.1
 
+# Cosine above which the normal of a candidate is the one that was looked for: within 4.5e-5 rad.
+SAME_NORMAL = 1.0 - 1.0e-9
+
 # In penetration a candidate deeper than the least translation by more than this [m] is not a contact.
 DEEPER = 1.0e-7
 
 
-@geometry_kernel
+@internal_kernel
 def outside_face(table, face, x, y, z):
     """How far a point lies outside the worst side of a face [m], measured in the face's plane."""
     worst = -math.inf
@@ -32,7 +35,7 @@ def outside_face(table, face, x, y, z):
     return worst
 
 
-@geometry_kernel
+@internal_kernel
 def clip_to_face(table, face, px, py, pz, ux, uy, uz, length):
     """The part of the segment p + t u, 0 <= t <= length, over a face (all in the frame of the face's body).
 
@@ -61,11 +64,13 @@ def clip_to_face(table, face, px, py, pz, ux, uy, uz, length):
     return enter, leave, enter_side, leave_side
 
 
-@geometry_kernel
-def gap_over_side(table, face, side, px, py, pz, ux, uy, uz, length):
+@internal_kernel
+def gap_over_side(table, face, side, px, py, pz, ux, uy, uz, length, kx, ky, kz):
     """Gap [m] of the segment p + t u and the edge at a side of a face, as lines, counted upwards.
 
-    Infinite where they are parallel, do not run along the face, or are nearest beyond their ends.
+    Returns:
+        The gap (infinite where they are parallel, do not run along the face, or are nearest beyond their ends),
+        and the cosine between its normal, out of the face, and the unit vector k.
     """
     nx, ny, nz = xyz(table.planes, face)
     edge = table.corners[side, 1]
@@ -76,8 +81,9 @@ def gap_over_side(table, face, side, px, py, pz, ux, uy, uz, length):
     size = norm(cx, cy, cz)
     upwards = dot(cx, cy, cz, nx, ny, nz)
     if size < PARALLEL_SINE or abs(upwards) < math.cos(MANIFOLD_ANGLE) * size:
-        return math.inf
+        return math.inf, 0.0
     s, t = line_parameters(ux, uy, uz, vx, vy, vz, wx, wy, wz)
     if min(s, t) < -BEYOND_END or s > length + BEYOND_END or t > table.edge_lines[edge, 3] + BEYOND_END:
-        return math.inf
-    return dot(cx, cy, cz, wx, wy, wz) / math.copysign(size, upwards)
+        return math.inf, 0.0
+    size = math.copysign(size, upwards)
+    return dot(cx, cy, cz, wx, wy, wz) / size, dot(cx, cy, cz, kx, ky, kz) / size

@@ -3,14 +3,12 @@
 import math
 
 from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
-from pinwm_drake.geometry.pieces import CYLINDER
+from pinwm_drake.geometry.pieces import CYLINDER, MAX_FLOOR_POINTS
 from pinwm_drake.geometry.rows import dot, norm, write_part, xyz
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import geometry_kernel, internal_kernel
 
 _POINT, _PLANE, _CIRCLE = float(POINT), float(PLANE), float(CIRCLE)
 
-# More points than this within the margin are reduced to the outermost ones.
-MAX_FLOOR_POINTS = 16
 _DIRECTIONS = 8
 _DIRECTION_COS = tuple(math.cos(2.0 * math.pi * k / _DIRECTIONS) for k in range(_DIRECTIONS))
 _DIRECTION_SIN = tuple(math.sin(2.0 * math.pi * k / _DIRECTIONS) for k in range(_DIRECTIONS))
@@ -64,7 +62,7 @@ def collide_floor(table, body, R_WB, p_WB, floor_height, margin, rows, count):
     return count
 
 
-@geometry_kernel
+@internal_kernel
 def _gap(table, i, ux, uy, uz, lift):
     """Gap of one floor point [m]; infinite for the fixed points of a cylinder that does not stand."""
     piece = table.floor_owners[i]
@@ -77,7 +75,7 @@ def _gap(table, i, ux, uy, uz, lift):
     return dot(ux, uy, uz, x, y, z) + lift - table.floor_points[i, 3]
 
 
-@geometry_kernel
+@internal_kernel
 def _append_point(table, i, floor_height, rows, count):
     if count >= rows.shape[0]:
         return count
@@ -87,7 +85,7 @@ def _append_point(table, i, floor_height, rows, count):
     return count + 1
 
 
-@geometry_kernel
+@internal_kernel
 def _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, count):
     """Appends the outermost points along eight directions fixed in the body, and the deepest.
 
@@ -128,7 +126,7 @@ def _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, count):
     return count
 
 
-@geometry_kernel
+@internal_kernel
 def _is_point(table, i, rows, row):
     return (
         rows[row, 1] == table.floor_points[i, 0]
@@ -137,7 +135,7 @@ def _is_point(table, i, rows, row):
     )
 
 
-@geometry_kernel
+@internal_kernel
 def _append_rims(table, piece, ux, uy, uz, lift, floor_height, margin, rows, count):
     """Appends the lowest point of each rim of a tilted cylinder."""
     ax, ay, az = xyz(table.axes, piece)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pinwm_drake.geometry.rows import dot, norm, xyz
 from pinwm_drake.geometry.support import support_of_difference
-from pinwm_drake.jit import allocating_kernel, geometry_kernel
+from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 _MAX_ITERATIONS = 64
 
@@ -75,7 +75,7 @@ def distance(table, one, two, X_21, nx, ny, nz, tolerance, ends):
     return length, -x / length, -y / length, -z / length, size
 
 
-@geometry_kernel
+@internal_kernel
 def _nearest(simplex, size, weights, best):
     """Point of a simplex nearest to the origin; its weights come in `weights`, `best` is scratch."""
     for k in range(4):
@@ -106,7 +106,7 @@ def _nearest(simplex, size, weights, best):
     return x, y, z
 
 
-@geometry_kernel
+@internal_kernel
 def _triangle(simplex, i, j, k):
     """Barycentric coordinates of the point of a triangle nearest to the origin."""
     ax, ay, az = xyz(simplex, i)

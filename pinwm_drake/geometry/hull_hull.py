@@ -13,16 +13,16 @@ from pinwm_drake.geometry.face_clip import DEEPER
 from pinwm_drake.geometry.gjk import distance
 from pinwm_drake.geometry.manifold import aligned_face, collect_manifold
 from pinwm_drake.geometry.rows import turn_back, write_face, write_line_pair, write_vertex
-from pinwm_drake.geometry.segments import COINCIDENT, SAME, append_segments
+from pinwm_drake.geometry.segments import COINCIDENT, append_segments
 from pinwm_drake.geometry.separating_axis import EDGES, FACE_OF_ONE, FACE_OF_TWO, separating_axis
 from pinwm_drake.geometry.support import support
-from pinwm_drake.jit import allocating_kernel, geometry_kernel
+from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 # Hulls whose pairs of edges, and of faces and vertices, are more than this take `epa` instead of all axes. At
 # the limit both take about 5 us.
 _MAX_PAIRS = 1500
 
-# Of the face that `epa` returns [m].
+# Of the face that `epa` returns, and of a gap that attains its separation [m].
 _TOLERANCE = 1.0e-10
 
 
@@ -34,15 +34,15 @@ def collide_hulls(table, one, two, X_21, column, margin, rows, count):
         apart, nx, ny, nz, kind, first, second = separating_axis(table, one, two, X_21, margin)
     else:
         apart, nx, ny, nz = expand(table, one, two, X_21, margin, _TOLERANCE, ends)
-        kind, first, second = _features_of_axis(table, one, two, X_21, nx, ny, nz)
+        kind, first, second = _features_of_axis(table, one, two, X_21, nx, ny, nz, ends)
     if apart >= margin:
         return count
     count, nearest = collect_manifold(table, one, two, X_21, nx, ny, nz, apart - DEEPER, column, margin, rows, count)
-    if nearest <= apart + SAME or count >= rows.shape[0]:
+    if nearest <= apart + _TOLERANCE or count >= rows.shape[0]:
         return count
     if apart >= COINCIDENT:
         apart, nx, ny, nz, size = distance(table, one, two, X_21, nx, ny, nz, 0.0, ends)
-        if apart >= margin or apart >= nearest - SAME:
+        if apart >= margin or apart >= nearest - _TOLERANCE:
             return count
         return _append_nearest(table, one, two, X_21, nx, ny, nz, ends, size, nearest, column, margin, rows, count)
     if kind == FACE_OF_TWO:
@@ -61,8 +61,8 @@ def collide_hulls(table, one, two, X_21, column, margin, rows, count):
                 table.edges[second, 1],
             )
         else:
-            i, i2, _ = _corners(ends, 3, column - column)
-            j, j2, _ = _corners(ends, 3, column - column + 1)
+            i, i2, _ = _corners(ends, 3, 0)
+            j, j2, _ = _corners(ends, 3, 1)
         if i != i2 and j != j2:
             write_line_pair(table, i, i2, j, j2, X_21, nx, ny, nz, rows, count, column)
         else:
@@ -70,7 +70,7 @@ def collide_hulls(table, one, two, X_21, column, margin, rows, count):
     return count + 1
 
 
-@geometry_kernel
+@internal_kernel
 def _pairs(table, one, two):
     vertices_1 = table.pieces[one + 1, 1] - table.pieces[one, 1]
     vertices_2 = table.pieces[two + 1, 1] - table.pieces[two, 1]
@@ -81,26 +81,28 @@ def _pairs(table, one, two):
     return edges_1 * edges_2 + faces_1 * vertices_2 + faces_2 * vertices_1
 
 
-@geometry_kernel
-def _features_of_axis(table, one, two, X_21, nx, ny, nz):
-    """Kind and features of an axis as `separating_axis` gives them; for two edges they are -1."""
+@internal_kernel
+def _features_of_axis(table, one, two, X_21, nx, ny, nz, ends):
+    """Kind and features of an axis from `epa` as `separating_axis` gives them; for two edges they are -1."""
+    i, i2, more_1 = _corners(ends, 3, 0)
+    j, j2, more_2 = _corners(ends, 3, 1)
+    face_2, cosine_2 = aligned_face(table, two, nx, ny, nz)
     mx, my, mz = turn_back(X_21, -nx, -ny, -nz)
-    face, cosine = aligned_face(table, two, nx, ny, nz)
-    if cosine > 1.0 - 1.0e-12:
-        _, _, _, v = support(table, one, mx, my, mz)
-        return FACE_OF_TWO, face, v
-    face, cosine = aligned_face(table, one, mx, my, mz)
-    if cosine > 1.0 - 1.0e-12:
-        _, _, _, v = support(table, two, nx, ny, nz)
-        return FACE_OF_ONE, face, v
-    return EDGES, -1, -1
+    face_1, cosine_1 = aligned_face(table, one, mx, my, mz)
+    # Behind a facet of the difference is a face and a vertex, or two edges; or, where an edge or face lies
+    # along a face, more vertices of both.
+    if i != i2 and j != j2 and not more_1 and not more_2:
+        return EDGES, -1, -1
+    if i == i2 or (j != j2 and cosine_2 >= cosine_1):
+        return FACE_OF_TWO, face_2, i
+    return FACE_OF_ONE, face_1, j
 
 
-@geometry_kernel
+@internal_kernel
 def _append_nearest(table, one, two, X_21, nx, ny, nz, ends, size, known, column, margin, rows, count):
     """Appends the pair of features that the vertices in `ends` span; `known` as for `append_segments`."""
-    i, i2, face_of_one = _corners(ends, size, column - column)
-    j, j2, face_of_two = _corners(ends, size, column - column + 1)
+    i, i2, face_of_one = _corners(ends, size, 0)
+    j, j2, face_of_two = _corners(ends, size, 1)
     if face_of_two:
         face, _ = aligned_face(table, two, nx, ny, nz)
         write_vertex(table, i, rows, count, column)
@@ -115,7 +117,7 @@ def _append_nearest(table, one, two, X_21, nx, ny, nz, ends, size, known, column
     return append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, known, column, margin, rows, count)
 
 
-@geometry_kernel
+@internal_kernel
 def _corners(ends, size, side):
     """The first two different vertices in a column of `ends` (or one twice), and whether there are more."""
     a = ends[0, side]

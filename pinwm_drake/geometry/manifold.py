@@ -9,7 +9,14 @@ import math
 
 import numpy as np
 
-from pinwm_drake.geometry.face_clip import MANIFOLD_ANGLE, ON_FACE, clip_to_face, gap_over_side, outside_face
+from pinwm_drake.geometry.face_clip import (
+    MANIFOLD_ANGLE,
+    ON_FACE,
+    SAME_NORMAL,
+    clip_to_face,
+    gap_over_side,
+    outside_face,
+)
 from pinwm_drake.geometry.rows import (
     cross,
     dot,
@@ -23,7 +30,7 @@ from pinwm_drake.geometry.rows import (
     write_vertex,
     xyz,
 )
-from pinwm_drake.jit import allocating_kernel, geometry_kernel
+from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 VERTEX_OF_ONE, VERTEX_OF_TWO, EDGE_PAIR = 0, 1, 2
 
@@ -44,7 +51,7 @@ _COSINES = tuple(math.cos(0.61 + 0.5 * math.pi * k) for k in range(MAX_KEPT))
 _SINES = tuple(math.sin(0.61 + 0.5 * math.pi * k) for k in range(MAX_KEPT))
 
 
-@geometry_kernel
+@internal_kernel
 def aligned_face(table, hull, nx, ny, nz):
     """The face of a hull whose normal is nearest to n (frame of its body), and the cosine between them."""
     face, cosine = -1, -2.0
@@ -62,7 +69,7 @@ def collect_manifold(table, one, two, X_21, nx, ny, nz, least, column, margin, r
     Candidates with a gap below `least` or of `margin` and more [m] are left out.
 
     Returns:
-        Rows used now, and the smallest gap among all candidates (m; infinite where there is none).
+        Rows used now, and the smallest gap among the candidates with that very normal (m; infinite without).
     """
     X_12 = inverse_pose(X_21)
     face_2, cosine_2 = aligned_face(table, two, nx, ny, nz)
@@ -71,8 +78,8 @@ def collect_manifold(table, one, two, X_21, nx, ny, nz, least, column, margin, r
     aligned = math.cos(MANIFOLD_ANGLE)
     if cosine_1 < aligned and cosine_2 < aligned:
         return count, math.inf
-    # Place (frame 2) and gap; kind and the two features, that of `one` first.
-    places = np.empty((MAX_CANDIDATES, 4))
+    # Place (frame 2), gap, cosine of the normal against n; kind and the two features, that of `one` first.
+    places = np.empty((MAX_CANDIDATES, 5))
     features = np.empty((MAX_CANDIDATES, 3), np.int64)
     found = 0
     # The face of the simpler hull bounds the overlap: the other's may be one of many small ones.
@@ -83,12 +90,13 @@ def collect_manifold(table, one, two, X_21, nx, ny, nz, least, column, margin, r
         face, cosine = (face_2, cosine_2) if on_two else (face_1, cosine_1)
         moving, X_FM = (one, X_21) if on_two else (two, X_12)
         if cosine >= aligned:
-            found = _vertices_over(table, moving, face, X_FM, on_two, least, margin, places, features, found)
+            found = _vertices_over(table, moving, face, X_FM, on_two, cosine, least, margin, places, features, found)
     face, moving, X_FM = (face_1, two, X_12) if bound_by_one else (face_2, one, X_21)
-    found = _edges_over(table, moving, face, X_FM, X_21, not bound_by_one, least, margin, places, features, found)
-    nearest = math.inf
-    for k in range(found):
-        nearest = min(nearest, places[k, 3])
+    kx, ky, kz = (mx, my, mz) if bound_by_one else (nx, ny, nz)
+    found = _edges_over(
+        table, moving, face, X_FM, X_21, kx, ky, kz, not bound_by_one, least, margin, places, features, found
+    )
+    nearest = nearest_along_normal(places, found)
     if found > MAX_KEPT:
         if cosine_2 >= aligned:
             ex, ey, ez = xyz(table.edge_lines, table.corners[table.faces[face_2], 1])
@@ -117,21 +125,32 @@ def collect_manifold(table, one, two, X_21, nx, ny, nz, least, column, margin, r
     return count, nearest
 
 
-@geometry_kernel
-def add_candidate(x, y, z, gap, kind, first, second, places, features, found):
+@internal_kernel
+def add_candidate(x, y, z, gap, cosine, kind, first, second, places, features, found):
     """Adds a candidate unless there is one at its place; returns the number of candidates."""
     for k in range(found):
         if norm(places[k, 0] - x, places[k, 1] - y, places[k, 2] - z) < _SAME_PLACE:
             return found
     if found < places.shape[0]:
-        places[found, 0], places[found, 1], places[found, 2], places[found, 3] = x, y, z, gap
+        places[found, 0], places[found, 1], places[found, 2] = x, y, z
+        places[found, 3], places[found, 4] = gap, cosine
         features[found, 0], features[found, 1], features[found, 2] = kind, first, second
         found += 1
     return found
 
 
-@geometry_kernel
-def _vertices_over(table, moving, face, X_FM, on_two, least, margin, places, features, found):
+@internal_kernel
+def nearest_along_normal(places, found):
+    """The smallest gap among the candidates with the normal that was looked for; infinite without any."""
+    nearest = math.inf
+    for k in range(found):
+        if places[k, 4] > SAME_NORMAL:
+            nearest = min(nearest, places[k, 3])
+    return nearest
+
+
+@internal_kernel
+def _vertices_over(table, moving, face, X_FM, on_two, cosine, least, margin, places, features, found):
     """Adds the vertices of a hull over a face of the other; F is the frame of the face's body, 2 or 1."""
     # The plane in the frame of the moving hull: most of its vertices are far above it.
     nx, ny, nz = xyz(table.planes, face)
@@ -147,12 +166,12 @@ def _vertices_over(table, moving, face, X_FM, on_two, least, margin, places, fea
             if not on_two:
                 kind, first, second = VERTEX_OF_TWO, face, v
                 x, y, z = xyz(table.vertices, v)
-            found = add_candidate(x, y, z, gap, kind, first, second, places, features, found)
+            found = add_candidate(x, y, z, gap, cosine, kind, first, second, places, features, found)
     return found
 
 
-@geometry_kernel
-def _edges_over(table, moving, face, X_FM, X_21, on_two, least, margin, places, features, found):
+@internal_kernel
+def _edges_over(table, moving, face, X_FM, X_21, kx, ky, kz, on_two, least, margin, places, features, found):
     """Adds the crossings of the edges of a hull with the sides of a face of the other, whose frame is F."""
     nx, ny, nz = xyz(table.planes, face)
     mx, my, mz = turn_back(X_FM, nx, ny, nz)
@@ -171,7 +190,7 @@ def _edges_over(table, moving, face, X_FM, X_21, on_two, least, margin, places, 
             t, side = (enter, enter_side) if end == 0 else (leave, leave_side)
             if side < 0 or leave < enter:
                 continue
-            gap = gap_over_side(table, face, side, px, py, pz, ux, uy, uz, length)
+            gap, cosine = gap_over_side(table, face, side, px, py, pz, ux, uy, uz, length, kx, ky, kz)
             if least <= gap < margin:
                 other = table.corners[side, 1]
                 x, y, z = px + t * ux, py + t * uy, pz + t * uz
@@ -179,11 +198,11 @@ def _edges_over(table, moving, face, X_FM, X_21, on_two, least, margin, places, 
                 if not on_two:
                     first, second = other, e
                     x, y, z = transform(X_21, x, y, z)
-                found = add_candidate(x, y, z, gap, kind, first, second, places, features, found)
+                found = add_candidate(x, y, z, gap, cosine, kind, first, second, places, features, found)
     return found
 
 
-@geometry_kernel
+@internal_kernel
 def reduce_candidates(ex, ey, ez, nx, ny, nz, places, features, found):
     """Moves the outermost candidates to the front, and the deepest in place of the nearest kept one.
 
@@ -228,9 +247,9 @@ def reduce_candidates(ex, ey, ez, nx, ny, nz, places, features, found):
     return kept
 
 
-@geometry_kernel
+@internal_kernel
 def _swap(places, features, i, j):
-    for k in range(4):
+    for k in range(5):
         places[i, k], places[j, k] = places[j, k], places[i, k]
     for k in range(3):
         features[i, k], features[j, k] = features[j, k], features[i, k]

@@ -16,6 +16,9 @@ CYLINDER = 3
 # A standing cylinder touches the floor with this many points fixed in each rim.
 RIM_POINTS = 8
 
+# More floor contacts of a body than this are reduced to the outermost ones.
+MAX_FLOOR_POINTS = 16
+
 
 @dataclass(frozen=True, eq=False)
 class ConvexPiece:
@@ -62,8 +65,8 @@ class PieceTable(NamedTuple):
         edges: (E, 4). v0, v1, face on the left going from v0 to v1 (seen from outside), face on the right.
         edge_lines: (E, 4). Unit vector from v0 to v1, and length, m.
         floor_points: (Q, 4), m. The points with which the body can touch a plane first, and their rounding
-            radii: the vertices of the convex hull of all hulls, the centres of spheres, the ends of capsules,
-            and points fixed on the rims of cylinders.
+            radii: the vertices of all hulls (of their common convex hull, where they are many), the centres of
+            spheres, the ends of capsules, and points fixed on the rims of cylinders.
         floor_owners: (Q,). Piece of the cylinder for a point on a rim, else -1.
     """
 
@@ -217,12 +220,16 @@ def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray
     points, owners = [], []
     sharp = [piece.vertices for piece in body if piece.kind == HULL]
     if sharp:
-        # A plane touches a union of pieces only where it touches their common convex hull: inner vertices
-        # drop out, and a vertex that pieces share (to 1e-9 m) comes once.
+        # A vertex that pieces share (to 1e-9 m) comes once. A plane touches a union of pieces only where it
+        # touches their common convex hull, so that of many vertices the inner ones drop out; of few they stay,
+        # because on a face that lies on the floor they carry load, and the load's spread decides the friction
+        # torque (8 corners of the T-block, as in MuJoCo and Bullet, not 6).
         cloud = np.concatenate(sharp)
         _, unique = np.unique(np.round(cloud, 9), axis=0, return_index=True)
         cloud = cloud[np.sort(unique)]
-        points.append(np.pad(cloud[np.sort(ConvexHull(cloud).vertices)], ((0, 0), (0, 1))))
+        if len(cloud) > MAX_FLOOR_POINTS:
+            cloud = cloud[np.sort(ConvexHull(cloud).vertices)]
+        points.append(np.pad(cloud, ((0, 0), (0, 1))))
         owners.append(np.full(len(points[0]), -1))
     for i, piece in enumerate(body):
         if piece.kind == HULL:

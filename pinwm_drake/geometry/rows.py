@@ -7,7 +7,7 @@ allocated.
 import math
 
 from pinwm_drake.geometry.features import LINE, PLANE, POINT
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import internal_kernel
 
 # As numbers of a row. An integer constant as an argument would make numba compile the callee for that very
 # value.
@@ -18,7 +18,7 @@ _POINT, _LINE, _PLANE = float(POINT), float(LINE), float(PLANE)
 PARALLEL_SINE = 1.0e-3
 
 
-@geometry_kernel
+@internal_kernel
 def write_part(rows, count, column, kind, px, py, pz, ux, uy, uz, radius):
     """Writes one body's part of a row.
 
@@ -41,25 +41,25 @@ def write_part(rows, count, column, kind, px, py, pz, ux, uy, uz, radius):
     rows[count, column + 7] = radius
 
 
-@geometry_kernel
+@internal_kernel
 def dot(ax, ay, az, bx, by, bz):
     """Scalar product."""
     return ax * bx + ay * by + az * bz
 
 
-@geometry_kernel
+@internal_kernel
 def cross(ax, ay, az, bx, by, bz):
     """Vector product."""
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-@geometry_kernel
+@internal_kernel
 def norm(x, y, z):
     """Length of a vector."""
     return math.sqrt(x * x + y * y + z * z)
 
 
-@geometry_kernel
+@internal_kernel
 def rotate_back(R, x, y, z):
     """R' v."""
     return (
@@ -69,7 +69,7 @@ def rotate_back(R, x, y, z):
     )
 
 
-@geometry_kernel
+@internal_kernel
 def transform(X, x, y, z):
     """X p, with a pose as twelve scalars: rotation by rows, then position."""
     return (
@@ -79,19 +79,19 @@ def transform(X, x, y, z):
     )
 
 
-@geometry_kernel
+@internal_kernel
 def turn(X, x, y, z):
     """R v of such a pose."""
     return X[0] * x + X[1] * y + X[2] * z, X[3] * x + X[4] * y + X[5] * z, X[6] * x + X[7] * y + X[8] * z
 
 
-@geometry_kernel
+@internal_kernel
 def turn_back(X, x, y, z):
     """R' v of such a pose."""
     return X[0] * x + X[3] * y + X[6] * z, X[1] * x + X[4] * y + X[7] * z, X[2] * x + X[5] * y + X[8] * z
 
 
-@geometry_kernel
+@internal_kernel
 def relative_pose(R_WA, p_WA, R_WB, p_WB):
     """X_BA as twelve scalars."""
     px, py, pz = rotate_back(R_WB, p_WA[0] - p_WB[0], p_WA[1] - p_WB[1], p_WA[2] - p_WB[2])
@@ -101,26 +101,26 @@ def relative_pose(R_WA, p_WA, R_WB, p_WB):
     return xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz
 
 
-@geometry_kernel
+@internal_kernel
 def inverse_pose(X):
     """X_AB from X_BA."""
     px, py, pz = turn_back(X, -X[9], -X[10], -X[11])
     return X[0], X[3], X[6], X[1], X[4], X[7], X[2], X[5], X[8], px, py, pz
 
 
-@geometry_kernel
+@internal_kernel
 def xyz(table, i):
     """The first three numbers of a row of one of the table's arrays: a point, direction or normal."""
     return table[i, 0], table[i, 1], table[i, 2]
 
 
-@geometry_kernel
+@internal_kernel
 def height(table, i, x, y, z):
     """Height [m] of a point over row i of `planes` or `sides`."""
     return table[i, 0] * x + table[i, 1] * y + table[i, 2] * z - table[i, 3]
 
 
-@geometry_kernel
+@internal_kernel
 def write_face(table, face, rows, count, column):
     """Writes the plane of a face."""
     x, y, z = xyz(table.vertices, table.corners[table.faces[face], 0])
@@ -128,14 +128,14 @@ def write_face(table, face, rows, count, column):
     write_part(rows, count, column, _PLANE, x, y, z, nx, ny, nz, 0.0)
 
 
-@geometry_kernel
+@internal_kernel
 def write_vertex(table, v, rows, count, column):
     """Writes a vertex of a hull, the centre of a sphere or an end of a capsule."""
     x, y, z = xyz(table.vertices, v)
     write_part(rows, count, column, _POINT, x, y, z, 0.0, 0.0, 0.0, table.vertices[v, 3])
 
 
-@geometry_kernel
+@internal_kernel
 def write_line(table, v, w, t, sign, rows, count, column):
     """Writes the line from vertex v to vertex w with its point at t [m] from v; `sign` orients it.
 
@@ -151,7 +151,7 @@ def write_line(table, v, w, t, sign, rows, count, column):
     write_part(rows, count, column, _LINE, x, y, z, ux, uy, uz, table.vertices[v, 3])
 
 
-@geometry_kernel
+@internal_kernel
 def line_parameters(ux, uy, uz, vx, vy, vz, wx, wy, wz):
     """Nearest points of lines p + s u and q + t v that are not parallel, with w = p - q; s and t in metres.
 
@@ -162,7 +162,7 @@ def line_parameters(ux, uy, uz, vx, vy, vz, wx, wy, wz):
     return s, b * s + f
 
 
-@geometry_kernel
+@internal_kernel
 def write_line_pair(table, i, i2, j, j2, X_21, nx, ny, nz, rows, count, column):
     """Writes two lines at their nearest points, oriented for a normal near n.
 

@@ -15,7 +15,7 @@ from pinwm_drake.geometry.rows import (
     write_vertex,
     xyz,
 )
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import internal_kernel
 
 _PLANE = float(PLANE)
 
@@ -23,10 +23,10 @@ _PLANE = float(PLANE)
 COINCIDENT = 1.0e-9
 
 # Of two equal alternatives the first is kept unless the other is better by more than this [m].
-SAME = 1.0e-9
+SAME = 1.0e-12
 
 
-@geometry_kernel
+@internal_kernel
 def closest_on_segments(px, py, pz, ux, uy, uz, length, qx, qy, qz, vx, vy, vz, other):
     """Nearest points of two segments p + s u, 0 <= s <= length, and q + t v, 0 <= t <= other.
 
@@ -62,7 +62,7 @@ def closest_on_segments(px, py, pz, ux, uy, uz, length, qx, qy, qz, vx, vy, vz, 
     return best_s, best_t, distance
 
 
-@geometry_kernel
+@internal_kernel
 def collide_rounds(table, one, two, X_21, column, margin, rows, count):
     """Appends the contacts of a sphere or capsule with another.
 
@@ -86,7 +86,7 @@ def collide_rounds(table, one, two, X_21, column, margin, rows, count):
     return append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, math.inf, column, margin, rows, count)
 
 
-@geometry_kernel
+@internal_kernel
 def append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, known, column, margin, rows, count):
     """Appends the nearest pair of two segments, and both ends of the overlap of nearly parallel ones.
 
@@ -157,7 +157,7 @@ def append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, known, column, margin
     return count + 1
 
 
-@geometry_kernel
+@internal_kernel
 def _write_places(table, i, i2, j, j2, s, t, end_s, end_t, sign, rows, count, column):
     """Writes a place on each of two segments; `end_s` is -1 or 1 at an end, which is copied, or 0."""
     if end_s == 0:
@@ -170,7 +170,7 @@ def _write_places(table, i, i2, j, j2, s, t, end_s, end_t, sign, rows, count, co
         write_vertex(table, j2 if end_t > 0 else j, rows, count, 8 - column)
 
 
-@geometry_kernel
+@internal_kernel
 def write_coincident(table, i, j, vx, vy, vz, rows, count, column):
     """Writes vertex i against a plane that touches the ball about vertex j, across the axis of its piece."""
     nx, ny, nz = (0.0, -vz, vy) if abs(vx) < 0.8 else (vz, 0.0, -vx)

@@ -11,13 +11,13 @@ import math
 
 from pinwm_drake.geometry.rows import PARALLEL_SINE, cross, dot, norm, transform, turn, turn_back, xyz
 from pinwm_drake.geometry.segments import SAME
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import internal_kernel
 
 # Which features the axis belongs to.
 FACE_OF_TWO, FACE_OF_ONE, EDGES = 0, 1, 2
 
 
-@geometry_kernel
+@internal_kernel
 def separating_axis(table, one, two, X_21, margin):
     """Largest separation of two hulls over the normals of the faces of their Minkowski difference.
 
@@ -86,7 +86,7 @@ def separating_axis(table, one, two, X_21, margin):
     return best, nx, ny, nz, kind, first, second
 
 
-@geometry_kernel
+@internal_kernel
 def _lowest(table, hull, nx, ny, nz):
     """The vertex of a hull that is lowest along n, and its height [m]."""
     lowest, low = -1, math.inf

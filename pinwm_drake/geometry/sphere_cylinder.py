@@ -3,10 +3,10 @@
 from pinwm_drake.geometry.cylinder_parts import radial, write_cap, write_rim
 from pinwm_drake.geometry.rows import dot, transform, write_line, write_vertex, xyz
 from pinwm_drake.geometry.segments import COINCIDENT, SAME, write_coincident
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import internal_kernel
 
 
-@geometry_kernel
+@internal_kernel
 def collide_sphere_cylinder(table, ball, drum, X_21, column, margin, rows, count):
     """Appends the contact of a sphere with a cylinder; arguments as for `segments.collide_rounds`."""
     v, j = table.pieces[ball, 1], table.pieces[drum, 1]

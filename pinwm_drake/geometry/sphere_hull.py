@@ -10,10 +10,10 @@ import math
 from pinwm_drake.geometry.face_clip import outside_face
 from pinwm_drake.geometry.rows import height, transform, write_face, write_line, write_vertex, xyz
 from pinwm_drake.geometry.segments import COINCIDENT, SAME
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import internal_kernel
 
 
-@geometry_kernel
+@internal_kernel
 def collide_sphere_hull(table, ball, hull, X_HS, column, margin, rows, count):
     """Appends the contact of a sphere with a hull; arguments as for `segments.collide_rounds`."""
     v = table.pieces[ball, 1]

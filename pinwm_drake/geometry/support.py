@@ -4,10 +4,10 @@ import math
 
 from pinwm_drake.geometry.pieces import CYLINDER
 from pinwm_drake.geometry.rows import dot, norm, transform, turn_back, xyz
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import internal_kernel
 
 
-@geometry_kernel
+@internal_kernel
 def support(table, piece, nx, ny, nz):
     """Farthest point of a piece's core along n; the core of a sphere or capsule is its centre or segment.
 
@@ -38,7 +38,7 @@ def support(table, piece, nx, ny, nz):
     return x, y, z, best
 
 
-@geometry_kernel
+@internal_kernel
 def support_of_difference(table, one, two, X_21, nx, ny, nz):
     """Farthest point of {b - a : b in `two`, a in `one`} along n, in the frame of `two`.
 
@@ -55,7 +55,7 @@ def support_of_difference(table, one, two, X_21, nx, ny, nz):
     return bx - ax, by - ay, bz - az, i, j
 
 
-@geometry_kernel
+@internal_kernel
 def separation_along(table, one, two, X_21, nx, ny, nz):
     """Separation of the cores along a unit vector n of frame 2 that points from `two` to `one` [m]."""
     x, y, z, _, _ = support_of_difference(table, one, two, X_21, nx, ny, nz)

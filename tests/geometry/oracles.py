@@ -162,7 +162,9 @@ def _supports(piece: ConvexPiece, X, directions: np.ndarray) -> np.ndarray:
         return reach
     axis = points[1] - points[0]
     axis /= np.linalg.norm(axis)
-    return reach + piece.radius * np.sqrt(np.maximum(1.0 - (directions @ axis) ** 2, 0.0))
+    # Not sqrt(1 - cos^2), which loses half of the digits along the axis.
+    across = directions - np.outer(directions @ axis, axis)
+    return reach + piece.radius * np.linalg.norm(across, axis=1)
 
 
 class DrakePair:

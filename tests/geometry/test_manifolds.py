@@ -85,6 +85,11 @@ def test_a_standing_cylinder_touches_with_points_about_its_axis():
     assert len(found) == 4
     np.testing.assert_allclose(np.linalg.norm(found[:, :2], axis=1), 0.02, atol=1e-9)
     np.testing.assert_allclose(found.mean(axis=0), [0.0, 0.0, 0.025], atol=1e-9)
+    # They are the points that the table has for the floor.
+    table = pack_pieces([[foot], [GROUND]])
+    for contact in contacts(table, (np.eye(3), np.array([0.0, 0.0, 0.075])), AT_ORIGIN, MARGIN):
+        places = table.floor_points[table.floor_owners == 0, :3]
+        assert np.min(np.linalg.norm(places - contact["row"][1:4], axis=1)) < 1e-15
     # Half over the border: the support ends where the rim crosses the edge.
     found = points(foot, (np.eye(3), np.array([0.05, 0.0, 0.075])))
     assert np.max(found[:, 0]) == pytest.approx(0.05, abs=1e-9)

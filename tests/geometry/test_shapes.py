@@ -5,7 +5,7 @@ import pytest
 
 from pinwm_drake.errors import GeometryError
 from pinwm_drake.geometry import shapes
-from pinwm_drake.geometry.pieces import CYLINDER, HULL, SPHERE, ConvexPiece, pack_pieces
+from pinwm_drake.geometry.pieces import HULL, SPHERE, ConvexPiece, pack_pieces
 from tests.geometry.oracles import random_rotation
 
 
@@ -114,15 +114,3 @@ def test_bad_shapes_are_refused_with_what_is_allowed(make, message):
     with pytest.raises(GeometryError, match=message) as error:
         make()
     assert "allowed" in str(error.value) or "must not" in str(error.value)
-
-
-def test_points_fixed_on_rims_agree_between_table_and_kernel():
-    from pinwm_drake.geometry.cylinder_parts import rim_place
-
-    generator = np.random.default_rng(5)
-    for _ in range(10):
-        drum = shapes.cylinder(0.03, 0.1, (random_rotation(generator), generator.normal(size=3)))
-        table = pack_pieces([[drum]])
-        assert table.pieces[0, 0] == CYLINDER
-        places = [rim_place(table, 0, end, k) for end in (0, 1) for k in range(8)]
-        np.testing.assert_allclose(places, table.floor_points[:, :3], atol=1e-15)
