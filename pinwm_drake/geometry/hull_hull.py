@@ -15,7 +15,6 @@ from pinwm_drake.geometry.manifold import aligned_face, collect_manifold
 from pinwm_drake.geometry.rows import turn_back, write_face, write_line_pair, write_vertex
 from pinwm_drake.geometry.segments import COINCIDENT, append_segments
 from pinwm_drake.geometry.separating_axis import EDGES, FACE_OF_ONE, FACE_OF_TWO, separating_axis
-from pinwm_drake.geometry.support import support
 from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 # Hulls whose pairs of edges, and of faces and vertices, are more than this take `epa` instead of all axes. At
@@ -30,11 +29,12 @@ _TOLERANCE = 1.0e-10
 def collide_hulls(table, one, two, X_21, column, margin, rows, count):
     """Appends the contacts of two hulls; arguments as for `segments.collide_rounds`."""
     ends = np.empty((4, 2), np.int64)
-    if _pairs(table, one, two) <= _MAX_PAIRS:
-        apart, nx, ny, nz, kind, first, second = separating_axis(table, one, two, X_21, margin)
-    else:
+    kind, first, second = EDGES, -1, -1
+    large = _pairs(table, one, two) > _MAX_PAIRS
+    if large:
         apart, nx, ny, nz = expand(table, one, two, X_21, margin, _TOLERANCE, ends)
-        kind, first, second = _features_of_axis(table, one, two, X_21, nx, ny, nz, ends)
+    else:
+        apart, nx, ny, nz, kind, first, second = separating_axis(table, one, two, X_21, margin)
     if apart >= margin:
         return count
     count, nearest = collect_manifold(table, one, two, X_21, nx, ny, nz, apart - DEEPER, column, margin, rows, count)
@@ -45,6 +45,8 @@ def collide_hulls(table, one, two, X_21, column, margin, rows, count):
         if apart >= margin or apart >= nearest - _TOLERANCE:
             return count
         return _append_nearest(table, one, two, X_21, nx, ny, nz, ends, size, nearest, column, margin, rows, count)
+    if large:
+        kind, first, second = _features_of_axis(table, one, two, X_21, nx, ny, nz, ends)
     if kind == FACE_OF_TWO:
         write_vertex(table, second, rows, count, column)
         write_face(table, first, rows, count, 8 - column)
@@ -52,21 +54,13 @@ def collide_hulls(table, one, two, X_21, column, margin, rows, count):
         write_face(table, first, rows, count, column)
         write_vertex(table, second, rows, count, 8 - column)
     else:
-        i, i2, j, j2 = 0, 0, 0, 0
-        if first >= 0:
-            i, i2, j, j2 = (
-                table.edges[first, 0],
-                table.edges[first, 1],
-                table.edges[second, 0],
-                table.edges[second, 1],
-            )
-        else:
+        if large:
             i, i2, _ = _corners(ends, 3, 0)
             j, j2, _ = _corners(ends, 3, 1)
-        if i != i2 and j != j2:
-            write_line_pair(table, i, i2, j, j2, X_21, nx, ny, nz, rows, count, column)
         else:
-            return count
+            i, i2 = table.edges[first, 0], table.edges[first, 1]
+            j, j2 = table.edges[second, 0], table.edges[second, 1]
+        write_line_pair(table, i, i2, j, j2, X_21, nx, ny, nz, rows, count, column)
     return count + 1
 
 
