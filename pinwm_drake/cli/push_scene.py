@@ -26,8 +26,9 @@ _FIRST_GAP = 0.005  # between that face and the pusher at the start [m]
 _MOVING_SHARE = 2 / 3  # of the time, after which the pusher stands still
 _CHUNK = 15  # recorded states between two reports of progress
 
-# For each derivative the input is moved by this much either way.
-_DIFFERENCE_STEP = 1e-6
+# For each derivative the input is moved by this much either way: more would cross kinks (a step in which the pusher
+# touches first, a contact that changes its friction direction), less would drown in rounding, 1e-10 / step.
+_DIFFERENCE_STEP = 1e-5
 
 
 @dataclass(frozen=True)

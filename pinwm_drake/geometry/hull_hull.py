@@ -15,6 +15,7 @@ from pinwm_drake.geometry.manifold import aligned_face, collect_manifold
 from pinwm_drake.geometry.rows import turn_back, write_face, write_line_pair, write_vertex
 from pinwm_drake.geometry.segments import COINCIDENT, append_segments
 from pinwm_drake.geometry.separating_axis import EDGES, FACE_OF_ONE, FACE_OF_TWO, separating_axis
+from pinwm_drake.geometry.support import support
 from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 # Hulls whose pairs of edges, and of faces and vertices, are more than this take `epa` instead of all axes. At
@@ -88,8 +89,10 @@ def _features_of_axis(table, one, two, X_21, nx, ny, nz, ends):
     if i != i2 and j != j2 and not more_1 and not more_2:
         return EDGES, -1, -1
     if i == i2 or (j != j2 and cosine_2 >= cosine_1):
-        return FACE_OF_TWO, face_2, i
-    return FACE_OF_ONE, face_1, j
+        _, _, _, v = support(table, one, mx, my, mz)
+        return FACE_OF_TWO, face_2, v
+    _, _, _, v = support(table, two, nx, ny, nz)
+    return FACE_OF_ONE, face_1, v
 
 
 @internal_kernel

@@ -206,13 +206,16 @@ def _edges_over(table, moving, face, X_FM, X_21, kx, ky, kz, on_two, least, marg
 def reduce_candidates(ex, ey, ez, nx, ny, nz, places, features, found):
     """Moves the outermost candidates to the front, and the deepest in place of the nearest kept one.
 
+    The deepest is taken among the candidates with the normal that was looked for, where there are any.
+
     Source: the choice of points by area in common physics engines, here by fixed directions, which is
     steadier.
     """
     fx, fy, fz = cross(nx, ny, nz, ex, ey, ez)
     deepest = 0
     for k in range(1, found):
-        if places[k, 3] < places[deepest, 3] - _SAME_DEPTH:
+        this, other = places[k, 4] > SAME_NORMAL, places[deepest, 4] > SAME_NORMAL
+        if (this and not other) or (this == other and places[k, 3] < places[deepest, 3] - _SAME_DEPTH):
             deepest = k
     kept = 0
     for d in range(MAX_KEPT):
@@ -234,7 +237,8 @@ def reduce_candidates(ex, ey, ez, nx, ny, nz, places, features, found):
         known = math.inf
         closest, distance = 0, math.inf
         for k in range(kept):
-            known = min(known, places[k, 3])
+            if places[k, 4] > SAME_NORMAL or places[deepest, 4] <= SAME_NORMAL:
+                known = min(known, places[k, 3])
             d = norm(
                 places[k, 0] - places[deepest, 0],
                 places[k, 1] - places[deepest, 1],

@@ -132,7 +132,7 @@ def _share(kernel: Callable[..., None], arguments: tuple, num_worlds: int, num_t
         kernel(*arguments, 0, num_worlds)
         return
     # More parts than threads, so that a thread which is done early takes over.
-    bounds = np.linspace(0, num_worlds, min(4 * threads, num_worlds) + 1).astype(int)
+    bounds = np.linspace(0, num_worlds, min(8 * threads, num_worlds) + 1).astype(int)
     with ThreadPoolExecutor(threads) as pool:
         for part in [pool.submit(kernel, *arguments, a, b) for a, b in pairwise(bounds.tolist())]:
             part.result()
