@@ -44,7 +44,7 @@ def _options(
 def main() -> None:
     """Runs `pinwm` on the command line and ends the process with its exit code."""
     try:
-        app()
+        app(prog_name="pinwm")
     except PinwmError as error:
         Console(stderr=True, soft_wrap=True).print(f"[bold red]pinwm:[/] {escape(str(error))}", highlight=False)
         raise SystemExit(1) from None
