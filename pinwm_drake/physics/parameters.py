@@ -97,7 +97,7 @@ class Parameters:
         if bool(wrong.any()):
             world, body = (int(i) for i in torch.nonzero(wrong)[0])
             name = f"{model.bodies[body].name} in world {world}"
-            check_mass_properties(name, float(self.mass[world, body]), self.inertia[world, body].detach().numpy())
+            check_mass_properties(name, float(self.mass[world, body]), self.inertia[world, body].detach().cpu().numpy())
 
     def detach(self) -> "Parameters":
         """The same numbers without their graph."""

@@ -24,9 +24,8 @@ from tests.geometry.oracles import (
     support_distance,
 )
 
-# A gap that attains the separation to 1e-10 m counts as the nearest one (`hull_hull`). Measured here: 2e-16 m. In
-# 20000 other poses two rims at a distance of 0.1 m, with a normal within 1e-3 rad of an axis, were off by up to
-# 3e-7 m (0.1 m (1e-3)^2 / 2 is the bound).
+# A gap that attains the separation to 1e-10 m counts as the nearest one (`hull_hull`). Measured: 2e-16 m for pairs
+# without a cylinder, 1e-11 m with one.
 GAP_TOLERANCE = 1e-10
 
 # Drake documents 3e-15 to 6e-15 m for these pairs. For the others it documents 3e-6 to 2e-5 m, at gaps of 2
@@ -197,18 +196,20 @@ def test_pieces_that_hardly_touch(name_A, name_B):
         gap = generator.choice(gaps)
         X_near = X_WA[0], X_WA[1] - (far["phi"] - gap) * far["n"]
         found = contacts(table, X_near, X_WB, 1e-3)
-        # The difference reaches at most |gap| beyond the origin, so that the least translation is no longer.
+        # Moving back would separate them, so that the least translation is no longer than that.
         lowest = min(contact["phi"] for contact in found)
         # Gaps below 1e-9 m count as touching, and one deeper than the least translation by 1e-7 m is kept.
         assert lowest >= gap - 1e-7 - 1e-9
-        assert lowest <= max(gap, 0.0) + GAP_TOLERANCE
-        # Some contact as deep as that, to 1e-7 m, has a normal along which the pieces are separated by its gap.
+        # Beyond touching, two corners can also pass each other.
+        assert lowest <= abs(gap) + GAP_TOLERANCE
+        # Some contact as deep as that, to 1e-7 m, has a normal along which the pieces are separated by its gap. A
+        # normal counts as the right one within 4.5e-5 rad, which turns pieces of 0.05 m into each other by 2e-6 m.
         errors = [
             abs(separations(one, X_near, two, X_WB, contact["n"][None])[0] - contact["phi"])
             for contact in found
             if contact["phi"] <= lowest + 1.1e-7
         ]
-        assert min(errors) < 1e-9
+        assert min(errors) < 2.5e-6
 
 
 def test_coincident_cores_still_give_a_unit_normal():
