@@ -25,7 +25,7 @@ from tests.geometry.oracles import (
 )
 
 # A gap that attains the separation to 1e-10 m counts as the nearest one (`hull_hull`). Measured: 2e-16 m for pairs
-# without a cylinder, 1e-11 m with one.
+# without a cylinder, 2e-14 m with one (the resolution of the search that it is compared with).
 GAP_TOLERANCE = 1e-10
 
 # Drake documents 3e-15 to 6e-15 m for these pairs. For the others it documents 3e-6 to 2e-5 m, at gaps of 2

@@ -12,85 +12,115 @@ from pinwm_drake.physics.kernels.workspace import make_adjoint_work, make_worksp
 TOO_MANY_CONTACTS = 1_000_000_000
 
 
-@kernel
-def _copy(target, source):
-    for i in range(source.shape[0]):
-        target[i] = source[i]
+# The two functions below that allocate count references, so they slice shared arrays outside of their loops only:
+# threads that count references of one array wait for each other. The helpers take whole arrays and indices.
 
 
 @kernel
-def _load(bodies, nb, has_pusher, q, p, V, q_P, p_P):
+def _load(bodies, nb, has_pusher, states, t, w):
+    q, p, V, q_P, p_P = states
     for b in range(nb):
-        _copy(bodies.q[b], q[b])
-        _copy(bodies.p[b], p[b])
-        _copy(bodies.V[b], V[b])
+        for i in range(4):
+            bodies.q[b, i] = q[t, w, b, i]
+        for i in range(3):
+            bodies.p[b, i] = p[t, w, b, i]
+        for i in range(6):
+            bodies.V[b, i] = V[t, w, b, i]
     if has_pusher:
-        _copy(bodies.q[nb], q_P)
-        _copy(bodies.p[nb], p_P)
+        for i in range(4):
+            bodies.q[nb, i] = q_P[t, w, i]
+        for i in range(3):
+            bodies.p[nb, i] = p_P[t, w, i]
 
 
 @kernel
-def _store(bodies, nb, has_pusher, q, p, V, q_P, p_P):
+def _store(bodies, nb, has_pusher, states, t, w):
+    q, p, V, q_P, p_P = states
     for b in range(nb):
-        _copy(q[b], bodies.q[b])
-        _copy(p[b], bodies.p[b])
-        _copy(V[b], bodies.V[b])
+        for i in range(4):
+            q[t, w, b, i] = bodies.q[b, i]
+        for i in range(3):
+            p[t, w, b, i] = bodies.p[b, i]
+        for i in range(6):
+            V[t, w, b, i] = bodies.V[b, i]
     if has_pusher:
-        _copy(q_P, bodies.q[nb])
-        _copy(p_P, bodies.p[nb])
+        for i in range(4):
+            q_P[t, w, i] = bodies.q[nb, i]
+        for i in range(3):
+            p_P[t, w, i] = bodies.p[nb, i]
+
+
+@kernel
+def _drive(bodies, nb, V_P, t, w):
+    for i in range(6):
+        bodies.V[nb, i] = V_P[t, w, i]
+
+
+@kernel
+def _store_active(contacts, solver, active, t, w):
+    for c in range(contacts.number[0]):
+        for i in range(active.shape[3]):
+            active[t, w, c, i] = solver.active[c, i]
 
 
 @allocating_kernel
 def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
     mass, inertia, friction, restitution = parameters
-    q, p, V, q_P, p_P, status = frames
-    q_s, p_s, V_s, q_P_s, p_P_s, active_s = saved
+    mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
+    status, active = frames[5], saved[5]
+    states, saved_states = frames[:5], saved[:5]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
-    keep = q_s.shape[0] > 0
-    limit = active_s.shape[2]
+    keep = active.shape[0] > 0
+    limit = active.shape[2]
     bodies, contacts, system, solver, memory = make_workspace(model, limit)
-    _load(bodies, nb, has_pusher, q[0, w], p[0, w], V[0, w], q_P[0, w], p_P[0, w])
-    status[w] = 0
+    _load(bodies, nb, has_pusher, states, 0, w)
+    total = 0
     for t in range(V_P.shape[0]):
         if has_pusher:
-            bodies.V[nb] = V_P[t, w]
+            _drive(bodies, nb, V_P, t, w)
         if keep:
-            _store(bodies, nb, has_pusher, q_s[t, w], p_s[t, w], V_s[t, w], q_P_s[t, w], p_P_s[t, w])
-        used = step_world(
-            model, mass[w], inertia[w], friction[w], restitution[w], bodies, contacts, system, solver, memory
-        )
+            _store(bodies, nb, has_pusher, saved_states, t, w)
+        used = step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, memory)
         full = contacts.number[0] == limit
         if used < 0 or full:
             status[w] = -t - 1 - (TOO_MANY_CONTACTS if full else 0)
             return
-        status[w] += used
+        total += used
         if keep:
-            for c in range(contacts.number[0]):
-                active_s[t, w, c] = solver.active[c]
+            _store_active(contacts, solver, active, t, w)
         if (t + 1) % record_every == 0:
-            f = (t + 1) // record_every
-            _store(bodies, nb, has_pusher, q[f, w], p[f, w], V[f, w], q_P[f, w], p_P[f, w])
+            _store(bodies, nb, has_pusher, states, (t + 1) // record_every, w)
+    status[w] = total
 
 
 @kernel
-def _frame_gradient(adjoint, nb, has_pusher, q, q_bar, p_bar, V_bar, q_P, q_P_bar, p_P_bar):
+def _frame_gradient(adjoint, nb, has_pusher, states, bars, f, w):
     """Adds the loss's gradient at a recorded frame; quaternion gradients become rotation-vector gradients."""
+    q, _, _, q_P, _ = states
+    q_bar, p_bar, V_bar, q_P_bar, p_P_bar = bars
     for b in range(nb + (1 if has_pusher else 0)):
         if b < nb:
-            s, g, t = q[b], q_bar[b], p_bar[b]
+            s, g, t = q[f, w, b], q_bar[f, w, b], p_bar[f, w, b]
         else:
-            s, g, t = q_P, q_P_bar, p_P_bar
-        w, x, y, z = s[0], s[1], s[2], s[3]
+            s, g, t = q_P[f, w], q_P_bar[f, w], p_P_bar[f, w]
+        c, x, y, z = s[0], s[1], s[2], s[3]
         # d/dtheta of (0, theta) q / 2
-        adjoint.pose[b, 0] += 0.5 * (-g[0] * x + g[1] * w - g[2] * z + g[3] * y)
-        adjoint.pose[b, 1] += 0.5 * (-g[0] * y + g[1] * z + g[2] * w - g[3] * x)
-        adjoint.pose[b, 2] += 0.5 * (-g[0] * z - g[1] * y + g[2] * x + g[3] * w)
+        adjoint.pose[b, 0] += 0.5 * (-g[0] * x + g[1] * c - g[2] * z + g[3] * y)
+        adjoint.pose[b, 1] += 0.5 * (-g[0] * y + g[1] * z + g[2] * c - g[3] * x)
+        adjoint.pose[b, 2] += 0.5 * (-g[0] * z - g[1] * y + g[2] * x + g[3] * c)
         for i in range(3):
             adjoint.pose[b, 3 + i] += t[i]
         if b < nb:
             for i in range(6):
-                adjoint.V[b, i] += V_bar[b, i]
+                adjoint.V[b, i] += V_bar[f, w, b, i]
+
+
+@kernel
+def _take_pusher_gradient(adjoint, nb, V_P_bar, t, w):
+    for i in range(6):
+        V_P_bar[t, w, i] = adjoint.V[nb, i]
+        adjoint.V[nb, i] = 0.0
 
 
 @kernel
@@ -107,49 +137,46 @@ def _quaternion_gradient(theta_bar, q, q_bar):
 @allocating_kernel
 def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars):
     mass, inertia, friction, restitution = parameters
-    q, _, _, q_P, _, status = frames
-    q_s, p_s, V_s, q_P_s, p_P_s, active_s = saved
-    q_bar, p_bar, V_bar, q_P_bar, p_P_bar = frame_bars
-    (
-        mass_bar,
-        inertia_bar,
-        friction_bar,
-        restitution_bar,
-        q0_bar,
-        p0_bar,
-        V0_bar,
-        q_P0_bar,
-        p_P0_bar,
-        V_P_bar,
-    ) = bars
+    mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
+    status, active = frames[5], saved[5][:, w]
+    states, saved_states = frames[:5], saved[:5]
+    q, q_P = frames[0], frames[3]
+    mass_bar, inertia_bar, friction_bar, restitution_bar, q0_bar, p0_bar, V0_bar, q_P0_bar, p_P0_bar, V_P_bar = bars
+    mass_bar, inertia_bar = mass_bar[w], inertia_bar[w]
+    friction_bar, restitution_bar = friction_bar[w], restitution_bar[w]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
-    bodies, contacts, system, solver, _ = make_workspace(model, active_s.shape[2])
+    bodies, contacts, system, solver, _ = make_workspace(model, active.shape[1])
     adjoint = make_adjoint_work(model)
     for t in range(V_P.shape[0] - 1, -1, -1):
         if (t + 1) % record_every == 0:
-            f = (t + 1) // record_every
-            _frame_gradient(
-                adjoint, nb, has_pusher, q[f, w], q_bar[f, w], p_bar[f, w], V_bar[f, w], q_P[f, w], q_P_bar[f, w],
-                p_P_bar[f, w],
-            )  # fmt: skip
-        _load(bodies, nb, has_pusher, q_s[t, w], p_s[t, w], V_s[t, w], q_P_s[t, w], p_P_s[t, w])
+            _frame_gradient(adjoint, nb, has_pusher, states, frame_bars, (t + 1) // record_every, w)
+        _load(bodies, nb, has_pusher, saved_states, t, w)
         if has_pusher:
-            bodies.V[nb] = V_P[t, w]
+            _drive(bodies, nb, V_P, t, w)
         ok = step_adjoint(
-            model, mass[w], inertia[w], friction[w], restitution[w], mass_bar[w], inertia_bar[w], friction_bar[w],
-            restitution_bar[w], bodies, contacts, system, solver, adjoint, active_s[t, w],
-        )  # fmt: skip
+            model,
+            mass,
+            inertia,
+            friction,
+            restitution,
+            mass_bar,
+            inertia_bar,
+            friction_bar,
+            restitution_bar,
+            bodies,
+            contacts,
+            system,
+            solver,
+            adjoint,
+            active[t],
+        )
         if not ok:
             status[w] = -t - 1
             return
         if has_pusher:
-            V_P_bar[t, w] = adjoint.V[nb]
-            adjoint.V[nb] = 0.0
-    _frame_gradient(
-        adjoint, nb, has_pusher, q[0, w], q_bar[0, w], p_bar[0, w], V_bar[0, w], q_P[0, w], q_P_bar[0, w],
-        p_P_bar[0, w],
-    )  # fmt: skip
+            _take_pusher_gradient(adjoint, nb, V_P_bar, t, w)
+    _frame_gradient(adjoint, nb, has_pusher, states, frame_bars, 0, w)
     for b in range(nb):
         _quaternion_gradient(adjoint.pose[b], q[0, w, b], q0_bar[w, b])
         p0_bar[w, b] = adjoint.pose[b, 3:6]
