@@ -223,7 +223,8 @@ def allocate_frames(
     arrays = []
     for first in (q, p, V, q_P, p_P):
         array = np.empty((num_frames, *first.shape))
-        array[0] = first
+        # All frames: kernels write no pusher where there is none.
+        array[:] = first
         arrays.append(array)
     return (*arrays, np.zeros(q.shape[0], np.int64))
 
