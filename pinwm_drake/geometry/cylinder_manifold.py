@@ -21,6 +21,7 @@ from pinwm_drake.geometry.cylinder_parts import (
 )
 from pinwm_drake.geometry.face_clip import (
     ALONG_SIDE,
+    BEYOND_END,
     ON_FACE,
     SAME_NORMAL,
     clip_to_face,
@@ -206,7 +207,7 @@ def segment_along_side(table, i, i2, two, X_21, kx, ky, kz, least, column, margi
         t = dot(x, y, z, ux, uy, uz)
         ex, ey, ez, across = radial(ux, uy, uz, x, y, z)
         gap = across - radius - round_radius
-        if 0.0 <= t <= table.axes[two, 3] and least <= gap < margin and count < rows.shape[0]:
+        if min(t, table.axes[two, 3] - t) >= -BEYOND_END and least <= gap < margin and count < rows.shape[0]:
             write_vertex(table, i2 if k == 1 else i, rows, count, column)
             write_line(table, j, j + 1, t, 1.0, rows, count, 8 - column)
             if dot(ex, ey, ez, kx, ky, kz) > SAME_NORMAL:
@@ -217,10 +218,11 @@ def segment_along_side(table, i, i2, two, X_21, kx, ky, kz, least, column, margi
         t = dot(x - px, y - py, z - pz, dx, dy, dz)
         nx, ny, nz = px + t * dx - x, py + t * dy - y, pz + t * dz - z
         size = norm(nx, ny, nz)
+        # A rim beside an end of the segment has come with that end.
         if size == 0.0 or t < 0.0 or t > length:
             continue
         nx, ny, nz = nx / size, ny / size, nz / size
-        mx, my, mz, gap = rim_line_gap(table, two, end, px, py, pz, dx, dy, dz, length, nx, ny, nz)
+        mx, my, mz, gap = rim_line_gap(table, two, end, px, py, pz, dx, dy, dz, length, -BEYOND_END, nx, ny, nz)
         gap -= round_radius
         if least <= gap < margin and count < rows.shape[0]:
             write_rim_line(table, two, end, i, i2, X_21, mx, my, mz, rows, count, 8 - column)

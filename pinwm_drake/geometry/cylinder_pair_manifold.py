@@ -14,7 +14,7 @@ from pinwm_drake.geometry.cylinder_parts import (
     write_rim_line,
     write_rim_place,
 )
-from pinwm_drake.geometry.face_clip import MANIFOLD_ANGLE, ON_FACE, SAME_NORMAL
+from pinwm_drake.geometry.face_clip import BEYOND_END, MANIFOLD_ANGLE, ON_FACE, SAME_NORMAL
 from pinwm_drake.geometry.features import POINT
 from pinwm_drake.geometry.manifold import (
     MAX_CANDIDATES,
@@ -50,9 +50,13 @@ def collect_cylinder_manifold(table, one, two, X_21, X_12, nx, ny, nz, least, co
         mx, my, mz = turn_back(X_21, -nx, -ny, -nz)
         for side in range(2):
             if side == 0:
-                count, low = _rims_along(table, one, two, X_12, mx, my, mz, least, column, margin, rows, count)
+                count, low = _rims_along(
+                    table, one, two, X_12, mx, my, mz, BEYOND_END, least, column, margin, rows, count
+                )
             else:
-                count, low = _rims_along(table, two, one, X_21, nx, ny, nz, least, 8 - column, margin, rows, count)
+                count, low = _rims_along(
+                    table, two, one, X_21, nx, ny, nz, -BEYOND_END, least, 8 - column, margin, rows, count
+                )
             nearest = min(nearest, low)
     elif abs(along_1) > parallel and abs(along_2) > parallel:
         end_1, end_2 = 0 if along_1 > 0.0 else 1, 1 if along_2 > 0.0 else 0
@@ -69,14 +73,14 @@ def collect_cylinder_manifold(table, one, two, X_21, X_12, nx, ny, nz, least, co
 
 
 @internal_kernel
-def _rims_along(table, one, two, X_12, nx, ny, nz, least, column, margin, rows, count):
-    """The rims of `one` beside the axis of `two`; n points out of `one`, in its frame."""
+def _rims_along(table, one, two, X_12, nx, ny, nz, beyond, least, column, margin, rows, count):
+    """The rims of `one` beside the axis of `two`, up to `beyond` [m] past its ends; n points out of `one`."""
     j = table.pieces[two, 1]
     px, py, pz = transform(X_12, *xyz(table.vertices, j))
     dx, dy, dz = turn(X_12, *xyz(table.axes, two))
     nearest = math.inf
     for end in range(2):
-        mx, my, mz, gap = rim_line_gap(table, one, end, px, py, pz, dx, dy, dz, table.axes[two, 3], nx, ny, nz)
+        mx, my, mz, gap = rim_line_gap(table, one, end, px, py, pz, dx, dy, dz, table.axes[two, 3], beyond, nx, ny, nz)
         gap -= table.vertices[j, 3]
         if least <= gap < margin and count < rows.shape[0]:
             write_rim_line(table, one, end, j, j + 1, X_12, mx, my, mz, rows, count, column)

@@ -2,7 +2,7 @@
 
 import math
 
-from pinwm_drake.geometry.face_clip import BEYOND_END, MANIFOLD_ANGLE
+from pinwm_drake.geometry.face_clip import MANIFOLD_ANGLE
 from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
 from pinwm_drake.geometry.features import _nearest_circle_to_line as nearest_circle_to_line
 from pinwm_drake.geometry.pieces import RIM_POINTS
@@ -123,16 +123,16 @@ def rim_line(table, piece, end, px, py, pz, dx, dy, dz, nx, ny, nz):
 
 
 @internal_kernel
-def rim_line_gap(table, piece, end, px, py, pz, dx, dy, dz, length, nx, ny, nz):
+def rim_line_gap(table, piece, end, px, py, pz, dx, dy, dz, length, beyond, nx, ny, nz):
     """Gap between a rim and a segment p + t d, 0 <= t <= length, along a normal near n out of the cylinder.
 
     Returns:
-        The unit normal, and the gap (m; infinite where the normal is not near n or the place is beyond an
-        end).
+        The unit normal, and the gap (m; infinite where the normal is not near n, or the place is more than
+        `beyond` [m] past an end).
     """
     mx, my, mz, gap, t = rim_line(table, piece, end, px, py, pz, dx, dy, dz, nx, ny, nz)
     near = dot(mx, my, mz, nx, ny, nz) > math.cos(MANIFOLD_ANGLE)
-    if not near or t < -BEYOND_END or t > length + BEYOND_END:
+    if not near or min(t, length - t) < -beyond:
         return nx, ny, nz, math.inf
     return mx, my, mz, gap
 

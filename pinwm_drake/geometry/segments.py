@@ -2,7 +2,7 @@
 
 import math
 
-from pinwm_drake.geometry.face_clip import MANIFOLD_ANGLE
+from pinwm_drake.geometry.face_clip import BEYOND_END, MANIFOLD_ANGLE
 from pinwm_drake.geometry.features import PLANE
 from pinwm_drake.geometry.rows import (
     PARALLEL_SINE,
@@ -129,7 +129,9 @@ def append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, known, column, margin
                 t_k = dot(px + s_k * ux - qx, py + s_k * uy - qy, pz + s_k * uz - qz, vx, vy, vz)
             else:
                 s_k = dot(qx + t_k * vx - px, qy + t_k * vy - py, qz + t_k * vz - pz, ux, uy, uz)
-            if t_k < 0.0 or t_k > other or s_k < 0.0 or s_k > length:
+            # Ends at the same place come once: those of the first segment have precedence.
+            beyond = BEYOND_END if k < 2 else -BEYOND_END
+            if min(t_k, other - t_k) < -BEYOND_END or min(s_k, length - s_k) < -beyond:
                 continue
             wx, wy, wz = px + s_k * ux - qx, py + s_k * uy - qy, pz + s_k * uz - qz
             gap = norm(wx - t_k * vx, wy - t_k * vy, wz - t_k * vz)

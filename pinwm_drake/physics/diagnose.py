@@ -72,8 +72,8 @@ def inspect(
         parameters.mass, parameters.inertia, parameters.friction, parameters.restitution,
         state.q_WB, state.p_WB, state.V_WB, state.q_WP, state.p_WP, V,
     )  # fmt: skip
-    arrays = [np.ascontiguousarray(value[world].detach().numpy()) for value in values]
-    used, contacts, system, solver = inspect_step(model.arrays, *arrays, model.max_contacts)
+    arrays = [np.ascontiguousarray(value[world].detach().cpu().numpy()) for value in values]
+    used, contacts, system, solver = inspect_step(model.arrays, *arrays, model.contact_rows)
     if used < 0:
         raise SolverError(f"world {world}: the contact LCP found no solution")
     C = int(contacts.number[0])

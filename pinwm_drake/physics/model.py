@@ -140,6 +140,11 @@ class Model:
         return len(self.bodies)
 
     @property
+    def contact_rows(self) -> int:
+        """Rows of the contact tables: one more than allowed, which shows that there are too many."""
+        return self.max_contacts + 1
+
+    @property
     def pairs(self) -> list[tuple[int, int]]:
         """Pairs (A, B) that may touch, in the order of the parameters' pair columns.
 

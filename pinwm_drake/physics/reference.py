@@ -78,9 +78,9 @@ def find_contacts(model: Model, state: State, R: Tensor, V_WP: Tensor) -> Contac
         tensor.detach().cpu().contiguous().numpy()
         for tensor in (state.q_WB, state.p_WB, state.V_WB, state.q_WP, state.p_WP, V_WP)
     ]
-    count, rows, body, pair = select_worlds(model.arrays, *host, model.max_contacts)
-    if int(count.max()) >= model.max_contacts:
-        raise SolverError(f"world {int(count.argmax())}: more than {model.max_contacts - 1} contacts")
+    count, rows, body, pair = select_worlds(model.arrays, *host, model.contact_rows)
+    if int(count.max()) > model.max_contacts:
+        raise SolverError(f"world {int(count.argmax())}: more than {model.max_contacts} contacts")
     C = max(int(count.max()), 1)
     valid = torch.from_numpy(np.arange(C) < count[:, None]).to(device)
     rows_t = torch.from_numpy(rows[:, :C].copy()).to(device)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, fields
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -107,6 +108,9 @@ def check_tensor(name: str, value: Tensor, shape: tuple[int, ...]) -> None:
         raise StateError(f"{name} is {got}; allowed: a tensor of shape {shape}")
     if value.dtype != torch.float64:
         raise StateError(f"{name} is {value.dtype}; allowed: torch.float64 (the physics is double precision)")
-    if not bool(torch.isfinite(value).all()):
-        index = tuple(int(i) for i in torch.nonzero(~torch.isfinite(value))[0])
+    # numpy on the CPU: torch would wake its own pool of threads, which then compete with those of the kernels.
+    entries = value.detach()
+    finite = bool(np.isfinite(entries.numpy()).all() if value.device.type == "cpu" else torch.isfinite(entries).all())
+    if not finite:
+        index = tuple(int(i) for i in torch.nonzero(~torch.isfinite(entries))[0])
         raise StateError(f"{name}{list(index)} is {float(value[index])}; allowed: finite numbers")

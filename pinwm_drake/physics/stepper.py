@@ -1,5 +1,6 @@
 """The differentiable step x' = g(x, a, theta) and rollouts of it, batched over worlds."""
 
+import functools
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -120,7 +121,7 @@ def _raise_failure(model: Model, status: np.ndarray) -> None:
     if code > kernels.TOO_MANY_CONTACTS:
         raise SolverError(
             f"world {world}, step {code - kernels.TOO_MANY_CONTACTS - 1}: more than "
-            f"{model.max_contacts - 1} contacts; raise Model(max_contacts=...)"
+            f"{model.max_contacts} contacts; raise Model(max_contacts=...)"
         )
     raise SolverError(f"world {world}, step {code - 1}: the contact LCP found no solution")
 
@@ -133,9 +134,20 @@ def _share(kernel: Callable[..., None], arguments: tuple, num_worlds: int, num_t
         return
     # More parts than threads, so that a thread which is done early takes over.
     bounds = np.linspace(0, num_worlds, min(8 * threads, num_worlds) + 1).astype(int)
-    with ThreadPoolExecutor(threads) as pool:
-        for part in [pool.submit(kernel, *arguments, a, b) for a, b in pairwise(bounds.tolist())]:
-            part.result()
+    parts = [_threads(threads).submit(kernel, *arguments, a, b) for a, b in pairwise(bounds.tolist())]
+    for part in parts:
+        part.result()
+
+
+@functools.cache
+def _threads(number: int) -> ThreadPoolExecutor:
+    """Threads that live as long as the process: a rollout of a few steps is shorter than starting them."""
+    return ThreadPoolExecutor(number, thread_name_prefix="pinwm-physics")
+
+
+if hasattr(os, "register_at_fork"):
+    # A child has no threads but the one that forked it; it starts its own.
+    os.register_at_fork(after_in_child=_threads.cache_clear)
 
 
 class _Rollout(torch.autograd.Function):
@@ -152,7 +164,7 @@ class _Rollout(torch.autograd.Function):
         parameters = (mass, inertia, friction, restitution)
         frames = kernels.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
         width = model.friction_directions + 2
-        saved = kernels.allocate_saved(T, W, model.num_bodies, model.max_contacts, width, keep)
+        saved = kernels.allocate_saved(T, W, model.num_bodies, model.contact_rows, width, keep)
         arguments = (model.arrays, parameters, V_P, record_every, frames, saved)
         _share(kernels.rollout_forward, arguments, W, stepper.num_threads)
         if (frames[-1] < 0).any():

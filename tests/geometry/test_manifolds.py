@@ -106,6 +106,9 @@ def test_sticks_side_by_side_touch_at_both_ends_of_their_overlap():
         X_WA = np.eye(3), np.array([one.radius + two.radius, 0.0, 0.03])
         found = points(one, X_WA, two)
         np.testing.assert_allclose(found, [[two.radius, 0.0, -0.02], [two.radius, 0.0, 0.05]], atol=1e-9)
+        # Ends of both at the same place come once.
+        found = points(one, (np.eye(3), np.array([one.radius + two.radius, 0.0, 0.0])), two)
+        np.testing.assert_allclose(found, [[two.radius, 0.0, -0.05], [two.radius, 0.0, 0.05]], atol=1e-9)
 
 
 def test_cylinders_end_to_end_and_crosswise():

@@ -1,3 +1,6 @@
+import os
+import signal
+
 import numpy as np
 import pytest
 import torch
@@ -105,11 +108,38 @@ def test_states_are_checked_with_their_entry():
 
 
 def test_too_many_contacts_is_an_error_that_names_the_limit():
-    model = Model(bodies=[t_block()], max_contacts=4)
+    model = Model(bodies=[t_block()], max_contacts=7)
     state = State.at_rest(model, p_WB=(0.0, 0.0, 0.025))
     for backend in ("numba", "torch"):
-        with pytest.raises(SolverError, match="more than 3 contacts"):
+        with pytest.raises(SolverError, match="more than 7 contacts"):
             Stepper(model, backend).step(nominal(model), state)
+    enough = Model(bodies=[t_block()], max_contacts=8)
+    for backend in ("numba", "torch"):
+        Stepper(enough, backend).step(nominal(enough), state)
+
+
+def test_without_a_pusher_its_pose_stays_as_given():
+    model = Model(bodies=[t_block()])
+    state = State.at_rest(model, 2, p_WB=(0.0, 0.0, 0.025), q_WP=(0.0, 1.0, 0.0, 0.0), p_WP=(1.0, 2.0, 3.0))
+    theta = nominal(model).expand(2)
+    trajectory = Stepper(model).rollout(theta, state, torch.zeros(6, 2, 6, dtype=torch.float64), record_every=2)
+    for frame in range(trajectory.num_frames):
+        assert torch.equal(trajectory.frame(frame).q_WP, state.q_WP)
+        assert torch.equal(trajectory.frame(frame).p_WP, state.p_WP)
+    Stepper(model).step(theta, trajectory.frame(-1))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_forked_process_starts_threads_of_its_own():
+    model = Model(bodies=[cube()])
+    state = State.at_rest(model, 4, p_WB=(0.0, 0.0, 0.1))
+    theta = nominal(model).expand(4)
+    expected = Stepper(model, num_threads=2).step(theta, state).p_WB
+    child = os.fork()
+    if child == 0:
+        signal.alarm(60)
+        os._exit(0 if torch.equal(Stepper(model, num_threads=2).step(theta, state).p_WB, expected) else 1)
+    assert os.waitpid(child, 0)[1] == 0
 
 
 def test_a_pendulum_keeps_its_joint_and_its_period():
