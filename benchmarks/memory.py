@@ -47,6 +47,8 @@ def _child(worlds: int, length: int, gradient: bool) -> dict[str, float]:
     # To and fro: the pusher returns every other 320 steps, so that it does not leave with the block.
     parts = [scene.V_WP if index % 2 == 0 else -scene.V_WP for index in range(length)]
     scene.V_WP = parts[0] if length == 1 else sum_parts(parts)
+    # As many frames from a long rollout as from a short one: the frames are the caller's.
+    scene.record_every *= length
     run = case(push.STEPS * length).run
     before = _status("VmRSS")
     Path("/proc/self/clear_refs").write_text("5")  # resets the peak, VmHWM
