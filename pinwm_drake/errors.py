@@ -26,6 +26,10 @@ class StateError(PinwmError):
     """A state or an action has the wrong shape or dtype, or holds values that are not finite."""
 
 
+class RenderingError(PinwmError):
+    """Cameras, surfels or images do not fit together, or are out of range."""
+
+
 class SolverError(PinwmError):
     """A solver stopped before it reached its tolerance."""
 

@@ -1,10 +1,5 @@
 """The differentiable step x' = g(x, a, theta) and rollouts of it, batched over worlds."""
 
-import functools
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -16,6 +11,7 @@ from pinwm_drake.physics.kernels import rollout as kernels
 from pinwm_drake.physics.model import Model
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.state import State, Trajectory, check_tensor
+from pinwm_drake.threads import available, share
 
 
 class Stepper:
@@ -44,7 +40,7 @@ class Stepper:
             raise ModelError(f"num_threads is {num_threads}; allowed: at least 1")
         self.model = model
         self.backend = backend
-        self.num_threads = num_threads or len(os.sched_getaffinity(0))
+        self.num_threads = num_threads or available()
 
     def step(self, parameters: Parameters, state: State, V_WP: Tensor | None = None) -> State:
         """One time step; differentiable in everything it is given.
@@ -126,30 +122,6 @@ def _raise_failure(model: Model, status: np.ndarray) -> None:
     raise SolverError(f"world {world}, step {code - 1}: the contact LCP found no solution")
 
 
-def _share(kernel: Callable[..., None], arguments: tuple, num_worlds: int, num_threads: int) -> None:
-    """Runs a kernel on all worlds, shared among threads; the kernels release Python's lock."""
-    threads = min(num_threads, num_worlds)
-    if threads == 1:
-        kernel(*arguments, 0, num_worlds)
-        return
-    # More parts than threads, so that a thread which is done early takes over.
-    bounds = np.linspace(0, num_worlds, min(8 * threads, num_worlds) + 1).astype(int)
-    parts = [_threads(threads).submit(kernel, *arguments, a, b) for a, b in pairwise(bounds.tolist())]
-    for part in parts:
-        part.result()
-
-
-@functools.cache
-def _threads(number: int) -> ThreadPoolExecutor:
-    """Threads that live as long as the process: a rollout of a few steps is shorter than starting them."""
-    return ThreadPoolExecutor(number, thread_name_prefix="pinwm-physics")
-
-
-if hasattr(os, "register_at_fork"):
-    # A child has no threads but the one that forked it; it starts its own.
-    os.register_at_fork(after_in_child=_threads.cache_clear)
-
-
 class _Rollout(torch.autograd.Function):
     """A rollout as one node of the graph."""
 
@@ -166,7 +138,7 @@ class _Rollout(torch.autograd.Function):
         width = model.friction_directions + 2
         saved = kernels.allocate_saved(T, W, model.num_bodies, model.contact_rows, width, keep)
         arguments = (model.arrays, parameters, V_P, record_every, frames, saved)
-        _share(kernels.rollout_forward, arguments, W, stepper.num_threads)
+        share(kernels.rollout_forward, arguments, W, stepper.num_threads)
         if (frames[-1] < 0).any():
             _raise_failure(model, frames[-1])
         ctx.arguments = arguments
@@ -186,7 +158,7 @@ class _Rollout(torch.autograd.Function):
                 V_P.shape,
             )
         )
-        _share(kernels.rollout_backward, (*arguments, frame_bars, bars), V_P.shape[1], ctx.threads)
+        share(kernels.rollout_backward, (*arguments, frame_bars, bars), V_P.shape[1], ctx.threads)
         if (frames[-1] < 0).any():
             raise SolverError(f"world {int(np.flatnonzero(frames[-1] < 0)[0])}: the adjoint's matrix is singular")
         return (None, None, *(torch.from_numpy(bar) for bar in bars))

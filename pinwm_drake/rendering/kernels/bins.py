@@ -1,0 +1,85 @@
+"""Which surfels touch which tile, front to back (numba)."""
+
+from pinwm_drake.jit import kernel
+from pinwm_drake.rendering.kernels.columns import TILE
+
+_DIGIT = 11  # bits of a radix digit
+_RADIX = 1 << _DIGIT
+
+
+@kernel
+def sort_by_depth(number, keys, order, spare, counts):
+    """Stable radix sort of order[:number] by keys[order[i]].
+
+    Args:
+        number: how many.
+        keys: (N,) int32, bits of positive floats, which sort like the floats.
+        order: (>=number,) int32, overwritten.
+        spare: (>=number,) int32, work.
+        counts: (3 * 2048,) int32, work.
+    """
+    for i in range(3 * _RADIX):
+        counts[i] = 0
+    for i in range(number):
+        key = keys[order[i]]
+        for digit in range(3):
+            counts[digit * _RADIX + ((key >> (_DIGIT * digit)) & (_RADIX - 1))] += 1
+    for digit in range(3):
+        total = 0
+        for i in range(_RADIX):
+            total += counts[digit * _RADIX + i]
+            counts[digit * _RADIX + i] = total - counts[digit * _RADIX + i]
+    for digit in range(3):
+        for i in range(number):
+            source = order[i] if digit != 1 else spare[i]
+            slot = digit * _RADIX + ((keys[source] >> (_DIGIT * digit)) & (_RADIX - 1))
+            if digit != 1:
+                spare[counts[slot]] = source
+            else:
+                order[counts[slot]] = source
+            counts[slot] += 1
+    # Three passes end in `spare`.
+    for i in range(number):
+        order[i] = spare[i]
+
+
+@kernel
+def bin_surfels(v, size, boxes, keys, starts, entries, order, spare, counts):
+    """Lists the surfels of every tile of view v, nearest first.
+
+    Args:
+        v: the view.
+        size: height and width, px.
+        boxes: (V, N, 4), rows of pixels and columns of tiles.
+        keys: (V, N) int32, bits of the depths.
+        starts: (V, tiles + 1) int32, receives where each tile's list begins in `entries`; starts[v, 0] is given.
+        entries: (all,) int32, receives the lists.
+        order, spare: (N,) int32; counts: (6144,) int32; work.
+    """
+    columns = (size[1] + TILE - 1) // TILE
+    tiles = starts.shape[1] - 1
+    number = 0
+    first = starts[v, 0]
+    for tile in range(1, tiles + 1):
+        starts[v, tile] = 0
+    for s in range(boxes.shape[1]):
+        if boxes[v, s, 1] > boxes[v, s, 0]:
+            order[number] = s
+            number += 1
+            for row in range(boxes[v, s, 0] // TILE, (boxes[v, s, 1] + TILE - 1) // TILE):
+                for column in range(boxes[v, s, 2], boxes[v, s, 3]):
+                    starts[v, row * columns + column + 1] += 1
+    # Each list's place, shifted by one tile: filling it moves it to where it belongs.
+    place = first
+    for tile in range(tiles):
+        length = starts[v, tile + 1]
+        starts[v, tile + 1] = place
+        place += length
+    sort_by_depth(number, keys[v], order, spare, counts)
+    for i in range(number):
+        s = order[i]
+        for row in range(boxes[v, s, 0] // TILE, (boxes[v, s, 1] + TILE - 1) // TILE):
+            for column in range(boxes[v, s, 2], boxes[v, s, 3]):
+                tile = row * columns + column
+                entries[starts[v, tile + 1]] = s
+                starts[v, tile + 1] += 1

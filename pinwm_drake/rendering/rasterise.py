@@ -1,0 +1,125 @@
+"""The numba kernels as one node of torch's graph."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.kernels import backward, forward
+from pinwm_drake.rendering.kernels.columns import COLUMNS, TILE
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rotations import quaternion_to_matrix
+from pinwm_drake.threads import share
+
+
+def rasterise(
+    surfels: Surfels, camera: Camera, X_CO: Pose, full: bool, background: Tensor, num_threads: int
+) -> tuple[Tensor, ...]:
+    """Renders V views; see `render.render`. Returns color, alpha and, if `full`, depth, normal and distortion."""
+    inputs = (
+        surfels.p_OS,
+        surfels.q_OS,
+        surfels.log_scale,
+        surfels.logit_opacity,
+        surfels.sh,
+        quaternion_to_matrix(X_CO.q),
+        X_CO.p,
+    )
+    fixed = (_array(camera.intrinsics.expand(X_CO.p.shape[0], 4)), (camera.height, camera.width), _array(background))
+    if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in inputs):
+        # torch leaves `apply` untyped.
+        images = _Rasterise.apply(full, fixed, num_threads, *inputs)  # type: ignore[no-untyped-call]
+    else:
+        images = tuple(torch.from_numpy(image) for image in _forward(full, fixed, num_threads, inputs)[0])
+    color, alpha, m1, m2, normal = images
+    if not full:
+        return color, alpha
+    origin = X_CO.p.detach()[:, 2, None, None].to(alpha.dtype)
+    return color, alpha, m1 + origin * alpha, normal, alpha * m2 - m1 * m1
+
+
+def _array(tensor: Tensor) -> np.ndarray:
+    return np.ascontiguousarray(tensor.detach().numpy(), np.float32)
+
+
+def _forward(
+    full: bool, fixed: tuple[np.ndarray, tuple[int, int], np.ndarray], num_threads: int, inputs: tuple[Tensor, ...]
+) -> tuple[tuple[np.ndarray, ...], tuple]:
+    """The five images (the last three empty unless `full`), and what the backward pass needs."""
+    intrinsics, size, background = fixed
+    p, q, log_scale, logit_opacity, sh, R, t = (_array(tensor) for tensor in inputs)
+    sh = sh if sh.ndim == 4 else sh[None]
+    V, N = len(t), len(p)
+    surfels, view = (p, q, log_scale, logit_opacity), (R, t, intrinsics)
+    splats = np.empty((V, N, COLUMNS), np.float32)
+    depths = np.empty((V, N), np.float32)
+    boxes = np.empty((V, N, 4), np.int32)
+    totals = np.empty(V, np.int64)
+    share(forward.project_views, (surfels, sh, view, size, splats, depths, boxes, totals), V, num_threads)
+    height, width = size
+    rows, columns = -(-height // TILE), -(-width // TILE)
+    starts = np.empty((V, rows * columns + 1), np.int64)
+    starts[:, 0] = np.cumsum(totals) - totals
+    entries = np.empty(int(totals.sum()), np.int32)
+    share(forward.bin_views, (size, boxes, depths.view(np.int32), starts, entries), V, num_threads)
+    extra = (V, height, width) if full else (0, 0, 0)
+    shapes = ((V, height, width, 3), (V, height, width), extra, extra, (*extra, 3))
+    images = tuple(np.empty(shape, np.float32) for shape in shapes)
+    # Depths are counted from the object's origin.
+    arguments = (splats, boxes, starts, entries, background, full, t[:, 2].copy(), images)
+    share(forward.blend_rows, arguments, V * rows, num_threads)
+    return images, (surfels, sh, view, arguments)
+
+
+def _bands(starts: np.ndarray, rows: int, num_threads: int) -> tuple[np.ndarray, int]:
+    """Bands (bands, 3) of tile rows with about equal work, as `backward.pull_rows` takes them, and their parts."""
+    V = len(starts)
+    parts = max(-(-num_threads // V), 1)
+    columns = (starts.shape[1] - 1) // rows
+    before = starts[:, ::columns] - starts[:, :1]
+    bands = []
+    for v in range(V):
+        shares = np.arange(1, parts) * (before[v, -1] / parts)
+        bounds = [0, *np.searchsorted(before[v], shares), rows]
+        bands += [(part, v * rows + bounds[part], v * rows + bounds[part + 1]) for part in range(parts)]
+    return np.array(bands, np.int64), parts
+
+
+class _Rasterise(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, full: bool, fixed: tuple, num_threads: int, *inputs: Tensor) -> tuple[Tensor, ...]:
+        images, ctx.saved = _forward(full, fixed, num_threads, inputs)
+        ctx.full, ctx.threads = full, num_threads
+        ctx.likes = [(tensor.shape, tensor.dtype) for tensor in inputs]
+        ctx.set_materialize_grads(False)
+        return tuple(torch.from_numpy(image) for image in images)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
+        surfels, sh, view, arguments = ctx.saved
+        splats, boxes, starts, *_, images = arguments
+        image_bars = tuple(
+            np.zeros(image.shape, np.float32) if gradient is None else _array(gradient)
+            for gradient, image in zip(gradients, images, strict=True)
+        )
+        V, N = boxes.shape[:2]
+        rows = -(-images[1].shape[1] // TILE)
+        bands, parts = _bands(starts, rows, ctx.threads)
+        bars = np.zeros((parts, *splats.shape), np.float32)
+        share(backward.pull_rows, (*arguments, image_bars, bars, bands), len(bands), ctx.threads)
+        surfel_bars = tuple(np.zeros_like(array) for array in surfels)
+        sh_bar = np.zeros_like(sh)
+        threads = min(ctx.threads, max(N, 1))
+        R_bar, p_bar = np.zeros((threads, V, 3, 3)), np.zeros((threads, V, 3))
+        ends = np.linspace(0, N, threads + 1).astype(np.int64)
+        pulled = (surfels, sh, view, splats, boxes, bars, surfel_bars, sh_bar, R_bar, p_bar, ends)
+        share(backward.pull_surfels, pulled, threads, ctx.threads)
+        results = (*surfel_bars, sh_bar, R_bar.sum(0), p_bar.sum(0))
+        tensors = (
+            torch.from_numpy(array).reshape(shape).to(dtype)
+            for array, (shape, dtype) in zip(results, ctx.likes, strict=True)
+        )
+        return (None, None, None, *tensors)

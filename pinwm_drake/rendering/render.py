@@ -1,0 +1,84 @@
+"""The image I = R(x, alpha) of surfels, differentiable in all of them and in the object's pose."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from pinwm_drake.errors import RenderingError
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.rasterise import rasterise
+from pinwm_drake.rendering.reference import render_reference
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.threads import available
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """Images of V views, each H x W; w_i are the blending weights of the surfels on a pixel's ray.
+
+    Attributes:
+        color: (V, H, W, 3), sum w_i color_i + (1 - alpha) background; 1 is white.
+        alpha: (V, H, W), sum w_i, 0 to 1.
+        depth: (V, H, W), sum w_i z_i, m along the camera's axis; not divided by alpha. None unless `full`.
+        normal: (V, H, W, 3), sum w_i n_i, camera frame, turned towards the camera. None unless `full`.
+        distortion: (V, H, W), sum_{i<j} w_i w_j (z_i - z_j)^2, m^2. None unless `full`.
+    """
+
+    color: Tensor
+    alpha: Tensor
+    depth: Tensor | None = None
+    normal: Tensor | None = None
+    distortion: Tensor | None = None
+
+
+def render(
+    surfels: Surfels,
+    camera: Camera,
+    X_CO: Pose,
+    *,
+    full: bool = True,
+    background: Tensor | None = None,
+    backend: Literal["numba", "torch"] = "numba",
+    num_threads: int | None = None,
+) -> Rendering:
+    """Renders V views of the surfels; differentiable in every surfel parameter and in X_CO.
+
+    Args:
+        surfels: N of them; their sh may be (V, N, K, 3), colours of its own for each view.
+        camera: one, or V of them.
+        X_CO: pose of the object in the camera frame (OpenCV axes): q (V, 4), p (V, 3), m, or without V for one view.
+        full: whether to render depth, normal and distortion too.
+        background: (3,), colour behind the surfels; None for white.
+        backend: "numba" runs compiled kernels on the CPU; "torch" the dense reference, on the surfels' device.
+        num_threads: threads of the numba backend; None for one on each core.
+
+    Returns:
+        V views.
+
+    Raises:
+        RenderingError: shapes that do not fit, numbers that are not finite, an unknown backend.
+    """
+    if backend not in ("numba", "torch"):
+        raise RenderingError(f"backend is {backend!r}; allowed: 'numba' or 'torch'")
+    q, p = torch.atleast_2d(X_CO.q), torch.atleast_2d(X_CO.p)
+    V, N = p.shape[0], surfels.num_surfels
+    if tuple(q.shape) != (V, 4) or tuple(p.shape) != (V, 3) or V == 0:
+        raise RenderingError(f"X_CO is {tuple(X_CO.q.shape)}, {tuple(X_CO.p.shape)}; allowed: (V, 4), (V, 3), V >= 1")
+    surfels.check_shapes()
+    if surfels.sh.ndim == 4 and surfels.sh.shape[0] != V:
+        raise RenderingError(f"sh is {tuple(surfels.sh.shape)}; allowed: ({N}, K, 3) or ({V}, {N}, K, 3)")
+    if camera.intrinsics.ndim == 2 and camera.intrinsics.shape[0] != V:
+        raise RenderingError(f"camera intrinsics are {tuple(camera.intrinsics.shape)}; allowed: (4,) or ({V}, 4)")
+    if background is None:
+        background = surfels.p_OS.new_ones(3)
+    elif tuple(background.shape) != (3,):
+        raise RenderingError(f"background is {tuple(background.shape)}; allowed: (3,)")
+    if backend == "torch":
+        return Rendering(*render_reference(surfels, camera, Pose(q, p), full, background))
+    for tensor in (*surfels.tensors().values(), q, p):
+        if tensor.device.type != "cpu":
+            raise RenderingError(f"a tensor is on {tensor.device}; allowed: cpu (use backend='torch' elsewhere)")
+    return Rendering(*rasterise(surfels, camera, Pose(q, p), full, background, num_threads or available()))

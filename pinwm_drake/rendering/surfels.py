@@ -1,0 +1,90 @@
+"""The surfels of one object: its appearance alpha, as 2D Gaussian Splatting describes it.
+
+Source: Huang et al., "2D Gaussian Splatting for Geometrically Accurate Radiance Fields", SIGGRAPH 2024, section 4;
+Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering", 2023, for the spherical harmonics.
+"""
+
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor
+
+from pinwm_drake.errors import RenderingError
+
+MAX_DEGREE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Surfels:
+    """N surfels in the frame O of their object, with which they move; all float32, one device.
+
+    Surfel S is an elliptic Gaussian exp(-(u^2 + v^2) / 2) in the plane through its centre that its tangents x and y
+    span; u and v count in its two scales. Its colour towards a camera is max(0, 1/2 + sum_k Y_k(d) sh_k), d being the
+    unit vector from the camera to the centre, in O. So the harmonics turn with the object.
+
+    Attributes:
+        p_OS: (N, 3), centres, m.
+        q_OS: (N, 4), orientations wxyz, of any length but 0.
+        log_scale: (N, 2), logarithms of the two scales in m.
+        logit_opacity: (N,), logits of the opacities.
+        sh: (N, K, 3) or, for V views with colours of their own, (V, N, K, 3): harmonics of red, green and blue;
+            K = (degree + 1)^2, degree 0 to 3.
+    """
+
+    p_OS: Tensor
+    q_OS: Tensor
+    log_scale: Tensor
+    logit_opacity: Tensor
+    sh: Tensor
+
+    @property
+    def num_surfels(self) -> int:
+        """N."""
+        return int(self.p_OS.shape[0])
+
+    @property
+    def degree(self) -> int:
+        """Degree of the spherical harmonics."""
+        return round(self.sh.shape[-2] ** 0.5) - 1
+
+    def tensors(self) -> dict[str, Tensor]:
+        """The five tensors by their names."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
+
+    def check_shapes(self) -> None:
+        """Raises RenderingError unless shapes and types fit; names the first tensor that does not."""
+        N = self.num_surfels
+        shapes = {"p_OS": (N, 3), "q_OS": (N, 4), "log_scale": (N, 2), "logit_opacity": (N,)}
+        for name, value in self.tensors().items():
+            if name == "sh":
+                degrees = [(d + 1) ** 2 for d in range(MAX_DEGREE + 1)]
+                fits = value.ndim in (3, 4) and value.shape[-3] == N and value.shape[-1] == 3
+                if not fits or value.shape[-2] not in degrees:
+                    raise RenderingError(
+                        f"sh is {tuple(value.shape)}; allowed: ({N}, K, 3) or (V, {N}, K, 3) with K in {degrees}"
+                    )
+            elif tuple(value.shape) != shapes[name]:
+                raise RenderingError(f"{name} is {tuple(value.shape)}; allowed: {shapes[name]}")
+            if not value.dtype.is_floating_point:
+                raise RenderingError(f"{name} is {value.dtype}; allowed: torch.float32")
+
+    def check(self) -> None:
+        """Raises RenderingError unless shapes, types and values fit; names the first bad entry."""
+        self.check_shapes()
+        for name, value in self.tensors().items():
+            finite = torch.isfinite(value.detach())
+            if not bool(finite.all()):
+                index = tuple(int(i) for i in torch.nonzero(~finite)[0])
+                raise RenderingError(f"{name}{list(index)} is {float(value[index])}; allowed: finite numbers")
+        turned = self.q_OS.detach().norm(dim=-1) > 0.0
+        if not bool(turned.all()):
+            row = int(turned.int().argmin())
+            raise RenderingError(f"q_OS[{row}] is zero; allowed: quaternions of any length but 0")
+
+    def detach(self) -> "Surfels":
+        """The same numbers without their graph."""
+        return Surfels(**{name: value.detach() for name, value in self.tensors().items()})
+
+    def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> "Surfels":
+        """The same surfels on another device or with another float type (the torch reference takes float64)."""
+        return Surfels(**{name: value.to(device=device, dtype=dtype) for name, value in self.tensors().items()})

@@ -1,0 +1,47 @@
+"""Threads for kernels that release Python's lock."""
+
+import functools
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+
+import numpy as np
+
+# More parts than threads, so that a thread which is done early takes over.
+_PARTS_PER_THREAD = 8
+
+
+def share(kernel: Callable[..., None], arguments: tuple, number: int, num_threads: int) -> None:
+    """Runs kernel(*arguments, first, last) on parts of range(number), shared among threads.
+
+    Args:
+        kernel: releases Python's lock, and writes nothing that another part reads or writes.
+        arguments: what comes before the range.
+        number: how many items there are, such as worlds or views.
+        num_threads: threads at the most.
+    """
+    threads = min(num_threads, number)
+    if threads <= 1:
+        kernel(*arguments, 0, number)
+        return
+    bounds = np.linspace(0, number, min(_PARTS_PER_THREAD * threads, number) + 1).astype(int).tolist()
+    parts = [pool(threads).submit(kernel, *arguments, first, last) for first, last in pairwise(bounds)]
+    for part in parts:
+        part.result()
+
+
+@functools.cache
+def pool(number: int) -> ThreadPoolExecutor:
+    """Threads that live as long as the process: starting them would take longer than a small kernel."""
+    return ThreadPoolExecutor(number, thread_name_prefix="pinwm")
+
+
+def available() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+if hasattr(os, "register_at_fork"):
+    # A child has no threads but the one that forked it; it starts its own.
+    os.register_at_fork(after_in_child=pool.cache_clear)
