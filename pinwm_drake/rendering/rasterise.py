@@ -7,12 +7,14 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.rendering.kernels import backward, forward
+from pinwm_drake.rendering.kernels import backward, forward, pose
 from pinwm_drake.rendering.kernels.columns import COLUMNS, TILE
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.spatial.rotations import quaternion_to_matrix
 from pinwm_drake.threads import share
+
+# Intrinsics (V, 4), image size (height, width) and background (3,).
+_Fixed = tuple[np.ndarray, tuple[int, int], np.ndarray]
 
 
 def rasterise(
@@ -25,7 +27,7 @@ def rasterise(
         surfels.log_scale,
         surfels.logit_opacity,
         surfels.sh,
-        quaternion_to_matrix(X_CO.q),
+        X_CO.q,
         X_CO.p,
     )
     fixed = (_array(camera.intrinsics.expand(X_CO.p.shape[0], 4)), (camera.height, camera.width), _array(background))
@@ -33,7 +35,9 @@ def rasterise(
         # torch leaves `apply` untyped.
         images = _Rasterise.apply(full, fixed, num_threads, *inputs)  # type: ignore[no-untyped-call]
     else:
-        images = tuple(torch.from_numpy(image) for image in _forward(full, fixed, num_threads, inputs)[0])
+        alone = X_CO.p.shape[0] >= num_threads
+        arrays = _render(full, fixed, num_threads, inputs) if alone else _forward(full, fixed, num_threads, inputs)[0]
+        images = tuple(torch.from_numpy(array) for array in arrays)
     color, alpha, m1, m2, normal = images
     if not full:
         return color, alpha
@@ -45,33 +49,53 @@ def _array(tensor: Tensor) -> np.ndarray:
     return np.ascontiguousarray(tensor.detach().numpy(), np.float32)
 
 
-def _forward(
-    full: bool, fixed: tuple[np.ndarray, tuple[int, int], np.ndarray], num_threads: int, inputs: tuple[Tensor, ...]
-) -> tuple[tuple[np.ndarray, ...], tuple]:
-    """The five images (the last three empty unless `full`), and what the backward pass needs."""
+def _inputs(inputs: tuple[Tensor, ...], intrinsics: np.ndarray) -> tuple[tuple, np.ndarray, np.ndarray, tuple]:
+    """Surfels, their harmonics, q_CO and the views, as the kernels take them."""
+    p, q, log_scale, logit_opacity, sh, _, t = (_array(tensor) for tensor in inputs)
+    q_CO = np.ascontiguousarray(inputs[5].detach().numpy(), np.float64)
+    R = np.empty((len(t), 3, 3), np.float32)
+    pose.fill_rotations(q_CO, R)
+    return (p, q, log_scale, logit_opacity), sh if sh.ndim == 4 else sh[None], q_CO, (R, t, intrinsics)
+
+
+def _images(V: int, size: tuple[int, int], full: bool) -> tuple[np.ndarray, ...]:
+    """Color, alpha, two moments of depth, normal; the last three empty unless `full`."""
+    extra = (V, *size) if full else (0, 0, 0)
+    shapes = ((V, *size, 3), (V, *size), extra, extra, (*extra, 3))
+    return tuple(np.empty(shape, np.float32) for shape in shapes)
+
+
+def _render(full: bool, fixed: _Fixed, num_threads: int, inputs: tuple[Tensor, ...]) -> tuple[np.ndarray, ...]:
+    """The images of at least as many views as threads, without anything kept for a backward pass."""
     intrinsics, size, background = fixed
-    p, q, log_scale, logit_opacity, sh, R, t = (_array(tensor) for tensor in inputs)
-    sh = sh if sh.ndim == 4 else sh[None]
-    V, N = len(t), len(p)
-    surfels, view = (p, q, log_scale, logit_opacity), (R, t, intrinsics)
+    surfels, sh, _, view = _inputs(inputs, intrinsics)
+    images = _images(len(intrinsics), size, full)
+    share(forward.render_views, (surfels, sh, view, size, background, full, images), len(intrinsics), num_threads)
+    return images
+
+
+def _forward(
+    full: bool, fixed: _Fixed, num_threads: int, inputs: tuple[Tensor, ...]
+) -> tuple[tuple[np.ndarray, ...], tuple]:
+    """The images, and what the backward pass needs; threads share the rows of each view."""
+    intrinsics, size, background = fixed
+    surfels, sh, q_CO, view = _inputs(inputs, intrinsics)
+    V, N = len(intrinsics), len(surfels[0])
     splats = np.empty((V, N, COLUMNS), np.float32)
     depths = np.empty((V, N), np.float32)
-    boxes = np.empty((V, N, 4), np.int32)
+    boxes = np.empty((V, N, 5), np.int32)
     totals = np.empty(V, np.int64)
     share(forward.project_views, (surfels, sh, view, size, splats, depths, boxes, totals), V, num_threads)
-    height, width = size
-    rows, columns = -(-height // TILE), -(-width // TILE)
+    rows, columns = -(-size[0] // TILE), -(-size[1] // TILE)
     starts = np.empty((V, rows * columns + 1), np.int64)
     starts[:, 0] = np.cumsum(totals) - totals
     entries = np.empty(int(totals.sum()), np.int32)
     share(forward.bin_views, (size, boxes, depths.view(np.int32), starts, entries), V, num_threads)
-    extra = (V, height, width) if full else (0, 0, 0)
-    shapes = ((V, height, width, 3), (V, height, width), extra, extra, (*extra, 3))
-    images = tuple(np.empty(shape, np.float32) for shape in shapes)
+    images = _images(V, size, full)
     # Depths are counted from the object's origin.
-    arguments = (splats, boxes, starts, entries, background, full, t[:, 2].copy(), images)
+    arguments = (splats, boxes, starts, entries, background, full, view[1][:, 2].copy(), images)
     share(forward.blend_rows, arguments, V * rows, num_threads)
-    return images, (surfels, sh, view, arguments)
+    return images, (surfels, sh, q_CO, view, arguments)
 
 
 def _bands(starts: np.ndarray, rows: int, num_threads: int) -> tuple[np.ndarray, int]:
@@ -99,7 +123,7 @@ class _Rasterise(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
-        surfels, sh, view, arguments = ctx.saved
+        surfels, sh, q_CO, view, arguments = ctx.saved
         splats, boxes, starts, *_, images = arguments
         image_bars = tuple(
             np.zeros(image.shape, np.float32) if gradient is None else _array(gradient)
@@ -117,7 +141,9 @@ class _Rasterise(torch.autograd.Function):
         ends = np.linspace(0, N, threads + 1).astype(np.int64)
         pulled = (surfels, sh, view, splats, boxes, bars, surfel_bars, sh_bar, R_bar, p_bar, ends)
         share(backward.pull_surfels, pulled, threads, ctx.threads)
-        results = (*surfel_bars, sh_bar, R_bar.sum(0), p_bar.sum(0))
+        q_bar = np.empty((V, 4))
+        pose.pull_rotations(q_CO, R_bar.sum(0), q_bar)
+        results = (*surfel_bars, sh_bar, q_bar, p_bar.sum(0))
         tensors = (
             torch.from_numpy(array).reshape(shape).to(dtype)
             for array, (shape, dtype) in zip(results, ctx.likes, strict=True)

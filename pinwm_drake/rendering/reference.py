@@ -36,7 +36,7 @@ def render_reference(
     """Renders V views; see `render.render`. Returns color, alpha and, if `full`, depth, normal and distortion."""
     dtype, device = surfels.p_OS.dtype, surfels.p_OS.device
     V = X_CO.p.shape[0]
-    R_CO = quaternion_to_matrix(X_CO.q).to(device, dtype)
+    R_CO = quaternion_to_matrix(torch.nn.functional.normalize(X_CO.q, dim=-1)).to(device, dtype)
     p_CO = X_CO.p.to(device, dtype)
     intrinsics = camera.intrinsics.to(device, dtype).expand(V, 4)
     views = []

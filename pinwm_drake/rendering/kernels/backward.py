@@ -3,7 +3,8 @@
 import numpy as np
 
 from pinwm_drake.jit import entry_point
-from pinwm_drake.rendering.kernels.blend_adjoint import CHANNELS, pull_tile
+from pinwm_drake.rendering.kernels.blend import fill_places
+from pinwm_drake.rendering.kernels.blend_adjoint import CHANNELS, X, Y, pull_tile
 from pinwm_drake.rendering.kernels.columns import PIXELS, TILE
 from pinwm_drake.rendering.kernels.project_adjoint import pull_surfel
 
@@ -21,6 +22,7 @@ def pull_rows(splats, boxes, starts, entries, background, full, origins, images,
         first, last: range of bands.
     """
     work = np.empty(CHANNELS * PIXELS, np.float32)
+    fill_places(work, X, Y)
     height, width = images[1].shape[1], images[1].shape[2]
     rows, columns = (height + TILE - 1) // TILE, (width + TILE - 1) // TILE
     for band in range(first, last):

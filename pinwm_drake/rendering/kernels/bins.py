@@ -4,7 +4,7 @@ from pinwm_drake.jit import kernel
 from pinwm_drake.rendering.kernels.columns import TILE
 
 _DIGIT = 11  # bits of a radix digit
-_RADIX = 1 << _DIGIT
+RADIX = 1 << _DIGIT
 
 
 @kernel
@@ -16,31 +16,30 @@ def sort_by_depth(number, keys, order, spare, counts):
         keys: (N,) int32, bits of positive floats, which sort like the floats.
         order: (>=number,) int32, overwritten.
         spare: (>=number,) int32, work.
-        counts: (3 * 2048,) int32, work.
+        counts: (2048,) int32, work.
     """
-    for i in range(3 * _RADIX):
-        counts[i] = 0
-    for i in range(number):
-        key = keys[order[i]]
-        for digit in range(3):
-            counts[digit * _RADIX + ((key >> (_DIGIT * digit)) & (_RADIX - 1))] += 1
-    for digit in range(3):
-        total = 0
-        for i in range(_RADIX):
-            total += counts[digit * _RADIX + i]
-            counts[digit * _RADIX + i] = total - counts[digit * _RADIX + i]
-    for digit in range(3):
+    least, most = keys[order[0]], keys[order[0]]
+    for i in range(1, number):
+        least, most = min(least, keys[order[i]]), max(most, keys[order[i]])
+    shift = 0
+    # The depths of one object differ in few digits.
+    while (most - least) >> shift > 0:
+        for i in range(RADIX):
+            counts[i] = 0
         for i in range(number):
-            source = order[i] if digit != 1 else spare[i]
-            slot = digit * _RADIX + ((keys[source] >> (_DIGIT * digit)) & (_RADIX - 1))
-            if digit != 1:
-                spare[counts[slot]] = source
-            else:
-                order[counts[slot]] = source
+            counts[((keys[order[i]] - least) >> shift) & (RADIX - 1)] += 1
+        place = 0
+        for i in range(RADIX):
+            length = counts[i]
+            counts[i] = place
+            place += length
+        for i in range(number):
+            spare[i] = order[i]
+        for i in range(number):
+            slot = ((keys[spare[i]] - least) >> shift) & (RADIX - 1)
+            order[counts[slot]] = spare[i]
             counts[slot] += 1
-    # Three passes end in `spare`.
-    for i in range(number):
-        order[i] = spare[i]
+        shift += _DIGIT
 
 
 @kernel
@@ -50,11 +49,11 @@ def bin_surfels(v, size, boxes, keys, starts, entries, order, spare, counts):
     Args:
         v: the view.
         size: height and width, px.
-        boxes: (V, N, 4), rows of pixels and columns of tiles.
+        boxes: (V, N, 5), rows of pixels and columns of tiles.
         keys: (V, N) int32, bits of the depths.
         starts: (V, tiles + 1) int32, receives where each tile's list begins in `entries`; starts[v, 0] is given.
         entries: (all,) int32, receives the lists.
-        order, spare: (N,) int32; counts: (6144,) int32; work.
+        order, spare: (N,) int32; counts: (2048,) int32; work.
     """
     columns = (size[1] + TILE - 1) // TILE
     tiles = starts.shape[1] - 1
@@ -75,7 +74,8 @@ def bin_surfels(v, size, boxes, keys, starts, entries, order, spare, counts):
         length = starts[v, tile + 1]
         starts[v, tile + 1] = place
         place += length
-    sort_by_depth(number, keys[v], order, spare, counts)
+    if number > 0:
+        sort_by_depth(number, keys[v], order, spare, counts)
     for i in range(number):
         s = order[i]
         for row in range(boxes[v, s, 0] // TILE, (boxes[v, s, 1] + TILE - 1) // TILE):

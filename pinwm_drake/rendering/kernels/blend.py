@@ -1,7 +1,9 @@
 """Blends the surfels of each tile front to back (numba).
 
-A tile's 8 x 8 pixels live in one small flat array, a channel after the other, so that the loop over the 8 pixels
-of a row becomes a few vector instructions. There are no branches in it: what does not count has opacity 0.
+A tile's 8 x 8 pixels live in one small flat array, a channel after the other, so that the loop over the
+pixels becomes a few vector instructions. There are no branches in it: what does not count has opacity 0. It runs over
+whole rows, and its bounds are written with masks, which tell the compiler that no index is negative and that nothing
+is left over beside the vectors.
 """
 
 import numpy as np
@@ -42,8 +44,8 @@ E0, E1, E2, E3, E4, E5 = (np.float32(c) for c in _FIT.convert(kind=np.polynomial
 MOST_RHO = np.float32(12.0)
 
 # Channels of a tile's work array.
-_T, _R, _G, _B, _M1, _M2, _NX, _NY, _NZ = (PIXELS * channel for channel in range(9))
-CHANNELS = 9
+_T, _R, _G, _B, _M1, _M2, _NX, _NY, _NZ, X, Y = (PIXELS * channel for channel in range(11))
+CHANNELS = 11
 
 # After how many surfels a tile is tried for being opaque.
 PATIENCE = 8
@@ -63,91 +65,113 @@ def falloff(rho):
 @kernel
 def opaque(work):
     """Whether no pixel of the tile takes more."""
-    most = ZERO
+    open_pixels = 0
     for i in range(PIXELS):
-        most = max(most, work[_T + i])
-    return most <= LEAST_TRANSMITTANCE
+        open_pixels += 1 if work[_T + i] > LEAST_TRANSMITTANCE else 0
+    return open_pixels == 0
 
 
 @kernel
-def _blend_color(work, splats, v, s, x_tile, y_tile, first, last):
-    xc, opacity = splats[v, s, XC], splats[v, s, OPACITY]
+def fill_places(work, x, y):
+    """Where a tile's pixels are, counted from its first one: columns into work[x:], rows into work[y:]."""
+    for i in range(PIXELS):
+        work[x + i], work[y + i] = np.float32(i % TILE), np.float32(i // TILE)
+
+
+@kernel
+def _blend_color(work, splats, v, s, x_center, y_center, first, last):
+    opacity = splats[v, s, OPACITY]
     j00, j01, j10, j11 = splats[v, s, J00], splats[v, s, J01], splats[v, s, J10], splats[v, s, J11]
     p0, p1 = splats[v, s, P0], splats[v, s, P1]
     most_q2 = splats[v, s, Z] / NEAR
     red, green, blue = splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE]
-    for row in range(first, last):
-        dy = y_tile + np.float32(row) - splats[v, s, YC]
-        q0_row, q1_row, q2_row, disc_row = j01 * dy, j11 * dy, p1 * dy + ONE, PIXEL_FILTER * dy * dy
-        # The mask tells the compiler that the index is not negative.
-        base = (row & (TILE - 1)) * TILE
-        for i in range(TILE):
-            dx = x_tile + np.float32(i) - xc
-            q0, q1, q2 = j00 * dx + q0_row, j10 * dx + q1_row, p0 * dx + q2_row
-            rho = (q0 * q0 + q1 * q1) / (q2 * q2)
-            disc = PIXEL_FILTER * dx * dx + disc_row
-            on_plane = (rho <= disc) & (q2 > ZERO) & (q2 < most_q2)
-            alpha = min(opacity * falloff(rho if on_plane else disc), MOST_ALPHA)
-            left = work[_T + base + i]
-            counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
-            weight = left * alpha if counts else ZERO
-            work[_T + base + i] = left - weight
-            work[_R + base + i] += weight * red
-            work[_G + base + i] += weight * green
-            work[_B + base + i] += weight * blue
+    start = (first & (TILE - 1)) * TILE
+    for i in range(((last - first) & (2 * TILE - 1)) * TILE):
+        k = start + i
+        dx, dy = work[X + k] - x_center, work[Y + k] - y_center
+        q0, q1, q2 = j00 * dx + j01 * dy, j10 * dx + j11 * dy, p0 * dx + p1 * dy + ONE
+        rho = (q0 * q0 + q1 * q1) / (q2 * q2)
+        disc = PIXEL_FILTER * (dx * dx + dy * dy)
+        on_plane = (rho <= disc) & (q2 > ZERO) & (q2 < most_q2)
+        alpha = min(opacity * falloff(rho if on_plane else disc), MOST_ALPHA)
+        left = work[_T + k]
+        counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
+        weight = left * alpha if counts else ZERO
+        work[_T + k] = left - weight
+        work[_R + k] += weight * red
+        work[_G + k] += weight * green
+        work[_B + k] += weight * blue
 
 
 @kernel
-def _blend_full(work, splats, v, s, x_tile, y_tile, first, last, origin):
-    xc, opacity, z_center = splats[v, s, XC], splats[v, s, OPACITY], splats[v, s, Z]
+def _blend_disc(work, splats, v, s, x_center, y_center, first, last):
+    """`_blend_color` of a surfel so small that only its disc is seen."""
+    opacity = splats[v, s, OPACITY]
+    red, green, blue = splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE]
+    start = (first & (TILE - 1)) * TILE
+    for i in range(((last - first) & (2 * TILE - 1)) * TILE):
+        k = start + i
+        dx, dy = work[X + k] - x_center, work[Y + k] - y_center
+        alpha = min(opacity * falloff(PIXEL_FILTER * (dx * dx + dy * dy)), MOST_ALPHA)
+        left = work[_T + k]
+        counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
+        weight = left * alpha if counts else ZERO
+        work[_T + k] = left - weight
+        work[_R + k] += weight * red
+        work[_G + k] += weight * green
+        work[_B + k] += weight * blue
+
+
+@kernel
+def _blend_full(work, splats, v, s, x_center, y_center, first, last, origin):
+    opacity, z_center = splats[v, s, OPACITY], splats[v, s, Z]
     j00, j01, j10, j11 = splats[v, s, J00], splats[v, s, J01], splats[v, s, J10], splats[v, s, J11]
     p0, p1 = splats[v, s, P0], splats[v, s, P1]
     most_q2 = z_center / NEAR
     red, green, blue = splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE]
     nx, ny, nz = splats[v, s, NX], splats[v, s, NY], splats[v, s, NZ]
-    for row in range(first, last):
-        dy = y_tile + np.float32(row) - splats[v, s, YC]
-        q0_row, q1_row, q2_row, disc_row = j01 * dy, j11 * dy, p1 * dy + ONE, PIXEL_FILTER * dy * dy
-        # The mask tells the compiler that the index is not negative.
-        base = (row & (TILE - 1)) * TILE
-        for i in range(TILE):
-            dx = x_tile + np.float32(i) - xc
-            q0, q1, q2 = j00 * dx + q0_row, j10 * dx + q1_row, p0 * dx + q2_row
-            inverse = ONE / q2
-            rho = (q0 * q0 + q1 * q1) * (inverse * inverse)
-            disc = PIXEL_FILTER * dx * dx + disc_row
-            on_plane = (rho <= disc) & (q2 > ZERO) & (q2 < most_q2)
-            alpha = min(opacity * falloff(rho if on_plane else disc), MOST_ALPHA)
-            z = (z_center * inverse if on_plane else z_center) - origin
-            left = work[_T + base + i]
-            counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
-            weight = left * alpha if counts else ZERO
-            work[_T + base + i] = left - weight
-            work[_R + base + i] += weight * red
-            work[_G + base + i] += weight * green
-            work[_B + base + i] += weight * blue
-            work[_M1 + base + i] += weight * z
-            work[_M2 + base + i] += weight * z * z
-            work[_NX + base + i] += weight * nx
-            work[_NY + base + i] += weight * ny
-            work[_NZ + base + i] += weight * nz
+    start = (first & (TILE - 1)) * TILE
+    for i in range(((last - first) & (2 * TILE - 1)) * TILE):
+        k = start + i
+        dx, dy = work[X + k] - x_center, work[Y + k] - y_center
+        q0, q1, q2 = j00 * dx + j01 * dy, j10 * dx + j11 * dy, p0 * dx + p1 * dy + ONE
+        inverse = ONE / q2
+        rho = (q0 * q0 + q1 * q1) * (inverse * inverse)
+        disc = PIXEL_FILTER * (dx * dx + dy * dy)
+        on_plane = (rho <= disc) & (q2 > ZERO) & (q2 < most_q2)
+        alpha = min(opacity * falloff(rho if on_plane else disc), MOST_ALPHA)
+        z = (z_center * inverse if on_plane else z_center) - origin
+        left = work[_T + k]
+        counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
+        weight = left * alpha if counts else ZERO
+        work[_T + k] = left - weight
+        work[_R + k] += weight * red
+        work[_G + k] += weight * green
+        work[_B + k] += weight * blue
+        work[_M1 + k] += weight * z
+        work[_M2 + k] += weight * z * z
+        work[_NX + k] += weight * nx
+        work[_NY + k] += weight * ny
+        work[_NZ + k] += weight * nz
 
 
 @kernel
-def blend_tile(v, row, column, splats, boxes, starts, entries, background, full, origin, images, work):
+def blend_tile(v, slot, row, column, splats, boxes, starts, entries, background, full, origin, images, work):
     """Blends one tile of view v and writes its pixels.
 
     Args:
         v: the view.
+        slot: where in `splats`, `boxes` and `starts` it is.
         row, column: the tile.
-        splats: (V, N, 16), projected surfels.
-        boxes: (V, N, 4), rows of pixels and columns of tiles that a surfel may reach.
+        splats: (slots, N, 16), projected surfels.
+        boxes: (slots, N, 5), rows of pixels and columns of tiles that a surfel may reach; and whether only
+            its disc is seen.
         starts, entries: the tiles' lists from `bins.py`.
         background: (3,).
         full: whether to write more than color and alpha.
         origin: depth from which depths are counted, m, so that their squares keep their digits.
         images: color (V, H, W, 3), alpha (V, H, W), first and second moment of depth (V, H, W), normal (V, H, W, 3).
-        work: (9 * 64,).
+        work: (11 * 64,), with its places filled in.
     """
     color, alpha, m1, m2, normal = images
     height, width = alpha.shape[1], alpha.shape[2]
@@ -155,17 +179,20 @@ def blend_tile(v, row, column, splats, boxes, starts, entries, background, full,
     tile = row * columns + column
     for i in range(PIXELS):
         work[_T + i] = ONE
-    for i in range(_R, CHANNELS * PIXELS if full else _M1):
+    for i in range(_R, X if full else _M1):
         work[i] = ZERO
     x_tile, y_tile = np.float32(column * TILE) + HALF, np.float32(row * TILE) + HALF
-    for e in range(starts[v, tile], starts[v, tile + 1]):
+    for e in range(starts[slot, tile], starts[slot, tile + 1]):
         s = entries[e]
-        top, bottom = max(boxes[v, s, 0] - row * TILE, 0), min(boxes[v, s, 1] - row * TILE, TILE)
+        top, bottom = max(boxes[slot, s, 0] - row * TILE, 0), min(boxes[slot, s, 1] - row * TILE, TILE)
+        x_center, y_center = splats[slot, s, XC] - x_tile, splats[slot, s, YC] - y_tile
         if full:
-            _blend_full(work, splats, v, s, x_tile, y_tile, top, bottom, origin)
+            _blend_full(work, splats, slot, s, x_center, y_center, top, bottom, origin)
+        elif boxes[slot, s, 4] != 0:
+            _blend_disc(work, splats, slot, s, x_center, y_center, top, bottom)
         else:
-            _blend_color(work, splats, v, s, x_tile, y_tile, top, bottom)
-        if (e - starts[v, tile]) % PATIENCE == PATIENCE - 1 and opaque(work):
+            _blend_color(work, splats, slot, s, x_center, y_center, top, bottom)
+        if (e - starts[slot, tile]) % PATIENCE == PATIENCE - 1 and opaque(work):
             break
     for i in range(min(TILE, height - row * TILE)):
         y = row * TILE + i

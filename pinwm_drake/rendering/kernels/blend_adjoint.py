@@ -49,7 +49,7 @@ TWO = np.float32(2.0)
 
 # Channels of a tile's work array: what is left of transmittance and of g . pixel, g, and where
 # the pixel's centre is.
-_T, _REST, _GR, _GG, _GB, _GA, _GM1, _GM2, _GNX, _GNY, _GNZ, _X, _Y = (PIXELS * channel for channel in range(13))
+_T, _REST, _GR, _GG, _GB, _GA, _GM1, _GM2, _GNX, _GNY, _GNZ, X, Y = (PIXELS * channel for channel in range(13))
 CHANNELS = 13
 
 TWICE = TWO * PIXEL_FILTER
@@ -68,7 +68,7 @@ def _pull_color(work, bars, part, splats, v, s, x_center, y_center, first, last)
     start = (first & (TILE - 1)) * TILE
     for i in range(((last - first) & (2 * TILE - 1)) * TILE):
         k = start + i
-        dx, dy = work[_X + k] - x_center, work[_Y + k] - y_center
+        dx, dy = work[X + k] - x_center, work[Y + k] - y_center
         q0, q1, q2 = j00 * dx + j01 * dy, j10 * dx + j11 * dy, p0 * dx + p1 * dy + ONE
         inverse = ONE / q2
         rho = (q0 * q0 + q1 * q1) * (inverse * inverse)
@@ -136,7 +136,7 @@ def _pull_full(work, bars, part, splats, v, s, x_center, y_center, first, last, 
     start = (first & (TILE - 1)) * TILE
     for i in range(((last - first) & (2 * TILE - 1)) * TILE):
         k = start + i
-        dx, dy = work[_X + k] - x_center, work[_Y + k] - y_center
+        dx, dy = work[X + k] - x_center, work[Y + k] - y_center
         q0, q1, q2 = j00 * dx + j01 * dy, j10 * dx + j11 * dy, p0 * dx + p1 * dy + ONE
         inverse = ONE / q2
         rho = (q0 * q0 + q1 * q1) * (inverse * inverse)
@@ -214,7 +214,7 @@ def pull_tile(
         image_bars: gradients with respect to `images`.
         bars: (parts, V, N, 16), the gradients with respect to `splats` are added to its part.
         part: which.
-        work: (13 * 64,).
+        work: (13 * 64,), with its places filled in.
     """
     color, alpha, m1, m2, normal = images
     color_bar, alpha_bar, m1_bar, m2_bar, normal_bar = image_bars
@@ -223,7 +223,7 @@ def pull_tile(
     tile = row * columns + column
     if starts[v, tile] == starts[v, tile + 1]:
         return
-    for i in range(CHANNELS * PIXELS):
+    for i in range(X):
         work[i] = ZERO
     some = False
     for i in range(min(TILE, height - row * TILE)):
@@ -249,13 +249,11 @@ def pull_tile(
             work[_REST + k] = rest
             # Pixels beyond the image's edge stay opaque.
             work[_T + k] = ONE
-    for i in range(_GR, _X):
+    for i in range(_GR, X):
         some |= work[i] != ZERO
     if not some:
         return
     x_tile, y_tile = np.float32(column * TILE) + HALF, np.float32(row * TILE) + HALF
-    for k in range(PIXELS):
-        work[_X + k], work[_Y + k] = np.float32(k % TILE), np.float32(k // TILE)
     for e in range(starts[v, tile], starts[v, tile + 1]):
         s = entries[e]
         top, bottom = max(boxes[v, s, 0] - row * TILE, 0), min(boxes[v, s, 1] - row * TILE, TILE)

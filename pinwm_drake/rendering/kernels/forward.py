@@ -3,25 +3,26 @@
 import numpy as np
 
 from pinwm_drake.jit import entry_point
-from pinwm_drake.rendering.kernels.bins import bin_surfels
-from pinwm_drake.rendering.kernels.blend import CHANNELS, blend_tile
-from pinwm_drake.rendering.kernels.columns import PIXELS, TILE
-from pinwm_drake.rendering.kernels.project import project_surfels
+from pinwm_drake.rendering.kernels.bins import RADIX, bin_surfels
+from pinwm_drake.rendering.kernels.blend import CHANNELS, X, Y, blend_tile, fill_places
+from pinwm_drake.rendering.kernels.columns import COLUMNS, PIXELS, TILE
+from pinwm_drake.rendering.kernels.project import BLOCK, project_surfels
+from pinwm_drake.rendering.kernels.project import CHANNELS as PROJECT_CHANNELS
 
 
 @entry_point
 def project_views(surfels, sh, view, size, splats, depths, boxes, totals, first, last):
     """Projects into views first..last-1; totals (V,) receives how long their lists are."""
-    basis = np.empty(16, np.float32)
+    basis, work = np.empty(16, np.float32), np.empty(PROJECT_CHANNELS * BLOCK, np.float32)
     for v in range(first, last):
-        totals[v] = project_surfels(v, surfels, sh, view, size, splats, depths, boxes, basis)
+        totals[v] = project_surfels(v, v, surfels, sh, view, size, splats, depths, boxes, basis, work)
 
 
 @entry_point
 def bin_views(size, boxes, keys, starts, entries, first, last):
     """Makes the tiles' lists of views first..last-1."""
     N = boxes.shape[1]
-    order, spare, counts = np.empty(N, np.int32), np.empty(N, np.int32), np.empty(6144, np.int32)
+    order, spare, counts = np.empty(N, np.int32), np.empty(N, np.int32), np.empty(RADIX, np.int32)
     for v in range(first, last):
         bin_surfels(v, size, boxes, keys, starts, entries, order, spare, counts)
 
@@ -30,11 +31,51 @@ def bin_views(size, boxes, keys, starts, entries, first, last):
 def blend_rows(splats, boxes, starts, entries, background, full, origins, images, first, last):
     """Blends tile rows first..last-1, counted through all views."""
     work = np.empty(CHANNELS * PIXELS, np.float32)
+    fill_places(work, X, Y)
     height, width = images[1].shape[1], images[1].shape[2]
     rows, columns = (height + TILE - 1) // TILE, (width + TILE - 1) // TILE
     for i in range(first, last):
         v = i // rows
         for column in range(columns):
             blend_tile(
-                v, i - v * rows, column, splats, boxes, starts, entries, background, full, origins[v], images, work
+                v, v, i - v * rows, column, splats, boxes, starts, entries, background, full, origins[v], images, work
             )
+
+
+@entry_point
+def render_views(surfels, sh, view, size, background, full, images, first, last):
+    """Renders views first..last-1 from end to end and keeps nothing but their images: work of one view at a time."""
+    N = surfels[0].shape[0]
+    rows, columns = (size[0] + TILE - 1) // TILE, (size[1] + TILE - 1) // TILE
+    basis, work = np.empty(16, np.float32), np.empty(PROJECT_CHANNELS * BLOCK, np.float32)
+    tile_work = np.empty(CHANNELS * PIXELS, np.float32)
+    fill_places(tile_work, X, Y)
+    splats, depths, boxes = (
+        np.empty((1, N, COLUMNS), np.float32),
+        np.empty((1, N), np.float32),
+        np.empty((1, N, 5), np.int32),
+    )
+    order, spare, counts = np.empty(N, np.int32), np.empty(N, np.int32), np.empty(RADIX, np.int32)
+    starts = np.zeros((1, rows * columns + 1), np.int64)
+    keys = depths.view(np.int32)
+    for v in range(first, last):
+        total = project_surfels(v, 0, surfels, sh, view, size, splats, depths, boxes, basis, work)
+        entries = np.empty(total, np.int32)
+        bin_surfels(0, size, boxes, keys, starts, entries, order, spare, counts)
+        for row in range(rows):
+            for column in range(columns):
+                blend_tile(
+                    v,
+                    0,
+                    row,
+                    column,
+                    splats,
+                    boxes,
+                    starts,
+                    entries,
+                    background,
+                    full,
+                    view[1][v, 2],
+                    images,
+                    tile_work,
+                )

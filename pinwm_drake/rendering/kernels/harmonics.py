@@ -9,6 +9,7 @@ _Y0 = np.float32(constants.Y0)
 _Y1 = np.float32(constants.Y1)
 _A0, _A1, _A2, _A3, _A4 = (np.float32(value) for value in constants.Y2)
 _B0, _B1, _B2, _B3, _B4, _B5, _B6 = (np.float32(value) for value in constants.Y3)
+MOST_BASIS = 16
 _2, _3, _4, _6, _8 = (np.float32(value) for value in (2, 3, 4, 6, 8))
 
 

@@ -1,4 +1,8 @@
-"""Surfels to the image plane (numba): plane, colour, opacity and the box of pixels that each can reach."""
+"""Surfels to the image plane (numba): plane, colour, opacity and the box of pixels that each can reach.
+
+Surfels are worked on in blocks, whose numbers lie in one small flat array, a channel after the other, so that the loop
+over a block becomes vector instructions.
+"""
 
 import math
 
@@ -25,9 +29,9 @@ from pinwm_drake.rendering.kernels.columns import (
     YC,
     Z,
 )
-from pinwm_drake.rendering.kernels.harmonics import fill_basis
+from pinwm_drake.rendering.kernels.harmonics import MOST_BASIS, fill_basis
 
-ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
+ZERO, HALF, ONE, TWO, FOUR = (np.float32(value) for value in (0.0, 0.5, 1.0, 2.0, 4.0))
 NEAR = np.float32(reference.NEAR)
 LEAST_ALPHA = np.float32(reference.LEAST_ALPHA)
 # The box is widened by this, px, for rounding.
@@ -35,6 +39,52 @@ _SLACK = np.float32(1e-3)
 # A plane whose image has less area than this part of its squared size is seen edge-on: only its disc counts.
 EDGE_ON = np.float32(1e-6)
 _STEEP = np.float32(1e12)
+
+# Taylor's coefficients of exp(x / 64).
+_E1, _E2, _E3, _E4, _E5, _E6 = (np.float32(1.0 / (math.factorial(n) * 64.0**n)) for n in range(1, 7))
+_MOST_EXPONENT = np.float32(16.0)
+_SLOPE_2, _SLOPE_3 = np.float32(1.0 / 0.3), np.float32(1.0 / 0.1)
+_BASE_2, _BASE_3 = np.float32(math.log(0.3) - 1.0), np.float32(math.log(0.1) - 1.0)
+_MOST_REACH = np.float32(-math.log(reference.LEAST_ALPHA))
+
+# A smallest squared stretch above which the disc hides the plane; a little more, for rounding.
+_PLANE_HIDDEN = np.float32(1.001 * reference.PIXEL_FILTER)
+
+# A block of surfels, and the channels of its work array: what is read, and what is found.
+BLOCK = 64
+(
+    _PX,
+    _PY,
+    _PZ,
+    _QW,
+    _QX,
+    _QY,
+    _QZ,
+    _SA,
+    _SB,
+    _OPACITY,
+    _XC,
+    _YC,
+    _J00,
+    _J01,
+    _J10,
+    _J11,
+    _P0,
+    _P1,
+    _Z,
+    _NX,
+    _NY,
+    _NZ,
+    _LEFT,
+    _RIGHT,
+    _TOP,
+    _BOTTOM,
+    _DX,
+    _DY,
+    _DZ,
+    _SMALL,
+) = (BLOCK * channel for channel in range(30))
+CHANNELS = 30
 
 
 @kernel
@@ -52,6 +102,19 @@ def rotation_columns(w, x, y, z):
         s * (y * z - w * x),
         ONE - s * (x * x + y * y),
     )
+
+
+@kernel
+def exponential(x):
+    """exp(x) for |x| <= 16, to 4e-6 of it; the value at the limit beyond. It compiles to vector instructions."""
+    r = min(max(x, -_MOST_EXPONENT), _MOST_EXPONENT)
+    e = (((((_E6 * r + _E5) * r + _E4) * r + _E3) * r + _E2) * r + _E1) * r + ONE
+    e = e * e
+    e = e * e
+    e = e * e
+    e = e * e
+    e = e * e
+    return e * e
 
 
 @kernel
@@ -85,100 +148,158 @@ def _pixels(low, high, number):
 
 
 @kernel
-def project_surfels(v, surfels, sh, view, size, splats, depths, boxes, basis):
-    """Projects all surfels into view v.
-
-    Args:
-        v: the view.
-        surfels: p_OS (N, 3), q_OS (N, 4), log_scale (N, 2), logit_opacity (N,).
-        sh: (1 or V, N, K, 3).
-        view: R_CO (V, 3, 3), p_CO (V, 3), intrinsics (V, 4).
-        size: height and width, px.
-        splats: (V, N, 16), receives the columns of `columns.py`.
-        depths: (V, N), receives the centres' z, m.
-        boxes: (V, N, 4) int32, receives first and last-plus-one pixel row, and tile column; empty if not to be seen.
-        basis: (16,), work.
-
-    Returns:
-        How many tiles the boxes have in all.
-    """
+def _read_block(first, surfels, work):
+    """Copies a block of surfels; beyond the last one it repeats that."""
     p, q, log_scale, logit = surfels
+    for i in range(BLOCK):
+        s = min(first + i, p.shape[0] - 1)
+        work[_PX + i], work[_PY + i], work[_PZ + i] = p[s, 0], p[s, 1], p[s, 2]
+        work[_QW + i], work[_QX + i], work[_QY + i], work[_QZ + i] = q[s, 0], q[s, 1], q[s, 2], q[s, 3]
+        work[_SA + i], work[_SB + i], work[_OPACITY + i] = log_scale[s, 0], log_scale[s, 1], logit[s]
+
+
+@kernel
+def _project_block(v, view, size, work):
+    """Projects a block into view v; a surfel that is not seen gets an empty box, from 1 to 0."""
     R, t, intrinsics = view
-    height, width = size
+    height, width = np.float32(size[0]), np.float32(size[1])
     fx, fy, cx, cy = intrinsics[v, 0], intrinsics[v, 1], intrinsics[v, 2], intrinsics[v, 3]
-    ox, oy, oz = turn_back(R, v, t[v, 0], t[v, 1], t[v, 2])
-    own = v if sh.shape[0] > 1 else 0
-    number = sh.shape[2]
-    total = 0
-    for s in range(p.shape[0]):
-        boxes[v, s, 0], boxes[v, s, 1], boxes[v, s, 2], boxes[v, s, 3] = 0, 0, 0, 0
-        opacity = ONE / (ONE + math.exp(-logit[s]))
-        if not opacity >= LEAST_ALPHA:
-            continue
-        px, py, pz = p[s, 0], p[s, 1], p[s, 2]
-        x, y, z = turn(R, v, px, py, pz)
-        x, y, z = x + t[v, 0], y + t[v, 1], z + t[v, 2]
-        if not z > NEAR:
-            continue
-        ax, ay, az, bx, by, bz, nx, ny, nz = rotation_columns(q[s, 0], q[s, 1], q[s, 2], q[s, 3])
-        scale_a, scale_b = math.exp(log_scale[s, 0]), math.exp(log_scale[s, 1])
-        ax, ay, az = turn(R, v, scale_a * ax, scale_a * ay, scale_a * az)
-        bx, by, bz = turn(R, v, scale_b * bx, scale_b * by, scale_b * bz)
+    r00, r01, r02 = R[v, 0, 0], R[v, 0, 1], R[v, 0, 2]
+    r10, r11, r12 = R[v, 1, 0], R[v, 1, 1], R[v, 1, 2]
+    r20, r21, r22 = R[v, 2, 0], R[v, 2, 1], R[v, 2, 2]
+    tx, ty, tz = t[v, 0], t[v, 1], t[v, 2]
+    ox, oy, oz = turn_back(R, v, tx, ty, tz)
+    for i in range(BLOCK):
+        px, py, pz = work[_PX + i], work[_PY + i], work[_PZ + i]
+        x, y, z = (
+            r00 * px + r01 * py + r02 * pz + tx,
+            r10 * px + r11 * py + r12 * pz + ty,
+            r20 * px + r21 * py + r22 * pz + tz,
+        )
+        ux, uy, uz, vx, vy, vz, nx, ny, nz = rotation_columns(
+            work[_QW + i], work[_QX + i], work[_QY + i], work[_QZ + i]
+        )
+        scale_a, scale_b = exponential(work[_SA + i]), exponential(work[_SB + i])
+        opacity = ONE / (ONE + exponential(-work[_OPACITY + i]))
+        work[_OPACITY + i] = opacity
+        # At least the logarithm, by its tangents at 1, 0.3 and 0.1: the box may be too large, never too small.
+        logarithm = min(opacity - ONE, min(opacity * _SLOPE_2 + _BASE_2, opacity * _SLOPE_3 + _BASE_3))
+        reach = TWO * (logarithm + _MOST_REACH)
+        ax, bx = scale_a * (r00 * ux + r01 * uy + r02 * uz), scale_b * (r00 * vx + r01 * vy + r02 * vz)
+        ay, by = scale_a * (r10 * ux + r11 * uy + r12 * uz), scale_b * (r10 * vx + r11 * vy + r12 * vz)
+        az, bz = scale_a * (r20 * ux + r21 * uy + r22 * uz), scale_b * (r20 * vx + r21 * vy + r22 * vz)
         inverse = ONE / z
         # The image of the plane's u and v at the centre, px, and how z grows along them, relative to z.
-        w0, w1 = az * inverse, bz * inverse
-        x_z, y_z = x * inverse, y * inverse
+        w0, w1, x_z, y_z = az * inverse, bz * inverse, x * inverse, y * inverse
         b00, b01 = fx * inverse * (ax - x_z * az), fx * inverse * (bx - x_z * bz)
         b10, b11 = fy * inverse * (ay - y_z * az), fy * inverse * (by - y_z * bz)
         xc, yc = fx * x_z + cx, fy * y_z + cy
         # Where opacity exp(-rho / 2) reaches the least that counts; the disc's radius there.
-        reach = TWO * math.log(opacity / LEAST_ALPHA)
-        radius = math.sqrt(HALF * reach)
-        left, right, top, bottom = xc - radius, xc + radius, yc - radius, yc + radius
+        radius = math.sqrt(max(HALF * reach, ZERO))
         bend = reach * (w0 * w0 + w1 * w1) - ONE
-        if bend < ZERO:
-            mx, my = reach * (b00 * w0 + b01 * w1) / bend, reach * (b10 * w0 + b11 * w1) / bend
-            ex = math.sqrt(max(mx * mx - reach * (b00 * b00 + b01 * b01) / bend, ZERO))
-            ey = math.sqrt(max(my * my - reach * (b10 * b10 + b11 * b11) / bend, ZERO))
-            left, right = min(left, xc + mx - ex), max(right, xc + mx + ex)
-            top, bottom = min(top, yc + my - ey), max(bottom, yc + my + ey)
-        else:
-            # The surfel reaches behind the camera: it may be anywhere.
-            left, right, top, bottom = ZERO, np.float32(width), ZERO, np.float32(height)
-        # Sizes out of all range can end up as no number.
-        if not (left <= right and top <= bottom):
-            continue
-        first_row, last_row = _pixels(top, bottom, height)
-        first_column, last_column = _pixels(left, right, width)
-        if last_row == 0 or last_column == 0:
-            continue
-        first_column, last_column = first_column // TILE, (last_column + TILE - 1) // TILE
-        total += ((last_row + TILE - 1) // TILE - first_row // TILE) * (last_column - first_column)
-        boxes[v, s, 0], boxes[v, s, 1] = first_row, last_row
-        boxes[v, s, 2], boxes[v, s, 3] = first_column, last_column
+        k = reach / bend
+        mx, my = k * (b00 * w0 + b01 * w1), k * (b10 * w0 + b11 * w1)
+        ex = math.sqrt(max(mx * mx - k * (b00 * b00 + b01 * b01), ZERO))
+        ey = math.sqrt(max(my * my - k * (b10 * b10 + b11 * b11), ZERO))
+        left, right = min(xc - radius, xc + mx - ex), max(xc + radius, xc + mx + ex)
+        top, bottom = min(yc - radius, yc + my - ey), max(yc + radius, yc + my + ey)
+        # A surfel that reaches behind the camera may be anywhere.
+        ahead = bend < ZERO
+        left, right = left if ahead else ZERO, right if ahead else width
+        top, bottom = top if ahead else ZERO, bottom if ahead else height
+        # Comparisons that also fail for what is no number.
+        seen = (opacity >= LEAST_ALPHA) & (z > NEAR) & (left <= right) & (top <= bottom)
+        work[_LEFT + i], work[_RIGHT + i] = left if seen else ONE, right if seen else ZERO
+        work[_TOP + i], work[_BOTTOM + i] = top if seen else ONE, bottom if seen else ZERO
+        work[_XC + i], work[_YC + i], work[_Z + i] = xc, yc, z
         det = b00 * b11 - b01 * b10
-        if abs(det) > EDGE_ON * (b00 * b00 + b01 * b01 + b10 * b10 + b11 * b11):
-            j00, j01, j10, j11 = b11 / det, -b01 / det, -b10 / det, b00 / det
-            splats[v, s, P0], splats[v, s, P1] = -(w0 * j00 + w1 * j10), -(w0 * j01 + w1 * j11)
-        else:
-            j00, j01, j10, j11 = _STEEP, ZERO, ZERO, _STEEP
-            splats[v, s, P0], splats[v, s, P1] = ZERO, ZERO
-        splats[v, s, XC], splats[v, s, YC] = xc, yc
-        splats[v, s, J00], splats[v, s, J01], splats[v, s, J10], splats[v, s, J11] = j00, j01, j10, j11
-        splats[v, s, Z] = z
-        depths[v, s] = z
-        splats[v, s, OPACITY] = opacity
-        nx, ny, nz = turn(R, v, nx, ny, nz)
-        if nx * x + ny * y + nz * z > ZERO:
-            nx, ny, nz = -nx, -ny, -nz
-        splats[v, s, NX], splats[v, s, NY], splats[v, s, NZ] = nx, ny, nz
+        facing = abs(det) > EDGE_ON * (b00 * b00 + b01 * b01 + b10 * b10 + b11 * b11)
+        flat = ONE / det
+        j00, j01 = b11 * flat if facing else _STEEP, -b01 * flat if facing else ZERO
+        j10, j11 = -b10 * flat if facing else ZERO, b00 * flat if facing else _STEEP
+        work[_J00 + i], work[_J01 + i], work[_J10 + i], work[_J11 + i] = j00, j01, j10, j11
+        work[_P0 + i] = -(w0 * j00 + w1 * j10) if facing else ZERO
+        work[_P1 + i] = -(w0 * j01 + w1 * j11) if facing else ZERO
+        # rho >= |d|^2 s^2 / q_2^2, s being the smallest stretch of J: where that is more than the disc's rho everywhere
+        # in its reach, the plane is not seen.
+        bend = ONE + radius * (abs(work[_P0 + i]) + abs(work[_P1 + i]))
+        squares, det = j00 * j00 + j01 * j01 + j10 * j10 + j11 * j11, j00 * j11 - j01 * j10
+        stretch = HALF * (squares - math.sqrt(max(squares * squares - FOUR * det * det, ZERO)))
+        work[_SMALL + i] = ONE if stretch > _PLANE_HIDDEN * bend * bend else ZERO
+        nx, ny, nz = (
+            r00 * nx + r01 * ny + r02 * nz,
+            r10 * nx + r11 * ny + r12 * nz,
+            r20 * nx + r21 * ny + r22 * nz,
+        )
+        side = -ONE if nx * x + ny * y + nz * z > ZERO else ONE
+        work[_NX + i], work[_NY + i], work[_NZ + i] = side * nx, side * ny, side * nz
         dx, dy, dz = px + ox, py + oy, pz + oz
         inverse = ONE / math.sqrt(dx * dx + dy * dy + dz * dz)
-        fill_basis(dx * inverse, dy * inverse, dz * inverse, number, basis)
-        red, green, blue = HALF, HALF, HALF
-        for k in range(number):
-            red += basis[k] * sh[own, s, k, 0]
-            green += basis[k] * sh[own, s, k, 1]
-            blue += basis[k] * sh[own, s, k, 2]
-        splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE] = max(red, ZERO), max(green, ZERO), max(blue, ZERO)
+        work[_DX + i], work[_DY + i], work[_DZ + i] = dx * inverse, dy * inverse, dz * inverse
+
+
+@kernel
+def project_surfels(v, slot, surfels, sh, view, size, splats, depths, boxes, basis, work):
+    """Projects all surfels into view v.
+
+    Args:
+        v: the view.
+        slot: where in `splats`, `depths` and `boxes` it goes.
+        surfels: p_OS (N, 3), q_OS (N, 4), log_scale (N, 2), logit_opacity (N,).
+        sh: (1 or V, N, K, 3).
+        view: R_CO (V, 3, 3), p_CO (V, 3), intrinsics (V, 4).
+        size: height and width, px.
+        splats: (slots, N, 16), receives the columns of `columns.py`.
+        depths: (slots, N), receives the centres' z, m.
+        boxes: (slots, N, 5) int32, receives first and last-plus-one pixel row, and tile column, empty if
+            not to be seen; and whether only its disc is.
+        basis: (16,); work: (30 * 64,).
+
+    Returns:
+        How many tiles the boxes have in all.
+    """
+    height, width = size
+    own = v if sh.shape[0] > 1 else 0
+    number = sh.shape[2]
+    total = 0
+    for first in range(0, boxes.shape[1], BLOCK):
+        _read_block(first, surfels, work)
+        _project_block(v, view, size, work)
+        for i in range(min(BLOCK, boxes.shape[1] - first)):
+            s = first + i
+            first_row, last_row = _pixels(work[_TOP + i], work[_BOTTOM + i], height)
+            first_column, last_column = _pixels(work[_LEFT + i], work[_RIGHT + i], width)
+            if last_row == 0 or last_column == 0:
+                boxes[slot, s, 0], boxes[slot, s, 1] = 0, 0
+                continue
+            first_column, last_column = first_column // TILE, (last_column + TILE - 1) // TILE
+            total += ((last_row + TILE - 1) // TILE - first_row // TILE) * (last_column - first_column)
+            boxes[slot, s, 0], boxes[slot, s, 1] = first_row, last_row
+            boxes[slot, s, 2], boxes[slot, s, 3] = first_column, last_column
+            boxes[slot, s, 4] = 1 if work[_SMALL + i] > ZERO else 0
+            depths[slot, s] = work[_Z + i]
+            splats[slot, s, XC], splats[slot, s, YC], splats[slot, s, Z] = work[_XC + i], work[_YC + i], work[_Z + i]
+            splats[slot, s, J00], splats[slot, s, J01] = work[_J00 + i], work[_J01 + i]
+            splats[slot, s, J10], splats[slot, s, J11] = work[_J10 + i], work[_J11 + i]
+            splats[slot, s, P0], splats[slot, s, P1] = work[_P0 + i], work[_P1 + i]
+            splats[slot, s, NX], splats[slot, s, NY], splats[slot, s, NZ] = work[_NX + i], work[_NY + i], work[_NZ + i]
+            splats[slot, s, OPACITY] = work[_OPACITY + i]
+            fill_basis(work[_DX + i], work[_DY + i], work[_DZ + i], number, basis)
+            red, green, blue = HALF, HALF, HALF
+            if number == MOST_BASIS:
+                # The same as below, but of a length that the compiler knows.
+                for k in range(MOST_BASIS):
+                    red += basis[k] * sh[own, s, k, 0]
+                    green += basis[k] * sh[own, s, k, 1]
+                    blue += basis[k] * sh[own, s, k, 2]
+            else:
+                for k in range(number):
+                    red += basis[k] * sh[own, s, k, 0]
+                    green += basis[k] * sh[own, s, k, 1]
+                    blue += basis[k] * sh[own, s, k, 2]
+            splats[slot, s, RED], splats[slot, s, GREEN], splats[slot, s, BLUE] = (
+                max(red, ZERO),
+                max(green, ZERO),
+                max(blue, ZERO),
+            )
     return total

@@ -22,7 +22,16 @@ from pinwm_drake.rendering.kernels.columns import (
     Z,
 )
 from pinwm_drake.rendering.kernels.harmonics import basis_gradient, fill_basis
-from pinwm_drake.rendering.kernels.project import EDGE_ON, ONE, TWO, ZERO, rotation_columns, turn, turn_back
+from pinwm_drake.rendering.kernels.project import (
+    EDGE_ON,
+    ONE,
+    TWO,
+    ZERO,
+    exponential,
+    rotation_columns,
+    turn,
+    turn_back,
+)
 
 
 @kernel
@@ -40,7 +49,7 @@ def _add_outer(R_bar, part, v, x, y, z, a, b, c):
 
 
 @kernel
-def _quaternion_gradient(w, x, y, z, ga, gb, gn):
+def quaternion_gradient(w, x, y, z, ga, gb, gn):
     """Gradient with respect to a quaternion of any length from those of its rotation's three columns."""
     s = TWO / (w * w + x * x + y * y + z * z)
     a, b, n = rotation_columns(w, x, y, z)[:3], rotation_columns(w, x, y, z)[3:6], rotation_columns(w, x, y, z)[6:]
@@ -86,7 +95,7 @@ def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars,
     x, y, z = x + t[v, 0], y + t[v, 1], z + t[v, 2]
     qw, qx, qy, qz = q[s, 0], q[s, 1], q[s, 2], q[s, 3]
     ux, uy, uz, vx, vy, vz, nx, ny, nz = rotation_columns(qw, qx, qy, qz)
-    scale_a, scale_b = math.exp(log_scale[s, 0]), math.exp(log_scale[s, 1])
+    scale_a, scale_b = exponential(log_scale[s, 0]), exponential(log_scale[s, 1])
     ax, ay, az = turn(R, v, scale_a * ux, scale_a * uy, scale_a * uz)
     bx, by, bz = turn(R, v, scale_b * vx, scale_b * vy, scale_b * vz)
     inverse = ONE / z
@@ -149,7 +158,7 @@ def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars,
     nu, nv, nw = turn_back(R, v, gnx, gny, gnz)
     scale_out[s, 0] += scale_a * (au * ux + av * uy + aw * uz)
     scale_out[s, 1] += scale_b * (bu * vx + bv * vy + bw * vz)
-    rw, rx, ry, rz = _quaternion_gradient(
+    rw, rx, ry, rz = quaternion_gradient(
         qw,
         qx,
         qy,
