@@ -11,7 +11,9 @@ from rich.console import Console
 from rich.markup import escape
 
 import pinwm_drake
+from pinwm_drake.cli.align import align
 from pinwm_drake.cli.push import push
+from pinwm_drake.cli.view import view
 from pinwm_drake.errors import PinwmError
 
 app = typer.Typer(
@@ -24,6 +26,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command(epilog="Example: pinwm push --friction 0.1 --pusher capsule --out out/push")(push)
+app.command(epilog="Example: pinwm align capture out/align; then: pinwm view out/align")(align)
+app.command(epilog="Example: pinwm view out/align --html out/object.html --video out/object.mp4")(view)
 
 
 def _print_version(wanted: bool) -> None:

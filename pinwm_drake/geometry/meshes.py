@@ -159,7 +159,9 @@ def _load_parts(path: Path) -> list[trimesh.Trimesh]:
     parts = []
     for mesh in objects:
         mesh.merge_vertices()
-        parts.extend(sorted(mesh.split(only_watertight=False), key=lambda part: tuple(part.bounds.ravel())))
+        # Not mended: an open mesh is the user's to look at.
+        pieces = mesh.split(only_watertight=False, repair=False)
+        parts.extend(sorted(pieces, key=lambda part: tuple(part.bounds.ravel())))
     for part in parts:
         if not part.is_watertight or not part.is_winding_consistent:
             raise InputError(path, value="an open surface", allowed="a watertight mesh: two faces at every edge")

@@ -16,6 +16,9 @@ from pinwm_drake.threads import share
 # Intrinsics (V, 4), image size (height, width) and background (3,).
 _Fixed = tuple[np.ndarray, tuple[int, int], np.ndarray]
 
+# Pixels and surfels of all views that are worth another thread: below, waking it takes longer.
+_WORTH_A_THREAD = 16384
+
 
 def rasterise(
     surfels: Surfels, camera: Camera, X_CO: Pose, full: bool, background: Tensor, num_threads: int
@@ -30,6 +33,8 @@ def rasterise(
         X_CO.q,
         X_CO.p,
     )
+    work = X_CO.p.shape[0] * (camera.width * camera.height + surfels.num_surfels)
+    num_threads = min(num_threads, work // _WORTH_A_THREAD + 1)
     fixed = (_array(camera.intrinsics.expand(X_CO.p.shape[0], 4)), (camera.height, camera.width), _array(background))
     if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in inputs):
         # torch leaves `apply` untyped.

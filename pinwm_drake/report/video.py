@@ -29,11 +29,25 @@ def write_video(path: Path, frames: Iterable[np.ndarray], *, rate: float, size: 
         writer = _open(temporary, rate, size)
         if writer is None:
             raise InputError(path, allowed=f"a place where OpenCV can write MP4 ({', '.join(_CODECS)})")
+        count = 0
         try:
             for frame in frames:
                 writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+                count += 1
         finally:
             writer.release()
+        # OpenCV says nothing when the disk is full; the table of frames, written last, is missing then.
+        if count and _count_frames(temporary) != count:
+            raise InputError(path, value="a write that failed", allowed="a disk with enough space")
+
+
+def _count_frames(path: Path) -> int:
+    """How many frames a video says it has; 0 when it cannot be read."""
+    reader = cv2.VideoCapture(str(path))
+    try:
+        return int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
+    finally:
+        reader.release()
 
 
 def _open(path: Path, rate: float, size: tuple[int, int]) -> cv2.VideoWriter | None:

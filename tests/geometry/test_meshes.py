@@ -46,6 +46,14 @@ def test_an_unusable_file_is_named_with_what_is_wrong(tmp_path, lines, message):
     assert str(path) in str(error.value)
 
 
+def test_an_open_mesh_is_not_mended(tmp_path):
+    box = trimesh.creation.box(extents=(0.1, 0.2, 0.3))
+    path = tmp_path / "open.obj"
+    trimesh.Trimesh(box.vertices, box.faces[1:], process=False).export(path)
+    with pytest.raises(InputError, match="an open surface"):
+        load_mesh(path)
+
+
 def test_missing_and_unreadable_files(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         load_mesh(tmp_path / "nothing.obj")

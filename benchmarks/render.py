@@ -1,0 +1,192 @@
+"""The renderer against Drake's VTK renderer and against its own torch reference; how its cost grows.
+
+All on one core, but for the rows that say otherwise: each setting runs in a process of its own, bound to its cores.
+VTK draws the mesh of the same T-block under the same camera, and is timed as `QueryObject.RenderColorImage`, from
+pose to uint8 image; ours from torch tensors to torch tensors.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from benchmarks import results, timing
+
+PLOT = Path(__file__).resolve().parent / "render.png"
+_SURFELS = (500, 1000, 2000, 5000, 10_000, 20_000, 50_000)
+_SIZES = (64, 128, 200, 400, 800)
+_COUSINS = 32
+# Largest ratio to VTK, and smallest to the torch reference.
+BARS = {"forward_800": 1.3, "gradient_800": 4.0, "forward_64": 0.5, "reference": 50.0}
+
+
+def _measure(cores: int, rounds: int) -> dict:
+    """The comparisons, in this process, on so many cores."""
+    timing.limit_threads(cores)
+    import torch
+
+    from benchmarks import render_scene as scene
+    from pinwm_drake.rendering import Surfels, render
+    from pinwm_drake.spatial.poses import Pose
+
+    torch.set_num_threads(cores)
+    X_CO = Pose(*(part[0] for part in scene.poses(1)))
+    with tempfile.TemporaryDirectory() as folder:
+        vtk = scene.Vtk(Path(folder))
+
+    def forward(number: int, size: int, full: bool = False, backend: str = "numba") -> timing.Case:
+        surfels, camera = scene.surfels(number), scene.camera(size)
+        return timing.Case(lambda: render(surfels, camera, X_CO, full=full, backend=backend))
+
+    def gradient(number: int, size: int, full: bool) -> timing.Case:
+        camera = scene.camera(size)
+        tensors = {name: value.requires_grad_() for name, value in scene.surfels(number).tensors().items()}
+        pose = Pose(X_CO.q.clone().requires_grad_(), X_CO.p.clone().requires_grad_())
+        ones = torch.ones(1, size, size, 3)
+
+        def run() -> None:
+            rendering = render(Surfels(**tensors), camera, pose, full=full)
+            if full:
+                images = [rendering.color, rendering.depth, rendering.normal, rendering.distortion]
+                torch.autograd.backward(images, [ones, ones[..., 0], ones, ones[..., 0]])
+            else:
+                rendering.color.backward(ones)
+
+        return timing.Case(run)
+
+    big = {
+        "vtk_800": timing.Case(vtk.renderer(800, X_CO)),
+        "forward_800": forward(5000, 800),
+        "full_800": forward(5000, 800, full=True),
+        "gradient_800": gradient(5000, 800, full=False),
+        "full_gradient_800": gradient(5000, 800, full=True),
+    }
+    small = {
+        "vtk_64": timing.Case(vtk.renderer(64, X_CO)),
+        "forward_64": forward(2000, 64),
+        "full_64": forward(2000, 64, full=True),
+        "gradient_64": gradient(2000, 64, full=False),
+    }
+    samples = {**timing.interleave(big, rounds), **timing.interleave(small, 20 * rounds)}
+    data: dict = {"milliseconds": {name: sample.summary(1e3) for name, sample in samples.items()}, "over_vtk": {}}
+    for name, sample in samples.items():
+        if not name.startswith("vtk"):
+            data["over_vtk"][name] = sample.over(samples["vtk_" + name.rsplit("_", 1)[1]])
+    if cores > 1:
+        return data
+
+    cases = {"numba": forward(2000, 400, full=True), "torch": forward(2000, 400, full=True, backend="torch")}
+    reference = timing.interleave(cases, rounds=3, warmup=1)
+    data["reference"] = {name: sample.summary(1e3) for name, sample in reference.items()}
+    data["reference"]["speedup"] = reference["torch"].over(reference["numba"])
+
+    many = {}
+    for name, views in (("alone", 1), ("together", _COUSINS)):
+        surfels, poses, camera = scene.surfels(2000, _COUSINS), scene.poses(_COUSINS), scene.camera(64)
+
+        def run(surfels: Surfels = surfels, poses: Pose = poses, views: int = views) -> None:
+            for first in range(0, _COUSINS, views):
+                part = slice(first, first + views)
+                own = Surfels(**surfels.tensors() | {"sh": surfels.sh[part]})
+                render(own, camera, Pose(poses.q[part], poses.p[part]), full=False)
+
+        many[name] = timing.Case(run, units=_COUSINS)
+    data["cousins"] = {name: s.summary(1e6) for name, s in timing.interleave(many, 2 * rounds).items()}
+
+    growth = {}
+    for number in _SURFELS:
+        growth["surfels", number, "forward"] = forward(number, 400)
+        growth["surfels", number, "gradient"] = gradient(number, 400, full=False)
+    for size in _SIZES:
+        growth["pixels", size, "forward"] = forward(5000, size)
+        growth["pixels", size, "gradient"] = gradient(5000, size, full=False)
+    data["growth"] = [
+        {"axis": axis, "value": value, "kind": kind, "ms": sample.median * 1e3}
+        for (axis, value, kind), sample in timing.interleave(growth, rounds).items()
+    ]
+    return data
+
+
+def plot(data: dict) -> None:
+    """Writes render.png: cost against surfels and against pixels."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(10.0, 4.2), layout="constrained")
+    titles = {"surfels": "surfels, at 400 x 400 px", "pixels": "px along a side, 5,000 surfels"}
+    for ax, (axis, title) in zip(axes, titles.items(), strict=True):
+        for kind, label in (("forward", "forward"), ("gradient", "forward and backward")):
+            rows = [row for row in data["growth"] if row["axis"] == axis and row["kind"] == kind]
+            ax.loglog([row["value"] for row in rows], [row["ms"] for row in rows], "o-", label=label)
+        ax.set(xlabel=title, ylabel="ms an image, one core")
+        ax.grid(alpha=0.3, which="both")
+        ax.legend()
+    figure.savefig(PLOT, dpi=130)
+
+
+def table(data: dict) -> str:
+    """The figures in Markdown."""
+    lines = [
+        "| image | surfels | what | one core, ms | / VTK | two cores, ms | / VTK |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    labels = {
+        "vtk": "Drake's RenderEngineVtk, the mesh",
+        "forward": "color and alpha",
+        "full": "color, alpha, depth, normal, distortion",
+        "gradient": "color, forward and backward to surfels and pose",
+        "full_gradient": "all five, forward and backward",
+    }
+    one, two = data["one"], data["two"]
+    for name in one["milliseconds"]:
+        kind, size = name.rsplit("_", 1)
+        cells = []
+        for part in (one, two):
+            ratio = part["over_vtk"].get(name)
+            cells += [results.spread(part["milliseconds"][name], 2), f"{ratio['median']:.2f}" if ratio else "1"]
+        number = "" if kind == "vtk" else ("5,000" if size == "800" else "2,000")
+        lines.append(f"| {size} x {size} | {number} | {labels[kind]} | {' | '.join(cells)} |")
+    reference, cousins = one["reference"], one["cousins"]
+    lines += [
+        "",
+        f"- 800 x 800 forward / VTK, one core: {results.verdict(one['over_vtk']['forward_800']['median'], BARS['forward_800'])}.",
+        f"- 800 x 800 forward and backward / VTK, one core: "
+        f"{results.verdict(one['over_vtk']['gradient_800']['median'], BARS['gradient_800'])}.",
+        f"- 64 x 64 forward / VTK, one core: {results.verdict(one['over_vtk']['forward_64']['median'], BARS['forward_64'])}.",
+        f"- 400 x 400, 2,000 surfels, all five images, torch reference / kernels on one core: "
+        f"{results.verdict(reference['speedup']['median'], BARS['reference'], at_most=False)} "
+        f"({reference['torch']['median']:.0f} ms against {reference['numba']['median']:.1f} ms).",
+        f"- {_COUSINS} cousins (own harmonics each) in {_COUSINS} poses, 64 x 64, 2,000 surfels: "
+        f"{cousins['together']['median']:.0f} µs an image in one call, {cousins['alone']['median']:.0f} µs one by one.",
+        "",
+        f"Cost against surfels and pixels: [render.png](render.png). Other processes took {data['load']:.0f} % of the CPUs.",
+    ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measures, plots and reports."""
+    parser = results.arguments(__doc__ or "")
+    parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--child", type=int, metavar="CORES")
+    given = parser.parse_args()
+    if given.child:
+        print(json.dumps(_measure(given.child, given.rounds)))
+        return
+    data: dict = {"rounds": given.rounds}
+    with timing.CompetingLoad() as load:
+        for name, cores in (("one", 1), ("two", 2)):
+            command = [sys.executable, "-m", "benchmarks.render", "--rounds", str(given.rounds), "--child", str(cores)]
+            output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+            data[name] = json.loads(output.splitlines()[-1])
+    data["load"] = load.percent
+    if given.write:
+        plot(data["one"])
+    results.publish("render", data, table(data), given.write)
+
+
+if __name__ == "__main__":
+    main()

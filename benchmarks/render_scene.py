@@ -1,0 +1,110 @@
+"""What the renderer's benchmark shows: the T-block, as surfels for us and as its mesh for Drake's VTK renderer."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+import trimesh
+
+from pinwm_drake.models import model_path
+from pinwm_drake.rendering import Camera, Surfels
+from pinwm_drake.spatial.poses import Pose, inverse
+from pinwm_drake.spatial.rotations import matrix_to_quaternion
+
+FOCAL = 965.685424949238 / 800  # of the capture in shared/data, per pixel of width
+DISTANCE = 0.53  # m, as there: the block covers 6 % of the image
+
+
+def camera(size: int) -> Camera:
+    """A square image of the capture's field of view."""
+    focal = FOCAL * size
+    return Camera(size, size, torch.tensor([focal, focal, 0.5 * size, 0.5 * size], dtype=torch.float64))
+
+
+def poses(number: int) -> Pose:
+    """X_CO from cameras on a circle around the block, looking down at it at 37 degrees: q (V, 4), p (V, 3)."""
+    parts = []
+    for angle in np.linspace(0.0, 2.0 * np.pi, number, endpoint=False) + 0.3:
+        p_OC = DISTANCE * np.array([0.8 * np.cos(angle), 0.8 * np.sin(angle), 0.6])
+        forward = -p_OC / np.linalg.norm(p_OC)
+        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        R_OC = np.stack([right, np.cross(forward, right), forward], 1)
+        parts.append(inverse(Pose(matrix_to_quaternion(torch.tensor(R_OC)), torch.tensor(p_OC))))
+    return Pose(torch.stack([X.q for X in parts]), torch.stack([X.p for X in parts]))
+
+
+def block() -> trimesh.Trimesh:
+    """The mesh of the T-block."""
+    return trimesh.load(model_path("t_block/t_block.obj"), force="mesh")
+
+
+def surfels(number: int, views: int | None = None) -> Surfels:
+    """That many surfels, evenly on the block's surface, of degree 3, as a fit leaves them: flat, opaque, just
+    large enough to close the surface. With `views`, each view has harmonics of its own."""
+    mesh = block()
+    generator = torch.Generator().manual_seed(0)
+    points, faces = trimesh.sample.sample_surface(mesh, number, seed=0)
+    R = np.stack([trimesh.geometry.align_vectors([0, 0, 1], normal)[:3, :3] for normal in mesh.face_normals])
+    spacing = float(np.sqrt(mesh.area / number))
+    lead = () if views is None else (views,)
+    shade = torch.as_tensor(0.3 + 0.2 * mesh.face_normals[faces, 2], dtype=torch.float32)
+    base = torch.stack([shade, -torch.ones(number), -torch.ones(number)], -1)[:, None].expand(*lead, number, 1, 3)
+    rest = 0.02 * torch.randn(*lead, number, 15, 3, generator=generator)
+    return Surfels(
+        torch.as_tensor(points, dtype=torch.float32),
+        matrix_to_quaternion(torch.as_tensor(R))[faces].float(),
+        torch.full((number, 2), float(np.log(0.6 * spacing))),
+        torch.full((number,), 3.0),
+        torch.cat([base, rest], -2).contiguous(),
+    )
+
+
+class Vtk:
+    """Drake's RenderEngineVtk on the block's mesh."""
+
+    def __init__(self, folder: Path) -> None:
+        """Writes the mesh, with the normals that the engine wants, into a folder, and loads it."""
+        from pydrake.geometry import (
+            GeometryInstance,
+            MakeRenderEngineVtk,
+            Mesh,
+            PerceptionProperties,
+            RenderEngineVtkParams,
+            RenderLabel,
+            Rgba,
+            SceneGraph,
+        )
+        from pydrake.math import RigidTransform
+
+        path = folder / "block.obj"
+        corners = block()
+        corners.unmerge_vertices()
+        path.write_text(trimesh.exchange.obj.export_obj(corners, include_normals=True))
+        graph = SceneGraph()
+        graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams()))
+        source = graph.RegisterSource("block")
+        instance = GeometryInstance(RigidTransform(), Mesh(str(path)), "block")
+        properties = PerceptionProperties()
+        properties.AddProperty("phong", "diffuse", Rgba(0.8, 0.1, 0.1, 1.0))
+        properties.AddProperty("label", "id", RenderLabel(1))
+        instance.set_perception_properties(properties)
+        graph.RegisterAnchoredGeometry(source, instance)
+        self._graph, self._world = graph, graph.world_frame_id()
+        self._context = graph.CreateDefaultContext()
+
+    def renderer(self, size: int, X_CO: Pose) -> object:
+        """A call that renders one color image, (size, size, 4) uint8."""
+        from pydrake.common.eigen_geometry import Quaternion
+        from pydrake.geometry import ClippingRange, ColorRenderCamera, RenderCameraCore
+        from pydrake.math import RigidTransform
+        from pydrake.systems.sensors import CameraInfo
+
+        focal = FOCAL * size
+        info = CameraInfo(size, size, focal, focal, 0.5 * size, 0.5 * size)
+        core = RenderCameraCore("vtk", info, ClippingRange(0.01, 10.0), RigidTransform())
+        view = ColorRenderCamera(core, False)
+        q, p = inverse(X_CO)
+        X_OC = RigidTransform(Quaternion(q.numpy() / np.linalg.norm(q.numpy())), p.numpy())
+        query = self._graph.get_query_output_port().Eval(self._context)
+        return lambda: query.RenderColorImage(view, self._world, X_OC)

@@ -1,0 +1,182 @@
+"""JSON and YAML files whose every entry knows its file and its place in it, so that an error can name both."""
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from pinwm_drake.errors import InputError
+
+_LONGEST_QUOTE = 60  # characters of a value that a message repeats
+
+
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
+    """Plain YAML data; numbers such as 1e-3 are numbers (YAML 1.1 takes them for text)."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"),
+    list("-+.0123456789"),
+)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A value of a document.
+
+    Attributes:
+        path: The file.
+        place: Where in it, as in `frames[2].fl_x`; empty for the whole document.
+        value: What stands there.
+    """
+
+    path: Path
+    place: str
+    value: Any
+
+    def refusal(self, allowed: str, found: str | None = None) -> InputError:
+        """The error that names file, place and value.
+
+        Args:
+            allowed: What would have been accepted, in words.
+            found: What was found; None for the value itself.
+        """
+        if found is None:
+            found = json.dumps(self.value, default=str)
+            found = found if len(found) <= _LONGEST_QUOTE else found[:_LONGEST_QUOTE] + "..."
+        return InputError(self.path, value=f"{self.place} = {found}" if self.place else found, allowed=allowed)
+
+    def find(self, key: str) -> "Entry | None":
+        """The entry under a key, or None where there is none.
+
+        Raises:
+            InputError: This entry is not a mapping.
+        """
+        if not isinstance(self.value, dict):
+            raise self.refusal("a mapping with keys")
+        if key not in self.value:
+            return None
+        return Entry(self.path, f"{self.place}.{key}" if self.place else key, self.value[key])
+
+    def __getitem__(self, key: str) -> "Entry":
+        """The entry under a key.
+
+        Raises:
+            InputError: There is no such key, or this entry is not a mapping.
+        """
+        entry = self.find(key)
+        if entry is None:
+            place = f"{self.place}.{key}" if self.place else key
+            raise InputError(self.path, value=f"no {place}", allowed=f"a value under {place}")
+        return entry
+
+    def items(self) -> "list[Entry]":
+        """The entries of a list that is not empty.
+
+        Raises:
+            InputError: This entry is not a list, or an empty one.
+        """
+        if not isinstance(self.value, list) or not self.value:
+            raise self.refusal("a list with one entry or more")
+        return [Entry(self.path, f"{self.place}[{k}]", value) for k, value in enumerate(self.value)]
+
+    def text(self) -> str:
+        """A text that is not empty.
+
+        Raises:
+            InputError: This entry is something else.
+        """
+        if not isinstance(self.value, str) or not self.value.strip():
+            raise self.refusal("text")
+        return self.value
+
+    def number(self, low: float = -math.inf, high: float = math.inf) -> float:
+        """A finite number from `low` to `high`.
+
+        Raises:
+            InputError: This entry is something else.
+        """
+        value = _number(self.value)
+        if value is None or not low <= value <= high:
+            bounds = "" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}"
+            raise self.refusal(f"a finite number{bounds}")
+        return value
+
+    def integer(self, low: int, high: int) -> int:
+        """A whole number from `low` to `high`.
+
+        Raises:
+            InputError: This entry is something else.
+        """
+        value = _number(self.value)
+        if value is None or value != round(value) or not low <= value <= high:
+            raise self.refusal(f"a whole number from {low} to {high}")
+        return round(value)
+
+    def numbers(self, length: int, *rest: int) -> np.ndarray:
+        """An array of finite numbers: float64 of shape (length, *rest), the unit that of the entry.
+
+        Raises:
+            InputError: The nested lists have another shape, or one number is not finite; the message names it.
+        """
+        if not isinstance(self.value, list) or len(self.value) != length:
+            raise self.refusal(f"{' x '.join(map(str, (length, *rest)))} finite numbers")
+        return np.array([entry.numbers(*rest) if rest else entry.number() for entry in self.items()], float)
+
+
+def read_json(path: Path) -> Entry:
+    """Reads a JSON file.
+
+    Raises:
+        InputError: It is missing, unreadable or not JSON; the message names the line.
+    """
+    text = _read_text(path)
+    try:
+        return Entry(path, "", json.loads(text))
+    except json.JSONDecodeError as error:
+        raise InputError(path, row=error.lineno, value=error.msg, allowed="JSON") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, value=str(error), allowed="JSON") from error
+
+
+def read_yaml(path: Path) -> Entry:
+    """Reads a YAML file of plain data.
+
+    Raises:
+        InputError: It is missing, unreadable or not YAML; the message names the line.
+    """
+    text = _read_text(path)
+    try:
+        return Entry(path, "", yaml.load(text, _Loader))
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise InputError(path, row=mark.line + 1 if mark else None, value=problem, allowed="YAML") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, value=str(error), allowed="YAML") from error
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, value=f"a byte that is not text at {error.start}", allowed="text in UTF-8") from error
+
+
+def _number(value: object) -> float | None:
+    """A finite number, or None for anything else (true and false too)."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None

@@ -1,0 +1,146 @@
+"""Posed images of an object at rest, as surfels are fitted to them."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+import trimesh
+
+from pinwm_drake.capture.images import read_image
+from pinwm_drake.capture.objects import CAPTURE_FILE, read_capture_object
+from pinwm_drake.capture.transforms import Frame, read_transforms
+from pinwm_drake.errors import InputError
+from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.rendering.views import View
+from pinwm_drake.spatial.poses import Pose, compose, identity, inverse
+
+_TRANSFORMS = "transforms.json"
+
+
+def is_capture(folder: Path) -> bool:
+    """Whether a folder is a capture: it has a `capture.yaml`."""
+    return (folder / CAPTURE_FILE).is_file()
+
+
+def read_static_views(folder: Path) -> list[View]:
+    """Reads the static views of a capture.
+
+    Args:
+        folder: The capture: `capture.yaml`, `static/transforms.json`, images and, optionally, masks.
+
+    Returns:
+        The views, in the order of the file.
+
+    Raises:
+        InputError: Anything in these files is missing or wrong; see `read_capture_object`, `load_mesh` and
+            `read_views`.
+    """
+    about = read_capture_object(folder)
+    return read_views(folder / "static", about.X_WO, mesh=load_mesh(about.mesh_path))
+
+
+def read_views(path: Path, X_WO: Pose | None = None, *, mesh: trimesh.Trimesh | None = None) -> list[View]:
+    """Reads the posed images of a nerfstudio folder.
+
+    A folder `masks` beside `transforms.json` holds a mask for each image, with its name up to the suffix; the key
+    `mask_path` of a frame comes first.
+
+    Args:
+        path: The folder, or its `transforms.json`.
+        X_WO: Pose of the object in the world of the cameras; None where they are the same.
+        mesh: The object, metres, frame O: each camera has to be outside it and see it where its image does. None
+            leaves this out.
+
+    Returns:
+        The views, in the order of the file, with the pose of the object in each camera (OpenCV axes).
+
+    Raises:
+        InputError: A file is missing or unreadable, a size does not fit, a pose is not rigid, a camera is
+            inside the object, or an image does not show the object where its camera has it.
+    """
+    file = path / _TRANSFORMS if path.is_dir() else path
+    frames = read_transforms(file)
+    X_WO = identity() if X_WO is None else X_WO
+    return [_read_view(frame, X_WO, mesh) for frame in frames]
+
+
+def _read_view(frame: Frame, X_WO: Pose, mesh: trimesh.Trimesh | None) -> View:
+    """The view of one frame, checked; raises InputError as `read_views` does."""
+    X_CO = compose(inverse(frame.X_WC), X_WO)
+    if mesh is not None:
+        _require_outside(frame, X_CO, mesh)
+    image, mask = read_image(frame.image_path, _mask_path(frame))
+    size, expected = (mask.shape[1], mask.shape[0]), (frame.camera.width, frame.camera.height)
+    if size != expected:
+        raise InputError(
+            frame.image_path,
+            value=f"{size[0]} x {size[1]} px",
+            allowed=f"{expected[0]} x {expected[1]} px, as {frame.entry.path} says ({frame.entry.place})",
+        )
+    view = View(frame.file_path, frame.camera, X_CO, torch.from_numpy(image), torch.from_numpy(mask))
+    if mesh is not None:
+        _require_seen(frame, view, mesh)
+    return view
+
+
+def _mask_path(frame: Frame) -> Path | None:
+    """The mask of a frame, or None; raises InputError where other frames have one and this one has not."""
+    folder = frame.entry.path.parent / "masks"
+    if frame.mask_path is not None or not folder.is_dir():
+        return frame.mask_path
+    found = sorted(folder.glob(f"{_escape(frame.image_path.stem)}.*"))
+    if not found:
+        raise InputError(
+            folder, value=f"no mask {frame.image_path.stem}.*", allowed="a mask for each image, or no such folder"
+        )
+    return found[0]
+
+
+def _escape(name: str) -> str:
+    """A name for glob, taken literally."""
+    return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in name)
+
+
+def _require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:
+    """Raises InputError where the camera is inside the mesh."""
+    p_OC = inverse(X_CO).p.numpy()
+    if winding_number(mesh, p_OC) > 0.5:
+        found = f"a camera inside the object, at {(np.round(p_OC, 4) + 0.0).tolist()} m from its origin"
+        raise frame.entry["transform_matrix"].refusal("a camera outside the object", found)
+
+
+def _require_seen(frame: Frame, view: View, mesh: trimesh.Trimesh) -> None:
+    """Raises InputError where the mesh, seen by the camera, and the mask do not even overlap."""
+    entry, hint = frame.entry["transform_matrix"], "poses in OpenGL axes that see the object where the image does"
+    pixels, depths = (values.numpy() for values in view.project(torch.tensor(np.array(mesh.vertices))))
+    if (depths <= 0).all():
+        raise entry.refusal(hint, "a camera that looks away from the object")
+    if (depths <= 0).any():
+        return
+    rows, columns = np.nonzero(view.mask.numpy())
+    low, high = np.array([columns.min(), rows.min()]), np.array([columns.max(), rows.max()])
+    if (pixels.max(axis=0) < low).any() or (pixels.min(axis=0) > high + 1).any():
+        (x0, y0), (x1, y1) = pixels.min(axis=0), pixels.max(axis=0)
+        seen = f"columns {x0:.0f} to {x1:.0f}, rows {y0:.0f} to {y1:.0f}"
+        there = f"columns {low[0]} to {high[0]}, rows {low[1]} to {high[1]} of {frame.file_path}"
+        raise entry.refusal(hint, f"a camera that sees the mesh at {seen}, while it shows at {there}")
+
+
+def winding_number(mesh: trimesh.Trimesh, p_O: np.ndarray) -> float:
+    """How often a closed surface winds around a point: 0 outside, 1 or more inside.
+
+    Args:
+        mesh: Closed, faces turned outwards, m.
+        p_O: (3,) [m], in the frame of the mesh.
+
+    Returns:
+        The number, whole up to rounding away from the surface.
+
+    Source: A. van Oosterom and J. Strackee, "The solid angle of a plane triangle" (1983), eq. 8.
+    """
+    a, b, c = np.moveaxis(np.asarray(mesh.triangles) - p_O, 1, 0)
+    la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
+    angle = 2 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
+    return float(angle.sum() / (4 * np.pi))

@@ -1,0 +1,131 @@
+"""Cameras and their poses from the `transforms.json` of nerfstudio.
+
+nerfstudio writes poses of cameras in the world with OpenGL's axes (x right, y up, z backward). They become
+OpenCV's (x right, y down, z forward) here, and nowhere else.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from pinwm_drake.capture.documents import Entry, read_json
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rotations import matrix_to_quaternion
+
+# How far a rotation matrix may be from orthonormal: six printed digits leave 1e-6, single precision 1e-7.
+_ORTHONORMAL = 1e-4
+_MAX_SIZE = 16384  # px, that of Camera
+_MODELS = ("PINHOLE", "OPENCV")
+_DISTORTIONS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One posed image of a `transforms.json`.
+
+    Attributes:
+        entry: Where it stands, for error messages.
+        file_path: The image, as written in the file.
+        image_path: The image.
+        mask_path: Its mask as the file names it, or None.
+        camera: Size and intrinsics.
+        X_WC: Pose of the camera in the world, OpenCV axes; q (4,), p (3,) [m].
+    """
+
+    entry: Entry
+    file_path: str
+    image_path: Path
+    mask_path: Path | None
+    camera: Camera
+    X_WC: Pose
+
+
+def read_transforms(path: Path) -> list[Frame]:
+    """Reads a `transforms.json`.
+
+    Intrinsics of a frame replace those of the file.
+
+    Args:
+        path: The file. Image paths count from its folder.
+
+    Returns:
+        Its frames, in its order.
+
+    Raises:
+        InputError: A key is missing, a number is not finite or out of range, a camera model is another than
+            PINHOLE or OPENCV without distortion, a matrix is not rigid, or an image is listed twice.
+    """
+    document = read_json(path)
+    frames = [read_frame(document, entry) for entry in document["frames"].items()]
+    seen: dict[Path, str] = {}
+    for frame in frames:
+        other = seen.setdefault(frame.image_path, frame.entry.place)
+        if other != frame.entry.place:
+            raise frame.entry["file_path"].refusal(f"each image once (it is in {other} too)")
+    return frames
+
+
+def read_frame(document: Entry, frame: Entry) -> Frame:
+    """One frame; `document` holds what is not in the frame itself. Raises InputError as `read_transforms` does."""
+    file_path = frame["file_path"].text()
+    mask_path = frame.find("mask_path")
+    folder = frame.path.parent
+    return Frame(
+        entry=frame,
+        file_path=file_path,
+        image_path=folder / file_path,
+        mask_path=None if mask_path is None else folder / mask_path.text(),
+        camera=read_camera(document, frame),
+        X_WC=read_pose(frame["transform_matrix"]),
+    )
+
+
+def read_camera(document: Entry, frame: Entry) -> Camera:
+    """Size and intrinsics [px], the frame's own before the document's.
+
+    Raises:
+        InputError: A key is missing or out of range, or the camera is not a pinhole without distortion.
+    """
+
+    def find(key: str) -> Entry | None:
+        return frame.find(key) or document.find(key)
+
+    def number(key: str, low: float, high: float) -> float:
+        return (find(key) or document[key]).number(low, high)
+
+    model = find("camera_model")
+    if model is not None and model.text() not in _MODELS:
+        raise model.refusal(" or ".join(_MODELS) + " without distortion")
+    for key in _DISTORTIONS:
+        distortion = find(key)
+        if distortion is not None and distortion.number() != 0:
+            raise distortion.refusal("0: undistort the images first")
+    width = (find("w") or document["w"]).integer(1, _MAX_SIZE)
+    height = (find("h") or document["h"]).integer(1, _MAX_SIZE)
+    focal = [number(key, 1e-3, 1e9) for key in ("fl_x", "fl_y")]
+    centre = [number("cx", -10.0 * width, 10.0 * width), number("cy", -10.0 * height, 10.0 * height)]
+    return Camera(width, height, torch.tensor([*focal, *centre], dtype=torch.float64))
+
+
+def read_pose(entry: Entry) -> Pose:
+    """A camera's pose in OpenCV axes from a 4 x 4 matrix [m] in OpenGL axes.
+
+    Raises:
+        InputError: The entry is not a rigid transform of finite numbers.
+    """
+    matrix = entry.numbers(4, 4)
+    rotation = matrix[:3, :3]
+    if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
+        raise entry.refusal("a matrix whose last row is 0, 0, 0, 1", f"last row {matrix[3].tolist()}")
+    error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    if error > _ORTHONORMAL:
+        raise entry.refusal(
+            f"a rigid transform: axes orthonormal to {_ORTHONORMAL:g}", f"a matrix with axes {error:.2g} off"
+        )
+    if np.linalg.det(rotation) < 0:
+        raise entry.refusal("a rotation with determinant +1", "a reflection, determinant -1")
+    R_WC = rotation @ np.diag([1.0, -1.0, -1.0])
+    return Pose(matrix_to_quaternion(torch.from_numpy(R_WC)), torch.from_numpy(matrix[:3, 3].copy()))

@@ -1,0 +1,141 @@
+"""The files that `pinwm align` writes: surfels.ply, align.json, align.png, view.html and turntable.mp4."""
+
+import json
+import platform
+import time
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.console import Console
+
+import pinwm_drake
+from pinwm_drake.cli.view_show import FRAME_RATE, SURFELS_FILE, write_turntable
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.fit_options import FitOptions
+from pinwm_drake.rendering.fitting import FitResult
+from pinwm_drake.rendering.ply import write_ply
+from pinwm_drake.rendering.render import render
+from pinwm_drake.rendering.views import View
+from pinwm_drake.report.align_figure import Strip, align_figure
+from pinwm_drake.report.output import replacing
+from pinwm_drake.report.surfel_page import write_surfel_page
+
+_STRIPS = 3
+_TURN = 4  # s
+_LARGEST_TURNTABLE = 480  # px; smaller where the images are
+_LIBRARIES = ("numba", "numpy", "torch")
+
+
+def write_results(
+    out: Path,
+    source: Path,
+    mesh_path: Path,
+    views: list[View],
+    up: np.ndarray,
+    options: FitOptions,
+    result: FitResult,
+    console: Console,
+) -> list[str]:
+    """Writes everything, the surfels first.
+
+    Args:
+        out: An existing folder.
+        source: Where the images came from.
+        mesh_path: Where the mesh came from.
+        views: All of them.
+        up: (3,), unit, object frame: upwards in the pictures.
+        options: Of the fit.
+        result: Of the fit.
+        console: Where progress shows.
+
+    Returns:
+        The names of the files.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    surfels = result.surfels
+    write_ply(out / SURFELS_FILE, surfels)
+    with replacing(out / "align.json") as temporary:
+        temporary.write_text(json.dumps(_record(source, mesh_path, options, result), indent=1) + "\n")
+    title = f"{source.resolve().name}: {surfels.num_surfels:,} surfels"
+    _draw(out / "align.png", views, result, title)
+    write_surfel_page(out / "view.html", surfels, title=title, up=up)
+    smallest = min(min(view.camera.width, view.camera.height) for view in views)
+    size = max(2 * (min(_LARGEST_TURNTABLE, smallest) // 2), 16)
+    write_turntable(out / "turntable.mp4", surfels, size, _TURN * FRAME_RATE, console, up)
+    return [SURFELS_FILE, "align.json", "align.png", "view.html", "turntable.mp4"]
+
+
+def _record(source: Path, mesh_path: Path, options: FitOptions, result: FitResult) -> dict[str, object]:
+    """Figures and provenance; dB, s and px."""
+    history = result.history
+    return {
+        "schema_version": 1,
+        "source": str(source.resolve()),
+        "mesh": str(mesh_path.resolve()),
+        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "num_surfels": result.surfels.num_surfels,
+        "seconds": round(result.seconds, 2),
+        "final_loss": float(history.loss[-1]),
+        "psnr": {"fitted": _mean(result.psnr_train), "held_out": _mean(result.psnr_test)},
+        "views": {"fitted": result.psnr_train, "held_out": result.psnr_test},
+        "held_out_curve": {"iteration": history.test_iteration.tolist(), "psnr": history.test_psnr.tolist()},
+        "camera_offset": list(result.camera_offset),
+        "options": asdict(options),
+        "versions": {
+            "pinwm_drake": pinwm_drake.__version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in _LIBRARIES},
+        },
+    }
+
+
+def _mean(values: dict[str, float]) -> float | None:
+    return float(np.mean(list(values.values()))) if values else None
+
+
+def _draw(path: Path, views: list[View], result: FitResult, title: str) -> None:
+    """The figure, with held-out views or, where there are none, fitted ones."""
+    history, shown = result.history, result.psnr_test or result.psnr_train
+    # One point for each time that all views were seen.
+    epoch = len(result.psnr_train)
+    count = max(len(history.psnr) // epoch, 1)
+    psnr = [(part[0], part[1].mean()) for part in _epochs(history.iteration, history.psnr, count)]
+    curves = [("fitted", np.array(psnr))]
+    if len(history.test_psnr):
+        curves.append(("held out", np.stack((history.test_iteration, history.test_psnr), axis=-1)))
+    align_figure(
+        path,
+        loss=np.stack((history.iteration, history.loss), axis=-1),
+        window=epoch,
+        psnr=curves,
+        strips=[_strip(view, result, shown[view.name]) for view in views if view.name in shown][:_STRIPS],
+        title=f"{title}; {_words(result)}",
+    )
+
+
+def _epochs(iteration: np.ndarray, psnr: np.ndarray, count: int) -> list[tuple[int, np.ndarray]]:
+    """Last iteration and PSNR values of each of `count` parts."""
+    numbers, values = np.array_split(iteration, count), np.array_split(psnr, count)
+    return [(int(part[-1]), value) for part, value in zip(numbers, values, strict=True)]
+
+
+def _words(result: FitResult) -> str:
+    kinds = (("fitted", result.psnr_train), ("held-out", result.psnr_test))
+    parts = [
+        f"{np.mean(list(values.values())):.2f} dB on {len(values)} {kind} views" for kind, values in kinds if values
+    ]
+    return ", ".join(parts)
+
+
+def _strip(view: View, result: FitResult, psnr: float) -> Strip:
+    """One view as it is and as it is rendered."""
+    offset = torch.tensor([0.0, 0.0, *result.camera_offset], dtype=torch.float64)
+    camera = Camera(view.camera.width, view.camera.height, view.camera.intrinsics + offset)
+    with torch.no_grad():
+        color = render(result.surfels, camera, view.X_CO, full=False).color[0]
+    return Strip(Path(view.name).name, view.image.numpy(), color.numpy(), psnr)

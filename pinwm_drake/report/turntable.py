@@ -1,0 +1,49 @@
+"""Pictures of an object of surfels that turns once."""
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import torch
+
+from pinwm_drake.rendering.render import render
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.report.orbit import AZIMUTH, ELEVATION, Orbit, square_camera
+
+
+def turntable(
+    surfels: Surfels,
+    *,
+    size: int,
+    num_frames: int,
+    up: np.ndarray | None = None,
+    report: Callable[[float], None] = lambda share: None,
+) -> Iterator[np.ndarray]:
+    """Draws an object from all around.
+
+    Args:
+        surfels: The object; one set of colours.
+        size: Width and height [px].
+        num_frames: How many pictures a turn has.
+        up: (3,), the axis it turns about, object frame; None for z.
+        report: Called with the share of the frames that are done.
+
+    Yields:
+        Frames (size, size, 3) uint8, sRGB.
+
+    Raises:
+        RenderingError: There are no surfels.
+    """
+    orbit, camera = Orbit.around(surfels, up), square_camera(size)
+    for k in range(num_frames):
+        # The camera goes clockwise, seen from above: the object seems to turn counter-clockwise, as angles do.
+        X_CO = orbit.pose(AZIMUTH - 2 * math.pi * k / num_frames, ELEVATION)
+        with torch.no_grad():
+            color = render(surfels, camera, X_CO, full=False).color[0]
+        yield to_bytes(color)
+        report((k + 1) / num_frames)
+
+
+def to_bytes(color: torch.Tensor) -> np.ndarray:
+    """A picture (height, width, 3) in [0, 1] as uint8; what is beyond is cut off."""
+    return (255 * color.detach().clamp(0, 1) + 0.5).to(torch.uint8).numpy()

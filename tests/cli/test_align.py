@@ -1,0 +1,211 @@
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pinwm_drake.cli import align_run
+from pinwm_drake.rendering.ply import read_ply
+from tests.capture.cube import SIDE, write_capture, write_mesh, write_views
+
+ROOT = Path(__file__).resolve().parents[2]
+SMALL = ["--max-surfels", "120", "--sh-degree", "1"]
+RESULTS = ["align.json", "align.png", "checkpoint.npz", "surfels.ply", "turntable.mp4", "view.html"]
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    return write_capture(tmp_path_factory.mktemp("align") / "cube")
+
+
+@pytest.mark.parametrize("command", ["align", "view"])
+def test_help_shows_an_example(pinwm, command):
+    code, output, _ = pinwm(command, "--help")
+    assert code == 0
+    assert f"Example: pinwm {command} " in output
+
+
+def test_align_writes_surfels_figures_video_and_page(pinwm, capture, tmp_path):
+    out = tmp_path / "new/folder"
+    code, output, errors = pinwm("align", str(capture), str(out), "--iterations", "60", *SMALL)
+    assert (code, errors) == (0, "")
+    assert sorted(path.name for path in out.iterdir()) == RESULTS
+    for name in set(RESULTS) - {"checkpoint.npz"}:
+        assert f"wrote {out / name}\n" in output
+    assert re.search(r"held out +│ 2 ", output)
+
+    surfels = read_ply(out / "surfels.ply")
+    assert surfels.degree == 1
+    # The object's frame is that of the mesh, with its origin in the middle of the cube.
+    np.testing.assert_allclose(surfels.p_OS.mean(0), 0, atol=0.1 * SIDE)
+    assert surfels.p_OS.abs().max() < SIDE
+
+    record = json.loads((out / "align.json").read_text())
+    assert record["num_surfels"] == surfels.num_surfels <= 120
+    assert list(record["views"]["held_out"]) == ["images/003.png", "images/007.png"]
+    assert record["psnr"]["held_out"] == pytest.approx(np.mean(list(record["views"]["held_out"].values())))
+    # A white picture has 14 dB here.
+    assert record["psnr"]["fitted"] > 16
+    assert record["options"]["iterations"] == 60
+    assert record["source"] == str(capture)
+
+    assert cv2.imread(str(out / "align.png")).std() > 10
+    assert cv2.VideoCapture(str(out / "turntable.mp4")).get(cv2.CAP_PROP_FRAME_WIDTH) == 48
+    assert "renderSurfels" in (out / "view.html").read_text()
+
+
+def test_a_bare_folder_needs_a_mesh_and_no_held_out_views(pinwm, tmp_path):
+    views = write_views(tmp_path / "views", count=4, size=32, alpha=False)
+    command = ["align", str(views), str(tmp_path / "out"), "--iterations", "5", "--held-out", "0", *SMALL]
+    code, output, errors = pinwm(*command)
+    assert (code, output) == (1, "")
+    assert (
+        errors == f"pinwm: --mesh: got none; allowed: the object's mesh, as {views} is no capture with one of its own\n"
+    )
+    mesh = write_mesh(tmp_path / "cube.obj")
+    code, output, errors = pinwm(*command, "--mesh", str(mesh))
+    assert (code, errors) == (0, "")
+    record = json.loads((tmp_path / "out/align.json").read_text())
+    assert record["psnr"]["held_out"] is None
+    assert len(record["views"]["fitted"]) == 4
+
+
+@pytest.fixture(scope="module")
+def whole(capture, tmp_path_factory):
+    """surfels.ply of a fit that nothing interrupts."""
+    out = tmp_path_factory.mktemp("whole")
+    run_script("main()", capture, out)
+    return (out / "surfels.ply").read_bytes()
+
+
+def run_script(code: str, capture: Path, out: Path, *arguments: str) -> subprocess.CompletedProcess:
+    """Runs `pinwm align` with 230 iterations in a process of its own, with some code around it."""
+    command = ["align", str(capture), str(out), "--iterations", "230", *SMALL, *arguments]
+    lines = [
+        "import os, resource, sys",
+        "from pinwm_drake.cli import align_run, main",
+        f"sys.argv = ['pinwm', *{command}]",
+    ]
+    program = "\n".join([*lines, code])
+    return subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
+
+
+INTERRUPT = """
+show = align_run._show
+def interrupt(progress, task, iteration, *figures):
+    show(progress, task, iteration, *figures)
+    if iteration == 220:
+        {action}
+align_run._show = interrupt
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("action", "code"), [("raise KeyboardInterrupt", 1), ("os.kill(os.getpid(), 9)", -9)], ids=["ctrl-c", "kill-9"]
+)
+def test_an_interrupted_fit_goes_on_as_if_it_had_not_been(capture, whole, tmp_path, action, code):
+    run = run_script(INTERRUPT.format(action=action), capture, tmp_path)
+    assert run.returncode == code, run.stderr
+    assert "Traceback" not in run.stderr
+    assert os.listdir(tmp_path) == ["checkpoint.npz"]
+    if code == 1:
+        assert "interrupted after iteration 220; go on with --resume" in run.stdout
+    run = run_script("main()", capture, tmp_path, "--resume")
+    assert (run.returncode, run.stderr) == (0, "")
+    assert sorted(os.listdir(tmp_path)) == RESULTS
+    assert (tmp_path / "surfels.ply").read_bytes() == whole
+
+
+FULL_DISK = """
+write_results = align_run.write_results
+def write(*arguments):
+    resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
+    return write_results(*arguments)
+align_run.write_results = write
+main()
+"""
+
+
+def test_a_disk_that_fills_up_at_the_end_loses_nothing(capture, whole, tmp_path):
+    # The PLY of 120 surfels has 20 kB, and the page some more.
+    for limit, left, missing in ((1000, ["checkpoint.npz"], "surfels.ply"), (20000, None, "align.png")):
+        run = run_script(FULL_DISK.format(limit=limit), capture, tmp_path, *(["--resume"] if left is None else []))
+        assert run.returncode == 1
+        assert run.stderr == f"pinwm: {tmp_path / missing}: got File too large; allowed: a file that can be written\n"
+        assert sorted(os.listdir(tmp_path)) == (left or ["align.json", "checkpoint.npz", "surfels.ply"])
+    # What was fitted was still there.
+    assert (tmp_path / "surfels.ply").read_bytes() == whole
+
+
+def test_a_checkpoint_of_another_fit_is_refused(pinwm, capture, tmp_path):
+    assert pinwm("align", str(capture), str(tmp_path), "--iterations", "3", *SMALL)[0] == 0
+    code, _, errors = pinwm("align", str(capture), str(tmp_path), "--iterations", "4", *SMALL, "--resume")
+    assert code == 1
+    assert f"pinwm: {tmp_path / 'checkpoint.npz'}: got a fit with iterations = 3; allowed: one with" in errors
+
+
+def test_resuming_nothing_says_so(pinwm, capture, tmp_path):
+    code, output, _ = pinwm("align", str(capture), str(tmp_path), "--iterations", "3", *SMALL, "--resume")
+    assert code == 0
+    assert f"no checkpoint.npz in {tmp_path}: starting anew\n" in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--iterations", "0"], "iterations is 0; allowed: 1 to"),
+        (["--max-surfels", "0"], "max_surfels is 0"),
+        (["--sh-degree", "4"], "sh_degree is 4; allowed: 0 to 3"),
+        (["--held-out", "1"], "held_out is 1"),
+        (["--seed", "-1"], "seed is -1"),
+        (["--threads", "0"], "num_threads is 0"),
+        (["--mesh", "nothing.obj"], "nothing.obj: got no such file"),
+    ],
+)
+def test_wrong_options_are_one_line_and_exit_with_1(pinwm, capture, tmp_path, arguments, message):
+    code, output, errors = pinwm("align", str(capture), str(tmp_path / "out"), *arguments)
+    assert (code, output) == (1, "")
+    assert re.fullmatch(rf"pinwm: {re.escape(message)}.*\n", errors)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_source_that_is_none_is_refused(pinwm, tmp_path):
+    out = str(tmp_path / "out")
+    allowed = "allowed: a capture, or images with a nerfstudio transforms.json"
+    assert pinwm("align", str(tmp_path / "a"), out) == (
+        1,
+        "",
+        f"pinwm: {tmp_path / 'a'}: got no such file or folder; {allowed}\n",
+    )
+    code, _, errors = pinwm("align", str(tmp_path), out)
+    assert (code, errors) == (1, f"pinwm: {tmp_path}: got neither capture.yaml nor transforms.json; {allowed}\n")
+
+
+def test_a_capture_with_a_truncated_image_is_refused_in_one_line(pinwm, tmp_path):
+    capture = write_capture(tmp_path / "cube", count=3)
+    image = capture / "static/images/001.png"
+    image.write_bytes(image.read_bytes()[:300])
+    code, output, errors = pinwm("align", str(capture), str(tmp_path / "out"))
+    assert (code, output) == (1, "")
+    assert re.fullmatch(
+        rf"pinwm: {re.escape(str(image))}: got unreadable contents .*; allowed: a whole image file\n", errors
+    )
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_the_fit(pinwm, capture, tmp_path, monkeypatch):
+    monkeypatch.setattr(align_run, "fit", lambda *_: pytest.fail("the fit has started"))
+    (tmp_path / "file").write_text("")
+    code, _, errors = pinwm("align", str(capture), str(tmp_path / "file"))
+    assert (code, errors) == (
+        1,
+        f"pinwm: {tmp_path / 'file'}: got File exists; allowed: a folder that can be written to\n",
+    )
+    monkeypatch.setattr(align_run.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 1_000_000}))
+    code, _, errors = pinwm("align", str(capture), str(tmp_path / "out"))
+    assert (code, errors) == (1, f"pinwm: {tmp_path / 'out'}: got 1 MB of free space; allowed: 44 MB or more\n")

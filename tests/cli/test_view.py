@@ -1,0 +1,143 @@
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import cv2
+import pytest
+
+from pinwm_drake.rendering.ply import write_ply
+from tests.rendering.scenes import cloud
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def splats(tmp_path):
+    path = tmp_path / "surfels.ply"
+    write_ply(path, cloud())
+    return path
+
+
+def test_a_page_and_a_video_are_written(pinwm, splats, tmp_path):
+    page, video = tmp_path / "new/a.html", tmp_path / "new/a.mp4"
+    arguments = ["--html", str(page), "--video", str(video), "--size", "32", "--seconds", "0.25"]
+    code, output, errors = pinwm("view", str(splats.parent), *arguments)
+    assert (code, errors) == (0, "")
+    assert f"wrote {page}\n" in output
+    assert f"wrote {video}\n" in output
+    assert "renderSurfels" in page.read_text()
+    reader = cv2.VideoCapture(str(video))
+    assert reader.get(cv2.CAP_PROP_FRAME_COUNT) == 6
+    assert reader.get(cv2.CAP_PROP_FRAME_WIDTH) == 32
+    assert sorted(path.name for path in page.parent.iterdir()) == ["a.html", "a.mp4"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--html", "a.txt"], "--html: got a.txt; allowed: a name that ends in .html or .htm"),
+        (["--video", "a.avi"], "--video: got a.avi; allowed: a name that ends in .mp4"),
+        (["--size", "33"], "--size: got 33; allowed: an even number from 16 to 4096 px"),
+        (["--seconds", "0"], "--seconds: got 0.0; allowed: 0.1 to 600 s"),
+        (["--port", "70000"], "--port: got 70000; allowed: 1 to 65535"),
+    ],
+)
+def test_wrong_options_are_one_line_and_exit_with_1(pinwm, splats, arguments, message):
+    assert pinwm("view", str(splats), *arguments) == (1, "", f"pinwm: {message}\n")
+
+
+def test_wrong_files_are_refused(pinwm, splats, tmp_path):
+    code, output, errors = pinwm("view", str(tmp_path / "nothing.ply"), "--html", str(tmp_path / "a.html"))
+    assert (code, output) == (1, "")
+    assert "nothing.ply: got no such file; allowed: a PLY file of surfels" in errors
+    splats.write_bytes(splats.read_bytes()[:-10])
+    code, output, errors = pinwm("view", str(splats), "--html", str(tmp_path / "a.html"))
+    assert (code, output) == (1, "")
+    assert f"{splats}: got a truncated file" in errors
+    assert not (tmp_path / "a.html").exists()
+
+
+def test_a_page_where_a_folder_is_gets_refused_before_the_work(pinwm, splats, tmp_path):
+    (tmp_path / "a.mp4").mkdir()
+    code, output, errors = pinwm("view", str(splats), "--video", str(tmp_path / "a.mp4"))
+    assert (code, output, errors) == (1, "", f"pinwm: {tmp_path / 'a.mp4'}: got a folder; allowed: a file\n")
+
+
+def test_a_port_that_is_taken_is_refused(pinwm, splats):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = str(other.getsockname()[1])
+        code, output, errors = pinwm("view", str(splats), "--port", port)
+    assert (code, output) == (1, "")
+    assert f"--host, --port: got 127.0.0.1:{port} (Address already in use)" in errors
+
+
+def test_an_address_of_another_machine_is_refused(pinwm, splats):
+    # TEST-NET-1 of RFC 5737: no machine has it.
+    code, output, errors = pinwm("view", str(splats), "--host", "192.0.2.1")
+    assert (code, output) == (1, "")
+    assert "--host, --port: got 192.0.2.1" in errors
+
+
+def listening(process: subprocess.Popen) -> set[tuple[str, int]]:
+    """Address and port of every TCP socket on which a process listens."""
+    mine = {link.readlink().name for link in Path(f"/proc/{process.pid}/fd").iterdir() if link.is_symlink()}
+    found = set()
+    for table in ("tcp", "tcp6"):
+        path = Path(f"/proc/{process.pid}/net/{table}")
+        for line in path.read_text().splitlines()[1:] if path.exists() else ():
+            fields = line.split()
+            if fields[3] == "0A" and f"socket:[{fields[9]}]" in mine:
+                address, port = fields[1].split(":")
+                found.add((address, int(port, 16)))
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/net/tcp").exists(), reason="needs Linux's table of sockets")
+def test_the_server_listens_on_this_machine_only_and_ends_cleanly(splats):
+    command = [sys.executable, "-c", "from pinwm_drake.cli import main; main()", "view", str(splats)]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        line = process.stdout.readline()
+        url = line.split()[-1]
+        assert line.startswith(f"{splats}: 60 surfels at http://127.0.0.1:")
+        port = int(url.split(":")[2].split("/")[0])
+        # 127.0.0.1 in the kernel's byte order; nothing else listens, for commands either.
+        assert listening(process) == {("0100007F", port)}
+        with urllib.request.urlopen(url, timeout=30) as page:
+            assert b"MeshCat" in page.read()
+        message = receive_scene(port)
+        assert b"surfels" in message
+        assert b"BufferGeometry" in message
+        assert b"normal" in message
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=30)
+        assert process.returncode == 0
+        assert output == "Ctrl-C ends.\n"
+        assert "Traceback" not in errors
+    finally:
+        process.kill()
+        process.wait()
+
+
+def receive_scene(port: int) -> bytes:
+    """What the server sends a browser that connects, up to the last command, which places the camera."""
+    with socket.create_connection(("127.0.0.1", port), timeout=30) as connection:
+        request = [
+            "GET / HTTP/1.1",
+            f"Host: 127.0.0.1:{port}",
+            "Upgrade: websocket",
+            "Connection: Upgrade",
+            "Sec-WebSocket-Version: 13",
+            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+        ]
+        connection.sendall(("\r\n".join(request) + "\r\n\r\n").encode())
+        data, deadline = b"", time.monotonic() + 30
+        while b"/Cameras/default" not in data and time.monotonic() < deadline:
+            data += connection.recv(65536)
+        return data
