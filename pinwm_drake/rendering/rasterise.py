@@ -35,8 +35,11 @@ def rasterise(
     )
     work = X_CO.p.shape[0] * (camera.width * camera.height + surfels.num_surfels)
     num_threads = min(num_threads, work // _WORTH_A_THREAD + 1)
-    fixed = (_array(camera.intrinsics.expand(X_CO.p.shape[0], 4)), (camera.height, camera.width), _array(background))
-    if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in inputs):
+    intrinsics = _array(camera.intrinsics)
+    if intrinsics.ndim == 1:
+        intrinsics = intrinsics[None].repeat(len(X_CO.p), 0)
+    fixed = (intrinsics, (camera.height, camera.width), _array(background))
+    if torch.is_grad_enabled() and any([tensor.requires_grad for tensor in inputs]):  # noqa: C419 (half the time)
         # torch leaves `apply` untyped.
         images = _Rasterise.apply(full, fixed, num_threads, *inputs)  # type: ignore[no-untyped-call]
     else:

@@ -14,6 +14,8 @@ from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.threads import available
 
+_WHITE = torch.ones(3)
+
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
@@ -63,9 +65,11 @@ def render(
     """
     if backend not in ("numba", "torch"):
         raise RenderingError(f"backend is {backend!r}; allowed: 'numba' or 'torch'")
-    q, p = torch.atleast_2d(X_CO.q), torch.atleast_2d(X_CO.p)
-    V, N = p.shape[0], surfels.num_surfels
-    if tuple(q.shape) != (V, 4) or tuple(p.shape) != (V, 3) or V == 0:
+    q, p = X_CO
+    if q.ndim == p.ndim == 1:
+        q, p = q[None], p[None]
+    V, N = len(p), surfels.num_surfels
+    if q.shape != (V, 4) or p.shape != (V, 3) or V == 0:
         raise RenderingError(f"X_CO is {tuple(X_CO.q.shape)}, {tuple(X_CO.p.shape)}; allowed: (V, 4), (V, 3), V >= 1")
     surfels.check_shapes()
     if surfels.sh.ndim == 4 and surfels.sh.shape[0] != V:
@@ -73,12 +77,12 @@ def render(
     if camera.intrinsics.ndim == 2 and camera.intrinsics.shape[0] != V:
         raise RenderingError(f"camera intrinsics are {tuple(camera.intrinsics.shape)}; allowed: (4,) or ({V}, 4)")
     if background is None:
-        background = surfels.p_OS.new_ones(3)
-    elif tuple(background.shape) != (3,):
+        background = _WHITE
+    elif background.shape != (3,):
         raise RenderingError(f"background is {tuple(background.shape)}; allowed: (3,)")
     if backend == "torch":
         return Rendering(*render_reference(surfels, camera, Pose(q, p), full, background))
-    for tensor in (*surfels.tensors().values(), q, p):
-        if tensor.device.type != "cpu":
+    for tensor in (surfels.p_OS, surfels.q_OS, surfels.log_scale, surfels.logit_opacity, surfels.sh, q, p):
+        if not tensor.is_cpu:
             raise RenderingError(f"a tensor is on {tensor.device}; allowed: cpu (use backend='torch' elsewhere)")
     return Rendering(*rasterise(surfels, camera, Pose(q, p), full, background, num_threads or available()))

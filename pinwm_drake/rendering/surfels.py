@@ -4,7 +4,7 @@ Source: Huang et al., "2D Gaussian Splatting for Geometrically Accurate Radiance
 Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering", 2023, for the spherical harmonics.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -12,6 +12,7 @@ from torch import Tensor
 from pinwm_drake.errors import RenderingError
 
 MAX_DEGREE = 3
+_BANDS = tuple((degree + 1) ** 2 for degree in range(MAX_DEGREE + 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,21 +50,23 @@ class Surfels:
 
     def tensors(self) -> dict[str, Tensor]:
         """The five tensors by their names."""
-        return {item.name: getattr(self, item.name) for item in fields(self)}
+        return {
+            "p_OS": self.p_OS,
+            "q_OS": self.q_OS,
+            "log_scale": self.log_scale,
+            "logit_opacity": self.logit_opacity,
+            "sh": self.sh,
+        }
 
     def check_shapes(self) -> None:
         """Raises RenderingError unless shapes and types fit; names the first tensor that does not."""
         N = self.num_surfels
         shapes = {"p_OS": (N, 3), "q_OS": (N, 4), "log_scale": (N, 2), "logit_opacity": (N,)}
+        sh = self.sh.shape
+        if len(sh) not in (3, 4) or sh[-3] != N or sh[-2] not in _BANDS or sh[-1] != 3:
+            raise RenderingError(f"sh is {tuple(sh)}; allowed: ({N}, K, 3) or (V, {N}, K, 3) with K in {_BANDS}")
         for name, value in self.tensors().items():
-            if name == "sh":
-                degrees = [(d + 1) ** 2 for d in range(MAX_DEGREE + 1)]
-                fits = value.ndim in (3, 4) and value.shape[-3] == N and value.shape[-1] == 3
-                if not fits or value.shape[-2] not in degrees:
-                    raise RenderingError(
-                        f"sh is {tuple(value.shape)}; allowed: ({N}, K, 3) or (V, {N}, K, 3) with K in {degrees}"
-                    )
-            elif tuple(value.shape) != shapes[name]:
+            if name in shapes and value.shape != shapes[name]:
                 raise RenderingError(f"{name} is {tuple(value.shape)}; allowed: {shapes[name]}")
             if not value.dtype.is_floating_point:
                 raise RenderingError(f"{name} is {value.dtype}; allowed: torch.float32")

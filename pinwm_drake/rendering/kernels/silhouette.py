@@ -1,4 +1,4 @@
-"""Which part of each pixel the triangles of a mesh cover (numba)."""
+"""Which pixels the triangles of a mesh cover (numba)."""
 
 import numpy as np
 
@@ -6,19 +6,18 @@ from pinwm_drake.jit import entry_point
 
 
 @entry_point
-def mark_triangles(triangles, samples, marked):
-    """Marks the samples that lie in some triangle.
+def mark_triangles(triangles, marked):
+    """Marks the pixels whose centres lie in some triangle.
 
     Args:
         triangles: (n, 3, 2) float64, x and y of the corners in px.
-        samples: along each side of a pixel.
-        marked: (height * samples, width * samples) uint8, receives 1 in triangles and is left alone elsewhere.
+        marked: (height, width) float32, receives 1 in triangles and is left alone elsewhere.
     """
     height, width = marked.shape
     for t in range(triangles.shape[0]):
-        x0, y0 = triangles[t, 0, 0] * samples - 0.5, triangles[t, 0, 1] * samples - 0.5
-        x1, y1 = triangles[t, 1, 0] * samples - 0.5, triangles[t, 1, 1] * samples - 0.5
-        x2, y2 = triangles[t, 2, 0] * samples - 0.5, triangles[t, 2, 1] * samples - 0.5
+        x0, y0 = triangles[t, 0, 0] - 0.5, triangles[t, 0, 1] - 0.5
+        x1, y1 = triangles[t, 1, 0] - 0.5, triangles[t, 1, 1] - 0.5
+        x2, y2 = triangles[t, 2, 0] - 0.5, triangles[t, 2, 1] - 0.5
         for row in range(max(int(np.ceil(min(y0, y1, y2))), 0), min(int(np.floor(max(y0, y1, y2))), height - 1) + 1):
             # The row's interval inside the triangle, from the edges that cross it.
             low, high = np.inf, -np.inf
@@ -34,4 +33,4 @@ def mark_triangles(triangles, samples, marked):
                     low, high = min(low, x), max(high, x)
             if low <= high:
                 for column in range(max(int(np.ceil(low)), 0), min(int(np.floor(high)), width - 1) + 1):
-                    marked[row, column] = 1
+                    marked[row, column] = np.float32(1.0)

@@ -11,7 +11,7 @@ from pinwm_drake.jit import entry_point, kernel
 
 @kernel
 def _blur_row(source, row, weights, channels, across, target):
-    """target (W C,) = one row of `source` under the window; `across` (W C + 2 radius C,) has zeros at both ends."""
+    """Target (W C,) = one row of `source` under the window; `across` (W C + 2 radius C,) has zeros at both ends."""
     height, width = source.shape
     radius = weights.shape[0] // 2
     pad = radius * channels
@@ -31,7 +31,7 @@ def _blur_row(source, row, weights, channels, across, target):
 
 @entry_point
 def blur(source, weights, channels, target):
-    """target = source under the separable window `weights` (odd length)."""
+    """Target = source under the separable window `weights` (odd length)."""
     across = np.zeros(source.shape[1] + (weights.shape[0] - 1) * channels, np.float32)
     for row in range(source.shape[0]):
         _blur_row(source, row, weights, channels, across, target[row])
@@ -78,7 +78,7 @@ def compare(a, b, weights, channels, mean_b, square_b, c1, c2, grads, squares):
             grads[0, row, i] = (
                 two * mb * top2 * scale - value * two * ma / low1 - two * ma * by_square - mb * by_product
             )
-        total += part
+        total += float(part)
     return total
 
 
