@@ -13,6 +13,7 @@ from rich.console import Console
 
 import pinwm_drake
 from pinwm_drake.cli.view_show import FRAME_RATE, SURFELS_FILE, write_turntable
+from pinwm_drake.files import replacing
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fitting import FitResult
@@ -20,7 +21,6 @@ from pinwm_drake.rendering.ply import write_ply
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.views import View
 from pinwm_drake.report.align_figure import Strip, align_figure
-from pinwm_drake.report.output import replacing
 from pinwm_drake.report.surfel_page import write_surfel_page
 
 _STRIPS = 3

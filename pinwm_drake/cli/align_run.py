@@ -14,12 +14,12 @@ from pinwm_drake.capture.objects import CAPTURE_FILE, read_capture_object
 from pinwm_drake.capture.static_views import is_capture, read_views
 from pinwm_drake.cli.align_report import write_results
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.files import prepare_folder
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.checkpoint import FILE as CHECKPOINT_FILE
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fitting import FitResult, fit
 from pinwm_drake.rendering.views import View
-from pinwm_drake.report.output import prepare_folder
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
 _CHECKPOINT_EVERY = 200  # iterations, some ten seconds

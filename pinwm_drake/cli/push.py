@@ -21,7 +21,7 @@ def push(
     """Pushes a T-block across the floor and differentiates the outcome through every contact."""
     from pinwm_drake.cli.push_options import PushOptions
     from pinwm_drake.cli.push_report import run_push
-    from pinwm_drake.report.output import prepare_folder
+    from pinwm_drake.files import prepare_folder
 
     options = PushOptions(
         friction=friction,

@@ -11,10 +11,10 @@ from rich.table import Table
 
 from pinwm_drake.cli import push_film, push_scene
 from pinwm_drake.cli.push_options import PushOptions
+from pinwm_drake.files import replacing
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import model_path
 from pinwm_drake.report.figures import push_figure
-from pinwm_drake.report.output import replacing
 from pinwm_drake.report.video import write_video
 
 # Position, quaternion, angular and linear velocity of the block; position of the pusher.

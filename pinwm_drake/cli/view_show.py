@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.progress import track
 
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.files import prepare_folder
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.rendering.surfels import Surfels
-from pinwm_drake.report.output import prepare_folder
 from pinwm_drake.report.surfel_page import write_surfel_page
 from pinwm_drake.report.turntable import turntable
 from pinwm_drake.report.video import write_video

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pinwm_drake.report.output import replacing
+from pinwm_drake.files import replacing
 
 DIFFERENCE_GAIN = 4
 _LOSS, _FITTED, _HELD_OUT = "#8a8f98", "#2f5d9e", "#c8432f"

@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from pinwm_drake.report.output import replacing
+from pinwm_drake.files import replacing
 
 _BLOCK, _PUSHER, _GREY = "#c8432f", "#2f5d9e", "#8a8f98"
 _SILHOUETTES = 7

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pinwm_drake.files import replacing
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.orbit import AZIMUTH, ELEVATION, FIELD_OF_VIEW, Orbit
-from pinwm_drake.report.output import replacing
 
 _TEMPLATE = Path(__file__).with_name("surfel_page.html")
 

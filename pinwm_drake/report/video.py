@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.report.output import replacing
+from pinwm_drake.files import replacing
 
 # VP9 is small and plays in browsers; MPEG-4 part 2 is there in every build of OpenCV.
 _CODECS = ("vp09", "mp4v")

@@ -50,6 +50,6 @@ def replacing(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        raise InputError(path, value=error.strerror, allowed="a file that can be written") from error
+        raise InputError(path, value=error.strerror or str(error), allowed="a file that can be written") from error
     finally:
         temporary.unlink(missing_ok=True)

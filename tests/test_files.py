@@ -3,7 +3,7 @@ import os
 import pytest
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.report.output import prepare_folder, replacing
+from pinwm_drake.files import prepare_folder, replacing
 
 
 def test_a_file_appears_whole(tmp_path):
