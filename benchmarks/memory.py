@@ -18,7 +18,7 @@ _REPEATS = 3
 _STATUS = Path("/proc/self/status")
 
 
-def _status(key: str) -> float:
+def status(key: str) -> float:
     """A field of /proc/self/status, in MB (1 MB = 10^6 bytes); the kernel's kB are KiB."""
     for line in _STATUS.read_text().splitlines():
         if line.startswith(key + ":"):
@@ -50,11 +50,11 @@ def _child(worlds: int, length: int, gradient: bool) -> dict[str, float]:
     # As many frames from a long rollout as from a short one: the frames are the caller's.
     scene.record_every *= length
     run = case(push.STEPS * length).run
-    before = _status("VmRSS")
+    before = status("VmRSS")
     Path("/proc/self/clear_refs").write_text("5")  # resets the peak, VmHWM
     run()
     action = scene.V_WP.numel() * 8 / 1e6
-    return {"before": before, "added": _status("VmHWM") - before, "action": action}
+    return {"before": before, "added": status("VmHWM") - before, "action": action}
 
 
 def sum_parts(parts: list) -> object:

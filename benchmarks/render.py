@@ -11,14 +11,55 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks import results, timing
+from benchmarks import memory, results, timing
 
 PLOT = Path(__file__).resolve().parent / "render.png"
 _SURFELS = (500, 1000, 2000, 5000, 10_000, 20_000, 50_000)
 _SIZES = (64, 128, 200, 400, 800)
 _COUSINS = 32
+_MEMORY = {
+    "vtk_800": "VTK 800 x 800",
+    "forward_800": "kernels 800 x 800, color and alpha",
+    "full_gradient_800": "all five, forward and backward",
+    "cousins": f"{_COUSINS} cousins in {_COUSINS} poses at 64 x 64",
+    "numba_400": "kernels 400 x 400, 2,000 surfels, all five",
+    "torch_400": "torch reference of the same",
+}
 # Largest ratio to VTK, and smallest to the torch reference.
 BARS = {"forward_800": 1.3, "gradient_800": 4.0, "forward_64": 0.5, "reference": 50.0}
+
+
+def _added(name: str) -> float:
+    """MB that the second of two equal calls adds to this process's resident memory at its peak; Linux only."""
+    timing.limit_threads(1)
+    from benchmarks import render_scene as scene
+    from pinwm_drake.rendering import Surfels, render
+    from pinwm_drake.spatial.poses import Pose
+
+    X_CO = Pose(*(part[0] for part in scene.poses(1)))
+    size = 64 if name == "cousins" else int(name.rsplit("_", 1)[1])
+    if name.startswith("vtk"):
+        with tempfile.TemporaryDirectory() as folder:
+            run = scene.Vtk(Path(folder)).renderer(size, X_CO)
+    else:
+        backend = "torch" if name.startswith("torch") else "numba"
+        if name == "cousins":
+            surfels, X_CO = scene.surfels(2000, _COUSINS), scene.poses(_COUSINS)
+        else:
+            surfels = scene.surfels(2000 if size == 400 else 5000)
+        tensors = {key: value.requires_grad_("gradient" in name) for key, value in surfels.tensors().items()}
+        camera, full = scene.camera(size), name not in ("forward_800", "cousins")
+
+        def run() -> None:
+            rendering = render(Surfels(**tensors), camera, X_CO, full=full, backend=backend)
+            if "gradient" in name:
+                (rendering.color.sum() + rendering.depth.sum() + rendering.distortion.sum()).backward()
+
+    run()
+    before = memory.status("VmRSS")
+    Path("/proc/self/clear_refs").write_text("5")  # resets the peak, VmHWM
+    run()
+    return memory.status("VmHWM") - before
 
 
 def _measure(cores: int, rounds: int) -> dict:
@@ -27,7 +68,7 @@ def _measure(cores: int, rounds: int) -> dict:
     import torch
 
     from benchmarks import render_scene as scene
-    from pinwm_drake.rendering import Surfels, render
+    from pinwm_drake.rendering import Camera, Surfels, render
     from pinwm_drake.spatial.poses import Pose
 
     torch.set_num_threads(cores)
@@ -85,7 +126,7 @@ def _measure(cores: int, rounds: int) -> dict:
     for name, views in (("alone", 1), ("together", _COUSINS)):
         surfels, poses, camera = scene.surfels(2000, _COUSINS), scene.poses(_COUSINS), scene.camera(64)
 
-        def run(surfels: Surfels = surfels, poses: Pose = poses, views: int = views) -> None:
+        def run(surfels: Surfels = surfels, poses: Pose = poses, views: int = views, camera: Camera = camera) -> None:
             for first in range(0, _COUSINS, views):
                 part = slice(first, first + views)
                 own = Surfels(**surfels.tensors() | {"sh": surfels.sh[part]})
@@ -149,20 +190,27 @@ def table(data: dict) -> str:
             cells += [results.spread(part["milliseconds"][name], 2), f"{ratio['median']:.2f}" if ratio else "1"]
         number = "" if kind == "vtk" else ("5,000" if size == "800" else "2,000")
         lines.append(f"| {size} x {size} | {number} | {labels[kind]} | {' | '.join(cells)} |")
-    reference, cousins = one["reference"], one["cousins"]
+    reference, cousins, memory = one["reference"], one["cousins"], data["memory"]
+
+    def verdict(part: dict, name: str) -> str:
+        return results.verdict(part["over_vtk"][name]["median"], BARS[name])
+
     lines += [
         "",
-        f"- 800 x 800 forward / VTK, one core: {results.verdict(one['over_vtk']['forward_800']['median'], BARS['forward_800'])}.",
-        f"- 800 x 800 forward and backward / VTK, one core: "
-        f"{results.verdict(one['over_vtk']['gradient_800']['median'], BARS['gradient_800'])}.",
-        f"- 64 x 64 forward / VTK, one core: {results.verdict(one['over_vtk']['forward_64']['median'], BARS['forward_64'])}.",
+        f"- 800 x 800 forward / VTK: one core {verdict(one, 'forward_800')}; two cores {verdict(two, 'forward_800')}.",
+        f"- 800 x 800 forward and backward / VTK: one core {verdict(one, 'gradient_800')}; two cores "
+        f"{verdict(two, 'gradient_800')}.",
+        f"- 64 x 64 forward / VTK, one core: {verdict(one, 'forward_64')}.",
         f"- 400 x 400, 2,000 surfels, all five images, torch reference / kernels on one core: "
         f"{results.verdict(reference['speedup']['median'], BARS['reference'], at_most=False)} "
         f"({reference['torch']['median']:.0f} ms against {reference['numba']['median']:.1f} ms).",
         f"- {_COUSINS} cousins (own harmonics each) in {_COUSINS} poses, 64 x 64, 2,000 surfels: "
         f"{cousins['together']['median']:.0f} µs an image in one call, {cousins['alone']['median']:.0f} µs one by one.",
+        "- Added to the resident memory at the peak, MB, each in a process of its own: "
+        + "; ".join(f"{label} {memory[name]:.0f}" for name, label in _MEMORY.items())
+        + ".",
         "",
-        f"Cost against surfels and pixels: [render.png](render.png). Other processes took {data['load']:.0f} % of the CPUs.",
+        f"{data['rounds']} rounds, at 64 x 64 20 times as many; other processes took {data['load']:.0f} % of the CPUs.",
     ]
     return "\n".join(lines)
 
@@ -171,17 +219,21 @@ def main() -> None:
     """Measures, plots and reports."""
     parser = results.arguments(__doc__ or "")
     parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--child", type=int, metavar="CORES")
+    parser.add_argument("--child", metavar="CORES_OR_MEMORY")
     given = parser.parse_args()
     if given.child:
-        print(json.dumps(_measure(given.child, given.rounds)))
+        known = given.child in _MEMORY
+        print(json.dumps(_added(given.child) if known else _measure(int(given.child), given.rounds)))
         return
+
+    def child(what: str) -> object:
+        command = [sys.executable, "-m", "benchmarks.render", "--rounds", str(given.rounds), "--child", what]
+        return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
+
     data: dict = {"rounds": given.rounds}
     with timing.CompetingLoad() as load:
-        for name, cores in (("one", 1), ("two", 2)):
-            command = [sys.executable, "-m", "benchmarks.render", "--rounds", str(given.rounds), "--child", str(cores)]
-            output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-            data[name] = json.loads(output.splitlines()[-1])
+        data["one"], data["two"] = child("1"), child("2")
+        data["memory"] = {name: child(name) for name in _MEMORY}
     data["load"] = load.percent
     if given.write:
         plot(data["one"])

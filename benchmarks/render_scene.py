@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import torch
 import trimesh
-
 from pinwm_drake.models import model_path
+
 from pinwm_drake.rendering import Camera, Surfels
 from pinwm_drake.spatial.poses import Pose, inverse
 from pinwm_drake.spatial.rotations import matrix_to_quaternion
@@ -40,8 +40,10 @@ def block() -> trimesh.Trimesh:
 
 
 def surfels(number: int, views: int | None = None) -> Surfels:
-    """That many surfels, evenly on the block's surface, of degree 3, as a fit leaves them: flat, opaque, just
-    large enough to close the surface. With `views`, each view has harmonics of its own."""
+    """That many surfels, evenly on the block's surface, of degree 3: flat, opaque, just large enough to close it.
+
+    With `views`, each view has harmonics of its own.
+    """
     mesh = block()
     generator = torch.Generator().manual_seed(0)
     points, faces = trimesh.sample.sample_surface(mesh, number, seed=0)

@@ -7,10 +7,27 @@ import torch
 README = Path(__file__).resolve().parent.parent / "README.md"
 
 
-def test_the_python_example_runs_and_does_what_it_says(capsys):
-    (example,) = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+def run_example(number):
+    """The names that an example of the README defines."""
+    examples = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+    assert len(examples) == 2
     names: dict = {}
-    exec(compile(example, README.name, "exec"), names)
+    exec(compile(examples[number], README.name, "exec"), names)
+    return names
+
+
+def test_the_renderers_example_runs_and_does_what_it_says(capsys):
+    names = run_example(1)
+    assert "torch.Size([1, 200, 200, 3])" in capsys.readouterr().out
+    assert names["image"].alpha[0, 100, 100] > 0.9
+    # Farther away, the disc covers less of the white background.
+    gradient = names["X_CO"].p.grad
+    assert torch.isfinite(gradient).all()
+    assert gradient[2].abs() > gradient[:2].abs().max()
+
+
+def test_the_python_example_runs_and_does_what_it_says(capsys):
+    names = run_example(0)
     assert "tensor" in capsys.readouterr().out
     # The pusher starts 5 mm before the face and moves 100 mm; contacts give by far less than 10 µm.
     assert names["end"].p_WB[0, 0, 0].item() == pytest.approx(0.095, abs=1e-5)

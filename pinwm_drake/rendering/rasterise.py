@@ -6,12 +6,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pinwm_drake.errors import RenderingError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.kernels import backward, forward, pose
 from pinwm_drake.rendering.kernels.columns import COLUMNS, TILE
-from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.rendering.surfels import Surfels, require_shapes
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.threads import share
+
+_NOTHING = np.empty((0, 0, 0), np.float32)
 
 # Intrinsics (V, 4), image size (height, width) and background (3,).
 _Fixed = tuple[np.ndarray, tuple[int, int], np.ndarray]
@@ -45,21 +48,24 @@ def rasterise(
     else:
         alone = X_CO.p.shape[0] >= num_threads
         arrays = _render(full, fixed, num_threads, inputs) if alone else _forward(full, fixed, num_threads, inputs)[0]
-        images = tuple(torch.from_numpy(array) for array in arrays)
-    color, alpha, m1, m2, normal = images
+        images = tuple([torch.from_numpy(array) for array in (arrays if full else arrays[:2])])
     if not full:
-        return color, alpha
+        return images[:2]
+    color, alpha, m1, m2, normal = images
     origin = X_CO.p.detach()[:, 2, None, None].to(alpha.dtype)
     return color, alpha, m1 + origin * alpha, normal, alpha * m2 - m1 * m1
 
 
 def _array(tensor: Tensor) -> np.ndarray:
+    if not tensor.is_cpu:
+        raise RenderingError(f"a tensor is on {tensor.device}; allowed: cpu (use backend='torch' elsewhere)")
     return np.ascontiguousarray(tensor.detach().numpy(), np.float32)
 
 
 def _inputs(inputs: tuple[Tensor, ...], intrinsics: np.ndarray) -> tuple[tuple, np.ndarray, np.ndarray, tuple]:
     """Surfels, their harmonics, q_CO and the views, as the kernels take them."""
     p, q, log_scale, logit_opacity, sh, _, t = (_array(tensor) for tensor in inputs)
+    require_shapes(p, q, log_scale, logit_opacity, sh)
     q_CO = np.ascontiguousarray(inputs[5].detach().numpy(), np.float64)
     R = np.empty((len(t), 3, 3), np.float32)
     pose.fill_rotations(q_CO, R)
@@ -68,9 +74,11 @@ def _inputs(inputs: tuple[Tensor, ...], intrinsics: np.ndarray) -> tuple[tuple, 
 
 def _images(V: int, size: tuple[int, int], full: bool) -> tuple[np.ndarray, ...]:
     """Color, alpha, two moments of depth, normal; the last three empty unless `full`."""
-    extra = (V, *size) if full else (0, 0, 0)
-    shapes = ((V, *size, 3), (V, *size), extra, extra, (*extra, 3))
-    return tuple(np.empty(shape, np.float32) for shape in shapes)
+    color, alpha = np.empty((V, *size, 3), np.float32), np.empty((V, *size), np.float32)
+    if not full:
+        return color, alpha, _NOTHING, _NOTHING, _NOTHING[..., None]
+    m1, m2, normal = np.empty_like(alpha), np.empty_like(alpha), np.empty_like(color)
+    return color, alpha, m1, m2, normal
 
 
 def _render(full: bool, fixed: _Fixed, num_threads: int, inputs: tuple[Tensor, ...]) -> tuple[np.ndarray, ...]:

@@ -71,18 +71,15 @@ def render(
     V, N = len(p), surfels.num_surfels
     if q.shape != (V, 4) or p.shape != (V, 3) or V == 0:
         raise RenderingError(f"X_CO is {tuple(X_CO.q.shape)}, {tuple(X_CO.p.shape)}; allowed: (V, 4), (V, 3), V >= 1")
-    surfels.check_shapes()
-    if surfels.sh.ndim == 4 and surfels.sh.shape[0] != V:
+    if surfels.sh.ndim == 4 and len(surfels.sh) != V:
         raise RenderingError(f"sh is {tuple(surfels.sh.shape)}; allowed: ({N}, K, 3) or ({V}, {N}, K, 3)")
-    if camera.intrinsics.ndim == 2 and camera.intrinsics.shape[0] != V:
+    if camera.intrinsics.ndim == 2 and len(camera.intrinsics) != V:
         raise RenderingError(f"camera intrinsics are {tuple(camera.intrinsics.shape)}; allowed: (4,) or ({V}, 4)")
     if background is None:
         background = _WHITE
     elif background.shape != (3,):
         raise RenderingError(f"background is {tuple(background.shape)}; allowed: (3,)")
-    if backend == "torch":
-        return Rendering(*render_reference(surfels, camera, Pose(q, p), full, background))
-    for tensor in (surfels.p_OS, surfels.q_OS, surfels.log_scale, surfels.logit_opacity, surfels.sh, q, p):
-        if not tensor.is_cpu:
-            raise RenderingError(f"a tensor is on {tensor.device}; allowed: cpu (use backend='torch' elsewhere)")
-    return Rendering(*rasterise(surfels, camera, Pose(q, p), full, background, num_threads or available()))
+    if backend == "numba":
+        return Rendering(*rasterise(surfels, camera, Pose(q, p), full, background, num_threads or available()))
+    surfels.check_shapes()
+    return Rendering(*render_reference(surfels, camera, Pose(q, p), full, background))

@@ -6,6 +6,7 @@ Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering", 20
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -13,6 +14,8 @@ from pinwm_drake.errors import RenderingError
 
 MAX_DEGREE = 3
 _BANDS = tuple((degree + 1) ** 2 for degree in range(MAX_DEGREE + 1))
+
+Shaped = Tensor | np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,14 +63,9 @@ class Surfels:
 
     def check_shapes(self) -> None:
         """Raises RenderingError unless shapes and types fit; names the first tensor that does not."""
-        N = self.num_surfels
-        shapes = {"p_OS": (N, 3), "q_OS": (N, 4), "log_scale": (N, 2), "logit_opacity": (N,)}
-        sh = self.sh.shape
-        if len(sh) not in (3, 4) or sh[-3] != N or sh[-2] not in _BANDS or sh[-1] != 3:
-            raise RenderingError(f"sh is {tuple(sh)}; allowed: ({N}, K, 3) or (V, {N}, K, 3) with K in {_BANDS}")
-        for name, value in self.tensors().items():
-            if name in shapes and value.shape != shapes[name]:
-                raise RenderingError(f"{name} is {tuple(value.shape)}; allowed: {shapes[name]}")
+        tensors = self.tensors()
+        require_shapes(*tensors.values())
+        for name, value in tensors.items():
             if not value.dtype.is_floating_point:
                 raise RenderingError(f"{name} is {value.dtype}; allowed: torch.float32")
 
@@ -91,3 +89,19 @@ class Surfels:
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> "Surfels":
         """The same surfels on another device or with another float type (the torch reference takes float64)."""
         return Surfels(**{name: value.to(device=device, dtype=dtype) for name, value in self.tensors().items()})
+
+
+def require_shapes(p_OS: Shaped, q_OS: Shaped, log_scale: Shaped, logit_opacity: Shaped, sh: Shaped) -> None:
+    """Raises RenderingError unless the tensors or arrays of surfels have shapes that fit together."""
+    N = p_OS.shape[0] if len(p_OS.shape) else 0
+    for name, value, shape in (
+        ("p_OS", p_OS, (N, 3)),
+        ("q_OS", q_OS, (N, 4)),
+        ("log_scale", log_scale, (N, 2)),
+        ("logit_opacity", logit_opacity, (N,)),
+    ):
+        if value.shape != shape:
+            raise RenderingError(f"{name} is {tuple(value.shape)}; allowed: {shape}")
+    bands = sh.shape
+    if len(bands) not in (3, 4) or bands[-3] != N or bands[-2] not in _BANDS or bands[-1] != 3:
+        raise RenderingError(f"sh is {tuple(bands)}; allowed: ({N}, K, 3) or (V, {N}, K, 3) with K in {_BANDS}")

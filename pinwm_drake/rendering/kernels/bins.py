@@ -1,4 +1,9 @@
-"""Which surfels touch which tile, front to back (numba)."""
+"""Which surfels touch which tile, front to back (numba).
+
+Indices are unsigned where they come out of arrays: signed ones would first be tried for counting from the end.
+"""
+
+import numpy as np
 
 from pinwm_drake.jit import kernel
 from pinwm_drake.rendering.kernels.columns import TILE
@@ -18,16 +23,16 @@ def sort_by_depth(number, keys, order, spare, counts):
         spare: (>=number,) int32, work.
         counts: (2048,) int32, work.
     """
-    least, most = keys[order[0]], keys[order[0]]
+    least, most = keys[np.uint64(order[0])], keys[np.uint64(order[0])]
     for i in range(1, number):
-        least, most = min(least, keys[order[i]]), max(most, keys[order[i]])
+        least, most = min(least, keys[np.uint64(order[i])]), max(most, keys[np.uint64(order[i])])
     shift = 0
     # The depths of one object differ in few digits.
     while (most - least) >> shift > 0:
         for i in range(RADIX):
             counts[i] = 0
         for i in range(number):
-            counts[((keys[order[i]] - least) >> shift) & (RADIX - 1)] += 1
+            counts[np.uint64(((keys[np.uint64(order[i])] - least) >> shift) & (RADIX - 1))] += 1
         place = 0
         for i in range(RADIX):
             length = counts[i]
@@ -36,9 +41,10 @@ def sort_by_depth(number, keys, order, spare, counts):
         for i in range(number):
             spare[i] = order[i]
         for i in range(number):
-            slot = ((keys[spare[i]] - least) >> shift) & (RADIX - 1)
-            order[counts[slot]] = spare[i]
-            counts[slot] += 1
+            slot = np.uint64(((keys[np.uint64(spare[i])] - least) >> shift) & (RADIX - 1))
+            place = counts[slot]
+            order[np.uint64(place)] = spare[i]
+            counts[slot] = place + 1
         shift += _DIGIT
 
 
@@ -67,7 +73,7 @@ def bin_surfels(v, size, boxes, keys, starts, entries, order, spare, counts):
             number += 1
             for row in range(boxes[v, s, 0] // TILE, (boxes[v, s, 1] + TILE - 1) // TILE):
                 for column in range(boxes[v, s, 2], boxes[v, s, 3]):
-                    starts[v, row * columns + column + 1] += 1
+                    starts[v, np.uint64(row * columns + column + 1)] += 1
     # Each list's place, shifted by one tile: filling it moves it to where it belongs.
     place = first
     for tile in range(tiles):
@@ -77,9 +83,10 @@ def bin_surfels(v, size, boxes, keys, starts, entries, order, spare, counts):
     if number > 0:
         sort_by_depth(number, keys[v], order, spare, counts)
     for i in range(number):
-        s = order[i]
-        for row in range(boxes[v, s, 0] // TILE, (boxes[v, s, 1] + TILE - 1) // TILE):
-            for column in range(boxes[v, s, 2], boxes[v, s, 3]):
-                tile = row * columns + column
-                entries[starts[v, tile + 1]] = s
-                starts[v, tile + 1] += 1
+        nearest = np.uint64(order[i])
+        for row in range(boxes[v, nearest, 0] // TILE, (boxes[v, nearest, 1] + TILE - 1) // TILE):
+            for column in range(boxes[v, nearest, 2], boxes[v, nearest, 3]):
+                slot = np.uint64(row * columns + column + 1)
+                place = starts[v, slot]
+                entries[np.uint64(place)] = order[i]
+                starts[v, slot] = place + 1

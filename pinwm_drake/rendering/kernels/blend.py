@@ -176,14 +176,21 @@ def blend_tile(v, slot, row, column, splats, boxes, starts, entries, background,
     color, alpha, m1, m2, normal = images
     height, width = alpha.shape[1], alpha.shape[2]
     columns = (width + TILE - 1) // TILE
-    tile = row * columns + column
+    tile, slot = row * columns + column, np.uint64(slot)
+    if starts[slot, tile] == starts[slot, tile + 1] and not full:
+        for y in range(row * TILE, min(row * TILE + TILE, height)):
+            for x in range(column * TILE, min(column * TILE + TILE, width)):
+                alpha[v, y, x] = ZERO
+                for c in range(3):
+                    color[v, y, x, c] = background[c]
+        return
     for i in range(PIXELS):
         work[_T + i] = ONE
     for i in range(_R, X if full else _M1):
         work[i] = ZERO
     x_tile, y_tile = np.float32(column * TILE) + HALF, np.float32(row * TILE) + HALF
     for e in range(starts[slot, tile], starts[slot, tile + 1]):
-        s = entries[e]
+        s = np.uint64(entries[np.uint64(e)])
         top, bottom = max(boxes[slot, s, 0] - row * TILE, 0), min(boxes[slot, s, 1] - row * TILE, TILE)
         x_center, y_center = splats[slot, s, XC] - x_tile, splats[slot, s, YC] - y_tile
         if full:

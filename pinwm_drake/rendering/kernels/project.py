@@ -34,8 +34,8 @@ from pinwm_drake.rendering.kernels.harmonics import MOST_BASIS, fill_basis
 ZERO, HALF, ONE, TWO, FOUR = (np.float32(value) for value in (0.0, 0.5, 1.0, 2.0, 4.0))
 NEAR = np.float32(reference.NEAR)
 LEAST_ALPHA = np.float32(reference.LEAST_ALPHA)
-# The box is widened by this, px, for rounding.
-_SLACK = np.float32(1e-3)
+# From the borders of a box to the centres of the pixels inside, px; a little wider, for rounding.
+INSET, OUTSET = np.float32(0.5 + 1e-3), np.float32(0.5 - 1e-3)
 # A plane whose image has less area than this part of its squared size is seen edge-on: only its disc counts.
 EDGE_ON = np.float32(1e-6)
 _STEEP = np.float32(1e12)
@@ -138,21 +138,11 @@ def turn_back(R, v, x, y, z):
 
 
 @kernel
-def _pixels(low, high, number):
-    """First and last-plus-one of `number` pixels whose centres may lie in [low, high]."""
-    first = math.ceil(max(low - HALF - _SLACK, ZERO))
-    last = math.floor(min(high - HALF + _SLACK, np.float32(number - 1)))
-    if last < first:
-        return 0, 0
-    return int(first), int(last) + 1
-
-
-@kernel
 def _read_block(first, surfels, work):
     """Copies a block of surfels; beyond the last one it repeats that."""
     p, q, log_scale, logit = surfels
     for i in range(BLOCK):
-        s = min(first + i, p.shape[0] - 1)
+        s = np.uint64(min(first + i, p.shape[0] - 1))
         work[_PX + i], work[_PY + i], work[_PZ + i] = p[s, 0], p[s, 1], p[s, 2]
         work[_QW + i], work[_QX + i], work[_QY + i], work[_QZ + i] = q[s, 0], q[s, 1], q[s, 2], q[s, 3]
         work[_SA + i], work[_SB + i], work[_OPACITY + i] = log_scale[s, 0], log_scale[s, 1], logit[s]
@@ -209,6 +199,10 @@ def _project_block(v, view, size, work):
         top, bottom = top if ahead else ZERO, bottom if ahead else height
         # Comparisons that also fail for what is no number.
         seen = (opacity >= LEAST_ALPHA) & (z > NEAR) & (left <= right) & (top <= bottom)
+        # First and last pixel whose centres may be inside.
+        left, right = np.ceil(max(left - INSET, ZERO)), np.floor(min(right - OUTSET, width - ONE))
+        top, bottom = np.ceil(max(top - INSET, ZERO)), np.floor(min(bottom - OUTSET, height - ONE))
+        seen &= (left <= right) & (top <= bottom)
         work[_LEFT + i], work[_RIGHT + i] = left if seen else ONE, right if seen else ZERO
         work[_TOP + i], work[_BOTTOM + i] = top if seen else ONE, bottom if seen else ZERO
         work[_XC + i], work[_YC + i], work[_Z + i] = xc, yc, z
@@ -258,24 +252,22 @@ def project_surfels(v, slot, surfels, sh, view, size, splats, depths, boxes, bas
     Returns:
         How many tiles the boxes have in all.
     """
-    height, width = size
-    own = v if sh.shape[0] > 1 else 0
+    own, slot = np.uint64(v if sh.shape[0] > 1 else 0), np.uint64(slot)
     number = sh.shape[2]
-    total = 0
+    total = np.int64(0)
     for first in range(0, boxes.shape[1], BLOCK):
         _read_block(first, surfels, work)
         _project_block(v, view, size, work)
         for i in range(min(BLOCK, boxes.shape[1] - first)):
-            s = first + i
-            first_row, last_row = _pixels(work[_TOP + i], work[_BOTTOM + i], height)
-            first_column, last_column = _pixels(work[_LEFT + i], work[_RIGHT + i], width)
-            if last_row == 0 or last_column == 0:
+            s = np.uint64(first + i)
+            if work[_LEFT + i] > work[_RIGHT + i]:
                 boxes[slot, s, 0], boxes[slot, s, 1] = 0, 0
                 continue
-            first_column, last_column = first_column // TILE, (last_column + TILE - 1) // TILE
-            total += ((last_row + TILE - 1) // TILE - first_row // TILE) * (last_column - first_column)
-            boxes[slot, s, 0], boxes[slot, s, 1] = first_row, last_row
-            boxes[slot, s, 2], boxes[slot, s, 3] = first_column, last_column
+            top, bottom = np.int32(work[_TOP + i]), np.int32(work[_BOTTOM + i])
+            left, right = np.int32(work[_LEFT + i]) // TILE, np.int32(work[_RIGHT + i]) // TILE
+            total += (bottom // TILE - top // TILE + 1) * (right - left + 1)
+            boxes[slot, s, 0], boxes[slot, s, 1] = top, bottom + 1
+            boxes[slot, s, 2], boxes[slot, s, 3] = left, right + 1
             boxes[slot, s, 4] = 1 if work[_SMALL + i] > ZERO else 0
             depths[slot, s] = work[_Z + i]
             splats[slot, s, XC], splats[slot, s, YC], splats[slot, s, Z] = work[_XC + i], work[_YC + i], work[_Z + i]
