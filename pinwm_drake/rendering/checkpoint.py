@@ -1,0 +1,88 @@
+"""Checkpoints of a fit: one npz file, which appears whole or not at all."""
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import torch
+import trimesh
+from torch import Tensor
+
+from pinwm_drake.errors import InputError
+from pinwm_drake.files import replacing
+from pinwm_drake.rendering.fit_options import FitOptions
+from pinwm_drake.rendering.views import View
+
+FILE = "checkpoint.npz"
+_VERSION = 1
+# These may change between a fit and its continuation.
+_FREE = ("checkpoint_every",)
+
+
+def describe(views: Sequence[View], mesh: trimesh.Trimesh, options: FitOptions, threads: int) -> dict[str, object]:
+    """What a fit depends on: its options, and the hash of its views and mesh."""
+    digest = hashlib.sha256()
+    for view in views:
+        digest.update(f"{view.name} {view.camera.width} {view.camera.height}".encode())
+        for tensor in (view.camera.intrinsics, view.X_CO.q, view.X_CO.p, view.image, view.mask):
+            digest.update(tensor.numpy().tobytes())
+    digest.update(np.asarray(mesh.vertices, float).tobytes())
+    digest.update(np.asarray(mesh.faces, np.int64).tobytes())
+    kept = {name: value for name, value in asdict(options).items() if name not in _FREE}
+    return {"version": _VERSION, "views and mesh": digest.hexdigest(), **kept, "num_threads": threads}
+
+
+def write_checkpoint(folder: Path, about: dict[str, object], arrays: dict[str, Tensor]) -> None:
+    """Writes a checkpoint over the earlier one.
+
+    Args:
+        folder: exists.
+        about: what `describe` gave.
+        arrays: to keep, by name.
+
+    Raises:
+        InputError: it cannot be written; the earlier one stays.
+    """
+    with replacing(folder / FILE) as temporary:
+        contents = {"about": np.array(json.dumps(about))} | {name: value.numpy() for name, value in arrays.items()}
+        np.savez(temporary, allow_pickle=False, **contents)
+
+
+def read_checkpoint(folder: Path, about: dict[str, object], names: Iterable[str]) -> dict[str, Tensor] | None:
+    """Reads the checkpoint of a folder.
+
+    Args:
+        folder: where it lies.
+        about: what `describe` gives for the fit that wants to go on.
+        names: of the arrays that it has to hold.
+
+    Returns:
+        Its arrays, or None where there is no checkpoint.
+
+    Raises:
+        InputError: it cannot be read, or is of another fit; the message names what differs.
+    """
+    path = folder / FILE
+    if not path.exists():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        written = dict(json.loads(str(arrays.pop("about"))))
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(path, value=f"unreadable contents ({error})", allowed="a checkpoint of `fit`") from error
+    for name, value in about.items():
+        if written.get(name) != value:
+            raise InputError(
+                path,
+                value=f"a fit with {name} = {written.get(name)}",
+                allowed=f"one with {name} = {value}; start anew to fit with other settings",
+            )
+    for name in names:
+        if name not in arrays:
+            raise InputError(path, value=f"no array {name}", allowed="a checkpoint of `fit`")
+    return {name: torch.from_numpy(value) for name, value in arrays.items()}

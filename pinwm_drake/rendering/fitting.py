@@ -1,0 +1,301 @@
+"""Fits surfels to posed images of an object whose mesh is known."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+import trimesh
+from torch import Tensor
+
+from pinwm_drake.errors import InputError, RenderingError
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.checkpoint import describe, read_checkpoint, write_checkpoint
+from pinwm_drake.rendering.densify import densify
+from pinwm_drake.rendering.fit_options import FitOptions
+from pinwm_drake.rendering.fit_result import FitResult, History
+from pinwm_drake.rendering.fit_state import CAMERA, FitState
+from pinwm_drake.rendering.initial import initial_surfels
+from pinwm_drake.rendering.losses import SsimTarget, distortion_loss, normal_consistency, photometric
+from pinwm_drake.rendering.render import Rendering, render
+from pinwm_drake.rendering.silhouette import between_views, coverage
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.rendering.views import View, box_around
+from pinwm_drake.spatial.poses import transform
+from pinwm_drake.spatial.rotations import quaternion_to_matrix
+from pinwm_drake.threads import available
+
+__all__ = ["FitOptions", "FitResult", "History", "Progress", "fit", "psnr"]
+
+Progress = Callable[[int, int, float, float | None, int], None]
+
+# An image that is met exactly has no PSNR; this one stands for it, dB.
+_MOST_PSNR = 100.0
+
+
+def fit(
+    views: Sequence[View],
+    mesh: trimesh.Trimesh,
+    options: FitOptions | None = None,
+    *,
+    folder: Path | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+) -> FitResult:
+    """Fits surfels to views, starting on the surface of the mesh.
+
+    Each iteration renders the surroundings of the object in one view and steps along the gradient of
+    (1 - lambda) L_1 + lambda L_D-SSIM + w_d L_d + w_n L_n. Every other one also compares the opacity with the outline
+    of the mesh from a pose near that of the view, which no image shows. And one offset of the principal point is learnt
+    for all views, as half a pixel is easily lost between two conventions.
+
+    Args:
+        views: at least one that is not held out.
+        mesh: the object's surface in O, m.
+        options: None for the defaults.
+        folder: where checkpoints go, an existing folder; None for none.
+        resume: go on from the folder's checkpoint, if there is one. The result is the same, bit for bit, as that of a
+            fit that was not interrupted.
+        progress: called after every iteration with its number from 1, the number of iterations, the loss, the mean PSNR
+            of the held-out views when last measured (dB, None before that), and the number of surfels.
+
+    Returns:
+        The surfels and how good they are.
+
+    Raises:
+        RenderingError: views and mesh do not fit together.
+        InputError: the checkpoint cannot be written or read, or is of another fit.
+
+    Source:
+        PIN-WM (Li et al., 2025), eq. 7; Huang et al. (2024), section 5; Kerbl et al. (2023), section 5.
+    """
+    options = options or FitOptions()
+    if resume and folder is None:
+        raise RenderingError("resume needs the folder of the checkpoint; allowed: folder=..., or resume=False")
+    if folder is not None and not folder.is_dir():
+        raise InputError(folder, value="no such folder", allowed="an existing folder for checkpoints")
+    test = [view for i, view in enumerate(views) if options.held_out and i % options.held_out == options.held_out - 1]
+    train = [view for view in views if not any(view is other for other in test)]
+    if not train:
+        raise RenderingError(
+            f"fit got {len(views)} views, of which {len(test)} are held out; allowed: 1 or more to fit"
+        )
+    threads = options.num_threads or available()
+    with _one_torch_thread():
+        return _Fit(train, test, mesh, options, threads, folder, describe(views, mesh, options, threads)).run(
+            resume, progress
+        )
+
+
+def psnr(mean_square: float) -> float:
+    """Peak signal-to-noise ratio in dB of images with a mean squared difference; 100 for equal ones."""
+    return min(-10.0 * float(np.log10(mean_square)), _MOST_PSNR) if mean_square > 0.0 else _MOST_PSNR
+
+
+@contextmanager
+def _one_torch_thread() -> Iterator[None]:
+    """Leaves the cores to the renderer: torch's work here is small, and its idle threads spin.
+
+    On two busy cores a fit took 70 ms an iteration with two threads of torch, and 31 ms with one.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+class _Target:
+    """The box around the object in a view, at one size, and what the loss needs of it."""
+
+    def __init__(self, view: View, corners: Tensor, margin: int, factor: float) -> None:
+        box = view.object_box(corners, margin)
+        self.view = view.cropped(*box)
+        # Outside its box an image is taken to be met exactly, which matters for the PSNR on the way only.
+        self.share = box[2] * box[3] / (view.camera.width * view.camera.height)
+        if factor < 1.0:
+            self.view = self.view.scaled(factor)
+        self.factor, self.camera = factor, view.camera
+        self.R_CO = quaternion_to_matrix(view.X_CO.q).float()
+        self.p_CO = view.X_CO.p.float()
+        self.ssim = SsimTarget(self.view.image)
+
+
+class _Fit:
+    """One fit on its way."""
+
+    def __init__(
+        self,
+        train: list[View],
+        test: list[View],
+        mesh: trimesh.Trimesh,
+        options: FitOptions,
+        threads: int,
+        folder: Path | None,
+        about: dict[str, object],
+    ) -> None:
+        self.train, self.test, self.mesh, self.options = train, test, mesh, options
+        self.threads, self.folder, self.about = threads, folder, about
+        corners = self.corners = torch.from_numpy(np.array(mesh.vertices))
+        self.radius = 0.5 * float(np.linalg.norm(mesh.extents))
+        margin = options.margin
+        self.targets = {
+            factor: [_Target(view, corners, margin, factor) for view in train]
+            for factor in ((1.0, 0.5) if options.coarse > 0.0 else (1.0,))
+        }
+        middles = [view.project(corners)[1].mean() / view.camera.intrinsics[0] for view in train]
+        self.pixel = float(torch.stack(middles).median())  # m, on the object
+        first = initial_surfels(
+            mesh,
+            train,
+            options.first_surfels or max(int(0.6 * options.max_surfels), 1),
+            degree=options.sh_degree,
+            crease_share=options.crease_share,
+            seed=options.seed,
+            num_threads=threads,
+        )
+        self.state = FitState(first, options, self.radius)
+        self.iteration, self.seconds = 0, 0.0
+        self.rows: list[tuple[float, float, float]] = []  # loss, PSNR, number of surfels
+        self.tests: list[tuple[float, float]] = []  # iteration, PSNR
+
+    def run(self, resume: bool, progress: Progress | None) -> FitResult:
+        options = self.options
+        if resume and self.folder is not None:
+            self._restore(read_checkpoint(self.folder, self.about, self._arrays()))
+        started = time.perf_counter() - self.seconds
+        while self.iteration < options.iterations:
+            loss, value = self._iterate(self.iteration)
+            self.iteration += 1
+            if options.densifies(self.iteration):
+                densify(self.state, options, self.pixel)
+            self.rows.append((loss, value, self.state.num_surfels))
+            every = options.evaluate_every
+            if self.test and (self.iteration == options.iterations or (every and self.iteration % every == 0)):
+                self.tests.append((self.iteration, float(np.mean(list(self._measure(self.test).values())))))
+            if progress is not None:
+                measured = self.tests[-1][1] if self.tests else None
+                progress(self.iteration, options.iterations, loss, measured, self.state.num_surfels)
+            if self.folder is not None and (
+                self.iteration % options.checkpoint_every == 0 or self.iteration == options.iterations
+            ):
+                self.seconds = time.perf_counter() - started
+                write_checkpoint(self.folder, self.about, self._arrays())
+        self.seconds = time.perf_counter() - started
+        return self._result()
+
+    def _iterate(self, iteration: int) -> tuple[float, float]:
+        """One step of the optimiser; the loss, and the view's PSNR."""
+        options, state = self.options, self.state
+        target = self._target(iteration)
+        surfels = state.surfels(options.degree(iteration))
+        full = iteration % options.geometry_every == 0 and (options.distortion > 0.0 or options.normal > 0.0)
+        camera = self._shifted(target.view.camera, target.factor)
+        rendering = self._render(surfels, camera, target.view, full)
+        loss = photometric(rendering.color[0], target.ssim, kind=options.photometric, dssim=options.dssim)
+        total = loss
+        if full:
+            spread = distortion_loss(rendering, self.radius) if options.distortion > 0.0 else 0.0
+            bent = normal_consistency(rendering, camera) if options.normal > 0.0 else 0.0
+            total = loss + options.geometry_every * (options.distortion * spread + options.normal * bent)
+        total.backward()
+        self._watch(target, camera)
+        if options.silhouette > 0.0 and iteration % options.silhouette_every == 0:
+            (options.silhouette * self._outline_loss(iteration, target, state.surfels(0))).backward()
+        state.step(options.rate(iteration))
+        with torch.no_grad():
+            square = float((rendering.color[0] - target.view.image).square().mean())
+        return float(loss.detach()), psnr(square * target.share)
+
+    def _target(self, iteration: int) -> "_Target":
+        """The view of an iteration: every view once, in an order of its own, then again."""
+        epoch, position = divmod(iteration, len(self.train))
+        order = np.random.default_rng([self.options.seed, epoch]).permutation(len(self.train))
+        factor = 0.5 if iteration < self.options.coarse * self.options.iterations else 1.0
+        return self.targets[factor][order[position]]
+
+    def _outline_loss(self, iteration: int, target: "_Target", surfels: Surfels) -> Tensor:
+        """How far the opacity is from the outline of the mesh, from a pose near that of the target."""
+        generator = np.random.default_rng([self.options.seed, 1, iteration])
+        X_CO = between_views(self.mesh, target.view.X_CO, self.options.silhouette_spread, generator)
+        if not bool((transform(X_CO, self.corners)[:, 2] > 0.0).all()):
+            return surfels.logit_opacity.sum() * 0.0  # the camera is next to the object, and now inside
+        whole = target.camera.scaled(target.factor)
+        camera = whole.cropped(*box_around(whole, X_CO, self.corners, self.options.margin))
+        rendering = render(surfels, camera, X_CO, full=False, backend=self.options.backend, num_threads=self.threads)
+        return (rendering.alpha[0] - coverage(self.mesh, camera, X_CO)).abs().mean()
+
+    def _shifted(self, camera: Camera, factor: float = 1.0) -> Camera:
+        """The camera with the principal point that was learnt, which is counted in px of the whole image."""
+        if self.options.rate_camera == 0.0:
+            return camera
+        offset = torch.cat([torch.zeros(2), factor * self.state.tensors[CAMERA].detach()])
+        return Camera(camera.width, camera.height, camera.intrinsics + offset)
+
+    def _render(self, surfels: Surfels, camera: Camera, view: View, full: bool) -> Rendering:
+        return render(surfels, camera, view.X_CO, full=full, backend=self.options.backend, num_threads=self.threads)
+
+    @torch.no_grad()
+    def _watch(self, target: "_Target", camera: Camera) -> None:
+        """Screen gradients, of the surfels for densification and their sum, which is that of the principal point."""
+        p_OS = self.state.tensors["p_OS"]
+        assert p_OS.grad is not None
+        z = (p_OS @ target.R_CO[2] + target.p_CO[2])[:, None]
+        # px of the whole image: moving by one pixel there moves by `factor` here.
+        per_pixel = z / camera.intrinsics[:2].float() * target.factor
+        screen = (p_OS.grad @ target.R_CO[:2].T) * per_pixel
+        self.state.watch(screen)
+        if self.options.rate_camera > 0.0:
+            self.state.tensors[CAMERA].grad = screen.sum(0)
+
+    @torch.no_grad()
+    def _measure(self, views: list[View]) -> dict[str, float]:
+        """PSNR of whole images, by the names of their views, dB."""
+        surfels = self.state.surfels(self.options.degree(max(self.iteration - 1, 0)))
+        found = {}
+        for view in views:
+            color = self._render(surfels, self._shifted(view.camera), view, False).color[0]
+            found[view.name] = psnr(float((color - view.image).square().mean(dtype=torch.float64)))
+        return found
+
+    def _arrays(self) -> dict[str, Tensor]:
+        return self.state.arrays() | {
+            "iteration": torch.tensor(self.iteration),
+            "seconds": torch.tensor(self.seconds, dtype=torch.float64),
+            "rows": torch.tensor(self.rows, dtype=torch.float64).reshape(-1, 3),
+            "tests": torch.tensor(self.tests, dtype=torch.float64).reshape(-1, 2),
+        }
+
+    def _restore(self, arrays: dict[str, Tensor] | None) -> None:
+        if arrays is None:
+            return
+        self.state.restore(arrays)
+        self.iteration, self.seconds = int(arrays["iteration"]), float(arrays["seconds"])
+        self.rows = [tuple(row) for row in arrays["rows"].tolist()]
+        self.tests = [tuple(row) for row in arrays["tests"].tolist()]
+
+    def _result(self) -> FitResult:
+        rows, tests = np.array(self.rows).reshape(-1, 3), np.array(self.tests).reshape(-1, 2)
+        history = History(
+            iteration=np.arange(1, len(rows) + 1),
+            loss=rows[:, 0],
+            psnr=rows[:, 1],
+            num_surfels=rows[:, 2].astype(np.int64),
+            test_iteration=tests[:, 0].astype(np.int64),
+            test_psnr=tests[:, 1],
+        )
+        offset = self.state.tensors[CAMERA].detach().tolist()
+        surfels = self.state.surfels(self.options.sh_degree).detach()
+        surfels = replace(surfels, q_OS=torch.nn.functional.normalize(surfels.q_OS, dim=-1))
+        return FitResult(
+            surfels=surfels,
+            history=history,
+            psnr_train=self._measure(self.train),
+            psnr_test=self._measure(self.test),
+            camera_offset=(offset[0], offset[1]),
+            seconds=self.seconds,
+        )

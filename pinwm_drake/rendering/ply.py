@@ -1,0 +1,160 @@
+"""Surfels in PLY files, with the property names of 2D Gaussian Splatting, which other splat tools open.
+
+A vertex is a surfel: x y z (m), nx ny nz (its normal; not read), f_dc_0..2 (harmonics of degree 0), f_rest_0.. (the
+others, all of red, then green, then blue), opacity (logit), scale_0 scale_1 (logarithms of m), rot_0..3 (wxyz).
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import torch
+from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
+
+from pinwm_drake.errors import InputError, RenderingError
+from pinwm_drake.files import replacing
+from pinwm_drake.rendering.surfels import MAX_DEGREE, Surfels
+from pinwm_drake.spatial.rotations import quaternion_to_matrix
+
+_POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
+_CONSTANT = ("f_dc_0", "f_dc_1", "f_dc_2")
+_SCALE, _ROTATION = ("scale_0", "scale_1"), ("rot_0", "rot_1", "rot_2", "rot_3")
+_NEEDED = (*_POSITION, *_CONSTANT, "opacity", *_SCALE, *_ROTATION)
+# How many f_rest a file has, by degree: 0, 9, 24, 45.
+_RESTS = [3 * ((degree + 1) ** 2 - 1) for degree in range(MAX_DEGREE + 1)]
+
+
+def read_ply(path: str | os.PathLike[str]) -> Surfels:
+    """Reads surfels.
+
+    Args:
+        path: A PLY file, text or binary, with the properties above as float or double; 0, 9, 24 or 45 of f_rest.
+
+    Returns:
+        The surfels, bit for bit those that `write_ply` was given.
+
+    Raises:
+        InputError: The file is missing, no PLY, truncated, without a surfel, lacks a property or has it in another
+            type, or holds a number that is not finite or a quaternion of 0; the message names property and row.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(path, value="no such file", allowed="a PLY file of surfels")
+    vertex = _read_vertices(path)
+    rests = _check_properties(path, vertex)
+    values = {name: _column(path, vertex, name) for name in (*_NEEDED, *rests)}
+    rotation = np.stack([values[name] for name in _ROTATION], -1)
+    _check_rows(path, np.abs(rotation).max(-1) > 0.0, "rot_0..3 of 0", "quaternions of any length but 0")
+
+    def tensor(names: tuple[str, ...]) -> torch.Tensor:
+        return torch.from_numpy(np.stack([values[name] for name in names], -1))
+
+    constant = tensor(_CONSTANT)[:, None, :]
+    rest = tensor(rests).reshape(vertex.count, 3, -1).transpose(1, 2) if rests else constant[:, :0]
+    return Surfels(
+        p_OS=tensor(_POSITION),
+        q_OS=torch.from_numpy(rotation),
+        log_scale=tensor(_SCALE),
+        logit_opacity=torch.from_numpy(values["opacity"]),
+        sh=torch.cat([constant, rest], 1),
+    )
+
+
+def write_ply(path: str | os.PathLike[str], surfels: Surfels) -> None:
+    """Writes surfels as binary PLY, whole or not at all.
+
+    Args:
+        path: The file; an earlier one of that name is replaced.
+        surfels: At least one, with one set of colours: sh (N, K, 3).
+
+    Raises:
+        RenderingError: The surfels are not usable; nothing is written.
+        InputError: The file cannot be written (no such folder, disk full); an earlier one stays as it was.
+    """
+    path = Path(path)
+    if surfels.sh.ndim != 3:
+        raise RenderingError(f"sh is {tuple(surfels.sh.shape)}; allowed in a PLY: (N, K, 3), one set of colours")
+    if surfels.num_surfels == 0:
+        raise RenderingError(f"no surfel to write to {path}; allowed: 1 or more")
+    surfels.check()
+    surfels = surfels.detach().to("cpu", torch.float32)
+    N = surfels.num_surfels
+    normal = quaternion_to_matrix(torch.nn.functional.normalize(surfels.q_OS.double(), dim=-1))[:, :, 2].float()
+    rest = surfels.sh[:, 1:].transpose(1, 2).reshape(N, -1)
+    names = (*_POSITION, *_NORMAL, *_CONSTANT, *_rest_names(rest.shape[1]), "opacity", *_SCALE, *_ROTATION)
+    columns = torch.cat(
+        [
+            surfels.p_OS,
+            normal,
+            surfels.sh[:, 0],
+            rest,
+            surfels.logit_opacity[:, None],
+            surfels.log_scale,
+            surfels.q_OS,
+        ],
+        1,
+    )
+    rows = np.ascontiguousarray(columns.numpy(), "<f4").view([(name, "<f4") for name in names])[:, 0]
+    with replacing(path) as temporary:
+        PlyData([PlyElement.describe(rows, "vertex")], byte_order="<").write(temporary)
+
+
+def _rest_names(number: int) -> tuple[str, ...]:
+    return tuple(f"f_rest_{i}" for i in range(number))
+
+
+def _read_vertices(path: Path) -> PlyElement:
+    try:
+        # Not mapped into memory: the file may be replaced while the surfels live on.
+        data = PlyData.read(path, mmap=False)
+    except PlyParseError as error:
+        if "early end-of-file" in str(error):
+            raise InputError(path, value=f"a truncated file ({error})", allowed="a whole PLY file") from error
+        raise InputError(path, value=f"unreadable contents ({error})", allowed="a PLY file of surfels") from error
+    except OSError as error:
+        raise InputError(path, value=error.strerror or str(error), allowed="a file that can be read") from error
+    except (ValueError, MemoryError, OverflowError) as error:
+        raise InputError(path, value=f"unreadable contents ({error})", allowed="a PLY file of surfels") from error
+    if "vertex" not in data:
+        found = ", ".join(element.name for element in data.elements) or "no element"
+        raise InputError(path, value=f"a PLY with {found}", allowed="a PLY with an element 'vertex'")
+    if data["vertex"].count == 0:
+        raise InputError(path, value="0 surfels", allowed="1 surfel or more")
+    return data["vertex"]
+
+
+def _check_properties(path: Path, vertex: PlyElement) -> tuple[str, ...]:
+    """The names of f_rest, after a look at the names and types of all properties."""
+    properties = {item.name: item for item in vertex.properties}
+    missing = [name for name in _NEEDED if name not in properties]
+    if missing:
+        raise InputError(
+            path, value=f"vertices without {', '.join(missing)}", allowed=f"the properties {', '.join(_NEEDED)}"
+        )
+    if "scale_2" in properties:
+        raise InputError(path, value="scale_2, so 3D Gaussians", allowed="surfels of 2DGS, with scale_0 and scale_1")
+    found = sorted(name for name in properties if name.startswith("f_rest_"))
+    rests = _rest_names(len(found))
+    if len(found) not in _RESTS or sorted(rests) != found:
+        raise InputError(path, value=f"{len(found)} of f_rest", allowed="f_rest_0.. with 0, 9, 24 or 45 of them")
+    for name in (*_NEEDED, *rests):
+        item = properties[name]
+        if isinstance(item, PlyListProperty) or np.dtype(item.val_dtype).kind != "f":
+            raise InputError(path, value=f"property '{item}'", allowed=f"float or double {name}")
+    return rests
+
+
+def _column(path: Path, vertex: PlyElement, name: str) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        values = np.ascontiguousarray(vertex[name], np.float32)
+    finite = np.isfinite(values)
+    if not finite.all():
+        value = vertex[name][int(finite.argmin())]
+        _check_rows(path, finite, f"{name} = {value}", "finite numbers")
+    return values
+
+
+def _check_rows(path: Path, fits: np.ndarray, value: str, allowed: str) -> None:
+    """Raises InputError for the first row that does not fit; rows are surfels, counted from 1."""
+    if not fits.all():
+        raise InputError(path, row=int(fits.argmin()) + 1, value=value, allowed=allowed)

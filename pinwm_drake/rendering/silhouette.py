@@ -1,0 +1,47 @@
+"""The outline of a mesh, also from where there is no image."""
+
+import numpy as np
+import torch
+import trimesh
+from torch import Tensor
+
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.kernels.silhouette import mark_triangles
+from pinwm_drake.spatial.poses import Pose, transform
+from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply, rotate
+
+
+def coverage(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> Tensor:
+    """Which pixels a mesh covers with their centres.
+
+    Args:
+        mesh: surface in O, m, all of it in front of the camera.
+        camera: with intrinsics (4,).
+        X_CO: pose of the object in the camera frame: q (4,), p (3,), m.
+
+    Returns:
+        (H, W) float32, 0 or 1.
+    """
+    corners = transform(X_CO, torch.from_numpy(np.array(mesh.vertices))).numpy()
+    fx, fy, cx, cy = camera.intrinsics.tolist()
+    at = corners[:, :2] / corners[:, 2:] * [fx, fy] + [cx, cy]
+    marked = np.zeros((camera.height, camera.width), np.float32)
+    mark_triangles(at[mesh.faces], marked)
+    return torch.from_numpy(marked)
+
+
+def between_views(mesh: trimesh.Trimesh, X_CO: Pose, spread: float, generator: np.random.Generator) -> Pose:
+    """A pose near a given one: the object turned at random about its middle.
+
+    Args:
+        mesh: surface in O, m.
+        X_CO: pose before: q (4,), p (3,), m.
+        spread: standard deviation of the rotation vector's parts, rad.
+        generator: draws it.
+
+    Returns:
+        X_CO afterwards.
+    """
+    middle = torch.from_numpy(np.mean(mesh.bounds, 0))
+    q_CO = quaternion_multiply(X_CO.q, quaternion_exp(torch.from_numpy(generator.normal(0.0, spread, 3))))
+    return Pose(q_CO, transform(X_CO, middle) - rotate(q_CO, middle))

@@ -1,0 +1,85 @@
+"""Which patches of a mesh a view sees, and in which colour."""
+
+import numpy as np
+import torch
+import trimesh
+
+from pinwm_drake.rendering.patches import Patches
+from pinwm_drake.rendering.render import render
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.rendering.views import View, project
+from pinwm_drake.spatial.rotations import matrix_to_quaternion, quaternion_to_matrix
+
+_MAP = 256  # px, the longer side of a depth map
+# A patch is seen where it lies no further behind the depth map than this, in pixels of that map.
+_BEHIND = 2.0
+# Steeper than this, as the cosine of the angle of sight and normal, nothing counts as seen.
+_STEEPEST = 0.05
+
+
+def as_surfels(patches: Patches, opacity: float) -> Surfels:
+    """One black surfel of degree 0 for each patch."""
+    R_OS = np.stack([patches.tangents, np.cross(patches.normals, patches.tangents), patches.normals], -1)
+    return Surfels(
+        p_OS=torch.from_numpy(patches.points).float(),
+        q_OS=matrix_to_quaternion(torch.from_numpy(R_OS)).float(),
+        log_scale=torch.from_numpy(patches.scales).log().float(),
+        logit_opacity=torch.full((patches.number,), opacity).logit(),
+        sh=torch.zeros(patches.number, 1, 3),
+    )
+
+
+class Sight:
+    """What one view sees of a mesh, by the depths that surfels all over its surface make up."""
+
+    def __init__(self, view: View, mesh: trimesh.Trimesh, cover: Patches, num_threads: int | None = None) -> None:
+        """Renders the depths.
+
+        Args:
+            view: with the object in front of its camera.
+            mesh: surface in O, m.
+            cover: patches all over it.
+            num_threads: of the renderer.
+        """
+        corners = torch.from_numpy(np.array(mesh.vertices))
+        x, y, width, height = view.object_box(corners, 2)
+        camera = view.camera.cropped(x, y, width, height)
+        camera = camera.scaled(_MAP / max(width, height))
+        with torch.no_grad():
+            images = render(as_surfels(cover, 0.99), camera, view.X_CO, num_threads=num_threads)
+        assert images.depth is not None
+        depth = torch.where(images.alpha > 0.5, images.depth / images.alpha.clamp_min(0.5), torch.inf)
+        self._depth = depth[0].numpy()
+        self._view, self._camera = view, camera
+        self._distance = float(view.project(corners)[1].mean())
+        self.pixel = self._distance / float(view.camera.intrinsics[0])  # m, on the object
+
+    def cosines(self, patches: Patches) -> np.ndarray:
+        """(n,), of the angle between the normal and the direction to the camera where a patch is seen; 0 elsewhere."""
+        points = torch.from_numpy(patches.points)
+        to_camera = self._origin() - patches.points
+        cosine = np.sum(patches.normals * to_camera, 1) / np.maximum(np.linalg.norm(to_camera, axis=1), 1e-9)
+        at, z = project(self._camera, self._view.X_CO, points)
+        row, column, inside = _pixels(at.numpy(), z.numpy(), self._depth.shape)
+        tolerance = _BEHIND * self._distance / float(self._camera.intrinsics[0]) / np.maximum(cosine, _STEEPEST)
+        near = z.numpy() <= self._depth[row, column] + tolerance
+        return np.where(inside & near & (cosine > _STEEPEST), cosine, 0.0)
+
+    def colors(self, patches: Patches) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 3), the image's colours at the patches, and (n,) whether the mask is there."""
+        at, z = self._view.project(torch.from_numpy(patches.points))
+        row, column, inside = _pixels(at.numpy(), z.numpy(), tuple(self._view.mask.shape))
+        return self._view.image.numpy()[row, column], inside & self._view.mask.numpy()[row, column]
+
+    def _origin(self) -> np.ndarray:
+        R_CO = quaternion_to_matrix(self._view.X_CO.q).numpy()
+        return -R_CO.T @ self._view.X_CO.p.numpy()
+
+
+def _pixels(at: np.ndarray, z: np.ndarray, size: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows and columns of the pixels of points, moved into the image, and which of them were inside and ahead."""
+    height, width = size
+    with np.errstate(invalid="ignore"):
+        inside = (z > 0.0) & (at >= 0.0).all(1) & (at[:, 0] < width) & (at[:, 1] < height)
+    whole = np.where(inside[:, None], at, 0.0).astype(int)
+    return whole[:, 1], whole[:, 0], inside
