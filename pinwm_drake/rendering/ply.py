@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
 
 from pinwm_drake.errors import InputError, RenderingError
 from pinwm_drake.files import replacing
+from pinwm_drake.rendering.ply_table import Vertices, write_vertices
 from pinwm_drake.rendering.surfels import MAX_DEGREE, Surfels
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
@@ -40,9 +40,12 @@ def read_ply(path: str | os.PathLike[str]) -> Surfels:
     path = Path(path)
     if not path.is_file():
         raise InputError(path, value="no such file", allowed="a PLY file of surfels")
-    vertex = _read_vertices(path)
-    rests = _check_properties(path, vertex)
-    values = {name: _column(path, vertex, name) for name in (*_NEEDED, *rests)}
+    vertices = Vertices.open(path)
+    if vertices.count == 0:
+        raise InputError(path, value="0 surfels", allowed="1 surfel or more")
+    rests = _check_properties(vertices)
+    rows = vertices.rows()
+    values = {name: _column(path, rows, name) for name in (*_NEEDED, *rests)}
     rotation = np.stack([values[name] for name in _ROTATION], -1)
     _check_rows(path, np.abs(rotation).max(-1) > 0.0, "rot_0..3 of 0", "quaternions of any length but 0")
 
@@ -50,7 +53,7 @@ def read_ply(path: str | os.PathLike[str]) -> Surfels:
         return torch.from_numpy(np.stack([values[name] for name in names], -1))
 
     constant = tensor(_CONSTANT)[:, None, :]
-    rest = tensor(rests).reshape(vertex.count, 3, -1).transpose(1, 2) if rests else constant[:, :0]
+    rest = tensor(rests).reshape(len(rows), 3, -1).transpose(1, 2) if rests else constant[:, :0]
     return Surfels(
         p_OS=tensor(_POSITION),
         q_OS=torch.from_numpy(rotation),
@@ -94,38 +97,17 @@ def write_ply(path: str | os.PathLike[str], surfels: Surfels) -> None:
         ],
         1,
     )
-    rows = np.ascontiguousarray(columns.numpy(), "<f4").view([(name, "<f4") for name in names])[:, 0]
     with replacing(path) as temporary:
-        PlyData([PlyElement.describe(rows, "vertex")], byte_order="<").write(temporary)
+        write_vertices(temporary, names, columns.numpy())
 
 
 def _rest_names(number: int) -> tuple[str, ...]:
     return tuple(f"f_rest_{i}" for i in range(number))
 
 
-def _read_vertices(path: Path) -> PlyElement:
-    try:
-        # Not mapped into memory: the file may be replaced while the surfels live on.
-        data = PlyData.read(path, mmap=False)
-    except PlyParseError as error:
-        if "early end-of-file" in str(error):
-            raise InputError(path, value=f"a truncated file ({error})", allowed="a whole PLY file") from error
-        raise InputError(path, value=f"unreadable contents ({error})", allowed="a PLY file of surfels") from error
-    except OSError as error:
-        raise InputError(path, value=error.strerror or str(error), allowed="a file that can be read") from error
-    except (ValueError, MemoryError, OverflowError) as error:
-        raise InputError(path, value=f"unreadable contents ({error})", allowed="a PLY file of surfels") from error
-    if "vertex" not in data:
-        found = ", ".join(element.name for element in data.elements) or "no element"
-        raise InputError(path, value=f"a PLY with {found}", allowed="a PLY with an element 'vertex'")
-    if data["vertex"].count == 0:
-        raise InputError(path, value="0 surfels", allowed="1 surfel or more")
-    return data["vertex"]
-
-
-def _check_properties(path: Path, vertex: PlyElement) -> tuple[str, ...]:
+def _check_properties(vertices: Vertices) -> tuple[str, ...]:
     """The names of f_rest, after a look at the names and types of all properties."""
-    properties = {item.name: item for item in vertex.properties}
+    path, properties = vertices.path, vertices.properties
     missing = [name for name in _NEEDED if name not in properties]
     if missing:
         raise InputError(
@@ -137,19 +119,19 @@ def _check_properties(path: Path, vertex: PlyElement) -> tuple[str, ...]:
     rests = _rest_names(len(found))
     if len(found) not in _RESTS or sorted(rests) != found:
         raise InputError(path, value=f"{len(found)} of f_rest", allowed="f_rest_0.. with 0, 9, 24 or 45 of them")
-    for name in (*_NEEDED, *rests):
-        item = properties[name]
-        if isinstance(item, PlyListProperty) or np.dtype(item.val_dtype).kind != "f":
-            raise InputError(path, value=f"property '{item}'", allowed=f"float or double {name}")
+    for name, item in properties.items():
+        wanted = name in _NEEDED or name in rests
+        if item.kind is None or (wanted and not item.kind.startswith("f")):
+            raise InputError(path, value=f"property '{item.line}'", allowed=f"float or double {name}")
     return rests
 
 
-def _column(path: Path, vertex: PlyElement, name: str) -> np.ndarray:
+def _column(path: Path, rows: np.ndarray, name: str) -> np.ndarray:
     with np.errstate(over="ignore"):
-        values = np.ascontiguousarray(vertex[name], np.float32)
+        values = np.ascontiguousarray(rows[name], np.float32)
     finite = np.isfinite(values)
     if not finite.all():
-        value = vertex[name][int(finite.argmin())]
+        value = rows[name][int(finite.argmin())]
         _check_rows(path, finite, f"{name} = {value}", "finite numbers")
     return values
 

@@ -3,7 +3,6 @@ import re
 import resource
 
 import numpy as np
-import plyfile
 import pytest
 import torch
 from plyfile import PlyData, PlyElement
@@ -208,12 +207,11 @@ def test_no_file_and_no_vertices(tmp_path):
 def test_a_full_disk_leaves_the_earlier_file(ply, monkeypatch):
     before = ply.read_bytes()
 
-    def full(data, stream):
-        with open(stream, "wb") as file:
-            file.write(b"ply\n")
+    def full(path, names, columns):
+        path.write_bytes(b"ply\n")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(plyfile.PlyData, "write", full)
+    monkeypatch.setattr("pinwm_drake.rendering.ply.write_vertices", full)
     with pytest.raises(InputError, match=r"surfels\.ply: got No space left on device; allowed: a file that can be"):
         write_ply(ply, random_surfels(seed=1))
     assert ply.read_bytes() == before
