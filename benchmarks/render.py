@@ -30,7 +30,7 @@ BARS = {"forward_800": 1.3, "gradient_800": 4.0, "forward_64": 0.5, "reference":
 
 
 def _added(name: str) -> float:
-    """MB that the second of two equal calls adds to this process's resident memory at its peak; Linux only."""
+    """MB that a call adds to this process's resident memory at its peak, after a small one of its kind; Linux only."""
     timing.limit_threads(1)
     from benchmarks import render_scene as scene
     from pinwm_drake.rendering import Surfels, render
@@ -40,26 +40,28 @@ def _added(name: str) -> float:
     size = 64 if name == "cousins" else int(name.rsplit("_", 1)[1])
     if name.startswith("vtk"):
         with tempfile.TemporaryDirectory() as folder:
-            run = scene.Vtk(Path(folder)).renderer(size, X_CO)
+            vtk = scene.Vtk(Path(folder))
+        small, run = vtk.renderer(16, X_CO), vtk.renderer(size, X_CO)
     else:
-        backend = "torch" if name.startswith("torch") else "numba"
-        if name == "cousins":
-            surfels, X_CO = scene.surfels(2000, _COUSINS), scene.poses(_COUSINS)
-        else:
-            surfels = scene.surfels(2000 if size == 400 else 5000)
+        views = _COUSINS if name == "cousins" else None
+        surfels = scene.surfels(5000 if size == 800 else 2000, views)
+        X_CO = scene.poses(_COUSINS) if views else X_CO
         tensors = {key: value.requires_grad_("gradient" in name) for key, value in surfels.tensors().items()}
-        camera, full = scene.camera(size), name not in ("forward_800", "cousins")
+        full, backend = name not in ("forward_800", "cousins"), "torch" if name.startswith("torch") else "numba"
 
-        def run() -> None:
-            rendering = render(Surfels(**tensors), camera, X_CO, full=full, backend=backend)
+        def run(size: int = size) -> None:
+            rendering = render(Surfels(**tensors), scene.camera(size), X_CO, full=full, backend=backend)
             if "gradient" in name:
                 (rendering.color.sum() + rendering.depth.sum() + rendering.distortion.sum()).backward()
 
-    run()
+        def small() -> None:
+            run(16)
+
+    small()
     before = memory.status("VmRSS")
     Path("/proc/self/clear_refs").write_text("5")  # resets the peak, VmHWM
     run()
-    return memory.status("VmHWM") - before
+    return max(memory.status("VmHWM") - before, 0.0)
 
 
 def _measure(cores: int, rounds: int) -> dict:
@@ -109,8 +111,13 @@ def _measure(cores: int, rounds: int) -> dict:
         "full_64": forward(2000, 64, full=True),
         "gradient_64": gradient(2000, 64, full=False),
     }
-    samples = {**timing.interleave(big, rounds), **timing.interleave(small, 20 * rounds)}
-    data: dict = {"milliseconds": {name: sample.summary(1e3) for name, sample in samples.items()}, "over_vtk": {}}
+    with timing.CompetingLoad() as load:
+        samples = {**timing.interleave(big, rounds), **timing.interleave(small, 20 * rounds)}
+    data: dict = {
+        "load": load.percent,
+        "milliseconds": {name: sample.summary(1e3) for name, sample in samples.items()},
+        "over_vtk": {},
+    }
     for name, sample in samples.items():
         if not name.startswith("vtk"):
             data["over_vtk"][name] = sample.over(samples["vtk_" + name.rsplit("_", 1)[1]])
@@ -158,12 +165,14 @@ def plot(data: dict) -> None:
 
     figure, axes = plt.subplots(1, 2, figsize=(10.0, 4.2), layout="constrained")
     titles = {"surfels": "surfels, at 400 x 400 px", "pixels": "px along a side, 5,000 surfels"}
-    for ax, (axis, title) in zip(axes, titles.items(), strict=True):
+    for ax, (axis, title), ticks in zip(axes, titles.items(), (_SURFELS, _SIZES), strict=True):
         for kind, label in (("forward", "forward"), ("gradient", "forward and backward")):
             rows = [row for row in data["growth"] if row["axis"] == axis and row["kind"] == kind]
             ax.loglog([row["value"] for row in rows], [row["ms"] for row in rows], "o-", label=label)
         ax.set(xlabel=title, ylabel="ms an image, one core")
-        ax.grid(alpha=0.3, which="both")
+        ax.set_xticks(ticks, [f"{tick:,}" for tick in ticks])
+        ax.minorticks_off()
+        ax.grid(alpha=0.3)
         ax.legend()
     figure.savefig(PLOT, dpi=130)
 
@@ -210,7 +219,8 @@ def table(data: dict) -> str:
         + "; ".join(f"{label} {memory[name]:.0f}" for name, label in _MEMORY.items())
         + ".",
         "",
-        f"{data['rounds']} rounds, at 64 x 64 20 times as many; other processes took {data['load']:.0f} % of the CPUs.",
+        f"{data['rounds']} rounds, at 64 x 64 20 times as many; other processes took {one['load']:.0f} % of the CPUs "
+        f"beside one core and {two['load']:.0f} % beside two.",
     ]
     return "\n".join(lines)
 
@@ -231,10 +241,8 @@ def main() -> None:
         return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
 
     data: dict = {"rounds": given.rounds}
-    with timing.CompetingLoad() as load:
-        data["one"], data["two"] = child("1"), child("2")
-        data["memory"] = {name: child(name) for name in _MEMORY}
-    data["load"] = load.percent
+    data["one"], data["two"] = child("1"), child("2")
+    data["memory"] = {name: child(name) for name in _MEMORY}
     if given.write:
         plot(data["one"])
     results.publish("render", data, table(data), given.write)
