@@ -37,8 +37,9 @@ def pool(number: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(number, thread_name_prefix="pinwm")
 
 
+@functools.cache
 def available() -> int:
-    """Cores that this process may use."""
+    """Cores that this process may use, as it was when first asked."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -59,7 +59,7 @@ def rasterise(
 def _array(tensor: Tensor) -> np.ndarray:
     if not tensor.is_cpu:
         raise RenderingError(f"a tensor is on {tensor.device}; allowed: cpu (use backend='torch' elsewhere)")
-    return np.ascontiguousarray(tensor.detach().numpy(), np.float32)
+    return np.ascontiguousarray((tensor.detach() if tensor.requires_grad else tensor).numpy(), np.float32)
 
 
 def _inputs(inputs: tuple[Tensor, ...], intrinsics: np.ndarray) -> tuple[tuple, np.ndarray, np.ndarray, tuple]:
