@@ -117,7 +117,9 @@ class Vertices:
                 rows[i] = tuple(float(word) for word in line.split())
             except ValueError as error:
                 value = f"unreadable contents ({line.strip()[:60]!r})"
-                raise InputError(self.path, row=i + 1, value=value, allowed=f"{len(self.properties)} numbers") from error
+                raise InputError(
+                    self.path, row=i + 1, value=value, allowed=f"{len(self.properties)} numbers"
+                ) from error
         return rows
 
     def _truncated(self, found: int) -> InputError:
