@@ -63,6 +63,20 @@ def falloff(rho):
 
 
 @kernel
+def reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2):
+    """A surfel seen from (dx, dy) px beside its centre: q_0, q_1, 1 / q_2, rho, and whether rho is its plane's.
+
+    The plane counts where it is ahead of the near plane, 0 < q_2 < most_q2, and opaquer than the disc.
+    """
+    q0, q1, q2 = j00 * dx + j01 * dy, j10 * dx + j11 * dy, p0 * dx + p1 * dy + ONE
+    inverse = ONE / q2
+    rho = (q0 * q0 + q1 * q1) * (inverse * inverse)
+    disc = PIXEL_FILTER * (dx * dx + dy * dy)
+    on_plane = (rho <= disc) & (q2 > ZERO) & (q2 < most_q2)
+    return q0, q1, inverse, rho if on_plane else disc, on_plane
+
+
+@kernel
 def opaque(work):
     """Whether no pixel of the tile takes more."""
     open_pixels = 0
@@ -89,11 +103,8 @@ def _blend_color(work, splats, v, s, x_center, y_center, first, last):
     for i in range(((last - first) & (2 * TILE - 1)) * TILE):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        q0, q1, q2 = j00 * dx + j01 * dy, j10 * dx + j11 * dy, p0 * dx + p1 * dy + ONE
-        rho = (q0 * q0 + q1 * q1) / (q2 * q2)
-        disc = PIXEL_FILTER * (dx * dx + dy * dy)
-        on_plane = (rho <= disc) & (q2 > ZERO) & (q2 < most_q2)
-        alpha = min(opacity * falloff(rho if on_plane else disc), MOST_ALPHA)
+        _, _, _, rho, _ = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2)
+        alpha = min(opacity * falloff(rho), MOST_ALPHA)
         left = work[_T + k]
         counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
         weight = left * alpha if counts else ZERO
@@ -134,12 +145,8 @@ def _blend_full(work, splats, v, s, x_center, y_center, first, last, origin):
     for i in range(((last - first) & (2 * TILE - 1)) * TILE):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        q0, q1, q2 = j00 * dx + j01 * dy, j10 * dx + j11 * dy, p0 * dx + p1 * dy + ONE
-        inverse = ONE / q2
-        rho = (q0 * q0 + q1 * q1) * (inverse * inverse)
-        disc = PIXEL_FILTER * (dx * dx + dy * dy)
-        on_plane = (rho <= disc) & (q2 > ZERO) & (q2 < most_q2)
-        alpha = min(opacity * falloff(rho if on_plane else disc), MOST_ALPHA)
+        _, _, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2)
+        alpha = min(opacity * falloff(rho), MOST_ALPHA)
         z = (z_center * inverse if on_plane else z_center) - origin
         left = work[_T + k]
         counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)

@@ -23,6 +23,7 @@ from pinwm_drake.rendering.kernels.blend import (
     ZERO,
     falloff,
     opaque,
+    reach,
 )
 from pinwm_drake.rendering.kernels.columns import (
     BLUE,
@@ -69,12 +70,8 @@ def _pull_color(work, bars, part, splats, v, s, x_center, y_center, first, last)
     for i in range(((last - first) & (2 * TILE - 1)) * TILE):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        q0, q1, q2 = j00 * dx + j01 * dy, j10 * dx + j11 * dy, p0 * dx + p1 * dy + ONE
-        inverse = ONE / q2
-        rho = (q0 * q0 + q1 * q1) * (inverse * inverse)
-        disc = PIXEL_FILTER * (dx * dx + dy * dy)
-        on_plane = (rho <= disc) & (q2 > ZERO) & (q2 < most_q2)
-        e = falloff(rho if on_plane else disc)
+        q0, q1, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2)
+        e = falloff(rho)
         alpha = min(opacity * e, MOST_ALPHA)
         left = work[_T + k]
         counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
@@ -137,12 +134,8 @@ def _pull_full(work, bars, part, splats, v, s, x_center, y_center, first, last, 
     for i in range(((last - first) & (2 * TILE - 1)) * TILE):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        q0, q1, q2 = j00 * dx + j01 * dy, j10 * dx + j11 * dy, p0 * dx + p1 * dy + ONE
-        inverse = ONE / q2
-        rho = (q0 * q0 + q1 * q1) * (inverse * inverse)
-        disc = PIXEL_FILTER * (dx * dx + dy * dy)
-        on_plane = (rho <= disc) & (q2 > ZERO) & (q2 < most_q2)
-        e = falloff(rho if on_plane else disc)
+        q0, q1, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2)
+        e = falloff(rho)
         alpha = min(opacity * e, MOST_ALPHA)
         stretch = inverse if on_plane else ONE
         z = z_center * stretch - origin
