@@ -2,8 +2,7 @@
 
 A tile's 8 x 8 pixels live in one small flat array, a channel after the other, so that the loop over the
 pixels becomes a few vector instructions. There are no branches in it: what does not count has opacity 0. It runs over
-whole rows, and its bounds are written with masks, which tell the compiler that no index is negative and that nothing
-is left over beside the vectors.
+whole pairs of rows.
 """
 
 import numpy as np
@@ -77,6 +76,16 @@ def reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2):
 
 
 @kernel
+def pairs_of_rows(first, last):
+    """Where the pairs of rows with rows first..last-1 of a tile begin in a channel, and how many pixels they have.
+
+    The masks tell the compiler that no index is negative, and that nothing is left over beside vectors of 16.
+    """
+    first &= TILE - 2
+    return first * TILE, (((last - first + 1) >> 1) & (TILE - 1)) * (2 * TILE)
+
+
+@kernel
 def opaque(work):
     """Whether no pixel of the tile takes more."""
     open_pixels = 0
@@ -99,8 +108,8 @@ def _blend_color(work, splats, v, s, x_center, y_center, first, last):
     p0, p1 = splats[v, s, P0], splats[v, s, P1]
     most_q2 = splats[v, s, Z] / NEAR
     red, green, blue = splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE]
-    start = (first & (TILE - 1)) * TILE
-    for i in range(((last - first) & (2 * TILE - 1)) * TILE):
+    start, number = pairs_of_rows(first, last)
+    for i in range(number):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
         _, _, _, rho, _ = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2)
@@ -119,8 +128,8 @@ def _blend_disc(work, splats, v, s, x_center, y_center, first, last):
     """`_blend_color` of a surfel so small that only its disc is seen."""
     opacity = splats[v, s, OPACITY]
     red, green, blue = splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE]
-    start = (first & (TILE - 1)) * TILE
-    for i in range(((last - first) & (2 * TILE - 1)) * TILE):
+    start, number = pairs_of_rows(first, last)
+    for i in range(number):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
         alpha = min(opacity * falloff(PIXEL_FILTER * (dx * dx + dy * dy)), MOST_ALPHA)
@@ -141,8 +150,8 @@ def _blend_full(work, splats, v, s, x_center, y_center, first, last, origin):
     most_q2 = z_center / NEAR
     red, green, blue = splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE]
     nx, ny, nz = splats[v, s, NX], splats[v, s, NY], splats[v, s, NZ]
-    start = (first & (TILE - 1)) * TILE
-    for i in range(((last - first) & (2 * TILE - 1)) * TILE):
+    start, number = pairs_of_rows(first, last)
+    for i in range(number):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
         _, _, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2)

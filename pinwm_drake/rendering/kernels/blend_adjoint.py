@@ -23,6 +23,7 @@ from pinwm_drake.rendering.kernels.blend import (
     ZERO,
     falloff,
     opaque,
+    pairs_of_rows,
     reach,
 )
 from pinwm_drake.rendering.kernels.columns import (
@@ -66,8 +67,8 @@ def _pull_color(work, bars, part, splats, v, s, x_center, y_center, first, last)
     sum_r = sum_g = sum_b = sum_o = ZERO
     sum_s0 = sum_s1 = sum_s2 = sum_dx = sum_dy = ZERO
     sum_x0 = sum_x1 = sum_x2 = sum_y0 = sum_y1 = sum_y2 = ZERO
-    start = (first & (TILE - 1)) * TILE
-    for i in range(((last - first) & (2 * TILE - 1)) * TILE):
+    start, number = pairs_of_rows(first, last)
+    for i in range(number):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
         q0, q1, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2)
@@ -130,8 +131,8 @@ def _pull_full(work, bars, part, splats, v, s, x_center, y_center, first, last, 
     sum_nx = sum_ny = sum_nz = ZERO
     sum_s0 = sum_s1 = sum_s2 = sum_dx = sum_dy = ZERO
     sum_x0 = sum_x1 = sum_x2 = sum_y0 = sum_y1 = sum_y2 = ZERO
-    start = (first & (TILE - 1)) * TILE
-    for i in range(((last - first) & (2 * TILE - 1)) * TILE):
+    start, number = pairs_of_rows(first, last)
+    for i in range(number):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
         q0, q1, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2)
