@@ -7,6 +7,7 @@ scene is placed in its tree.
 
 import asyncio
 import contextlib
+import signal
 import socket
 from collections.abc import Callable
 from typing import Any
@@ -36,7 +37,7 @@ _CAMERA = "/Cameras/default/rotated/<object>"
 def serve_surfels(
     surfels: Surfels, *, host: str = LOCALHOST, port: int | None = None, ready: Callable[[str], None]
 ) -> None:
-    """Shows surfels until the process is interrupted (Ctrl-C), which ends the call normally.
+    """Shows surfels until the process is interrupted (Ctrl-C) or told to end, which ends the call normally.
 
     Args:
         surfels: One or more, one set of colours.
@@ -55,7 +56,7 @@ def serve_surfels(
 
 
 async def _serve(scene: list[dict[str, Any]], host: str, port: int, ready: Callable[[str], None]) -> None:
-    """Listens until it is cancelled."""
+    """Listens until the process is told to end, or the task is cancelled."""
     bridge = _Bridge(zmq_url="inproc://pinwm", host=host, port=port)
     try:
         for command in scene:
@@ -66,7 +67,12 @@ async def _serve(scene: list[dict[str, Any]], host: str, port: int, ready: Calla
             else:
                 node.properties.append(data)
         ready(f"http://{f'[{host}]' if ':' in host else host}:{port}/static/")
-        await asyncio.Event().wait()
+        stop, loop = asyncio.Event(), asyncio.get_running_loop()
+        # Of our own: a process started in the background may have been told to ignore Ctrl-C.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):  # Windows, or another thread
+                loop.add_signal_handler(number, stop.set)
+        await stop.wait()
     finally:
         bridge.zmq_stream.close()
 
