@@ -116,8 +116,9 @@ def test_the_server_listens_on_this_machine_only_and_ends_cleanly(splats):
         assert b"BufferGeometry" in message
         assert b"normal" in message
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=30)
-        assert process.returncode == 0
+        assert process.wait(timeout=30) == 0
+        # Not `communicate`, which would miss what `readline` has already taken from the pipe.
+        output, errors = process.stdout.read(), process.stderr.read()
         assert output == "Ctrl-C ends.\n"
         assert "Traceback" not in errors
     finally:
