@@ -1,18 +1,22 @@
 """How the compiled kernels are compiled, and the care their disk cache needs.
 
 numba keeps compiled kernels beside their source files, but looks only at the file of the outermost function: a
-change in a kernel that others call would leave those others stale. So the sources are hashed when the first kernel
-module is imported, and all cached kernels of a checkout go when the hash has changed.
+change in a kernel that others call would leave those others stale. So the sources, and the modules that they import,
+are hashed when the first kernel module is imported, and all cached kernels of a checkout go when the hash has changed.
 """
 
 import contextlib
 import hashlib
 import os
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from numba import njit
 
 _PACKAGE = Path(__file__).resolve().parent
+# Found by a pattern and not by parsing, as it runs whenever a kernel module is first imported.
+_IMPORT = re.compile(rb"^from (pinwm_drake[\w.]*) import (\([^)]*\)|[^\n(]*)", re.MULTILINE)
 
 
 def forget_stale_kernels(package: Path = _PACKAGE) -> bool:
@@ -25,10 +29,14 @@ def forget_stale_kernels(package: Path = _PACKAGE) -> bool:
         Whether anything was forgotten. A folder that cannot be written is left alone: an installed package does not
         change file by file.
     """
+    sources = {path: path.read_bytes() for path in sorted(package.rglob("*.py"))}
+    kernels = {path for path in sources if b"pinwm_drake.jit" in sources[path] or path.name == "jit.py"}
+    # What kernel modules import may hold constants, which are compiled into the kernels.
+    imported = {name for path in kernels for name in _imported(sources[path])}
     digest = hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
-        source = path.read_bytes()
-        if b"pinwm_drake.jit" in source or path.name == "jit.py":
+    for path, source in sources.items():
+        name = ".".join(("pinwm_drake", *path.relative_to(package).with_suffix("").parts))
+        if path in kernels or name.encode() in imported:
             digest.update(source)
     stamp = package / "__pycache__" / "kernels.sha256"
     try:
@@ -45,6 +53,13 @@ def forget_stale_kernels(package: Path = _PACKAGE) -> bool:
     except OSError:
         return False
     return True
+
+
+def _imported(source: bytes) -> Iterator[bytes]:
+    """Dotted names of what a module may import from the package: modules, and names in them."""
+    for module, names in _IMPORT.findall(source):
+        yield module
+        yield from (module + b"." + name for name in re.findall(rb"\w+", names))
 
 
 forget_stale_kernels()

@@ -10,6 +10,7 @@ import torch
 
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fit_state import SURFEL, FitState
+from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
 # A surfel is split from this scale on, in px of a typical view; smaller ones are cloned.
 _SPLIT = 2.0
@@ -40,7 +41,8 @@ def densify(state: FitState, options: FitOptions, pixel: float) -> tuple[int, in
 
     children = {name: value[parents].clone() for name, value in tensors.items()}
     rows = torch.arange(len(parents))
-    tangent = _tangents(children["q_OS"])[rows, :, axis[parents]]
+    R_OS = quaternion_to_matrix(torch.nn.functional.normalize(children["q_OS"], dim=-1))
+    tangent = R_OS[rows, :, axis[parents]]
     offset = (split * _APART * scale[parents].exp())[:, None] * tangent
     children["log_scale"][rows, axis[parents]] += torch.where(split, torch.tensor(_SHORTER).log(), 0.0)
     opacity = children["logit_opacity"].sigmoid()
@@ -50,11 +52,3 @@ def densify(state: FitState, options: FitOptions, pixel: float) -> tuple[int, in
     halves = [{**children, "p_OS": children["p_OS"] + sign * offset} for sign in (1.0, -1.0)]
     state.replace(keep, {name: torch.cat([half[name] for half in halves]) for name in SURFEL})
     return len(parents), N - kept
-
-
-def _tangents(q_OS: torch.Tensor) -> torch.Tensor:
-    """(n, 3, 2), the two tangents of surfels with quaternions (n, 4) of any length."""
-    w, x, y, z = torch.nn.functional.normalize(q_OS, dim=-1).unbind(-1)
-    first = torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], -1)
-    second = torch.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], -1)
-    return torch.stack([first, second], -1)

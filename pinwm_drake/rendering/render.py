@@ -61,7 +61,8 @@ def render(
         V views.
 
     Raises:
-        RenderingError: shapes that do not fit, numbers that are not finite, an unknown backend.
+        RenderingError: shapes that do not fit, a tensor that is not on the CPU for "numba", an unknown backend.
+            Numbers are not looked at here, which would take as long as a small image: `Surfels.check` does.
     """
     if backend not in ("numba", "torch"):
         raise RenderingError(f"backend is {backend!r}; allowed: 'numba' or 'torch'")

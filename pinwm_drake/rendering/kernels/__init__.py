@@ -1,1 +1,1 @@
-"""The rasteriser's numba kernels: projection, bins, blending, and their adjoints."""
+"""The numba kernels: the rasteriser's projection, bins and blending with their adjoints; SSIM; outlines of meshes."""

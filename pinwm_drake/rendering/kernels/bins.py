@@ -57,7 +57,7 @@ def bin_surfels(v, size, boxes, keys, starts, entries, order, spare, counts):
         size: height and width, px.
         boxes: (V, N, 5), rows of pixels and columns of tiles.
         keys: (V, N) int32, bits of the depths.
-        starts: (V, tiles + 1) int32, receives where each tile's list begins in `entries`; starts[v, 0] is given.
+        starts: (V, tiles + 1) int64, receives where each tile's list begins in `entries`; starts[v, 0] is given.
         entries: (all,) int32, receives the lists.
         order, spare: (N,) int32; counts: (2048,) int32; work.
     """

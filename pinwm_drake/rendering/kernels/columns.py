@@ -7,6 +7,6 @@
 XC, YC, J00, J01, J10, J11, P0, P1, Z, OPACITY, RED, GREEN, BLUE, NX, NY, NZ = range(16)
 COLUMNS = 16
 
-# Tiles of the image, px. A row of a tile is what one vector instruction works on.
+# Tiles of the image, px; vector instructions work on pairs of a tile's rows.
 TILE = 8
 PIXELS = TILE * TILE
