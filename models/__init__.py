@@ -4,12 +4,15 @@ The folder is a ROS-style package (see package.xml): Drake finds it with
 `parser.package_map().AddPackageXml(str(model_path("package.xml")))`.
 
     t_block/t_block.obj   bar 100 x 40 mm, stem 40 x 100 mm, 50 mm thick
+    cube/cube.obj         60 mm along each side
     mug/mug.obj           hollow, 80 mm long, 80 mm across, 4 mm wall, base at -z
 
-Meshes are watertight, in metres, with the origin at the centre of mass.
+Meshes are watertight, in metres, with the origin at the centre of mass. Beside each NAME.obj stands NAME_visual.obj:
+its surface in colours that tell which way it has turned (see paint.py).
 """
 
 import difflib
+from dataclasses import dataclass
 from pathlib import Path
 
 from pinwm_drake.errors import InputError
@@ -19,9 +22,41 @@ _ROOT = Path(__file__).resolve().parent
 _SCHEME = "package://"
 
 
+OBJECT_NAMES = ("t_block", "cube", "mug")
+
+
+@dataclass(frozen=True)
+class ObjectModel:
+    """The files of an object.
+
+    Attributes:
+        name: One of `OBJECT_NAMES`.
+        mesh_path: Watertight mesh, m, origin at the centre of mass.
+        visual_path: The same surface in colours; not one closed mesh.
+    """
+
+    name: str
+    mesh_path: Path
+    visual_path: Path
+
+
+def object_model(name: str) -> ObjectModel:
+    """The files of an object that ships with pinwm_drake.
+
+    Args:
+        name: One of `OBJECT_NAMES`.
+
+    Raises:
+        InputError: When there is no such object.
+    """
+    if name not in OBJECT_NAMES:
+        raise InputError(_ROOT, value=f"object {name!r}", allowed=", ".join(OBJECT_NAMES))
+    return ObjectModel(name, model_path(f"{name}/{name}.obj"), model_path(f"{name}/{name}_visual.obj"))
+
+
 def model_names() -> list[str]:
     """The names that `model_path` takes, sorted, with forward slashes."""
-    files = (path for path in _ROOT.rglob("*") if path.is_file() and path.suffix in {".obj", ".xml"})
+    files = (path for path in _ROOT.rglob("*") if path.is_file() and path.suffix in {".mtl", ".obj", ".xml"})
     return sorted(path.relative_to(_ROOT).as_posix() for path in files)
 
 

@@ -31,7 +31,16 @@ class RenderingError(PinwmError):
 
 
 class SolverError(PinwmError):
-    """A solver stopped before it reached its tolerance."""
+    """A solver stopped before it reached its tolerance.
+
+    Attributes:
+        world: Which of several worlds failed, or None.
+    """
+
+    def __init__(self, message: str, *, world: int | None = None) -> None:
+        """Keeps the world beside the message."""
+        super().__init__(message)
+        self.world = world
 
 
 class InputError(PinwmError):

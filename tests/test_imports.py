@@ -11,12 +11,14 @@ ROOT = Path(__file__).resolve().parent.parent
 # A line may import only from the lines above it, and from itself. `models` is data with a small accessor.
 LINES = (
     {"errors", "files", "jit", "threads"},
+    {"checkpoints"},
     {"models"},
     {"spatial"},
     {"geometry"},
     {"physics"},
     {"rendering"},
     {"capture"},
+    {"scene"},
     {"twin", "cousins"},
     {"identification"},
     {"learning"},
@@ -28,7 +30,7 @@ LINES = (
 RANK = {name: rank for rank, line in enumerate(LINES) for name in line}
 # The core is a library of its own: nothing in it may count on the models or the Drake systems.
 ONLY_IMPORTED_BY = {"models": {"systems", "cli"}, "systems": {"cli"}}
-WITHOUT_DRAKE = {"errors", "files", "jit", "threads", "spatial", "geometry", "physics", "rendering"}
+WITHOUT_DRAKE = {"errors", "checkpoints", "files", "jit", "threads", "spatial", "geometry", "physics", "rendering"}
 
 
 def modules(root: Path) -> Iterator[tuple[tuple[str, ...], Path]]:

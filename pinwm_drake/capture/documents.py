@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import reprlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,9 @@ import yaml
 from pinwm_drake.errors import InputError
 
 _LONGEST_QUOTE = 60  # characters of a value that a message repeats
+# Documents may hold lists in lists in lists, the same one many times: a message shows the outermost.
+_shortened = reprlib.Repr()
+_shortened.maxlevel, _shortened.maxlist, _shortened.maxdict, _shortened.maxstring = 2, 6, 4, 20
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
@@ -48,8 +52,7 @@ class Entry:
             found: What was found; None for the value itself.
         """
         if found is None:
-            found = json.dumps(self.value, default=str)
-            found = found if len(found) <= _LONGEST_QUOTE else found[:_LONGEST_QUOTE] + "..."
+            found = _quoted(self.value)
         return InputError(self.path, value=f"{self.place} = {found}" if self.place else found, allowed=allowed)
 
     def find(self, key: str) -> "Entry | None":
@@ -76,6 +79,20 @@ class Entry:
             raise InputError(self.path, value=f"no {place}", allowed=f"a value under {place}")
         return entry
 
+    def only(self, *keys: str) -> None:
+        """Requires a mapping without other keys than these.
+
+        Raises:
+            InputError: There is another key, or this entry is not a mapping.
+        """
+        if not isinstance(self.value, dict):
+            raise self.refusal("a mapping with keys")
+        for key in self.value:
+            if key not in keys:
+                name = _quoted(key)
+                where = f" under {self.place}" if self.place else ""
+                raise InputError(self.path, value=f"an unknown key {name}{where}", allowed=", ".join(keys))
+
     def items(self) -> "list[Entry]":
         """The entries of a list that is not empty.
 
@@ -87,12 +104,12 @@ class Entry:
         return [Entry(self.path, f"{self.place}[{k}]", value) for k, value in enumerate(self.value)]
 
     def text(self) -> str:
-        """A text that is not empty.
+        """A text that is not empty and can be printed.
 
         Raises:
             InputError: This entry is something else.
         """
-        if not isinstance(self.value, str) or not self.value.strip():
+        if not isinstance(self.value, str) or not self.value.strip() or not self.value.isprintable():
             raise self.refusal("text")
         return self.value
 
@@ -136,7 +153,7 @@ def read_json(path: Path) -> Entry:
     Raises:
         InputError: It is missing, unreadable or not JSON; the message names the line.
     """
-    text = _read_text(path)
+    text = read_text(path)
     try:
         return Entry(path, "", json.loads(text))
     except json.JSONDecodeError as error:
@@ -151,24 +168,43 @@ def read_yaml(path: Path) -> Entry:
     Raises:
         InputError: It is missing, unreadable or not YAML; the message names the line.
     """
-    text = _read_text(path)
+    text = read_text(path)
     try:
         return Entry(path, "", yaml.load(text, _Loader))
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
         raise InputError(path, row=mark.line + 1 if mark else None, value=problem, allowed="YAML") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, value=str(error), allowed="YAML") from error
+    except Exception as error:  # a text that its tag or its form does not fit: KeyError, AttributeError, ValueError ...
+        raise InputError(path, value=f"{type(error).__name__}: {error}", allowed="YAML") from error
 
 
-def _read_text(path: Path) -> str:
+def read_text(path: Path) -> str:
+    """The text of a file in UTF-8, without a byte-order mark.
+
+    Raises:
+        InputError: It is missing, unreadable or in another encoding.
+    """
     try:
+        if path.exists() and not path.is_file():  # reading a device or a pipe might not end
+            raise InputError(path, value="something that is no file", allowed="a file that can be read")
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
     except UnicodeDecodeError as error:
         raise InputError(path, value=f"a byte that is not text at {error.start}", allowed="text in UTF-8") from error
+
+
+def _quoted(value: object) -> str:
+    """A value as a message repeats it: on one line, printable, and not too long of it."""
+    if isinstance(value, str) and len(value) > _LONGEST_QUOTE:
+        value = value[:_LONGEST_QUOTE] + "..."
+    if isinstance(value, (list, dict)):
+        return _shortened.repr(value)
+    if isinstance(value, int) and value.bit_length() > 10_000:  # Python does not print those
+        return "a whole number of thousands of digits"
+    text = json.dumps(value, default=ascii)
+    return text if len(text) <= 2 * _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "..."
 
 
 def _number(value: object) -> float | None:

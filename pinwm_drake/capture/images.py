@@ -6,12 +6,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
+from pinwm_drake.capture.paths import require_file
 from pinwm_drake.errors import InputError
 
 _GREY, _COLOUR, _WITH_ALPHA = ("1", "L"), ("RGB", "P"), ("RGBA", "LA", "PA")
 
 
-def read_image(path: Path, mask_path: Path | None = None) -> tuple[np.ndarray, np.ndarray]:
+def read_image(
+    path: Path, mask_path: Path | None = None, *, may_be_empty: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
     """Reads a picture of an object.
 
     The object is where the mask is white; without a mask, where alpha is above 0; without alpha, wherever the
@@ -20,6 +23,7 @@ def read_image(path: Path, mask_path: Path | None = None) -> tuple[np.ndarray, n
     Args:
         path: Grey or colour, 8 bits a channel, with or without alpha.
         mask_path: A grey picture of the same size, 128 and above on the object; None for none.
+        may_be_empty: Whether the picture may show nothing of the object.
 
     Returns:
         (height, width, 3) float32, sRGB in [0, 1], white where the object is not; and (height, width) bool,
@@ -30,28 +34,39 @@ def read_image(path: Path, mask_path: Path | None = None) -> tuple[np.ndarray, n
             the object, or nothing tells the object from its background.
     """
     pixels = _read(path, (*_GREY, *_COLOUR, *_WITH_ALPHA), "RGBA")
-    image = pixels[..., :3].astype(np.float32) / np.float32(255)
-    alpha = pixels[..., 3:].astype(np.float32) / np.float32(255)
     if mask_path is not None:
         mask = _read(mask_path, (*_GREY, *_COLOUR, *_WITH_ALPHA), "L") >= 128
-        if mask.shape != image.shape[:2]:
-            raise InputError(mask_path, value=_size(mask), allowed=f"{_size(image)}, the size of {path}")
-        alpha = mask[..., None].astype(np.float32)
+        if mask.shape != pixels.shape[:2]:
+            raise InputError(mask_path, value=size_of(mask), allowed=f"{size_of(pixels)}, the size of {path}")
+        alpha = mask.astype(np.float32)
+    elif (opaque := pixels[..., 3].min() == 255) and pixels[..., :3].min(axis=-1).max() < 255:
+        raise InputError(
+            path, value="no white pixel", allowed="a white background, an alpha channel, or a mask in masks/"
+        )
     else:
-        mask = alpha[..., 0] > 0 if alpha.min() < 1 else pixels[..., :3].min(axis=-1) < 255
-        if alpha.min() == 1 and mask.all():
-            raise InputError(
-                path, value="no white pixel", allowed="a white background, an alpha channel, or a mask in masks/"
-            )
-    if not mask.any():
+        mask = pixels[..., :3].min(axis=-1) < 255 if opaque else pixels[..., 3] > 0
+        alpha = pixels[..., 3].astype(np.float32) / np.float32(255)
+    if not mask.any() and not may_be_empty:
         raise InputError(mask_path or path, value="no pixel of the object", allowed="an image that shows the object")
-    return np.clip(image * alpha + (1 - alpha), 0, 1), mask
+    image = np.ones((*mask.shape, 3), np.float32)
+    share = alpha[mask][:, None]
+    image[mask] = np.clip(pixels[mask, :3] / np.float32(255) * share + (1 - share), 0, 1)
+    return image, mask
+
+
+def read_size(path: Path) -> tuple[int, int]:
+    """Width and height of an image, px.
+
+    Raises:
+        InputError: It is missing, truncated or of another kind.
+    """
+    pixels = _read(path, (*_GREY, *_COLOUR, *_WITH_ALPHA), "L")
+    return pixels.shape[1], pixels.shape[0]
 
 
 def _read(path: Path, modes: tuple[str, ...], mode: str) -> np.ndarray:
     """The pixels of a file converted to a mode: (height, width) or (height, width, channels) uint8."""
-    if not path.is_file():
-        raise InputError(path, value="no such file", allowed="an image file")
+    require_file(path, "an image file")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
@@ -69,5 +84,6 @@ def _read(path: Path, modes: tuple[str, ...], mode: str) -> np.ndarray:
         raise InputError(path, value=f"unreadable contents ({error})", allowed="a whole image file") from error
 
 
-def _size(image: np.ndarray) -> str:
+def size_of(image: np.ndarray) -> str:
+    """Width and height of an image, in words."""
     return f"{image.shape[1]} x {image.shape[0]} px"

@@ -7,14 +7,15 @@ import numpy as np
 import torch
 
 from pinwm_drake.capture.documents import Entry, read_yaml
-from pinwm_drake.errors import InputError
+from pinwm_drake.capture.paths import require_file
+from pinwm_drake.capture.tables import UNIT_NORM
 from pinwm_drake.spatial.poses import Pose
 
 SCHEMA_VERSION = 1
 CAPTURE_FILE = "capture.yaml"
-_UNITS = {"length": "m", "angle": "rad", "time": "s"}
-# How far a quaternion may be from unit norm: that of one printed with six digits.
-_UNIT_NORM = 1e-5
+UNITS = {"length": "m", "angle": "rad", "time": "s"}
+FARTHEST = 1e3  # m; anything beyond this on an axis is taken for a mistake
+_MASS = (1e-6, 1e4)  # kg
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +26,13 @@ class CaptureObject:
         name: Its name.
         mesh_path: Its mesh, metres, object frame O.
         X_WO: Its pose in the world in the static views and at the start of an episode; q (4,), p (3,) [m].
+        mass: kg; None where it was not measured.
     """
 
     name: str
     mesh_path: Path
     X_WO: Pose
+    mass: float | None = None
 
 
 def read_capture_object(folder: Path) -> CaptureObject:
@@ -46,19 +49,56 @@ def read_capture_object(folder: Path) -> CaptureObject:
             missing, a number is not finite, or the quaternion is not of unit norm.
     """
     document = read_yaml(folder / CAPTURE_FILE)
+    require_version(document)
+    return read_object(document["object"])
+
+
+def require_version(document: Entry) -> None:
+    """Requires a `capture.yaml` of the version that this release reads, in SI units.
+
+    Raises:
+        InputError: It is of another version, or in other units.
+    """
     version = document["schema_version"]
     if version.value != SCHEMA_VERSION or isinstance(version.value, bool):
         raise version.refusal(f"{SCHEMA_VERSION}, the version that this release reads")
     units = document.find("units")
-    for name, unit in _UNITS.items() if units is not None else ():
-        entry = units.find(name) if units is not None else None
+    if units is None:
+        return
+    units.only(*UNITS)
+    for name, unit in UNITS.items():
+        entry = units.find(name)
         if entry is not None and entry.value != unit:
             raise entry.refusal(unit)
-    about = document["object"]
-    mesh_path = folder / about["mesh"].text()
-    if not mesh_path.is_file():
-        raise InputError(mesh_path, value="no such file", allowed=f"the mesh that {CAPTURE_FILE} names")
-    return CaptureObject(name=about["name"].text(), mesh_path=mesh_path, X_WO=read_pose(about["X_WO"]))
+
+
+def read_object(about: Entry) -> CaptureObject:
+    """The object from the key `object` of a `capture.yaml`.
+
+    Raises:
+        InputError: A key is missing or unknown, a number is not finite or out of range, or the mesh is missing.
+    """
+    about.only("name", "mesh", "mass", "X_WO")
+    return CaptureObject(about["name"].text(), read_mesh_path(about), read_pose(about["X_WO"]), read_mass(about))
+
+
+def read_mesh_path(about: Entry) -> Path:
+    """The object's mesh, which has to be there.
+
+    Raises:
+        InputError: It is not named, or missing.
+    """
+    return require_file(about.path.parent / about["mesh"].text(), f"the mesh that {CAPTURE_FILE} names")
+
+
+def read_mass(about: Entry) -> float | None:
+    """The object's mass [kg], or None where it was not measured.
+
+    Raises:
+        InputError: It is not finite, or out of range.
+    """
+    mass = about.find("mass")
+    return None if mass is None or mass.value is None else mass.number(*_MASS)
 
 
 def read_pose(entry: Entry) -> Pose:
@@ -67,8 +107,12 @@ def read_pose(entry: Entry) -> Pose:
     Raises:
         InputError: A key is missing, a number is not finite, or q is not of unit norm.
     """
+    entry.only("p", "q")
     q, p = entry["q"].numbers(4), entry["p"].numbers(3)
-    norm = float(np.linalg.norm(q))
-    if abs(norm - 1) > _UNIT_NORM:
+    if np.abs(p).max() > FARTHEST:
+        raise entry["p"].refusal(f"a position within {FARTHEST:g} m of the origin")
+    with np.errstate(over="ignore"):
+        norm = float(np.linalg.norm(q))
+    if abs(norm - 1) > UNIT_NORM:
         raise entry["q"].refusal("a quaternion (w, x, y, z) of norm 1", f"{q.tolist()}, of norm {norm:.6g}")
     return Pose(torch.from_numpy(q / norm), torch.from_numpy(p))

@@ -6,20 +6,21 @@ import numpy as np
 import torch
 import trimesh
 
-from pinwm_drake.capture.images import read_image
+from pinwm_drake.capture.images import read_image, size_of
+from pinwm_drake.capture.meshes import read_mesh
 from pinwm_drake.capture.objects import CAPTURE_FILE, read_capture_object
+from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.transforms import Frame, read_transforms
 from pinwm_drake.errors import InputError
-from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.rendering.views import View
+from pinwm_drake.rendering.views import View, project
 from pinwm_drake.spatial.poses import Pose, compose, identity, inverse
 
-_TRANSFORMS = "transforms.json"
+TRANSFORMS = "transforms.json"
 
 
 def is_capture(folder: Path) -> bool:
     """Whether a folder is a capture: it has a `capture.yaml`."""
-    return (folder / CAPTURE_FILE).is_file()
+    return is_file(folder / CAPTURE_FILE)
 
 
 def read_static_views(folder: Path) -> list[View]:
@@ -32,11 +33,11 @@ def read_static_views(folder: Path) -> list[View]:
         The views, in the order of the file.
 
     Raises:
-        InputError: Anything in these files is missing or wrong; see `read_capture_object`, `load_mesh` and
+        InputError: Anything in these files is missing or wrong; see `read_capture_object`, `read_mesh` and
             `read_views`.
     """
     about = read_capture_object(folder)
-    return read_views(folder / "static", about.X_WO, mesh=load_mesh(about.mesh_path))
+    return read_views(folder / "static", about.X_WO, mesh=read_mesh(about.mesh_path))
 
 
 def read_views(path: Path, X_WO: Pose | None = None, *, mesh: trimesh.Trimesh | None = None) -> list[View]:
@@ -58,7 +59,7 @@ def read_views(path: Path, X_WO: Pose | None = None, *, mesh: trimesh.Trimesh | 
         InputError: A file is missing or unreadable, a size does not fit, a pose is not rigid, a camera is
             inside the object, or an image does not show the object where its camera has it.
     """
-    file = path / _TRANSFORMS if path.is_dir() else path
+    file = path / TRANSFORMS if is_folder(path) else path
     frames = read_transforms(file)
     X_WO = identity() if X_WO is None else X_WO
     return [_read_view(frame, X_WO, mesh) for frame in frames]
@@ -68,30 +69,51 @@ def _read_view(frame: Frame, X_WO: Pose, mesh: trimesh.Trimesh | None) -> View:
     """The view of one frame, checked; raises InputError as `read_views` does."""
     X_CO = compose(inverse(frame.X_WC), X_WO)
     if mesh is not None:
-        _require_outside(frame, X_CO, mesh)
-    image, mask = read_image(frame.image_path, _mask_path(frame))
-    size, expected = (mask.shape[1], mask.shape[0]), (frame.camera.width, frame.camera.height)
-    if size != expected:
-        raise InputError(
-            frame.image_path,
-            value=f"{size[0]} x {size[1]} px",
-            allowed=f"{expected[0]} x {expected[1]} px, as {frame.entry.path} says ({frame.entry.place})",
-        )
+        require_outside(frame, X_CO, mesh)
+    image, mask = read_frame_image(frame)
     view = View(frame.file_path, frame.camera, X_CO, torch.from_numpy(image), torch.from_numpy(mask))
     if mesh is not None:
-        _require_seen(frame, view, mesh)
+        require_seen(frame, X_CO, mask, mesh)
     return view
 
 
-def _mask_path(frame: Frame) -> Path | None:
-    """The mask of a frame, or None; raises InputError where other frames have one and this one has not."""
-    folder = frame.entry.path.parent / "masks"
-    if frame.mask_path is not None or not folder.is_dir():
-        return frame.mask_path
-    found = sorted(folder.glob(f"{_escape(frame.image_path.stem)}.*"))
+def read_frame_image(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+    """The image of a frame: (H, W, 3) float32, sRGB in [0, 1], and (H, W) bool, true on the object.
+
+    Raises:
+        InputError: Image or mask is missing or unreadable, of another size than the camera's, or shows nothing.
+    """
+    image, mask = read_image(frame.image_path, frame.mask_path or find_mask(frame.entry.path.parent, frame.image_path))
+    if mask.shape != (frame.camera.height, frame.camera.width):
+        raise InputError(
+            frame.image_path,
+            value=size_of(mask),
+            allowed=f"{frame.camera.width} x {frame.camera.height} px, as {frame.entry.path} says "
+            f"({frame.entry.place})",
+        )
+    return image, mask
+
+
+def find_mask(folder: Path, image_path: Path) -> Path | None:
+    """The mask of an image.
+
+    Args:
+        folder: Where `masks` may be.
+        image_path: The image; its mask has its name up to the suffix.
+
+    Returns:
+        Its file in `masks`; None where there is no such folder.
+
+    Raises:
+        InputError: There is such a folder, but the mask is not in it.
+    """
+    masks = folder / "masks"
+    if not is_folder(masks):
+        return None
+    found = sorted(masks.glob(f"{_escape(image_path.stem)}.*"))
     if not found:
         raise InputError(
-            folder, value=f"no mask {frame.image_path.stem}.*", allowed="a mask for each image, or no such folder"
+            masks, value=f"no mask {image_path.stem}.*", allowed="a mask for each image, or no such folder"
         )
     return found[0]
 
@@ -101,23 +123,42 @@ def _escape(name: str) -> str:
     return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in name)
 
 
-def _require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:
-    """Raises InputError where the camera is inside the mesh."""
+def require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:
+    """Requires the camera of a frame to be outside the object.
+
+    Args:
+        frame: The frame.
+        X_CO: Pose of the object in its camera: q (4,), p (3,) [m].
+        mesh: The object, m, O.
+
+    Raises:
+        InputError: It is inside.
+    """
     p_OC = inverse(X_CO).p.numpy()
     if winding_number(mesh, p_OC) > 0.5:
         found = f"a camera inside the object, at {(np.round(p_OC, 4) + 0.0).tolist()} m from its origin"
         raise frame.entry["transform_matrix"].refusal("a camera outside the object", found)
 
 
-def _require_seen(frame: Frame, view: View, mesh: trimesh.Trimesh) -> None:
-    """Raises InputError where the mesh, seen by the camera, and the mask do not even overlap."""
+def require_seen(frame: Frame, X_CO: Pose, mask: np.ndarray, mesh: trimesh.Trimesh) -> None:
+    """Requires the camera of a frame to see the object, and not beside where the image shows it.
+
+    Args:
+        frame: The frame.
+        X_CO: Pose of the object in its camera: q (4,), p (3,) [m].
+        mask: (H, W) bool, where the image shows it.
+        mesh: The object, m, O.
+
+    Raises:
+        InputError: The camera looks away from it, or the boxes around mesh and mask do not even overlap.
+    """
     entry, hint = frame.entry["transform_matrix"], "poses in OpenGL axes that see the object where the image does"
-    pixels, depths = (values.numpy() for values in view.project(torch.tensor(np.array(mesh.vertices))))
+    pixels, depths = (values.numpy() for values in project(frame.camera, X_CO, torch.tensor(np.array(mesh.vertices))))
     if (depths <= 0).all():
         raise entry.refusal(hint, "a camera that looks away from the object")
     if (depths <= 0).any():
         return
-    rows, columns = np.nonzero(view.mask.numpy())
+    rows, columns = np.nonzero(mask)
     low, high = np.array([columns.min(), rows.min()]), np.array([columns.max(), rows.max()])
     if (pixels.max(axis=0) < low).any() or (pixels.min(axis=0) > high + 1).any():
         (x0, y0), (x1, y1) = pixels.min(axis=0), pixels.max(axis=0)

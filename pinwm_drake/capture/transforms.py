@@ -11,6 +11,8 @@ import numpy as np
 import torch
 
 from pinwm_drake.capture.documents import Entry, read_json
+from pinwm_drake.capture.objects import FARTHEST
+from pinwm_drake.capture.refusals import Refuse, raise_it
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import matrix_to_quaternion
@@ -60,12 +62,25 @@ def read_transforms(path: Path) -> list[Frame]:
     """
     document = read_json(path)
     frames = [read_frame(document, entry) for entry in document["frames"].items()]
+    require_different(frames)
+    return frames
+
+
+def require_different(frames: list[Frame], refuse: Refuse = raise_it) -> None:
+    """Requires each frame to have an image of its own.
+
+    Args:
+        frames: The frames.
+        refuse: Receives each problem.
+
+    Raises:
+        InputError: An image is listed twice.
+    """
     seen: dict[Path, str] = {}
     for frame in frames:
         other = seen.setdefault(frame.image_path, frame.entry.place)
         if other != frame.entry.place:
-            raise frame.entry["file_path"].refusal(f"each image once (it is in {other} too)")
-    return frames
+            refuse(frame.entry["file_path"].refusal(f"each image once (it is in {other} too)"))
 
 
 def read_frame(document: Entry, frame: Entry) -> Frame:
@@ -114,9 +129,21 @@ def read_pose(entry: Entry) -> Pose:
     """A camera's pose in OpenCV axes from a 4 x 4 matrix [m] in OpenGL axes.
 
     Raises:
-        InputError: The entry is not a rigid transform of finite numbers.
+        InputError: The entry is not a rigid transform of finite numbers, or is a kilometre away.
     """
-    matrix = entry.numbers(4, 4)
+    return opencv_pose(entry, entry.numbers(4, 4))
+
+
+def opencv_pose(entry: Entry, matrix: np.ndarray) -> Pose:
+    """A camera's pose in OpenCV axes from its matrix (4, 4) [m] in OpenGL axes.
+
+    Args:
+        entry: Where the matrix stands.
+        matrix: Finite numbers.
+
+    Raises:
+        InputError: It is not a rigid transform, or is a kilometre away.
+    """
     rotation = matrix[:3, :3]
     if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
         raise entry.refusal("a matrix whose last row is 0, 0, 0, 1", f"last row {matrix[3].tolist()}")
@@ -127,5 +154,7 @@ def read_pose(entry: Entry) -> Pose:
         )
     if np.linalg.det(rotation) < 0:
         raise entry.refusal("a rotation with determinant +1", "a reflection, determinant -1")
+    if np.abs(matrix[:3, 3]).max() > FARTHEST:
+        raise entry.refusal(f"a camera within {FARTHEST:g} m of the origin", f"position {matrix[:3, 3].tolist()}")
     R_WC = rotation @ np.diag([1.0, -1.0, -1.0])
     return Pose(matrix_to_quaternion(torch.from_numpy(R_WC)), torch.from_numpy(matrix[:3, 3].copy()))

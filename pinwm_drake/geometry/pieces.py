@@ -1,7 +1,8 @@
 """Convex pieces of a body, and the flat table of numbers in which the compiled narrow phase reads them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -86,11 +87,13 @@ class PieceTable(NamedTuple):
     floor_owners: np.ndarray
 
 
-def pack_pieces(pieces_of_body: list[list[ConvexPiece]]) -> PieceTable:
+def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[np.ndarray | None] = ()) -> PieceTable:
     """Packs the pieces of all bodies into one table.
 
     Args:
         pieces_of_body: For each body its pieces, in the body's frame.
+        floor_points: For each body the points (n, 3), m, with which it touches the floor, in its frame, or None
+            for those of its pieces; bodies beyond the end of the sequence have none of their own.
 
     Returns:
         The table; bodies, pieces and vertices keep their order.
@@ -116,7 +119,10 @@ def pack_pieces(pieces_of_body: list[list[ConvexPiece]]) -> PieceTable:
     first_edge = _starts([len(hull.edges) for hull in hulls])
     kinds = np.array([piece.kind for piece in pieces] + [-1])
     spheres = np.array([_bounding_sphere(piece) for piece in pieces])
-    floors = [_floor_points(body, int(first_piece[b])) for b, body in enumerate(pieces_of_body)]
+    floors = [
+        _floor_points(body, int(first_piece[b])) if own is None else _own_floor_points(own)
+        for b, (body, own) in enumerate(zip_longest(pieces_of_body, floor_points))
+    ]
 
     def shifted(block: np.ndarray, *shifts: np.ndarray) -> np.ndarray:
         return np.asarray(block + np.array(shifts))
@@ -239,6 +245,13 @@ def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray
         points.append(np.pad(block, ((0, 0), (0, 1)), constant_values=0.0 if on_rim else piece.radius))
         owners.append(np.full(len(block), first_piece + i if on_rim else -1))
     return np.concatenate(points), np.concatenate(owners)
+
+
+def _own_floor_points(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Given points in the form of `_floor_points`; raises GeometryError where they are none."""
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.all(np.isfinite(points)):
+        raise GeometryError(f"floor points are {points.shape}; allowed: (n, 3) finite coordinates, n at least 1")
+    return np.pad(points.astype(float), ((0, 0), (0, 1))), np.full(len(points), -1)
 
 
 def rim_points(cylinder: ConvexPiece) -> np.ndarray:

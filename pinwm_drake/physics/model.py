@@ -28,12 +28,14 @@ class Body:
         pieces: convex pieces in the body frame B, whose origin is the centre of mass.
         mass: nominal mass, kg.
         inertia: (3, 3), nominal inertia about the centre of mass, axes of B, kg m^2.
+        floor_points: (n, 3), points with which it touches the floor, frame B, m; None for those of its pieces.
     """
 
     name: str
     pieces: Sequence[ConvexPiece]
     mass: float
     inertia: np.ndarray
+    floor_points: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +219,7 @@ class Model:
             joint_anchor=np.array([row[2] for row in rows], float).reshape(-1, 2, 3),
             joint_direction=np.array([row[3] for row in rows], float).reshape(-1, 3),
             joint_rotation=np.array([row[4] for row in rows], float).reshape(-1, 3, 3),
-            table=pack_pieces(all_pieces),
+            table=pack_pieces(all_pieces, [body.floor_points for body in self.bodies]),
         )
 
     def _joint_rows(self, joint: Joint) -> list[tuple]:

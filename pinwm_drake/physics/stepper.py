@@ -117,9 +117,10 @@ def _raise_failure(model: Model, status: np.ndarray) -> None:
     if code > kernels.TOO_MANY_CONTACTS:
         raise SolverError(
             f"world {world}, step {code - kernels.TOO_MANY_CONTACTS - 1}: more than "
-            f"{model.max_contacts} contacts; raise Model(max_contacts=...)"
+            f"{model.max_contacts} contacts; raise Model(max_contacts=...)",
+            world=world,
         )
-    raise SolverError(f"world {world}, step {code - 1}: the contact LCP found no solution")
+    raise SolverError(f"world {world}, step {code - 1}: the contact LCP found no solution", world=world)
 
 
 class _Rollout(torch.autograd.Function):
@@ -160,5 +161,6 @@ class _Rollout(torch.autograd.Function):
         )
         share(kernels.rollout_backward, (*arguments, frame_bars, bars), V_P.shape[1], ctx.threads)
         if (frames[-1] < 0).any():
-            raise SolverError(f"world {int(np.flatnonzero(frames[-1] < 0)[0])}: the adjoint's matrix is singular")
+            world = int(np.flatnonzero(frames[-1] < 0)[0])
+            raise SolverError(f"world {world}: the adjoint's matrix is singular", world=world)
         return (None, None, *(torch.from_numpy(bar) for bar in bars))

@@ -1,8 +1,6 @@
 """Checkpoints of a fit: one npz file, which appears whole or not at all."""
 
 import hashlib
-import json
-import zipfile
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -12,8 +10,7 @@ import torch
 import trimesh
 from torch import Tensor
 
-from pinwm_drake.errors import InputError
-from pinwm_drake.files import replacing
+from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.views import View
 
@@ -47,9 +44,7 @@ def write_checkpoint(folder: Path, about: dict[str, object], arrays: dict[str, T
     Raises:
         InputError: it cannot be written; the earlier one stays.
     """
-    with replacing(folder / FILE) as temporary:
-        contents = {"about": np.array(json.dumps(about))} | {name: value.numpy() for name, value in arrays.items()}
-        np.savez(temporary, allow_pickle=False, **contents)
+    write_arrays(folder / FILE, about, {name: value.numpy() for name, value in arrays.items()})
 
 
 def read_checkpoint(folder: Path, about: dict[str, object], names: Iterable[str]) -> dict[str, Tensor] | None:
@@ -66,23 +61,5 @@ def read_checkpoint(folder: Path, about: dict[str, object], names: Iterable[str]
     Raises:
         InputError: it cannot be read, or is of another fit; the message names what differs.
     """
-    path = folder / FILE
-    if not path.exists():
-        return None
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        written = dict(json.loads(str(arrays.pop("about"))))
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(path, value=f"unreadable contents ({error})", allowed="a checkpoint of `fit`") from error
-    for name, value in about.items():
-        if written.get(name) != value:
-            raise InputError(
-                path,
-                value=f"a fit with {name} = {written.get(name)}",
-                allowed=f"one with {name} = {value}; start anew to fit with other settings",
-            )
-    for name in names:
-        if name not in arrays:
-            raise InputError(path, value=f"no array {name}", allowed="a checkpoint of `fit`")
-    return {name: torch.from_numpy(value) for name, value in arrays.items()}
+    arrays = read_arrays(folder / FILE, about, "fit", names)
+    return None if arrays is None else {name: torch.from_numpy(value) for name, value in arrays.items()}

@@ -25,3 +25,14 @@ def write_caption(image: np.ndarray, text: str) -> None:
     canvas = Image.fromarray(image)
     ImageDraw.Draw(canvas).text((size, height - 2 * size), text, font=_font(size), fill=(45, 52, 64))
     image[:] = np.asarray(canvas)
+
+
+def write_panel_captions(image: np.ndarray, texts: list[str]) -> None:
+    """Writes one line into the lower left corner of each of several panels side by side.
+
+    Args:
+        image: (height, width, 3) uint8, sRGB, changed in place; its width is a multiple of the number of panels.
+        texts: One for each panel.
+    """
+    for panel, text in zip(np.split(image, len(texts), axis=1), texts, strict=True):
+        write_caption(panel, text)

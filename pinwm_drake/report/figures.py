@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from pinwm_drake.files import replacing
+from pinwm_drake.report.outline import silhouette
 
 _BLOCK, _PUSHER, _GREY = "#c8432f", "#2f5d9e", "#8a8f98"
 _SILHOUETTES = 7
@@ -85,7 +86,7 @@ def _draw_from_above(
     for k in np.unique(np.linspace(0, len(times) - 1, _SILHOUETTES).round().astype(int)):
         share = times[k] / times[-1]
         colour = colormaps["Oranges"](0.25 + 0.55 * share)
-        triangles, outline = _silhouette(mesh, R_WB[k])
+        triangles, outline = silhouette(mesh, R_WB[k])
         triangles, outline = 1e3 * (triangles + p_WB[k, :2]), 1e3 * (outline + p_WB[k, :2])
         axes.add_collection(PolyCollection(triangles, facecolor=colour, edgecolor="none", alpha=0.55))
         axes.add_collection(LineCollection(outline, colors=[colour], linewidths=1.2))
@@ -102,11 +103,3 @@ def _draw_from_above(
     axes.grid(color="#e3e5e8")
     axes.set_axisbelow(True)
     axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.09), ncol=2)
-
-
-def _silhouette(mesh: trimesh.Trimesh, R_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A mesh seen from above: triangles (n, 3, 2) that face up, and outline segments (m, 2, 2); [m]."""
-    vertices = mesh.vertices @ R_WB.T
-    up = mesh.face_normals @ R_WB[2] > 1e-6
-    outline = up[mesh.face_adjacency].sum(axis=1) == 1
-    return vertices[mesh.faces[up]][..., :2], vertices[mesh.face_adjacency_edges[outline]][..., :2]

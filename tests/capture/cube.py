@@ -27,8 +27,8 @@ floor: {height: 0.0}
 """
 
 
-def cameras(size: int, count: int) -> list[ViewCamera]:
-    """Cameras on a ring around the cube, at two heights."""
+def cameras(size: int, count: int, field_of_view: float = 25.0) -> list[ViewCamera]:
+    """Cameras on a ring around the cube, at two heights; the angle in degrees."""
     target = np.array([0.0, 0.0, HEIGHT])
     return [
         ViewCamera.look_at(
@@ -36,20 +36,20 @@ def cameras(size: int, count: int) -> list[ViewCamera]:
             target,
             width=size,
             height=size,
-            field_of_view=math.radians(25),
+            field_of_view=math.radians(field_of_view),
         )
         for k, angle in enumerate(2 * math.pi * np.arange(count) / count)
     ]
 
 
-def picture(camera: ViewCamera) -> np.ndarray:
-    """The cube: (height, width, 4) uint8, RGBA; each pixel is the mean of 16."""
+def picture(camera: ViewCamera, x: float = 0.0) -> np.ndarray:
+    """The cube, moved along x [m]: (height, width, 4) uint8, RGBA; each pixel is the mean of 16."""
     cube = trimesh.creation.box((SIDE, SIDE, SIDE))
     surface = Surface.empty(camera.scaled(4))
     for k in range(len(cube.faces)):
         axis = int(np.abs(cube.face_normals[k]).argmax())
         colour = FACES[2 * axis + int(cube.face_normals[k, axis] > 0)]
-        corners = cube.triangles[k : k + 1] + np.array([0, 0, HEIGHT])
+        corners = cube.triangles[k : k + 1] + np.array([x, 0, HEIGHT])
         draw_triangles(surface, camera.scaled(4), corners, np.repeat(cube.face_normals[k : k + 1, None], 3, 1), colour)
     covered = (surface.inverse_depth > 0)[..., None]
     blocks = np.concatenate((surface.colour * covered, covered), axis=-1)

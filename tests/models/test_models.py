@@ -3,17 +3,37 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from pinwm_drake.models import model_names, model_path, resolve
+from pinwm_drake.models import OBJECT_NAMES, model_names, model_path, object_model, resolve
+from pinwm_drake.models.paint import COLOURS, texts
+from pydrake.geometry import (
+    ClippingRange,
+    ColorRenderCamera,
+    GeometryInstance,
+    MakeRenderEngineVtk,
+    Mesh,
+    PerceptionProperties,
+    RenderCameraCore,
+    RenderEngineVtkParams,
+    RenderLabel,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import PackageMap
+from pydrake.systems.sensors import CameraInfo
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.geometry.meshes import load_mesh
 
 # Coordinates in the files carry nine digits: 1e-9 of 0.1 m. Volumes and inertias are compared relatively.
 DIGITS = 1e-9
 
 
+# Those that are to be one closed surface; beside them stand the same in colours.
+PLAIN = [f"{name}/{name}.obj" for name in OBJECT_NAMES]
+
+
 def load(name: str) -> trimesh.Trimesh:
-    return trimesh.load(model_path(name), force="mesh")
+    return load_mesh(model_path(name))
 
 
 def contains(mesh: trimesh.Trimesh, point: np.ndarray) -> bool:
@@ -28,7 +48,7 @@ def contains(mesh: trimesh.Trimesh, point: np.ndarray) -> bool:
     return bool(2 * np.arctan2(volume, scale).sum() > 2 * math.pi)
 
 
-@pytest.mark.parametrize("name", [name for name in model_names() if name.endswith(".obj")])
+@pytest.mark.parametrize("name", PLAIN)
 def test_meshes_are_watertight_and_centred(name):
     mesh = load(name)
     assert mesh.is_watertight
@@ -73,6 +93,91 @@ def test_mug_is_hollow_with_a_closed_base():
     assert contains(mesh, np.array([0.038, 0.0, 0.0]))
 
 
+def test_cube_has_60_mm_sides():
+    mesh = load("cube/cube.obj")
+    np.testing.assert_allclose(mesh.bounds, [[-0.03] * 3, [0.03] * 3], atol=DIGITS)
+    assert mesh.volume == pytest.approx(0.06**3, rel=DIGITS)
+
+
+def read_obj(path):
+    """Corners (n, 3), normals (m, 3); faces as (corner, normal) numbers (f, 3, 2), counted from 0; their colours."""
+    corners, normals, faces, colours, colour = [], [], [], [], None
+    for line in path.read_text().splitlines():
+        kind, *rest = line.split()
+        if kind == "v":
+            corners.append([float(value) for value in rest])
+        elif kind == "vn":
+            normals.append([float(value) for value in rest])
+        elif kind == "usemtl":
+            (colour,) = rest
+        elif kind == "f":
+            faces.append([[int(value) - 1 for value in corner.split("//")] for corner in rest])
+            colours.append(colour)
+    return np.array(corners), np.array(normals), np.array(faces), np.array(colours)
+
+
+@pytest.mark.parametrize("name", [name for name in model_names() if name.endswith(".obj")])
+def test_normals_are_those_of_the_faces(name):
+    corners, normals, faces, _ = read_obj(model_path(name))
+    a, b, c = (corners[faces[:, k, 0]] for k in range(3))
+    across = np.cross(b - a, c - a)
+    area = np.linalg.norm(across, axis=1)
+    # Nine digits of 0.1 m: 1e-10 m across a cell of 1 mm or more.
+    for k in range(3):
+        np.testing.assert_allclose(across / area[:, None], normals[faces[:, k, 1]], atol=1e-5)
+
+
+@pytest.mark.parametrize("name", OBJECT_NAMES)
+def test_the_painted_surface_is_the_mesh(name):
+    model = object_model(name)
+    corners, _, faces, colours = read_obj(model.visual_path)
+    triangles, mesh = corners[faces[:, :, 0]], load_mesh(model.mesh_path)
+    soup = trimesh.Trimesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), process=False)
+    assert soup.area == pytest.approx(mesh.area, rel=1e-7)
+    assert soup.volume == pytest.approx(mesh.volume, rel=1e-7)
+    np.testing.assert_allclose(soup.bounds, mesh.bounds, atol=DIGITS)
+    assert set(colours) <= set(COLOURS)
+    assert len(set(colours)) >= 6
+
+
+@pytest.mark.parametrize(("name", "turns"), [("t_block", 2), ("cube", 4), ("mug", 64)])
+def test_colours_show_which_way_an_object_has_turned(name, turns):
+    corners, _, faces, colours = read_obj(object_model(name).visual_path)
+    triangles = corners[faces[:, :, 0]]
+    area = 0.5 * np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+    middles = triangles.mean(axis=1)
+    for k in range(1, turns):
+        angle = 2 * math.pi * k / turns
+        turned = middles @ np.array(
+            [[math.cos(angle), math.sin(angle), 0], [-math.sin(angle), math.cos(angle), 0], [0, 0, 1]]
+        )
+        nearest = np.linalg.norm(turned[:, None] - middles, axis=2).argmin(axis=1)
+        # At least a tenth of the surface has another colour, also after one facet of the mug.
+        share = area[colours != colours[nearest]].sum() / area.sum()
+        assert share > (0.1 if name != "mug" or 4 <= k <= 60 else 0.02)
+
+
+def test_painted_files_are_up_to_date():
+    for path, text in texts().items():
+        assert path.read_text() == text, f"run python -m pinwm_drake.models.paint: {path}"
+
+
+@pytest.mark.parametrize("name", [name for name in model_names() if name.endswith(".obj")])
+def test_drake_renders_the_files(name):
+    scene_graph = SceneGraph()
+    scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams()))
+    geometry = GeometryInstance(RigidTransform(), Mesh(model_path(name)), "model")
+    properties = PerceptionProperties()
+    properties.AddProperty("label", "id", RenderLabel(7))
+    geometry.set_perception_properties(properties)
+    scene_graph.RegisterAnchoredGeometry(scene_graph.RegisterSource(), geometry)
+    query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
+    core = RenderCameraCore("vtk", CameraInfo(40, 40, 0.5), ClippingRange(0.01, 10.0), RigidTransform())
+    X_WC = RigidTransform([0, 0, -0.4])
+    label = query.RenderLabelImage(ColorRenderCamera(core), scene_graph.world_frame_id(), X_WC)
+    assert (np.asarray(label.data) == 7).sum() > 100
+
+
 def test_urls_resolve_to_the_same_file():
     assert resolve("package://pinwm_models/mug/mug.obj") == model_path("mug/mug.obj")
     assert str(resolve("somewhere/else.obj")) == "somewhere/else.obj"
@@ -82,6 +187,14 @@ def test_drake_resolves_the_same_url():
     packages = PackageMap.MakeEmpty()
     packages.AddPackageXml(str(model_path("package.xml")))
     assert packages.ResolveUrl("package://pinwm_models/mug/mug.obj") == str(model_path("mug/mug.obj"))
+
+
+def test_objects_are_found_by_name():
+    model = object_model("mug")
+    assert model.mesh_path == model_path("mug/mug.obj")
+    assert model.visual_path == model_path("mug/mug_visual.obj")
+    with pytest.raises(InputError, match=r"object 'teapot'; allowed: t_block, cube, mug"):
+        object_model("teapot")
 
 
 def test_unknown_models_are_answered_with_what_there_is():

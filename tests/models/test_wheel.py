@@ -48,7 +48,7 @@ for name in models.model_names():
     # -P leaves out the current folder; PYTHONPATH comes before a checkout installed for development.
     package, *files = call(sys.executable, "-P", "-c", code, cwd=tmp_path, path=site).splitlines()
     assert Path(package) == site / "pinwm_drake" / "__init__.py"
-    expected = {"package.xml", "t_block/t_block.obj", "mug/mug.obj"}
+    expected = {"package.xml", "t_block/t_block.obj", "cube/cube_visual.obj", "mug/mug_visual.mtl"}
     assert {Path(file).relative_to(site / "pinwm_drake" / "models").as_posix() for file in files} >= expected
 
 

@@ -1,0 +1,203 @@
+"""Paints the meshes: writes a normal for each face into NAME.obj, and NAME_visual.obj with its colours NAME_visual.mtl.
+
+Run `python -m pinwm_drake.models.paint` after a mesh was changed. RenderEngineVtk wants normals, and a camera that is
+to see which way an object has turned wants colours that its symmetry does not repeat: cells of the surface, cut along
+planes of the object frame, have the colours of a fixed table. The plain mesh stays one closed surface, which the
+painted one is not.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+_ROOT = Path(__file__).resolve().parent
+
+COLOURS = {
+    "red": (0.80, 0.16, 0.14),
+    "orange": (0.93, 0.53, 0.13),
+    "yellow": (0.93, 0.82, 0.20),
+    "green": (0.20, 0.58, 0.26),
+    "cyan": (0.18, 0.66, 0.70),
+    "blue": (0.16, 0.32, 0.72),
+    "purple": (0.50, 0.24, 0.60),
+    "pink": (0.90, 0.52, 0.62),
+    "brown": (0.45, 0.29, 0.18),
+    "grey": (0.42, 0.44, 0.47),
+    "black": (0.12, 0.12, 0.13),
+    "cream": (0.78, 0.72, 0.56),
+}
+
+Polygon = np.ndarray  # (n, 3) [m], convex, plane, counter-clockwise seen from outside
+
+
+@dataclass(frozen=True)
+class Paint:
+    """How a mesh is coloured.
+
+    Attributes:
+        cuts: For each axis of O, where planes cut the surface into cells [m].
+        colour: From a cell's middle (3,) [m] and outward normal (3,) to the name of its colour.
+    """
+
+    cuts: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
+    colour: Callable[[np.ndarray, np.ndarray], str]
+
+
+def _side(normal: np.ndarray) -> int:
+    """Which of +x, -x, +y, -y, +z, -z a normal is nearest to, 0 to 5."""
+    axis = int(np.argmax(np.abs(normal)))
+    return 2 * axis + int(normal[axis] < 0)
+
+
+def _t_block(middle: np.ndarray, normal: np.ndarray) -> str:
+    tones = (
+        ("red", "pink"),
+        ("green", "yellow"),
+        ("blue", "cyan"),
+        ("purple", "cream"),
+        ("orange", "blue", "cream", "green", "red"),
+        ("grey", "black"),
+    )[_side(normal)]
+    column, row, layer = np.floor((middle + np.array([0.06, 0.055, 0.025])) / [0.02, 0.02, 0.025]).astype(int)
+    return tones[(2 * column + row + layer) % len(tones)]
+
+
+def _cube(middle: np.ndarray, normal: np.ndarray) -> str:
+    side = _side(normal)
+    base = ("red", "green", "blue", "yellow", "orange", "purple")[side]
+    others = np.delete(middle, side // 2)
+    # One corner of each face and the middle of one edge tell its rotations by quarter turns apart.
+    if others[0] > 0.01 and others[1] > 0.01:
+        return "black"
+    return "cream" if others[0] < -0.01 and abs(others[1]) < 0.01 else base
+
+
+def _mug(middle: np.ndarray, normal: np.ndarray) -> str:
+    if normal[2] < -0.5:
+        return "grey" if middle[0] > 0 else "brown"
+    radial = middle[:2] @ normal[:2]
+    if radial <= 0 or normal[2] > 0.5:  # inside, or the rim
+        return "cream" if middle[0] > 0 else "pink"
+    sector = int(np.floor(8 * np.arctan2(middle[1], middle[0]) / (2 * np.pi)))
+    band = int(np.floor((middle[2] + 0.0333232104) / 0.0267))
+    stripes = ("red", "yellow", "blue", "cream", "green", "orange", "purple", "cyan")
+    return stripes[(sector + 3 * band) % 8]
+
+
+PAINTS = {
+    "t_block": Paint(((-0.04, -0.02, 0.0, 0.02, 0.04), tuple(-0.035 + 0.02 * k for k in range(6)), (0.0,)), _t_block),
+    "cube": Paint(((-0.01, 0.01), (-0.01, 0.01), (-0.01, 0.01)), _cube),
+    "mug": Paint(((0.0,), (0.0,), (-0.0066, 0.0201)), _mug),
+}
+
+
+def read_plain(path: Path) -> tuple[list[str], list[str], np.ndarray, np.ndarray]:
+    """A plain OBJ file of triangles.
+
+    Returns:
+        Its comments and "o" lines; its "v" lines; corners (n, 3) [m]; faces (m, 3), counted from 0.
+    """
+    head, vertices, faces = [], [], []
+    for line in path.read_text().splitlines():
+        if line.startswith(("#", "o ")):
+            head.append(line)
+        elif line.startswith("v "):
+            vertices.append(line)
+        elif line.startswith("f "):
+            faces.append([int(corner.split("/")[0]) - 1 for corner in line.split()[1:]])
+    points = np.array([[float(value) for value in line.split()[1:]] for line in vertices])
+    return head, vertices, points, np.array(faces)
+
+
+def plain_with_normals(path: Path) -> str:
+    """The text of a plain OBJ file with a normal for each face; corners stay shared."""
+    head, vertices, points, faces = read_plain(path)
+    normals = [f"vn {_numbers(normal)}" for normal in _normals(points[faces])]
+    names = list(dict.fromkeys(normals))
+    number = {name: k for k, name in enumerate(names, start=1)}
+    corners = [
+        " ".join(f"{corner + 1}//{number[normal]}" for corner in face)
+        for face, normal in zip(faces, normals, strict=True)
+    ]
+    return "\n".join([*head, *vertices, *names, *(f"f {face}" for face in corners)]) + "\n"
+
+
+def painted(path: Path, paint: Paint) -> tuple[str, str]:
+    """The texts of the painted OBJ file and of its MTL file."""
+    name = path.stem
+    _, _, points, faces = read_plain(path)
+    groups: dict[str, list[tuple[Polygon, np.ndarray]]] = {}
+    for polygon, normal in zip(points[faces], _normals(points[faces]), strict=True):
+        for cell in _cut(polygon, paint.cuts):
+            groups.setdefault(paint.colour(cell.mean(axis=0), normal), []).append((cell, normal))
+    lines = [f"# {name}.obj in colours, by paint.py. Metres; frame of {name}.obj.", f"mtllib {name}_visual.mtl"]
+    corners = normals = 0
+    for colour in sorted(groups):
+        lines.append(f"usemtl {colour}")
+        for cell, normal in groups[colour]:
+            lines += [f"v {_numbers(corner)}" for corner in cell] + [f"vn {_numbers(normal)}"]
+            normals += 1
+            for k in range(1, len(cell) - 1):
+                lines.append(f"f {' '.join(f'{corners + 1 + j}//{normals}' for j in (0, k, k + 1))}")
+            corners += len(cell)
+    materials = [
+        f"newmtl {colour}\nKd {_numbers(np.array(COLOURS[colour]))}\nKa 0 0 0\nKs 0 0 0\nillum 1\n"
+        for colour in sorted(groups)
+    ]
+    return "\n".join(lines) + "\n", "\n".join(materials)
+
+
+def texts() -> dict[Path, str]:
+    """Every file that this module writes, and what is to stand in it."""
+    found = {}
+    for name, paint in PAINTS.items():
+        path = _ROOT / name / f"{name}.obj"
+        found[path] = plain_with_normals(path)
+        found[path.with_name(f"{name}_visual.obj")], found[path.with_name(f"{name}_visual.mtl")] = painted(path, paint)
+    return found
+
+
+def _normals(triangles: np.ndarray) -> np.ndarray:
+    """Unit outward normals (n, 3) of triangles (n, 3, 3)."""
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    return across / np.linalg.norm(across, axis=1, keepdims=True)
+
+
+def _cut(polygon: Polygon, cuts: tuple[tuple[float, ...], ...]) -> list[Polygon]:
+    """A convex polygon cut along planes of the axes."""
+    cells = [polygon]
+    for axis, places in enumerate(cuts):
+        for place in places:
+            cells = [part for cell in cells for part in _halves(cell, axis, place)]
+    return cells
+
+
+def _halves(polygon: Polygon, axis: int, place: float) -> list[Polygon]:
+    """The parts of a convex polygon below and above a plane, without slivers under a micrometre."""
+    height = polygon[:, axis] - place
+    height[np.abs(height) < 1e-6] = 0
+    if (height >= 0).all() or (height <= 0).all():
+        return [polygon]
+    parts = []
+    for sign in (-1, 1):
+        corners: list[np.ndarray] = []
+        for k in range(len(polygon)):
+            here, there = sign * height[k - 1], sign * height[k]
+            if here * there < 0:
+                corners.append(polygon[k - 1] + here / (here - there) * (polygon[k] - polygon[k - 1]))
+            if there >= 0:
+                corners.append(polygon[k])
+        parts.append(np.array(corners))
+    return parts
+
+
+def _numbers(values: np.ndarray) -> str:
+    """Nine digits each; rounding errors of a zero are zero."""
+    return " ".join(f"{0.0 if abs(value) < 1e-15 else value:.9g}" for value in values)
+
+
+if __name__ == "__main__":
+    for file, text in texts().items():
+        file.write_text(text)

@@ -1,0 +1,69 @@
+"""All problems of a capture, found in one go."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pinwm_drake.capture.checks.episode import check_episode
+from pinwm_drake.capture.checks.findings import Findings, Problem
+from pinwm_drake.capture.checks.scene import check_scene
+from pinwm_drake.capture.checks.static import check_static
+from pinwm_drake.capture.objects import CAPTURE_FILE
+from pinwm_drake.capture.paths import is_folder
+from pinwm_drake.capture.scene import EPISODES
+from pinwm_drake.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """What a check found.
+
+    Attributes:
+        problems: Errors and warnings, in the order of the files.
+        views: How many static views there are.
+        images: How many images each episode has, by its name.
+    """
+
+    problems: list[Problem]
+    views: int
+    images: dict[str, int]
+
+    @property
+    def errors(self) -> int:
+        """How many errors there are."""
+        return sum(problem.severity == "error" for problem in self.problems)
+
+    @property
+    def warnings(self) -> int:
+        """How many warnings there are."""
+        return len(self.problems) - self.errors
+
+
+def check_capture(folder: Path, progress: Callable[[str], None] = lambda part: None) -> CheckResult:
+    """Checks a capture: every file, each by itself and against the others.
+
+    Args:
+        folder: The capture.
+        progress: Is told what comes next.
+
+    Returns:
+        The problems. A part that others build on, such as the mesh, is left out of their checks where it is
+        refused itself.
+
+    Raises:
+        InputError: There is no such folder.
+    """
+    if not is_folder(folder):
+        raise InputError(folder, value="no such folder", allowed=f"a capture: a folder with {CAPTURE_FILE}")
+    findings = Findings(folder)
+    progress(CAPTURE_FILE)
+    scene = check_scene(folder, findings)
+    progress("static")
+    views = check_static(scene, findings)
+    if not scene.episode_names:
+        findings.warn(folder / EPISODES, "no episode", "one push or more, to identify a twin")
+    images = {}
+    for name in scene.episode_names:
+        progress(f"{EPISODES}/{name}")
+        images[name] = check_episode(name, scene, findings)
+    return CheckResult(findings.problems, views, images)

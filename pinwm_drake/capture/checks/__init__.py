@@ -1,0 +1,1 @@
+"""The checks of `pinwm capture check`, one kind a module; `pinwm_drake.capture.check` runs them."""

@@ -1,0 +1,117 @@
+"""Checks of one episode: its camera, its tables, its images."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pinwm_drake.capture.checks.findings import Findings
+from pinwm_drake.capture.checks.motion import check_motion
+from pinwm_drake.capture.checks.scene import Scene
+from pinwm_drake.capture.checks.static import in_picture, unseen
+from pinwm_drake.capture.checks.video import Video, check_video, pose_at
+from pinwm_drake.capture.documents import read_json
+from pinwm_drake.capture.episode_tables import (
+    FRAMES_FILE,
+    POSES_FILE,
+    ObjectPoses,
+    PusherTrajectory,
+    read_frame_table,
+    read_object_poses,
+    read_trajectory,
+)
+from pinwm_drake.capture.episodes import CAMERA_FILE, read_fixed_camera
+from pinwm_drake.capture.refusals import attempt
+from pinwm_drake.capture.scene import EPISODES
+from pinwm_drake.spatial.poses import Pose, compose, inverse
+
+_FEWEST_IMAGES = 8
+_DROPPED = 1.8  # times the usual time between images
+_START = 0.005, 2.0  # m and deg between object.X_WO and the first pose of the table
+
+
+def check_episode(name: str, scene: Scene, findings: Findings) -> int:
+    """Checks `episodes/<name>`.
+
+    Args:
+        name: Of the episode.
+        scene: What was read of the capture so far.
+        findings: Receives the problems.
+
+    Returns:
+        How many images it has.
+    """
+    folder = scene.folder / EPISODES / name
+    before = findings.errors
+    trajectory = attempt(lambda: read_trajectory(folder, findings.error), findings.error)
+    log = trajectory if findings.errors == before else None
+    frames = attempt(lambda: read_frame_table(folder, None if log is None else log.t, findings.error), findings.error)
+    frames_whole = frames is not None and bool(np.isfinite(frames[1]).all())
+    before = findings.errors
+    poses = attempt(lambda: read_object_poses(folder, findings.error), findings.error)
+    known = poses if findings.errors == before else None
+    seen = attempt(lambda: read_fixed_camera(folder), findings.error)
+    if seen is not None and scene.mesh is not None and scene.X_WO is not None:
+        camera, X_WC = seen
+        if not in_picture(scene.mesh, camera, compose(inverse(X_WC), scene.X_WO)):
+            findings.error(unseen(read_json(folder / CAMERA_FILE)["transform_matrix"]))
+    if log is not None:
+        check_motion(folder, log, frames[1] if frames is not None and frames_whole else None, scene, findings)
+    if frames is None or not frames_whole:
+        return 0 if frames is None else len(frames[0])
+    names, t = frames
+    _check_times(folder, t, findings)
+    _check_start(folder, known, scene, t, findings)
+    if seen is not None:
+        start = PusherTrajectory(t[:1], np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.zeros((1, 3)), None)
+        moves = start if log is None else log
+        video = Video(
+            folder=folder,
+            camera=seen[0],
+            X_WC=seen[1],
+            file_names=names,
+            t=t,
+            mesh=scene.mesh,
+            X_WO_at=lambda time: _pose_at(known, scene, float(t[0]), time),
+            pusher=None if log is None else scene.pusher,
+            X_WP_at=lambda time: pose_at(moves.t, moves.p_WP, moves.q_WP, time),
+        )
+        check_video(video, findings)
+    return len(names)
+
+
+def _pose_at(poses: ObjectPoses | None, scene: Scene, start: float, time: float) -> Pose | None:
+    """The object's pose, where it is known: at the start, and in the table."""
+    if poses is not None and poses.t[0] - 1e-6 <= time <= poses.t[-1] + 1e-6:
+        return pose_at(poses.t, poses.p_WO, poses.q_WO, time)
+    return scene.X_WO if time == start else None
+
+
+def _check_times(folder: Path, t: np.ndarray, findings: Findings) -> None:
+    """Warns of few images and of gaps between them."""
+    path = folder / FRAMES_FILE
+    if len(t) < _FEWEST_IMAGES:
+        findings.warn(path, f"{len(t)} images", f"{_FEWEST_IMAGES} or more")
+        return
+    gaps = np.diff(t)
+    usual = float(np.median(gaps))
+    wide = np.nonzero(gaps > _DROPPED * usual)[0]
+    if len(wide):
+        k = int(wide[0])
+        found = f"{len(wide)} gaps between images, the first of {gaps[k]:.4g} s before this row"
+        findings.warn(path, found, f"an image each {usual:.4g} s, as usual here", row=k + 3)
+
+
+def _check_start(folder: Path, poses: ObjectPoses | None, scene: Scene, t: np.ndarray, findings: Findings) -> None:
+    """Warns where the table of poses begins elsewhere than X_WO, or does not last as long as the images."""
+    if poses is None:
+        return
+    path = folder / POSES_FILE
+    if poses.t[0] > t[0] + 1e-6 or poses.t[-1] < t[-1] - 1e-6:
+        found = f"poses from {poses.t[0]:.4g} s to {poses.t[-1]:.4g} s"
+        findings.warn(path, found, f"those of all images: {t[0]:.4g} s to {t[-1]:.4g} s")
+    if scene.X_WO is not None:
+        away = float(np.linalg.norm(poses.p_WO[0] - scene.X_WO.p.numpy()))
+        turn = 2 * np.degrees(np.arccos(min(abs(float(poses.q_WO[0] @ scene.X_WO.q.numpy())), 1.0)))
+        if away > _START[0] or turn > _START[1]:
+            found = f"a first pose {1000 * away:.1f} mm and {turn:.1f} deg from object.X_WO"
+            findings.warn(path, found, "an episode that starts at object.X_WO", row=2)

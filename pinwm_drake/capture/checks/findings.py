@@ -1,0 +1,61 @@
+"""The problems of a capture, noted one after the other."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pinwm_drake.errors import InputError, PinwmError
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One problem of a capture.
+
+    Attributes:
+        severity: An error makes the capture unusable; a warning may cost accuracy.
+        problem: File, row, value, and what is allowed.
+    """
+
+    severity: Literal["error", "warning"]
+    problem: InputError
+
+
+class Findings:
+    """Notes problems, each once.
+
+    Attributes:
+        problems: Those noted so far, in order.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Starts without problems; `folder` is the capture."""
+        self.problems: list[Problem] = []
+        self._folder = folder
+        self._seen: set[str] = set()
+
+    def error(self, error: PinwmError) -> None:
+        """Notes an error."""
+        self._note("error", error)
+
+    def warn(self, path: Path, found: str, expected: str, row: int | None = None) -> None:
+        """Notes a warning.
+
+        Args:
+            path: The file or folder.
+            found: What was found there, in words.
+            expected: What would be better.
+            row: The line in it.
+        """
+        self._note("warning", InputError(path, row=row, value=found, allowed=expected))
+
+    @property
+    def errors(self) -> int:
+        """How many errors there are."""
+        return sum(problem.severity == "error" for problem in self.problems)
+
+    def _note(self, severity: Literal["error", "warning"], error: PinwmError) -> None:
+        if str(error) not in self._seen:
+            self._seen.add(str(error))
+            if not isinstance(error, InputError):
+                error = InputError(self._folder, value=str(error), allowed="values in range")
+            self.problems.append(Problem(severity, error))

@@ -1,0 +1,156 @@
+"""What one image says: how sharp it is, and whether the mesh's outline lies where the mask does."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+import trimesh
+
+from pinwm_drake.capture.checks.findings import Findings
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.silhouette import coverage
+from pinwm_drake.rendering.views import project
+from pinwm_drake.spatial.poses import Pose
+
+_FEWEST = 250  # px; an object seen in fewer says little
+_SHARE = 0.35  # of the median sharpness; below it an image counts as blurred
+_BLURRED = 0.08  # 1/px^2, of a blur of some 2.5 px
+_INSIDE = 2  # px from the outline, where sharpness is measured
+_FEW_INSIDE = 100  # px, too few to measure it
+_TOLERANCE = 1.5, 0.003  # px, or the share of the width: how far outlines may be apart
+_AGREEMENT = 0.92  # of the union, away from the outlines: edges 5 % off cost 0.05 to 0.1
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How a silhouette and a mask agree.
+
+    Attributes:
+        iou: Intersection over union, leaving out what is near the outline.
+        area_ratio: Pixels of the mask for each of the silhouette.
+        shift: Mask's middle from the silhouette's; x and y in px.
+    """
+
+    iou: float
+    area_ratio: float
+    shift: tuple[float, float]
+
+    @property
+    def poor(self) -> bool:
+        """Whether it is too low for a mesh, scale and calibration that fit."""
+        return self.iou < _AGREEMENT
+
+    def words(self) -> str:
+        """What disagrees."""
+        x, y = self.shift
+        return f"overlap (IoU) {self.iou:.2f}, area x {self.area_ratio:.2f}, shift ({x:.0f}, {y:.0f}) px"
+
+
+def silhouette(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> np.ndarray | None:
+    """Which pixels a mesh covers: (H, W) bool; None where some of it is not in front of the camera.
+
+    Args:
+        mesh: m, frame O.
+        camera: With intrinsics (4,).
+        X_CO: Pose of O in the camera: q (4,), p (3,) [m].
+    """
+    _, depths = project(camera, X_CO, torch.from_numpy(np.array(mesh.vertices)))
+    if bool((depths <= 1e-6).any()):
+        return None
+    return coverage(mesh, camera, X_CO).numpy() > 0
+
+
+def compare(outline: np.ndarray, mask: np.ndarray, ignored: np.ndarray | None = None) -> Agreement | None:
+    """Compares a silhouette with a mask.
+
+    Args:
+        outline: (H, W) bool, the silhouette.
+        mask: (H, W) bool.
+        ignored: (H, W) bool, pixels that do not count, such as those of the pusher; None for none.
+
+    Returns:
+        The agreement; None where too little is left to compare.
+    """
+    width = max(_TOLERANCE[0], _TOLERANCE[1] * mask.shape[1])
+    counts = ~_band(outline, width)
+    if ignored is not None:
+        counts &= ~ignored
+    union, both = counts & (outline | mask), counts & outline & mask
+    if union.sum() < _FEW_INSIDE or not outline.any() or not mask.any():
+        return None
+    visible = np.ones_like(mask) if ignored is None else ~ignored
+    one, other = outline & visible, mask & visible
+    if not one.any() or not other.any():
+        return None
+    shift = _middle(other) - _middle(one)
+    return Agreement(
+        float(both.sum() / union.sum()), float(other.sum() / one.sum()), (float(shift[0]), float(shift[1]))
+    )
+
+
+def sharpness(image: np.ndarray, mask: np.ndarray) -> float | None:
+    """How sharp an object is in its image, whatever its colours and contrast.
+
+    Args:
+        image: (H, W, 3) float32.
+        mask: (H, W) bool.
+
+    Returns:
+        Variance of the Laplacian over that of the gradient, inside the mask, in 1/px^2: 5 to 10 for edges of a
+        pixel, 0.5 after a Gaussian blur of 1 px, 0.13 after 2 px, 0.03 after 4 px. None where the mask is too
+        small or the object of one colour.
+    """
+    size = 2 * _INSIDE + 1
+    inside = cv2.erode(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    if inside.sum() < _FEW_INSIDE:
+        return None
+    grey = cv2.cvtColor(np.ascontiguousarray(image, np.float32), cv2.COLOR_RGB2GRAY)
+    across, along = (cv2.Sobel(grey, cv2.CV_32F, *order)[inside] / 8 for order in ((1, 0), (0, 1)))
+    gradient = float(across.var() + along.var())
+    return float(cv2.Laplacian(grey, cv2.CV_32F)[inside].var()) / gradient if gradient > 1e-12 else None
+
+
+def check_sharpness(folder: Path, values: list[tuple[Path, float | None]], findings: Findings) -> None:
+    """Warns of images far less sharp than the others, and of images that are all blurred.
+
+    Args:
+        folder: Where they are.
+        values: Of each image, its file and its sharpness.
+        findings: Receives the problems.
+    """
+    known = [value for _, value in values if value is not None]
+    if len(known) < 4:
+        return
+    median = float(np.median(known))
+    if median < _BLURRED:
+        findings.warn(folder, f"images with a sharpness of {median:.2f}/px^2", f"{_BLURRED:g} or more: less blur")
+    for path, value in values:
+        if value is not None and value < _SHARE * median:
+            found = f"blur: a sharpness of {value:.2f}/px^2, {value / median:.0%} of the other images'"
+            findings.warn(path, found, "an image as sharp as the others")
+
+
+def check_area(path: Path, mask: np.ndarray, findings: Findings) -> None:
+    """Warns of an object that covers few pixels of an image; `mask` is (H, W) bool."""
+    if mask.sum() < _FEWEST:
+        findings.warn(path, f"an object of {mask.sum()} px", f"{_FEWEST} px or more of the object")
+
+
+def dilated(mask: np.ndarray, distance: int) -> np.ndarray:
+    """A mask (H, W) grown by some pixels."""
+    size = 2 * distance + 1
+    return cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+
+
+def _band(outline: np.ndarray, width: float) -> np.ndarray:
+    """The pixels within some distance [px] of the edge of a mask."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(width) + 1,) * 2)
+    pixels = outline.astype(np.uint8)
+    return cv2.dilate(pixels, kernel) != cv2.erode(pixels, kernel)
+
+
+def _middle(mask: np.ndarray) -> np.ndarray:
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.mean(), rows.mean()])

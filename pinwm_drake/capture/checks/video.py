@@ -1,0 +1,194 @@
+"""Checks of an episode's images: what they show, where, and whether anything moves."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+import trimesh
+
+from pinwm_drake.capture.checks.findings import Findings
+from pinwm_drake.capture.checks.pictures import (
+    Agreement,
+    check_area,
+    check_sharpness,
+    compare,
+    dilated,
+    sharpness,
+    silhouette,
+)
+from pinwm_drake.capture.episode_tables import FRAMES_FILE
+from pinwm_drake.capture.episodes import read_episode_image
+from pinwm_drake.capture.paths import is_file
+from pinwm_drake.capture.refusals import attempt
+from pinwm_drake.errors import InputError
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.spatial.poses import Pose, compose, inverse
+
+_CONTRAST = 0.12  # of the range from black to white: a change that is not noise
+_MOVED = 0.005  # share of the object's pixels that have to change
+_MARGIN = 2  # px around the pusher that may be its own
+
+
+@dataclass(frozen=True, eq=False)
+class Video:
+    """The images of an episode and what is known of their contents.
+
+    Attributes:
+        folder: That of the episode.
+        camera: Size and intrinsics (4,).
+        X_WC: Its pose; q (4,), p (3,) [m].
+        file_names: The images, n paths from `folder`.
+        t: (n,) [s].
+        mesh: The object, m, O; or None.
+        X_WO_at: Its pose in the world at a time [s], or None where that is not known.
+        pusher: The pusher, m, P; or None.
+        X_WP_at: Its pose in the world at a time [s].
+    """
+
+    folder: Path
+    camera: Camera
+    X_WC: Pose
+    file_names: list[str]
+    t: np.ndarray
+    mesh: trimesh.Trimesh | None
+    X_WO_at: Callable[[float], Pose | None]
+    pusher: trimesh.Trimesh | None
+    X_WP_at: Callable[[float], Pose]
+
+
+@dataclass(eq=False)
+class _Seen:
+    """What the images showed so far, by the number of each.
+
+    Attributes:
+        first: Grey values and mask of the first image, and the pusher's pixels in it.
+        sharp: Their files and sharpness.
+        empty: Those without the object.
+        cut: Those where it touches the border.
+        moved: The largest share of its pixels that changed since the first image.
+        agreements: How meshes and masks agree, where that is known.
+        read: How many images could be read.
+    """
+
+    first: tuple[np.ndarray, np.ndarray, np.ndarray] | None
+    sharp: list[tuple[Path, float | None]]
+    empty: list[int]
+    cut: list[int]
+    moved: float
+    agreements: list[tuple[int, Agreement]]
+    read: int
+
+
+def check_video(video: Video, findings: Findings) -> None:
+    """Checks the images of an episode.
+
+    Args:
+        video: The images.
+        findings: Receives the problems.
+    """
+    seen = _Seen(None, [], [], [], 0.0, [], 0)
+    for k in range(len(video.file_names)):
+        _look(video, k, seen, findings)
+    table, count = video.folder / FRAMES_FILE, len(video.file_names)
+    if seen.read and len(seen.empty) == seen.read:
+        findings.error(InputError(table, value="images that never show the object", allowed="the object in view"))
+        return
+    if seen.empty:
+        found = f"{len(seen.empty)} of {count} images without the object, first {video.file_names[seen.empty[0]]}"
+        findings.warn(table, found, "images that show it", row=seen.empty[0] + 2)
+    if seen.cut:
+        found = f"{len(seen.cut)} of {count} images cut the object off, first {video.file_names[seen.cut[0]]}"
+        findings.warn(table, found, "the whole object in view", row=seen.cut[0] + 2)
+    if seen.read == count > 1 and seen.moved < _MOVED:
+        found = f"an object at rest: {seen.moved:.2%} of its pixels change, beside the pusher's"
+        findings.error(InputError(table, value=found, allowed="images of an object that is pushed"))
+    check_sharpness(video.folder, seen.sharp, findings)
+    _check_agreements(video, seen, findings)
+
+
+def _look(video: Video, k: int, seen: _Seen, findings: Findings) -> None:
+    """Looks at one image."""
+    name = video.file_names[k]
+    if not is_file(video.folder / name):
+        return  # its row in the table has been refused
+    picture = attempt(lambda: read_episode_image(video.folder, name, video.camera), findings.error)
+    if picture is None:
+        return
+    image, mask = picture
+    seen.read += 1
+    if not mask.any():
+        seen.empty.append(k)
+    else:
+        if mask[[0, -1]].any() or mask[:, [0, -1]].any():
+            seen.cut.append(k)
+        check_area(video.folder / name, mask, findings)
+        seen.sharp.append((video.folder / name, sharpness(image, mask)))
+    hidden = _pusher_pixels(video, float(video.t[k]))
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    if seen.first is None:
+        seen.first = grey, mask, hidden
+    seen.moved = max(seen.moved, _changed(seen.first, (grey, mask, hidden)))
+    X_WO = video.X_WO_at(float(video.t[k]))
+    if video.mesh is not None and X_WO is not None and mask.any():
+        outline = silhouette(video.mesh, video.camera, compose(inverse(video.X_WC), X_WO))
+        agreement = None if outline is None else compare(outline, mask, hidden)
+        if agreement is not None:
+            seen.agreements.append((k, agreement))
+
+
+def _pusher_pixels(video: Video, t: float) -> np.ndarray:
+    """Where the pusher is in the image of a time [s], and a little around it: (H, W) bool."""
+    nowhere = np.zeros((video.camera.height, video.camera.width), bool)
+    if video.pusher is None:
+        return nowhere
+    covered = silhouette(video.pusher, video.camera, compose(inverse(video.X_WC), video.X_WP_at(t)))
+    return nowhere if covered is None else dilated(covered, _MARGIN)
+
+
+def _changed(one: tuple[np.ndarray, np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray, np.ndarray]) -> float:
+    """Share of the object's pixels that differ in two images, where the pusher is in neither.
+
+    Args:
+        one: Grey values, mask of the object, and pixels of the pusher, each (H, W).
+        other: The same of the other image.
+    """
+    counts = ~(one[2] | other[2]) & (one[1] | other[1])
+    change = counts & ((one[1] != other[1]) | (np.abs(one[0] - other[0]) > _CONTRAST))
+    # A row of single pixels along an outline is no motion.
+    kept = cv2.morphologyEx(change.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    return float(kept.sum()) / max(int(counts.sum()), 1)
+
+
+def _check_agreements(video: Video, seen: _Seen, findings: Findings) -> None:
+    poor = [(k, agreement) for k, agreement in seen.agreements if agreement.poor]
+    if not poor:
+        return
+    k, worst = min(poor, key=lambda pair: pair[1].iou)
+    several = "" if len(poor) == 1 else f"; {len(poor)} images like this, this one is the worst"
+    findings.warn(
+        video.folder / video.file_names[k],
+        f"mask against mesh projected at t = {float(video.t[k]):.3f} s: {worst.words()}{several}",
+        "outlines that agree; check scale, calibration, camera.json, X_WO and poses",
+    )
+
+
+def pose_at(t: np.ndarray, p: np.ndarray, q: np.ndarray, time: float) -> Pose:
+    """A pose between the rows of a table: straight in p, shortest in q.
+
+    Args:
+        t: (n,) [s], increasing.
+        p: (n, 3) [m].
+        q: (n, 4), wxyz.
+        time: s; before the first row it is that of the first, after the last that of the last.
+    """
+    k = int(np.clip(np.searchsorted(t, time, side="right") - 1, 0, len(t) - 1))
+    after = min(k + 1, len(t) - 1)
+    share = 0.0 if after == k else float(np.clip((time - t[k]) / (t[after] - t[k]), 0.0, 1.0))
+    turned = q[after] if q[k] @ q[after] >= 0 else -q[after]
+    mixed = (1 - share) * q[k] + share * turned
+    return Pose(
+        torch.from_numpy(mixed / np.linalg.norm(mixed)), torch.from_numpy((1 - share) * p[k] + share * p[after])
+    )

@@ -1,0 +1,138 @@
+"""One push: its camera, its images, the pusher's log and, where they are known, the object's poses."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pinwm_drake.capture.documents import read_json
+from pinwm_drake.capture.episode_tables import (
+    ObjectPoses,
+    PusherTrajectory,
+    read_frame_table,
+    read_object_poses,
+    read_trajectory,
+)
+from pinwm_drake.capture.images import read_image, size_of
+from pinwm_drake.capture.scene import EPISODES, Capture, read_capture
+from pinwm_drake.capture.static_views import find_mask
+from pinwm_drake.capture.transforms import read_camera, read_pose
+from pinwm_drake.errors import InputError
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.spatial.poses import Pose
+
+__all__ = [
+    "Episode",
+    "ObjectPoses",
+    "PusherTrajectory",
+    "read_episode",
+    "read_episode_folder",
+    "read_frames",
+]
+
+CAMERA_FILE = "camera.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One push of the object, seen by a camera that stands still.
+
+    Attributes:
+        name: That of its folder.
+        folder: `episodes/<name>` of the capture.
+        camera: Size and intrinsics (4,).
+        X_WC: Pose of the camera in the world, OpenCV axes; q (4,), p (3,) [m].
+        file_names: The n images, as written in `frames.csv`: paths that count from `folder`.
+        t: (n,) [s], when they were taken; the clock is that of the trajectory.
+        trajectory: Where the pusher was, from the first image to the last or longer.
+        object_poses: Where the object was; to score, never to fit. None where that is not known.
+    """
+
+    name: str
+    folder: Path
+    camera: Camera
+    X_WC: Pose
+    file_names: list[str]
+    t: np.ndarray
+    trajectory: PusherTrajectory
+    object_poses: ObjectPoses | None
+
+
+def read_episode(capture: Capture, name: str) -> Episode:
+    """Reads an episode; of its images, only whether they are there.
+
+    Args:
+        capture: The capture.
+        name: One of `capture.episode_names`.
+
+    Returns:
+        The episode.
+
+    Raises:
+        InputError: There is no such episode, a file is missing or unreadable, a table has other columns, a
+            number is not finite or out of range, times do not increase, a quaternion is not of unit norm, an
+            image is missing, or was taken before or after the pusher's log.
+    """
+    folder = capture.folder / EPISODES / name
+    if name not in capture.episode_names:
+        allowed = ", ".join(capture.episode_names) or "a capture with episodes"
+        raise InputError(capture.folder / EPISODES, value=f"no episode {name!a}", allowed=allowed)
+    camera, X_WC = read_fixed_camera(folder)
+    trajectory = read_trajectory(folder)
+    file_names, t = read_frame_table(folder, trajectory.t)
+    return Episode(name, folder, camera, X_WC, file_names, t, trajectory, read_object_poses(folder))
+
+
+def read_episode_folder(folder: Path) -> tuple[Capture, Episode]:
+    """Reads an episode by its folder, and the capture that it belongs to.
+
+    Args:
+        folder: `.../episodes/<name>`.
+
+    Returns:
+        The capture and the episode.
+
+    Raises:
+        InputError: The folder is not in the `episodes` of a capture, or one of the two is refused.
+    """
+    whole = folder.absolute()
+    if whole.parent.name != EPISODES:
+        raise InputError(folder, value="a folder outside of episodes/", allowed="CAPTURE/episodes/NAME")
+    capture = read_capture(whole.parent.parent)
+    return capture, read_episode(capture, whole.name)
+
+
+def read_frames(episode: Episode) -> tuple[Tensor, Tensor]:
+    """The images of an episode.
+
+    Args:
+        episode: The episode.
+
+    Returns:
+        (n, H, W, 3) float32, sRGB in [0, 1], white where the object is not; and (n, H, W) bool, true on the
+        object; nowhere true for an image that does not show it.
+
+    Raises:
+        InputError: An image or a mask is missing, unreadable or of another size than the camera's.
+    """
+    pictures = [read_episode_image(episode.folder, name, episode.camera) for name in episode.file_names]
+    images, masks = zip(*pictures, strict=True)
+    return torch.from_numpy(np.stack(images)), torch.from_numpy(np.stack(masks))
+
+
+def read_episode_image(folder: Path, name: str, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """One image of an episode: (H, W, 3) float32 and (H, W) bool, as in `read_frames`, with its errors."""
+    path = folder / name
+    image, mask = read_image(path, find_mask(folder, path), may_be_empty=True)
+    if mask.shape != (camera.height, camera.width):
+        allowed = f"{camera.width} x {camera.height} px, as {folder / CAMERA_FILE} says"
+        raise InputError(path, value=size_of(mask), allowed=allowed)
+    return image, mask
+
+
+def read_fixed_camera(folder: Path) -> tuple[Camera, Pose]:
+    """Camera and its pose X_WC (OpenCV axes) from `camera.json`; raises InputError as `read_episode` does."""
+    document = read_json(folder / CAMERA_FILE)
+    return read_camera(document, document), read_pose(document["transform_matrix"])

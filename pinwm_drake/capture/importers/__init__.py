@@ -1,0 +1,1 @@
+"""Captures made from the formats of others, one format a module."""

@@ -1,0 +1,192 @@
+"""Cameras and images of a COLMAP model, from its text and its binary files.
+
+COLMAP gives the world in the camera's axes (x right, y down, z forward), X_CS; it becomes X_SC here. Its pixel
+(0, 0) covers the square from 0 to 1, as ours does.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from pinwm_drake.capture.documents import read_text
+from pinwm_drake.capture.importers.binary import Binary
+from pinwm_drake.capture.paths import is_file
+from pinwm_drake.capture.tables import quote
+from pinwm_drake.errors import InputError
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.spatial.poses import Pose, inverse
+
+# Names and numbers of parameters of COLMAP's camera models, by the number that its binary files have.
+MODELS = (
+    ("SIMPLE_PINHOLE", 3),
+    ("PINHOLE", 4),
+    ("SIMPLE_RADIAL", 4),
+    ("RADIAL", 5),
+    ("OPENCV", 8),
+    ("OPENCV_FISHEYE", 8),
+    ("FULL_OPENCV", 12),
+    ("FOV", 5),
+    ("SIMPLE_RADIAL_FISHEYE", 4),
+    ("RADIAL_FISHEYE", 5),
+    ("THIN_PRISM_FISHEYE", 12),
+)
+_SIZES = (1, 16384)  # px
+_UNIT_NORM = 1e-3
+_FARTHEST = 1e9
+
+
+@dataclass(frozen=True, eq=False)
+class ModelImage:
+    """One image of a model.
+
+    Attributes:
+        name: Its file, from the folder of the images.
+        camera: Size and intrinsics (4,).
+        X_SC: Pose of the camera in the model's world S; q (4,), p (3,) in its unit.
+    """
+
+    name: str
+    camera: Camera
+    X_SC: Pose
+
+
+def read_model(folder: Path) -> list[ModelImage]:
+    """Reads a COLMAP model.
+
+    Args:
+        folder: With `cameras.bin` and `images.bin`, or else `cameras.txt` and `images.txt`.
+
+    Returns:
+        Its images, by name.
+
+    Raises:
+        InputError: A file is missing, truncated or wrong, or a camera is neither PINHOLE nor SIMPLE_PINHOLE.
+    """
+    if is_file(folder / "images.bin") and is_file(folder / "cameras.bin"):
+        images = _read_binary_images(folder / "images.bin", _read_binary_cameras(folder / "cameras.bin"))
+    else:
+        images = _read_text_images(folder / "images.txt", _read_text_cameras(folder / "cameras.txt"))
+    return sorted(images, key=lambda image: image.name)
+
+
+def _read_text_cameras(path: Path) -> dict[int, Camera]:
+    cameras: dict[int, Camera] = {}
+    for row, line in enumerate(read_text(path).splitlines(), start=1):
+        cells = line.split()
+        if not cells or line.lstrip().startswith("#"):
+            continue
+        number, *values = _numbers(path, row, cells[:1] + cells[2:])
+        if len(cells) < 4:
+            raise InputError(path, row=row, value=quote(line), allowed="CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
+        if int(number) in cameras:
+            raise InputError(path, row=row, value=f"camera {int(number)} again", allowed="each camera once")
+        cameras[int(number)] = _camera(path, row, cells[1], values)
+    return cameras
+
+
+def _read_text_images(path: Path, cameras: dict[int, Camera]) -> list[ModelImage]:
+    images = []
+    expected = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points"
+    points = False  # whether the line is an image's second one, which may be empty
+    for row, line in enumerate(read_text(path).splitlines(), start=1):
+        if points:
+            points = False
+            continue
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        cells = line.split(maxsplit=9)
+        if len(cells) < 10:
+            raise InputError(path, row=row, value=quote(line), allowed=expected)
+        values = _numbers(path, row, cells[1:9])
+        images.append(_image(path, row, cells[9].strip(), int(values[7]), values[:7], cameras))
+        points = True
+    return _some(path, images)
+
+
+def _read_binary_cameras(path: Path) -> dict[int, Camera]:
+    data = Binary(path)
+    cameras = {}
+    for row in range(1, data.count("Q") + 1):
+        number, model, width, height = data.take("iiQQ", row)
+        if not 0 <= model < len(MODELS):
+            raise InputError(path, row=row, value=f"camera model {model}", allowed="PINHOLE or SIMPLE_PINHOLE")
+        name, count = MODELS[int(model)]
+        cameras[int(number)] = _camera(path, row, name, [width, height, *data.take(f"{count}d", row)])
+    return cameras
+
+
+def _read_binary_images(path: Path, cameras: dict[int, Camera]) -> list[ModelImage]:
+    data = Binary(path)
+    images = []
+    for row in range(1, data.count("Q") + 1):
+        _, *values, camera = data.take("i7di", row)
+        name = data.text(row)
+        data.skip(24 * int(data.take("Q", row)[0]), row)
+        images.append(_image(path, row, name, int(camera), values, cameras))
+    return _some(path, images)
+
+
+def _some(path: Path, images: list[ModelImage]) -> list[ModelImage]:
+    if not images:
+        raise InputError(path, value="no image", allowed="a model with one image or more")
+    return images
+
+
+def _numbers(path: Path, row: int, cells: list[str]) -> list[float]:
+    values = []
+    for cell in cells:
+        try:
+            values.append(float(cell))
+        except ValueError:
+            values.append(math.nan)
+        if not abs(values[-1]) <= _FARTHEST:
+            raise InputError(path, row=row, value=quote(cell), allowed="a finite number")
+    return values
+
+
+def _camera(path: Path, row: int, model: str, values: list[float]) -> Camera:
+    """A camera from its width, height and parameters."""
+    counts = dict(MODELS[:2])
+    if model not in counts:
+        hint = "PINHOLE or SIMPLE_PINHOLE: undistort the images first (colmap image_undistorter)"
+        raise InputError(path, row=row, value=f"camera model {quote(model)}", allowed=hint)
+    (width, height), parameters = values[:2], [float(value) for value in values[2:]]
+    if len(parameters) != counts[model]:
+        allowed = f"{counts[model]} parameters for {model}"
+        raise InputError(path, row=row, value=f"{len(parameters)} parameters", allowed=allowed)
+    focal, centre = parameters[:-2], parameters[-2:]
+    bounds: list[tuple[str, float, Callable[[float], bool]]] = [
+        ("width", width, _is_size),
+        ("height", height, _is_size),
+        *(("focal length", value, lambda value: 1e-3 <= value <= _FARTHEST) for value in focal),
+        *(("principal point", value, lambda value: abs(value) <= 1e6) for value in centre),
+    ]
+    for name, value, fits in bounds:
+        if not (math.isfinite(value) and fits(value)):
+            raise InputError(path, row=row, value=f"{name} {value:g} px", allowed="a camera of 1 to 16384 px")
+    intrinsics = torch.tensor([focal[0], focal[-1], *centre], dtype=torch.float64)
+    return Camera(int(width), int(height), intrinsics)
+
+
+def _is_size(value: float) -> bool:
+    return value == int(value) and _SIZES[0] <= value <= _SIZES[1]
+
+
+def _image(path: Path, row: int, name: str, camera: int, pose: list[float], cameras: dict[int, Camera]) -> ModelImage:
+    """An image from the number of its camera and q, t of X_CS."""
+    if camera not in cameras:
+        raise InputError(path, row=row, value=f"camera {camera}", allowed="a camera of the model")
+    if not name or not name.isprintable():
+        raise InputError(path, row=row, value=f"image {name!a}", allowed="the name of an image file")
+    values = np.array(pose, float)
+    finite = bool((np.abs(values) <= _FARTHEST).all())  # false for NaN too
+    norm = float(np.linalg.norm(values[:4])) if finite else np.nan
+    if not abs(norm - 1) <= _UNIT_NORM:
+        found = f"pose {np.round(values, 6).tolist()}"
+        raise InputError(path, row=row, value=found, allowed="QW QX QY QZ of norm 1, and finite TX TY TZ")
+    X_CS = Pose(torch.from_numpy(values[:4] / norm), torch.from_numpy(values[4:]))
+    return ModelImage(name, cameras[camera], inverse(X_CS))

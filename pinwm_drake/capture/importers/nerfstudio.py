@@ -1,0 +1,83 @@
+"""nerfstudio's `transforms.json` (and NeRF's, which says an angle and leaves the suffix out)."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from pinwm_drake.capture.documents import Entry, read_json
+from pinwm_drake.capture.images import read_size
+from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
+from pinwm_drake.capture.importers.target import Scenery, new_capture, write_scenery
+from pinwm_drake.capture.importers.views import PosedImage, write_static
+from pinwm_drake.capture.paths import is_file, is_folder
+from pinwm_drake.capture.static_views import TRANSFORMS, find_mask
+from pinwm_drake.capture.transforms import Frame, read_frame, require_different
+from pinwm_drake.spatial.poses import identity
+
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG")
+
+
+def import_nerfstudio(source: Path, out: Path, scenery: Scenery, similarity: Similarity | None = None) -> int:
+    """Makes a capture of a nerfstudio folder: static views, without episodes.
+
+    Args:
+        source: The folder, or its `transforms.json`.
+        out: The capture; not there yet, or empty.
+        scenery: What the file does not say.
+        similarity: From its world to that of the capture; None where they are the same, in metres.
+
+    Returns:
+        How many views there are.
+
+    Raises:
+        InputError: The file, an image or a mesh is refused; see `read_transforms` and `read_image`.
+    """
+    images = read_posed_images(source / TRANSFORMS if is_folder(source) else source)
+    with new_capture(out) as folder:
+        write_scenery(folder, scenery, scenery.X_WO or identity())
+        write_static(folder, images, similarity or scaled_world())
+    return len(images)
+
+
+def read_posed_images(path: Path) -> list[PosedImage]:
+    """Reads a `transforms.json` of nerfstudio or NeRF.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Its images, in its order.
+
+    Raises:
+        InputError: See `read_transforms`.
+    """
+    document = read_json(path)
+    frames = [_read(document, entry) for entry in document["frames"].items()]
+    require_different(frames)
+    return [
+        PosedImage(
+            frame.image_path,
+            frame.mask_path or find_mask(path.parent, frame.image_path),
+            frame.camera,
+            frame.X_WC,
+        )
+        for frame in frames
+    ]
+
+
+def _read(document: Entry, entry: Entry) -> Frame:
+    """A frame, with what nerfstudio takes for granted filled in."""
+    name = entry["file_path"].text()
+    if not is_file(entry.path.parent / name):
+        name = next((name + suffix for suffix in _SUFFIXES if is_file(entry.path.parent / (name + suffix))), name)
+    known: dict[str, Any] = {**document.value, **entry.value, "file_path": name}
+    if "w" not in known or "h" not in known:
+        known["w"], known["h"] = read_size(entry.path.parent / name)
+    own = Entry(entry.path, entry.place, known)
+    width, height = own["w"].number(), own["h"].number()
+    if "fl_x" not in known and "camera_angle_x" in known:
+        known["fl_x"] = 0.5 * width / math.tan(0.5 * own["camera_angle_x"].number(1e-3, math.pi - 1e-3))
+    for key, value in (("fl_y", known.get("fl_x")), ("cx", 0.5 * width), ("cy", 0.5 * height)):
+        if key not in known and value is not None:
+            known[key] = value
+    return read_frame(Entry(entry.path, "", {}), own)

@@ -1,0 +1,114 @@
+"""The capture that an importer writes: its scene, and files copied into it."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from pinwm_drake.capture.meshes import read_mesh
+from pinwm_drake.capture.paths import require_file
+from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.capture.write import write_capture_yaml
+from pinwm_drake.errors import InputError
+from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.spatial.poses import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Scenery:
+    """What the images of others do not say.
+
+    Attributes:
+        name: Of the object.
+        mesh: The object's mesh, m, O.
+        X_WO: Its pose in the world of the capture; None where the imported data say it, or for the identity.
+        mass: kg; None where it was not measured.
+        pusher_mesh: The pusher's mesh, m, P; or None.
+        pusher_shape: Its shape; or None.
+        floor_height: m.
+        gravity: m/s^2, downwards.
+    """
+
+    name: str
+    mesh: Path
+    X_WO: Pose | None = None
+    mass: float | None = None
+    pusher_mesh: Path | None = None
+    pusher_shape: PusherShape | None = None
+    floor_height: float = 0.0
+    gravity: float = 9.8
+
+
+@contextmanager
+def new_capture(out: Path) -> Iterator[Path]:
+    """Hands out a folder beside `out`, and renames it to `out` when the block ends well.
+
+    Args:
+        out: The capture; not there yet, or an empty folder.
+
+    Yields:
+        The folder to write to; it is removed when the block fails.
+
+    Raises:
+        InputError: `out` holds something, or cannot be made.
+    """
+    try:
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise InputError(out, value="a folder with files, or a file", allowed="a new or an empty folder")
+        whole = out.absolute()
+        temporary = prepare_folder(whole.parent / f".{whole.name}.{os.getpid()}")
+    except OSError as error:
+        raise InputError(out, value=error.strerror, allowed="a folder that can be made") from error
+    try:
+        yield temporary
+        if out.is_dir():
+            out.rmdir()
+        temporary.rename(whole)
+    except OSError as error:
+        raise InputError(out, value=error.strerror, allowed="a folder that can be written to") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
+    """Writes `capture.yaml`, and copies the meshes.
+
+    Args:
+        folder: The capture.
+        scenery: What to write.
+        X_WO: The object's pose; q (4,), p (3,) [m].
+
+    Raises:
+        InputError: A mesh is refused, or a file cannot be written.
+    """
+    meshes: dict[str, str | None] = {"object": None, "pusher": None}
+    for role, path in (("object", scenery.mesh), ("pusher", scenery.pusher_mesh)):
+        if path is not None:
+            read_mesh(path)
+            meshes[role] = f"meshes/{role}{path.suffix.lower()}"
+            copy_file(path, folder / str(meshes[role]))
+    write_capture_yaml(
+        folder,
+        name=scenery.name,
+        mesh=str(meshes["object"]),
+        mass=scenery.mass,
+        X_WO=X_WO,
+        pusher_mesh=meshes["pusher"],
+        pusher_shape=scenery.pusher_shape,
+        floor_height=scenery.floor_height,
+        gravity=scenery.gravity,
+    )
+
+
+def copy_file(source: Path, target: Path) -> None:
+    """Copies a file; the folder of `target` is made if need be.
+
+    Raises:
+        InputError: The file cannot be read, or its copy not written.
+    """
+    require_file(source, "a file to copy")
+    prepare_folder(target.parent)
+    with replacing(target) as temporary:
+        shutil.copyfile(source, temporary)

@@ -1,0 +1,37 @@
+"""The surface of a pusher, whether it is given as a mesh or as a shape."""
+
+import trimesh
+
+from pinwm_drake.capture.meshes import read_mesh
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape
+from pinwm_drake.errors import GeometryError
+
+
+def pusher_surface(pusher: PusherGeometry) -> trimesh.Trimesh:
+    """A pusher's closed surface.
+
+    Args:
+        pusher: Its shape, or else its mesh.
+
+    Returns:
+        m, in frame P. Round shapes are inscribed by 1 % of the radius or less.
+
+    Raises:
+        InputError: The mesh is refused; see `read_mesh`.
+        GeometryError: There is neither.
+    """
+    if pusher.shape is not None:
+        return _shape_surface(pusher.shape)
+    if pusher.mesh_path is None:
+        raise GeometryError("pusher: got neither a mesh nor a shape; allowed: one of the two")
+    return read_mesh(pusher.mesh_path)
+
+
+def _shape_surface(shape: PusherShape) -> trimesh.Trimesh:
+    if shape.kind == "sphere":
+        return trimesh.creation.icosphere(subdivisions=3, radius=shape.radius)
+    if shape.kind == "cylinder":
+        return trimesh.creation.cylinder(radius=shape.radius, height=shape.length, sections=48)
+    surface = trimesh.creation.capsule(radius=shape.radius, height=shape.length, count=[48, 48])
+    surface.apply_translation([0.0, 0.0, -0.5 * (surface.bounds[0, 2] + surface.bounds[1, 2])])
+    return surface

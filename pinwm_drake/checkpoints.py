@@ -1,0 +1,64 @@
+"""Checkpoints of long work: one npz file, without pickles, which appears whole or not at all."""
+
+import json
+import zipfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from pinwm_drake.errors import InputError
+from pinwm_drake.files import replacing
+
+
+def write_arrays(path: Path, about: Mapping[str, object], arrays: Mapping[str, np.ndarray]) -> None:
+    """Writes a checkpoint over the earlier one.
+
+    Args:
+        path: Its file; the folder exists.
+        about: What the work depends on, as JSON takes it.
+        arrays: To keep, by name; not called "about".
+
+    Raises:
+        InputError: It cannot be written; the earlier one stays.
+    """
+    with replacing(path) as temporary:
+        np.savez(temporary, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+
+
+def read_arrays(
+    path: Path, about: Mapping[str, object], work: str, names: Iterable[str] = ()
+) -> dict[str, np.ndarray] | None:
+    """Reads a checkpoint.
+
+    Args:
+        path: Its file.
+        about: What the work that wants to go on depends on.
+        work: What messages call it, such as "fit".
+        names: Of arrays that it has to hold.
+
+    Returns:
+        Its arrays, or None where there is no checkpoint.
+
+    Raises:
+        InputError: It cannot be read, or is of other work; the message names what differs.
+    """
+    if not path.exists():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        written = dict(json.loads(str(arrays.pop("about"))))
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(path, value=f"unreadable contents ({error})", allowed=f"a checkpoint of `{work}`") from error
+    for name, value in about.items():
+        if written.get(name) != value:
+            raise InputError(
+                path,
+                value=f"a {work} with {name} = {written.get(name)}",
+                allowed=f"one with {name} = {value}; start anew to {work} with other settings",
+            )
+    for name in names:
+        if name not in arrays:
+            raise InputError(path, value=f"no array {name}", allowed=f"a checkpoint of `{work}`")
+    return arrays

@@ -1,0 +1,66 @@
+"""The face on which an object rests, as points that carry its weight.
+
+A flat face presses on the floor everywhere, its corners do not carry the weight alone: a square that is turned on the
+spot meets 0.54 times the friction torque that its corners would. `resting_points` replaces the face by a few points of
+equal areas whose torque is that of uniform pressure.
+"""
+
+import numpy as np
+import trimesh
+from scipy.cluster.vq import kmeans2
+
+# A face is flat where its triangles lie this near to the lowest point [m] and are this level (sine of the tilt).
+_FLAT, _LEVEL = 2e-4, 0.05
+# Faces smaller than this share of the object's footprint (their square of sides) are corners or rims, not faces.
+_SMALLEST_SHARE = 0.1
+_POINTS = 8
+_SAMPLES = 4000
+# The points stand out of the face by this much [m], so that its outline touches only once the object tips.
+PROTRUSION = 1e-5
+_OUTLINE = 8
+
+
+def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) -> np.ndarray | None:
+    """The points with which an object at rest touches the floor, for uniform pressure on the face that it rests on.
+
+    Eight points, the middles of equal areas, moved away from the middle of the face until their mean distance from
+    it is that of the area: then the friction torque about the middle is exact, and about other points nearly so. They
+    stand out by `PROTRUSION`. The convex hull's other corners follow, and of the face's outline the points that are
+    outermost along eight directions, on which the object tips.
+
+    Args:
+        mesh: Watertight, m, frame O.
+        R_WO: (3, 3), orientation at rest; z of W is up.
+        seed: Of the sampling of the face.
+
+    Returns:
+        (n, 3), m, frame O; None where the object does not rest on a flat face.
+
+    Source: for the torque of uniform pressure, Howe and Cutkosky, "Practical force-motion models for sliding
+        manipulation", IJRR 15(6), 1996, section 2.
+    """
+    up_O = R_WO[2]
+    heights = mesh.vertices @ up_O
+    lowest = float(heights.min())
+    flat = (heights[mesh.faces] < lowest + _FLAT).all(axis=1) & (mesh.face_normals @ up_O < -1.0 + 0.5 * _LEVEL**2)
+    area = float(mesh.area_faces[flat].sum())
+    footprint = float(np.prod(np.ptp((mesh.vertices @ R_WO.T)[:, :2], axis=0)))
+    if area < _SMALLEST_SHARE * footprint:
+        return None
+    face = trimesh.Trimesh(mesh.vertices, mesh.faces[flat], process=False)
+    samples = np.asarray(trimesh.sample.sample_surface(face, _SAMPLES, seed=seed)[0])
+    middle = samples.mean(axis=0)
+    points, _ = kmeans2(samples, _POINTS, minit="++", rng=np.random.default_rng(seed))
+    away = np.linalg.norm(samples - middle, axis=1).mean() / np.linalg.norm(points - middle, axis=1).mean()
+    points = middle + away * (points - middle)
+    points -= np.outer(points @ up_O - lowest + PROTRUSION, up_O)
+    corners = np.asarray(trimesh.convex.convex_hull(mesh.vertices).vertices)
+    low = corners @ up_O < lowest + _FLAT
+    return np.concatenate([points, _outermost(corners[low], R_WO), corners[~low]])
+
+
+def _outermost(points: np.ndarray, R_WO: np.ndarray) -> np.ndarray:
+    """Those of the points (n, 3) that are farthest along one of eight level directions."""
+    angles = 2.0 * np.pi * (np.arange(_OUTLINE) + 0.5) / _OUTLINE
+    directions = np.stack([np.cos(angles), np.sin(angles)], -1) @ R_WO[:2]
+    return points[np.unique(np.argmax(points @ directions.T, axis=0))]

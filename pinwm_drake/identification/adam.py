@@ -1,0 +1,103 @@
+"""Adam on the rendering loss, through renderer and physics, for several guesses at once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from pinwm_drake.identification.pictures import Pictures
+from pinwm_drake.identification.problem import Problem
+
+_BETAS, _EPSILON = (0.8, 0.97), 1e-12
+# The learning rate falls to this share of its first value.
+_LAST_RATE = 0.1
+# Independent measurements that one frame counts as, in the balance of images and prior.
+MEASUREMENTS = 100.0
+
+
+@dataclass
+class AdamState:
+    """Where a descent stands; everything that going on needs.
+
+    Attributes:
+        iteration: How many steps were done.
+        z: (W, p), the guesses.
+        first, second: (W, p), Adam's moments.
+        scale: Mean square by which losses are divided.
+        best_loss: (W,), the lowest loss over all frames.
+        best_z: (W, p), where it was.
+    """
+
+    iteration: int
+    z: Tensor
+    first: Tensor
+    second: Tensor
+    scale: float
+    best_loss: Tensor
+    best_z: Tensor
+
+    @staticmethod
+    def at(z: Tensor) -> "AdamState":
+        """The state before the first step."""
+        zero = torch.zeros_like(z)
+        infinite = torch.full((len(z),), torch.inf, dtype=torch.float64)
+        return AdamState(0, z.clone(), zero, zero.clone(), 0.0, infinite, z.clone())
+
+
+def descend(
+    problem: Problem,
+    pictures: Pictures,
+    state: AdamState,
+    *,
+    iterations: int,
+    rate: float,
+    blocks: tuple[int, ...],
+    grow: float,
+    report: Callable[[AdamState, Tensor], None],
+) -> AdamState:
+    """Goes on from a state to the last iteration.
+
+    Args:
+        problem: What is explained.
+        pictures: What was seen; n frames.
+        state: Where to begin; changed in place.
+        iterations: Steps in all.
+        rate: Learning rate at first, in units of z.
+        blocks: See `image_loss.squares`.
+        grow: Share of the iterations during which the frames that count grow from the first quarter to all: a push
+            amplifies errors, and late frames are no guide before the early ones are right.
+        report: Called after each step with the state and the losses (W,) over all frames.
+
+    Returns:
+        The state after the last step.
+    """
+    n = len(pictures.color)
+    while state.iteration < iterations:
+        done = state.iteration / iterations
+        horizon = n if grow <= 0.0 else min(n, n * (0.25 + 0.75 * done / grow))
+        weights = (horizon - torch.arange(n, dtype=torch.float64)).clamp(0.0, 1.0)[:, None]
+        z = state.z.clone().requires_grad_()
+        frames = problem.frame_losses(pictures, z, blocks)
+        losses = frames.detach().mean(0)
+        if state.scale == 0.0:
+            state.scale = float(losses.min())
+        better = losses < state.best_loss
+        state.best_loss = torch.where(better, losses, state.best_loss)
+        state.best_z = torch.where(better[:, None], state.z, state.best_z)
+        weighted = (weights * frames).sum(0) / weights.sum() / state.scale
+        alive = torch.isfinite(losses)
+        total = weighted[alive].sum() + problem.coordinates.penalty(z).sum() * (2.0 / (MEASUREMENTS * n))
+        (gradient,) = torch.autograd.grad(total, z)
+        state.iteration += 1
+        state.first = _BETAS[0] * state.first + (1.0 - _BETAS[0]) * gradient
+        state.second = _BETAS[1] * state.second + (1.0 - _BETAS[1]) * gradient**2
+        first = state.first / (1.0 - _BETAS[0] ** state.iteration)
+        second = state.second / (1.0 - _BETAS[1] ** state.iteration)
+        speed = rate * _LAST_RATE**done
+        moved = state.z - speed * first / (second.sqrt() + _EPSILON)
+        # A guess without a solution goes half way back to where it was best.
+        moved = torch.where(alive[:, None], moved, 0.5 * (state.z + state.best_z))
+        state.z = problem.coordinates.clamp(moved)
+        report(state, losses)
+    return state

@@ -1,0 +1,139 @@
+"""Where the object is in every frame, given the unknowns: the physics half of the world model."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pinwm_drake.capture.episodes import Episode
+from pinwm_drake.errors import SolverError
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.scene import PusherMotion, Scene, pusher_motion, resting_height, rollout_poses
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
+
+# Half the difference quotient's step by which a shift in time turns into velocities [s].
+_TIME_STEP = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Forward:
+    """Rolls out an episode for W values of the unknowns at once.
+
+    The floor stays where the model has it: `lift` raises what comes out, and lowers the pusher that goes in.
+
+    Attributes:
+        scene: The physics.
+        episode: Times of the frames, and the pusher's trajectory.
+        X_WO: Pose at the start, as the capture states it; q (4,), p (3,) [m].
+        mass: Nominal mass that inertias count with, kg.
+        num_threads: Of the physics.
+        chosen: (m,), indices of the frames whose poses are wanted; None for all n.
+    """
+
+    scene: Scene
+    episode: Episode
+    X_WO: Pose
+    mass: float
+    num_threads: int
+    chosen: Tensor | None = None
+
+    @property
+    def times(self) -> np.ndarray:
+        """(n,) [s], times of the wanted frames."""
+        return self.episode.t if self.chosen is None else self.episode.t[self.chosen.numpy()]
+
+    def poses(self, values: dict[str, Tensor]) -> tuple[Pose, Tensor]:
+        """Poses of the object in the frames.
+
+        Args:
+            values: (W,) for each of `UNKNOWNS`, physical.
+
+        Returns:
+            q_WO (n, W, 4), p_WO (n, W, 3) [m], differentiable in the values; and (W,) bool, false for worlds whose
+            physics found no solution: there the poses are those of the start.
+        """
+        W = len(values["mass"])
+        alive = torch.arange(W)
+        while len(alive):
+            try:
+                X_WO = self._rollout({name: value[alive] for name, value in values.items()})
+            except SolverError as error:
+                if error.world is None:
+                    raise
+                alive = alive[torch.arange(len(alive)) != error.world]
+                continue
+            if len(alive) == W:
+                return X_WO, torch.ones(W, dtype=torch.bool)
+            n = len(self.times)
+            q = self.X_WO.q.expand(n, W, 4).index_copy(1, alive, X_WO.q)
+            p = self.X_WO.p.expand(n, W, 3).index_copy(1, alive, X_WO.p)
+            return Pose(q, p), torch.zeros(W, dtype=torch.bool).index_fill(0, alive, True)
+        n = len(self.times)
+        return Pose(self.X_WO.q.expand(n, W, 4), self.X_WO.p.expand(n, W, 3)), torch.zeros(W, dtype=torch.bool)
+
+    def parameters(self, values: dict[str, Tensor]) -> Parameters:
+        """Theta of W worlds."""
+        return Parameters(
+            mass=values["mass"][:, None],
+            inertia=inertia(self.scene, self.mass, values)[:, None],
+            friction=torch.stack([values["friction_floor"], values["friction_pusher"]], -1),
+            restitution=torch.stack(
+                [values["restitution_floor"].clamp(0.0, 1.0), values["restitution_pusher"].clamp(0.0, 1.0)], -1
+            ),
+        )
+
+    def _rollout(self, values: dict[str, Tensor]) -> Pose:
+        W = len(values["mass"])
+        z = torch.zeros(W, dtype=torch.float64)
+        turn = quaternion_exp(torch.stack([z, z, values["start_yaw"]], -1))
+        q_WO = quaternion_multiply(turn, self.X_WO.q.expand(W, 4))
+        rest = resting_height(self.scene, self.X_WO.q)
+        p_WO = torch.stack([self.X_WO.p[0] + values["start_x"], self.X_WO.p[1] + values["start_y"], z + rest], -1)
+        raised = float(self.X_WO.p[2]) - rest + values["lift"]
+        up = torch.stack([z, z, raised], -1)
+        motion = self._motion(values["time_offset"])
+        motion = PusherMotion(motion.q_WP, motion.p_WP - up, motion.V_WP)
+        after = torch.from_numpy(self.times - self.episode.t[0])
+        X_WO = rollout_poses(
+            self.scene, self.parameters(values), Pose(q_WO, p_WO), motion, after, num_threads=self.num_threads
+        )
+        return Pose(X_WO.q, X_WO.p + up)
+
+    def _motion(self, offset: Tensor) -> PusherMotion:
+        """The pusher's motion (T, W, 6), each world's shifted in time by its offset (W,) [s]; differentiable."""
+        h = self.scene.model.time_step
+        t = self.episode.t
+        steps = max(int(np.ceil((t[-1] - t[0]) / h - 1e-6)), 1)
+
+        def at(shift: float) -> PusherMotion:
+            return pusher_motion(self.episode.trajectory, float(t[0]) + shift, steps, h)
+
+        shifts = offset.detach().tolist()
+        same = len(set(shifts)) == 1
+        motions = [at(shift) for shift in (shifts[:1] if same else shifts)]
+        q = torch.stack([motion.q_WP for motion in motions]).expand(len(shifts), 4)
+        p = torch.stack([motion.p_WP for motion in motions]).expand(len(shifts), 3)
+        V = torch.stack([motion.V_WP for motion in motions], 1).expand(steps, len(shifts), 6)
+        if not offset.requires_grad:
+            return PusherMotion(q, p, V)
+        moved = (offset - offset.detach())[:, None]
+        pairs = [(at(shift - _TIME_STEP), at(shift + _TIME_STEP)) for shift in (shifts[:1] if same else shifts)]
+        rate_p = torch.stack([(b.p_WP - a.p_WP) / (2.0 * _TIME_STEP) for a, b in pairs])
+        rate_V = torch.stack([(b.V_WP - a.V_WP) / (2.0 * _TIME_STEP) for a, b in pairs], 1)
+        return PusherMotion(q, p + moved * rate_p, V + moved * rate_V)
+
+
+def inertia(scene: Scene, mass: float, values: dict[str, Tensor]) -> Tensor:
+    """Inertia about the centre of mass, axes of O, (..., 3, 3) [kg m^2].
+
+    The second moments of mass of a uniform solid are scaled along the axes of O: Sigma' = D Sigma D with D^2 the
+    factors `moment_*`; the inertia is tr(Sigma') 1 - Sigma'.
+    """
+    solid = torch.as_tensor(scene.model.bodies[0].inertia, dtype=torch.float64)
+    sigma = 0.5 * torch.trace(solid) * torch.eye(3, dtype=torch.float64) - solid
+    d = torch.stack([values["moment_xx"], values["moment_yy"], values["moment_zz"]], -1).sqrt()
+    sigma = mass * d[..., :, None] * sigma * d[..., None, :]
+    trace = sigma.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None]
+    return trace * torch.eye(3, dtype=torch.float64) - sigma

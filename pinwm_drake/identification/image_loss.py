@@ -1,0 +1,75 @@
+"""The rendering loss: how much a rendering of the object differs from what the camera saw.
+
+Source: PIN-WM (Li et al., 2025), eq. 8, which compares whole images. Deviations: opacity is compared beside colour,
+pixels that the pusher may hide do not count, the object's outline may be scaled (see `unknowns.py`), and differences
+are also compared after averaging over blocks of pixels, so that a rendering that is far off still has a gradient.
+"""
+
+import torch
+from torch import Tensor
+
+from pinwm_drake.identification.pictures import Pictures
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.render import render
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.spatial.poses import Pose, compose
+
+# px; sides of the blocks over which differences are averaged in the coarse loss.
+BLOCKS = (1, 4, 8, 16)
+
+
+def difference(
+    pictures: Pictures, surfels: Surfels, X_WO: Pose, outline: Tensor, *, num_threads: int | None = None
+) -> Tensor:
+    """Rendering minus picture, where they can be compared.
+
+    Args:
+        pictures: n frames.
+        surfels: The object's appearance, frame O.
+        X_WO: Its poses: q (n, W, 4), p (n, W, 3), m; the renderings are differentiable in them.
+        outline: (W,), by which outlines are scaled.
+        num_threads: Of the renderer.
+
+    Returns:
+        (n, W, H, W, 4) float32: differences of red, green, blue and opacity, 0 where the pusher may hide the object.
+    """
+    n, W = X_WO.p.shape[:2]
+    X_CO = compose(Pose(pictures.X_CW.q.expand(n, W, 4), pictures.X_CW.p.expand(n, W, 3)), X_WO)
+    scale = outline[None, :, None]
+    focal, centre = pictures.camera.intrinsics[:, None, :2], pictures.camera.intrinsics[:, None, 2:]
+    middle = pictures.middle[:, None]
+    intrinsics = torch.cat([focal * scale, middle + (centre - middle) * scale], -1)
+    width, height = pictures.camera.width, pictures.camera.height
+    shown = render(
+        surfels,
+        Camera(width, height, intrinsics.detach().reshape(n * W, 4)),
+        Pose(X_CO.q.reshape(n * W, 4), X_CO.p.reshape(n * W, 3)),
+        full=False,
+        num_threads=num_threads,
+    )
+    color = shown.color.reshape(n, W, height, width, 3) - pictures.color[:, None]
+    alpha = shown.alpha.reshape(n, W, height, width, 1) - pictures.alpha[:, None, ..., None]
+    return torch.cat([color, alpha], -1) * pictures.weight[:, None, ..., None]
+
+
+def squares(difference: Tensor, blocks: tuple[int, ...] = (1,)) -> Tensor:
+    """Mean squares of each frame, summed over block sizes.
+
+    Args:
+        difference: (n, W, H, W, 4).
+        blocks: px; a difference is averaged over blocks of these sides before it is squared.
+
+    Returns:
+        (n, W) float64.
+    """
+    n, W, height, width, channels = difference.shape
+    flat = difference.reshape(n * W, height, width, channels)
+    total = flat.new_zeros(n * W)
+    planes = flat.permute(0, 3, 1, 2) if max(blocks) > 1 else flat
+    for block in blocks:
+        if block == 1:
+            part = flat
+        else:
+            part = torch.nn.functional.avg_pool2d(planes, block, max(block // 2, 1), ceil_mode=True)
+        total = total + (part * part).mean(dim=(1, 2, 3))
+    return total.reshape(n, W).double()

@@ -1,0 +1,81 @@
+"""Options of an identification."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates
+
+
+@dataclass(frozen=True)
+class IdentifyOptions:
+    """How the unknowns are looked for.
+
+    Attributes:
+        free: Names of the free unknowns; see `unknowns.UNKNOWNS`.
+        held: Physical values of unknowns that are held, or at which free ones begin.
+        support: How the object's weight is carried; "auto" tries both and keeps what explains the video better.
+        seed: Of the random starts.
+        screened: Random guesses that are looked at.
+        starts: The best of them, from which Adam descends.
+        coarse_iterations: Steps of Adam on small, blurred pictures, for every start.
+        fine_iterations: Steps of Adam on larger pictures, for the best start of every support.
+        polish_iterations: Steps of Levenberg-Marquardt at the end.
+        coarse_size, fine_size: Longer side of the object in the pictures, px.
+        coarse_frames: Frames that the coarse stage looks at, evenly spaced.
+        time_step: Of the physics, s.
+        friction_directions: Of the friction cone. Eight turn sliding objects by degrees too far; see the benchmarks.
+        num_threads: None for one on each core.
+        checkpoint_every: Steps between two checkpoints.
+    """
+
+    free: tuple[str, ...] = DEFAULT_FREE
+    held: Mapping[str, float] = field(default_factory=dict)
+    support: Literal["auto", "corners", "patch"] = "auto"
+    seed: int = 0
+    screened: int = 64
+    starts: int = 4
+    coarse_iterations: int = 60
+    fine_iterations: int = 25
+    polish_iterations: int = 15
+    coarse_size: float = 40.0
+    fine_size: float = 130.0
+    coarse_frames: int = 12
+    time_step: float = 1.0 / 240.0
+    friction_directions: int = 16
+    num_threads: int | None = None
+    checkpoint_every: int = 5
+
+    def __post_init__(self) -> None:
+        """Raises ParameterError where an option is out of its range."""
+        Coordinates(self.free, self.held)
+        whole = (
+            ("seed", 0, 2**63 - 1),
+            ("screened", 1, 100_000),
+            ("starts", 1, 1000),
+            ("coarse_iterations", 0, 100_000),
+            ("fine_iterations", 0, 100_000),
+            ("polish_iterations", 0, 100_000),
+            ("coarse_frames", 2, 100_000),
+            ("friction_directions", 4, 128),
+            ("checkpoint_every", 1, 100_000),
+        )
+        for name, low, high in whole:
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+                raise ParameterError(f"{name} is {value}; allowed: {low} to {high}")
+        if self.num_threads is not None and self.num_threads < 1:
+            raise ParameterError(f"num_threads is {self.num_threads}; allowed: at least 1")
+        for name, low, high in (("coarse_size", 8.0, 4096.0), ("fine_size", 8.0, 4096.0), ("time_step", 1e-5, 0.05)):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and low <= value <= high):
+                raise ParameterError(f"{name} is {value}; allowed: {low:g} to {high:g}")
+        if self.support not in ("auto", "corners", "patch"):
+            raise ParameterError(f"support is {self.support!r}; allowed: auto, corners or patch")
+
+    @property
+    def supports(self) -> tuple[Literal["corners", "patch"], ...]:
+        """Those that are tried."""
+        return ("corners", "patch") if self.support == "auto" else (self.support,)

@@ -1,0 +1,89 @@
+"""The loss of W guesses of the unknowns: physics, rendering and comparison put together."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from pinwm_drake.identification.forward import Forward
+from pinwm_drake.identification.image_loss import difference, squares
+from pinwm_drake.identification.pictures import Pictures
+from pinwm_drake.identification.unknowns import Coordinates
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.spatial.poses import Pose
+
+# Guesses that are rendered at once: memory grows with it, speed hardly.
+_TOGETHER = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One way to explain an episode.
+
+    Attributes:
+        forward: The physics, with one kind of support.
+        surfels: The object's appearance, frame O.
+        coordinates: The unknowns.
+        num_threads: Of the renderer.
+    """
+
+    forward: Forward
+    surfels: Surfels
+    coordinates: Coordinates
+    num_threads: int
+
+    def frame_losses(self, pictures: Pictures, z: Tensor, blocks: tuple[int, ...]) -> Tensor:
+        """Mean squares of every frame for W guesses.
+
+        Args:
+            pictures: What was seen; n frames.
+            z: (W, p).
+            blocks: See `image_loss.squares`.
+
+        Returns:
+            (n, W), differentiable in z but for `outline`; infinite where the physics found no solution.
+        """
+        values = self.coordinates.values(z)
+        X_WO, alive = self.forward.poses(values)
+        parts = []
+        for first in range(0, len(z), _TOGETHER):
+            some = slice(first, first + _TOGETHER)
+            outline = values["outline"][some].detach()
+            X = Pose(X_WO.q[:, some], X_WO.p[:, some])
+            parts.append(squares(difference(pictures, self.surfels, X, outline, num_threads=self.num_threads), blocks))
+        losses = torch.cat(parts, -1)
+        return torch.where(alive, losses, torch.inf)
+
+    @torch.no_grad()
+    def fit_outline(self, pictures: Pictures, z: Tensor, blocks: tuple[int, ...]) -> Tensor:
+        """Z with the outline's scale that suits the first frame best, where that is free.
+
+        The renderer widens what is small, so that each resolution has a scale of its own.
+        """
+        if "outline" not in self.coordinates.names:
+            return z
+        column = self.coordinates.names.index("outline")
+        first = _frames(pictures, 1)
+        X_WO = self.forward.X_WO
+        guesses = torch.linspace(-25.0, 10.0, 36, dtype=torch.float64)
+        trial = z[:1].expand(len(guesses), -1).clone()
+        trial[:, column] = guesses
+        outlines = self.coordinates.values(trial)["outline"]
+        X = Pose(X_WO.q.expand(1, len(guesses), 4), X_WO.p.expand(1, len(guesses), 3))
+        losses = squares(difference(first, self.surfels, X, outlines, num_threads=self.num_threads), blocks)[0]
+        z = z.clone()
+        z[:, column] = guesses[int(losses.argmin())]
+        return self.coordinates.clamp(z)
+
+
+def _frames(pictures: Pictures, number: int) -> Pictures:
+    """The first frames."""
+    camera = type(pictures.camera)(pictures.camera.width, pictures.camera.height, pictures.camera.intrinsics[:number])
+    return Pictures(
+        camera,
+        pictures.color[:number],
+        pictures.alpha[:number],
+        pictures.weight[:number],
+        pictures.middle[:number],
+        pictures.X_CW,
+    )

@@ -1,0 +1,370 @@
+"""The search for the unknowns: random guesses, Adam from the best of them, Levenberg-Marquardt at the end.
+
+Every phase ends with arrays that the next one begins with, and every few steps the phase at hand leaves its state in
+the checkpoint too; so an interrupted search goes on where it was, and comes to the same result.
+"""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.errors import SolverError
+from pinwm_drake.identification.adam import AdamState, descend
+from pinwm_drake.identification.gauss_newton import NewtonState, expand, polish, weight_for
+from pinwm_drake.identification.image_loss import BLOCKS
+from pinwm_drake.identification.options import IdentifyOptions
+from pinwm_drake.identification.pictures import Footage, Pictures, make_pictures
+from pinwm_drake.identification.problem import Problem
+from pinwm_drake.identification.uncertainty import Posterior, laplace
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.threads import available
+
+CHECKPOINT_FILE = "identify_checkpoint.npz"
+_COARSE_RATE, _FINE_RATE = 0.5, 0.15
+# Share of the coarse steps during which the frames that count grow.
+_GROW = 0.6
+# A support whose fine loss is within this of the best one is polished too.
+_CLOSE = 1.5
+# Polishing is done again, with the images weighted by what the first time revealed of their noise.
+_ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What is shown while the search goes on.
+
+    Attributes:
+        done: Share of the work, 0 to 1.
+        stage: "screen", "coarse", "fine" or "polish".
+        support: What is tried.
+        loss: Mean square of the stage's pictures; of the best guess.
+        values: Physical values of the free unknowns of that guess.
+    """
+
+    done: float
+    stage: str
+    support: str
+    loss: float
+    values: Mapping[str, float]
+
+
+@dataclass
+class Log:
+    """Every evaluation: what `history.npz` holds."""
+
+    iteration: list[int] = field(default_factory=list)
+    loss: list[float] = field(default_factory=list)
+    stage: list[str] = field(default_factory=list)
+    start: list[int] = field(default_factory=list)
+    theta: list[list[float]] = field(default_factory=list)
+
+    def add(self, stage: str, start: int, loss: float, theta: list[float]) -> None:
+        """Appends one evaluation; iterations count within each start."""
+        self.iteration.append(self.start.count(start))
+        self.loss.append(loss)
+        self.stage.append(stage)
+        self.start.append(start)
+        self.theta.append(theta)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """As arrays, by name."""
+        return {
+            "iteration": np.array(self.iteration, np.int64),
+            "loss": np.array(self.loss, float),
+            "stage": np.array(self.stage, dtype="U16"),
+            "start": np.array(self.start, np.int64),
+            "theta": np.array(self.theta, float).reshape(len(self.theta), -1),
+        }
+
+    @staticmethod
+    def of(arrays: Mapping[str, np.ndarray]) -> "Log":
+        """The inverse of `arrays`."""
+        return Log(*(arrays[name].tolist() for name in ("iteration", "loss", "stage", "start", "theta")))
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What the search came to.
+
+    Attributes:
+        support: The one that explains the video best.
+        problem: With that support.
+        posterior: Around the optimum.
+        loss: Mean square of the fine pictures.
+        poses: X_WO in the frames: q (n, 4), p (n, 3) [m].
+        losses: Of all supports, by name, after the fine stage or, where there was one, polishing.
+        log: Every evaluation.
+        seconds: Time taken, all runs together.
+    """
+
+    support: str
+    problem: Problem
+    posterior: Posterior
+    loss: float
+    poses: Pose
+    losses: dict[str, float]
+    log: Log
+    seconds: float
+
+
+class Search:
+    """One search; see the module's text."""
+
+    def __init__(
+        self,
+        problems: Mapping[str, Problem],
+        footage: Footage,
+        options: IdentifyOptions,
+        *,
+        folder: Path | None = None,
+        about: Mapping[str, object] | None = None,
+        resume: bool = False,
+        report: Callable[[Progress], None] = lambda _: None,
+    ) -> None:
+        """Prepares the pictures and, to go on, reads the checkpoint.
+
+        Args:
+            problems: One for each support.
+            footage: The frames.
+            options: Of the search.
+            folder: Where checkpoints go; None for none.
+            about: What the search depends on; a checkpoint of another search is refused.
+            resume: Whether to go on from the checkpoint, if there is one.
+            report: Called after each step.
+
+        Raises:
+            InputError: The checkpoint is of another search, or cannot be read.
+        """
+        self.problems, self.options, self.report = problems, options, report
+        self.path = None if folder is None else folder / CHECKPOINT_FILE
+        self.about = dict(about or {})
+        coarse = make_pictures(footage, options.coarse_size, together=True)
+        n = len(footage.images)
+        self.chosen = torch.linspace(0, n - 1, min(options.coarse_frames, n)).round().long()
+        self.coarse = _some(coarse, self.chosen)
+        self.fine = make_pictures(footage, options.fine_size, together=False)
+        self.done: dict[str, np.ndarray] = {}
+        self.log = Log()
+        self.begun = time.monotonic()
+        stored = read_arrays(self.path, self.about, "identify", ["seconds"]) if self.path and resume else None
+        if stored is not None:
+            self.begun -= float(stored.pop("seconds"))
+            history = {name: stored.pop(f"log.{name}") for name in self.log.arrays()}
+            self.log = Log.of(history)
+            self.done = stored
+
+    def run(self) -> Found:
+        """Searches, or goes on with it.
+
+        Raises:
+            SolverError: The physics found no solution for any guess.
+        """
+        for number, support in enumerate(self.problems):
+            self._coarse(number, support)
+        for number, support in enumerate(self.problems):
+            self._fine(number, support)
+        losses = {support: float(self.done[f"fine.{support}.loss"]) for support in self.problems}
+        best = min(losses.values())
+        if not np.isfinite(best):
+            raise SolverError("the physics found no solution for any guess; allowed: other starts (seed) or time_step")
+        near = [support for support in self.problems if losses[support] <= _CLOSE * best]
+        for support in near:
+            losses[support] = self._polish(list(self.problems).index(support), support, near)
+        winner = min(near, key=lambda support: losses[support])
+        return self._finish(winner, losses)
+
+    def _coarse(self, number: int, support: str) -> None:
+        """Screens random guesses and descends from the best."""
+        key, problem, options = f"coarse.{support}", self.problems[support], self.options
+        if f"{key}.z" in self.done:
+            return
+        problem = _thinned(problem, self.chosen)
+        state = self._load_adam(key)
+        if state is None:
+            guesses = problem.coordinates.draw(options.screened, torch.Generator().manual_seed(options.seed))
+            guesses = problem.fit_outline(self.coarse, guesses, (1,))
+            with torch.no_grad():
+                losses = problem.frame_losses(self.coarse, guesses, BLOCKS).mean(0)
+            order = torch.argsort(losses, stable=True)[: options.starts]
+            self._show("screen", number, support, float(losses[order[0]]), guesses[order[0]], 0.0)
+            state = AdamState.at(guesses[order])
+
+        def report(state: AdamState, losses: Tensor) -> None:
+            for start, loss in enumerate(losses.tolist()):
+                self._note("coarse", number * options.starts + start, loss, state.z[start], support)
+            best = int(state.best_loss.argmin())
+            share = state.iteration / max(options.coarse_iterations, 1)
+            self._show("coarse", number, support, float(state.best_loss[best]), state.best_z[best], share)
+            self._save_adam(key, state)
+
+        state = descend(
+            problem,
+            self.coarse,
+            state,
+            iterations=options.coarse_iterations,
+            rate=_COARSE_RATE,
+            blocks=BLOCKS,
+            grow=_GROW,
+            report=report,
+        )
+        losses = state.best_loss if options.coarse_iterations else torch.zeros(len(state.z))
+        best = int(losses.argmin())
+        self._end(key, {"z": state.best_z[best], "start": np.array(number * options.starts + best)})
+
+    def _fine(self, number: int, support: str) -> None:
+        """Descends once more, on larger pictures."""
+        key, problem, options = f"fine.{support}", self.problems[support], self.options
+        if f"{key}.z" in self.done:
+            return
+        start = int(self.done[f"coarse.{support}.start"])
+        state = self._load_adam(key)
+        if state is None:
+            z = torch.from_numpy(self.done[f"coarse.{support}.z"])[None]
+            state = AdamState.at(problem.fit_outline(self.fine, z, (1,)))
+
+        def report(state: AdamState, losses: Tensor) -> None:
+            self._note("fine", start, float(losses[0]), state.z[0], support)
+            share = state.iteration / max(options.fine_iterations, 1)
+            self._show("fine", number, support, float(state.best_loss[0]), state.best_z[0], share)
+            self._save_adam(key, state)
+
+        # One step more, so that the last move is judged too.
+        state = descend(
+            problem,
+            self.fine,
+            state,
+            iterations=options.fine_iterations + 1,
+            rate=_FINE_RATE,
+            blocks=(1,),
+            grow=0.0,
+            report=report,
+        )
+        self._end(key, {"z": state.best_z[0], "loss": state.best_loss[0]})
+
+    def _polish(self, number: int, support: str, near: list[str]) -> float:
+        """Levenberg-Marquardt, twice: the second time images and prior are in balance. The loss at the end."""
+        problem, options = self.problems[support], self.options
+        start = int(self.done[f"coarse.{support}.start"])
+        z, loss = torch.from_numpy(self.done[f"fine.{support}.z"]), float(self.done[f"fine.{support}.loss"])
+        weight = weight_for(loss)
+        for turn in range(_ROUNDS):
+            key = f"polish{turn}.{support}"
+            if f"{key}.z" not in self.done:
+                state = self._load_newton(key) or NewtonState(0, z, 1e-2, weight, loss, False)
+
+                def report(state: NewtonState, turn: int = turn, key: str = key) -> None:
+                    self._note("polish", start, state.loss, state.z, support)
+                    share = (
+                        near.index(support) + (turn + state.iteration / options.polish_iterations) / _ROUNDS
+                    ) / len(near)
+                    self._show("polish", number, support, state.loss, state.z, share)
+                    self._save_newton(key, state)
+
+                state = polish(problem, self.fine, state, iterations=options.polish_iterations, report=report)
+                model = expand(problem, self.fine, state.z)
+                dispersion = 1.0 if model is None else laplace(problem.coordinates, model, state.z, weight).dispersion
+                self._end(key, {"z": state.z, "loss": state.loss, "weight": weight / dispersion})
+            z, loss = torch.from_numpy(self.done[f"{key}.z"]), float(self.done[f"{key}.loss"])
+            weight = float(self.done[f"{key}.weight"])
+        return loss
+
+    def _finish(self, support: str, losses: dict[str, float]) -> Found:
+        """Looks at the optimum once more."""
+        problem = self.problems[support]
+        last = f"polish{_ROUNDS - 1}.{support}"
+        z, weight = torch.from_numpy(self.done[f"{last}.z"]), float(self.done[f"{last}.weight"])
+        model = expand(problem, self.fine, z)
+        if model is None:
+            raise SolverError("the physics found no solution at the optimum; allowed: another seed or time_step")
+        return Found(
+            support=support,
+            problem=problem,
+            posterior=laplace(problem.coordinates, model, z, weight),
+            loss=float(model.loss.mean()),
+            poses=model.poses,
+            losses=losses,
+            log=self.log,
+            seconds=time.monotonic() - self.begun,
+        )
+
+    def _note(self, stage: str, start: int, loss: float, z: Tensor, support: str) -> None:
+        values = self.problems[support].coordinates.values(z)
+        names = self.problems[support].coordinates.names
+        self.log.add(f"{stage} {support}", start, loss, [float(values[name]) for name in names])
+
+    def _show(self, stage: str, number: int, support: str, loss: float, z: Tensor, share: float) -> None:
+        """Reports progress; the stages take about 45, 20 and 35 % of the time."""
+        count = len(self.problems)
+        first, width = {"screen": (0.0, 0.0), "coarse": (0.0, 0.45), "fine": (0.45, 0.2), "polish": (0.65, 0.35)}[stage]
+        place = share if stage == "polish" else (number + share) / count
+        values = self.problems[support].coordinates.values(z)
+        names = self.problems[support].coordinates.names
+        shown = {name: float(values[name]) for name in names}
+        self.report(Progress(min(first + width * place, 1.0), stage, support, loss, shown))
+
+    def _save(self, extra: Mapping[str, np.ndarray]) -> None:
+        if self.path is None:
+            return
+        history = {f"log.{name}": array for name, array in self.log.arrays().items()}
+        seconds = np.array(time.monotonic() - self.begun)
+        write_arrays(self.path, self.about, {**self.done, **extra, **history, "seconds": seconds})
+
+    def _end(self, key: str, results: Mapping[str, object]) -> None:
+        """Keeps what a phase came to, and drops its state."""
+        self.done = {name: array for name, array in self.done.items() if not name.startswith("now.")}
+        for name, value in results.items():
+            self.done[f"{key}.{name}"] = np.asarray(value.numpy() if isinstance(value, Tensor) else value)
+        self._save({})
+
+    def _save_adam(self, key: str, state: AdamState) -> None:
+        if state.iteration % self.options.checkpoint_every == 0:
+            arrays = {name: np.asarray(value) for name, value in vars(state).items()}
+            self._save({f"now.{key}.{name}": array for name, array in arrays.items()})
+
+    def _load_adam(self, key: str) -> AdamState | None:
+        found = self._stored(key)
+        if found is None:
+            return None
+        tensors = {name: torch.from_numpy(array) for name, array in found.items() if array.ndim}
+        return AdamState(iteration=int(found["iteration"]), scale=float(found["scale"]), **tensors)
+
+    def _save_newton(self, key: str, state: NewtonState) -> None:
+        self._save({f"now.{key}.{name}": np.asarray(value) for name, value in vars(state).items()})
+
+    def _load_newton(self, key: str) -> NewtonState | None:
+        found = self._stored(key)
+        if found is None:
+            return None
+        numbers = {name: float(found[name]) for name in ("damping", "weight", "loss")}
+        return NewtonState(
+            iteration=int(found["iteration"]), z=torch.from_numpy(found["z"]), done=bool(found["done"]), **numbers
+        )
+
+    def _stored(self, key: str) -> dict[str, np.ndarray] | None:
+        """The state of a phase in the checkpoint."""
+        prefix = f"now.{key}."
+        found = {name.removeprefix(prefix): array for name, array in self.done.items() if name.startswith(prefix)}
+        return found or None
+
+
+def _some(pictures: Pictures, chosen: Tensor) -> Pictures:
+    """Some of the frames."""
+    camera = replace(pictures.camera, intrinsics=pictures.camera.intrinsics[chosen])
+    names = ("color", "alpha", "weight", "middle")
+    return replace(pictures, camera=camera, **{name: getattr(pictures, name)[chosen] for name in names})
+
+
+def _thinned(problem: Problem, chosen: Tensor) -> Problem:
+    """The same problem, with poses at some frames only."""
+    return replace(problem, forward=replace(problem.forward, chosen=chosen))
+
+
+def threads(options: IdentifyOptions) -> int:
+    """Threads of an identification."""
+    return options.num_threads or available()

@@ -1,0 +1,189 @@
+"""An episode's images beside renderings of the surfels at given poses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+import trimesh
+
+from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode_image
+from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.render import render
+from pinwm_drake.rendering.silhouette import coverage
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.scene import pusher_mesh
+from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
+from pinwm_drake.twin import Twin
+
+_COVERED = 0.5  # alpha from which on a pixel of a rendering shows the object
+_NEAR = 1e-3  # m; a mesh closer to the camera, or behind it, is not drawn
+_MARGIN = 0.06  # of the window in which the object moves
+_LOOKED_AT = 6  # frames in which the object is looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Cast:
+    """What is drawn.
+
+    Attributes:
+        mesh: The object's surface, m, frame O.
+        surfels: Its appearance, frame O.
+        pusher: The pusher's surface, m, frame P.
+        camera_offset: To add to cx and cy [px].
+        time_offset: To add to a frame's time for that of the pusher [s].
+        outline: By how much the object is larger in the images than its surfels are.
+    """
+
+    mesh: trimesh.Trimesh
+    surfels: Surfels
+    pusher: trimesh.Trimesh
+    camera_offset: tuple[float, float]
+    time_offset: float = 0.0
+    outline: float = 1.0
+
+    @staticmethod
+    def of(twin: Twin, *, identified: bool) -> "Cast":
+        """What a twin shows; raises InputError where a mesh cannot be used.
+
+        Args:
+            twin: The twin.
+            identified: Whether the episode is the one that the twin was identified from, for which its time offset
+                was estimated.
+        """
+        late, outline = (twin.nuisance.get(key) for key in ("time_offset", "outline"))
+        return Cast(
+            mesh=load_mesh(twin.mesh_path),
+            surfels=twin.surfels,
+            pusher=pusher_mesh(twin.pusher),
+            camera_offset=twin.camera_offset,
+            time_offset=late.value if identified and late is not None else 0.0,
+            outline=outline.value if outline is not None and outline.value > 0 else 1.0,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """One frame as it is and as it is rendered.
+
+    Attributes:
+        t: s.
+        image: (height, width, 3) float32 in [0, 1], sRGB, white where the object is not.
+        mask: (height, width) bool, true where the image shows the object.
+        rendered: As `image`, of the surfels.
+        covered: As `mask`, of the surfels.
+        hidden: (height, width) bool: the pusher is there, and the image shows no object.
+    """
+
+    t: float
+    image: np.ndarray
+    mask: np.ndarray
+    rendered: np.ndarray
+    covered: np.ndarray
+    hidden: np.ndarray
+
+    def shown_difference(self) -> np.ndarray:
+        """(height, width, 3) in [0, 1]: how much the two differ, on white; light blue where the pusher hides."""
+        shown = 1.0 - np.abs(self.rendered - self.image)
+        shown[self.hidden] = (0.80, 0.88, 0.97)
+        return shown
+
+    def overlap(self) -> float:
+        """Intersection over union of the two outlines, without what the pusher hides; 1 where both are empty."""
+        covered = self.covered & ~self.hidden
+        union = int((self.mask | covered).sum())
+        return float((self.mask & covered).sum() / union) if union else 1.0
+
+
+def draw_frame(episode: Episode, k: int, poses: ObjectPoses, cast: Cast) -> Picture:
+    """Frame k of an episode and its rendering.
+
+    Args:
+        episode: The episode.
+        k: Which of its frames.
+        poses: Of the object; row k is that of the frame.
+        cast: Object, pusher and corrections.
+
+    Returns:
+        Both pictures, in the size of the camera.
+
+    Raises:
+        InputError: The image cannot be used.
+    """
+    image, mask = read_episode_image(episode.folder, episode.file_names[k], episode.camera)
+    width, height = episode.camera.width, episode.camera.height
+    intrinsics = episode.camera.intrinsics + torch.tensor([0.0, 0.0, *cast.camera_offset], dtype=torch.float64)
+    X_CW = inverse(episode.X_WC)
+    X_WO = Pose(torch.from_numpy(poses.q_WO[k].copy()), torch.from_numpy(poses.p_WO[k].copy()))
+    with torch.no_grad():
+        camera = Camera(width, height, _scaled(intrinsics, mask, cast.outline))
+        rendering = render(cast.surfels, camera, compose(X_CW, X_WO), full=False)
+    X_CP = compose(X_CW, pusher_pose(episode, float(episode.t[k]) + cast.time_offset))
+    return Picture(
+        t=float(episode.t[k]),
+        image=image,
+        mask=mask,
+        rendered=rendering.color[0].clamp(0, 1).numpy(),
+        covered=rendering.alpha[0].numpy() > _COVERED,
+        hidden=_covered_by(cast.pusher, Camera(width, height, intrinsics), X_CP) & ~mask,
+    )
+
+
+def _scaled(intrinsics: torch.Tensor, mask: np.ndarray, outline: float) -> torch.Tensor:
+    """Intrinsics (4,) with which the object appears `outline` times as large about its middle in the image."""
+    rows, columns = np.nonzero(mask)
+    height, width = mask.shape
+    middle = [columns.mean() + 0.5, rows.mean() + 0.5] if len(rows) else [0.5 * width, 0.5 * height]
+    at = torch.tensor(middle, dtype=torch.float64)
+    return torch.cat([outline * intrinsics[:2], at + outline * (intrinsics[2:] - at)])
+
+
+def pusher_pose(episode: Episode, t: float) -> Pose:
+    """X_WP at a time: on the straight line between two rows, with the orientation of the nearer one."""
+    log = episode.trajectory
+    p_WP = np.array([np.interp(t, log.t, log.p_WP[:, axis]) for axis in range(3)])
+    return Pose(torch.from_numpy(log.q_WP[int(np.abs(log.t - t).argmin())].copy()), torch.from_numpy(p_WP))
+
+
+def window_of(episode: Episode, poses: ObjectPoses, mesh: trimesh.Trimesh) -> tuple[slice, slice]:
+    """The box of pixels in which the object moves, as posed and as seen, with a margin.
+
+    Args:
+        episode: The episode; a few of its images are looked at.
+        poses: Of the object.
+        mesh: Its surface, m, frame O.
+
+    Returns:
+        Rows and columns; all of them where the poses lead behind the camera.
+
+    Raises:
+        InputError: An image cannot be used.
+    """
+    X_WO = Pose(torch.from_numpy(poses.q_WO)[:, None], torch.from_numpy(poses.p_WO)[:, None])
+    X_CO = compose(inverse(episode.X_WC), X_WO)
+    corners = transform(X_CO, torch.from_numpy(np.array(mesh.vertices))[None]).reshape(-1, 3).numpy()
+    size = np.array([episode.camera.width, episode.camera.height])
+    everything = slice(0, int(size[1])), slice(0, int(size[0]))
+    if corners[:, 2].min() < _NEAR:
+        return everything
+    fx, fy, cx, cy = episode.camera.intrinsics.tolist()
+    points = [corners[:, :2] / corners[:, 2:] * [fx, fy] + [cx, cy]]
+    for k in np.unique(np.linspace(0, len(episode.t) - 1, _LOOKED_AT).round().astype(int)):
+        _, mask = read_episode_image(episode.folder, episode.file_names[k], episode.camera)
+        points.append(np.argwhere(mask)[:, ::-1] + 0.5)
+    pixels = np.concatenate(points)
+    low, high = np.maximum(pixels.min(axis=0), 0), np.minimum(pixels.max(axis=0), size)
+    margin = _MARGIN * (high - low).max() + 2
+    low, high = np.floor(np.maximum(low - margin, 0)), np.ceil(np.minimum(high + margin, size))
+    if (high - low).min() < 1:
+        return everything
+    (left, top), (right, bottom) = low.astype(int).tolist(), high.astype(int).tolist()
+    return slice(top, bottom), slice(left, right)
+
+
+def _covered_by(mesh: trimesh.Trimesh, camera: Camera, X_CM: Pose) -> np.ndarray:
+    """Which pixels a mesh covers: (height, width) bool; none where part of it is behind the camera."""
+    depth = transform(X_CM, torch.from_numpy(np.array(mesh.vertices)))[:, 2]
+    if float(depth.min()) < _NEAR:
+        return np.zeros((camera.height, camera.width), bool)
+    return coverage(mesh, camera, X_CM).numpy() > 0

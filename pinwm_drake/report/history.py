@@ -1,0 +1,87 @@
+"""The course of an identification, from `history.npz`."""
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pinwm_drake.errors import InputError
+
+HISTORY_FILE = "history.npz"
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """What the optimiser did, n evaluations of all random starts together.
+
+    Attributes:
+        iteration: (n,), counted within each start.
+        loss: (n,).
+        stage: (n,) text.
+        start: (n,), which random start.
+        theta: (n, p), the fitted parameters in physical units.
+        names: Of the p parameters.
+    """
+
+    iteration: np.ndarray
+    loss: np.ndarray
+    stage: np.ndarray
+    start: np.ndarray
+    theta: np.ndarray
+    names: list[str]
+
+    def starts(self) -> list[tuple[int, np.ndarray]]:
+        """Each random start, and the rows (m,) of its evaluations in their order."""
+        found = []
+        for number in np.unique(self.start):
+            rows = np.flatnonzero(self.start == number)
+            found.append((int(number), rows[np.argsort(self.iteration[rows], kind="stable")]))
+        return found
+
+    def stage_begins(self) -> list[tuple[float, str]]:
+        """Where each stage begins in the longest start: the iteration and the name of the stage."""
+        if not len(self.iteration):
+            return []
+        rows = max((rows for _, rows in self.starts()), key=len)
+        begins = [k for k in range(len(rows)) if k == 0 or self.stage[rows[k]] != self.stage[rows[k - 1]]]
+        return [(float(self.iteration[rows[k]]), str(self.stage[rows[k]])) for k in begins]
+
+
+def read_history(path: Path) -> History:
+    """Reads what `pinwm identify` leaves beside a twin.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The history; it may be empty.
+
+    Raises:
+        InputError: It is missing, unreadable, lacks an array, or the arrays do not fit together.
+    """
+    if not path.is_file():
+        raise InputError(path, value="no such file", allowed="the history that `pinwm identify` writes")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except (OSError, ValueError, TypeError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        raise InputError(path, value=f"unreadable contents ({error})", allowed="an npz file without pickles") from error
+    for name in ("iteration", "loss", "stage", "theta", "names", "start"):
+        if name not in arrays:
+            raise InputError(path, value=f"no array {name}", allowed="iteration, loss, stage, theta, names and start")
+    n, p = arrays["iteration"].size, arrays["names"].size
+    shapes = {"iteration": (n,), "loss": (n,), "stage": (n,), "start": (n,), "theta": (n, p), "names": (p,)}
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise InputError(path, value=f"{name} of shape {arrays[name].shape}", allowed=f"{shape}")
+        if name not in ("stage", "names") and arrays[name].dtype.kind not in "iuf":
+            raise InputError(path, value=f"{name} of type {arrays[name].dtype}", allowed="numbers")
+    return History(
+        iteration=arrays["iteration"],
+        loss=np.asarray(arrays["loss"], float),
+        stage=arrays["stage"].astype(str),
+        start=arrays["start"],
+        theta=np.asarray(arrays["theta"], float),
+        names=[str(name) for name in arrays["names"]],
+    )

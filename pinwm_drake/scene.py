@@ -1,0 +1,249 @@
+"""The scene of a push as a physics model: the object's mesh, the floor, and the pusher's geometry and motion.
+
+The physics knows bodies by their centre of mass B, captures know objects by the frame O of their mesh. Both have the
+same axes, and the centre of mass is that of a uniform solid, so that X_OB is a constant translation.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+import trimesh
+from torch import Tensor
+
+from pinwm_drake.capture.episodes import PusherTrajectory
+from pinwm_drake.capture.scene import PusherGeometry
+from pinwm_drake.errors import InputError, ModelError, StateError
+from pinwm_drake.geometry.convex import decompose
+from pinwm_drake.geometry.meshes import load_mesh, load_pieces, mass_properties
+from pinwm_drake.geometry.patch import resting_points
+from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.shapes import capsule, cylinder, sphere
+from pinwm_drake.physics import Body, Model, Parameters, State, Stepper
+from pinwm_drake.spatial.poses import Pose, transform
+from pinwm_drake.spatial.rotations import normalize_quaternion, quaternion_to_matrix, rotate
+
+Support = Literal["corners", "patch"]
+BODY = "object"
+# Columns of `Parameters.friction` and `restitution`, in the order of `Model.pair_names`.
+PAIR_FLOOR, PAIR_PUSHER = 0, 1
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What does not change between rollouts of one object and one pusher.
+
+    Attributes:
+        model: One body, the floor and the pusher; nominal mass 1 kg and the inertia of a uniform solid.
+        p_OB: (3,), centre of mass in O, m.
+        mesh: The object, frame O, m.
+        pusher_mesh: The pusher, frame P, m.
+    """
+
+    model: Model
+    p_OB: Tensor
+    mesh: trimesh.Trimesh
+    pusher_mesh: trimesh.Trimesh
+
+
+def make_scene(
+    mesh_path: Path,
+    pusher: PusherGeometry,
+    *,
+    q_WO: Tensor,
+    gravity: float,
+    floor_height: float = 0.0,
+    time_step: float = 1.0 / 240.0,
+    friction_directions: int = 8,
+    support: Support = "patch",
+) -> Scene:
+    """Builds the physics model of a push.
+
+    Args:
+        mesh_path: The object's mesh, m, frame O. Its parts are used where they are convex, else it is decomposed.
+        pusher: The pusher's geometry, frame P.
+        q_WO: (4,), wxyz: orientation of the object at rest, which tells the face that it rests on.
+        gravity: m/s^2, downwards.
+        floor_height: z of the floor, m.
+        time_step: s.
+        friction_directions: Of the polyhedral friction cone.
+        support: "corners" carries the object's weight on the corners of its convex pieces, "patch" on points
+            within the face that it rests on, as uniform pressure does; see `geometry/patch.py`.
+
+    Returns:
+        The scene.
+
+    Raises:
+        InputError: A mesh cannot be used.
+        ModelError: An option is out of range.
+    """
+    if support not in ("corners", "patch"):
+        raise ModelError(f"support is {support!r}; allowed: 'corners' or 'patch'")
+    mesh = load_mesh(mesh_path)
+    properties = mass_properties(mesh, mass=1.0)
+    p_OB = properties.p_com
+    points = resting_points(mesh, quaternion_to_matrix(q_WO).numpy()) if support == "patch" else None
+    pieces = [_moved(piece, -p_OB) for piece in _object_pieces(mesh_path, mesh)]
+    body = Body(
+        name=BODY,
+        pieces=pieces,
+        mass=1.0,
+        inertia=0.5 * (properties.inertia + properties.inertia.T),
+        floor_points=None if points is None else points - p_OB,
+    )
+    model = Model(
+        bodies=[body],
+        pusher=_pusher_pieces(pusher),
+        floor_height=floor_height,
+        gravity=(0.0, 0.0, -gravity),
+        time_step=time_step,
+        friction_directions=friction_directions,
+    )
+    return Scene(model=model, p_OB=torch.from_numpy(p_OB), mesh=mesh, pusher_mesh=pusher_mesh(pusher))
+
+
+def pusher_mesh(pusher: PusherGeometry) -> trimesh.Trimesh:
+    """The pusher's surface, m, frame P.
+
+    Raises:
+        InputError: Its mesh cannot be used.
+        ModelError: There is neither a mesh nor a shape.
+    """
+    shape = pusher.shape
+    if shape is None:
+        if pusher.mesh_path is None:
+            raise ModelError("a pusher has neither a mesh nor a shape; allowed: one of them")
+        return load_mesh(pusher.mesh_path)
+    if shape.kind == "sphere":
+        return trimesh.creation.icosphere(3, shape.radius)
+    if shape.kind == "cylinder":
+        return trimesh.creation.cylinder(shape.radius, shape.length)
+    return trimesh.creation.capsule(shape.length, shape.radius).apply_translation([0.0, 0.0, -0.5 * shape.length])
+
+
+def _pusher_pieces(pusher: PusherGeometry) -> list[ConvexPiece]:
+    """The pusher's convex pieces, frame P; raises as `pusher_mesh`."""
+    shape = pusher.shape
+    if shape is None:
+        if pusher.mesh_path is None:
+            raise ModelError("a pusher has neither a mesh nor a shape; allowed: one of them")
+        return _object_pieces(pusher.mesh_path, load_mesh(pusher.mesh_path))
+    if shape.kind == "sphere":
+        return [sphere(shape.radius)]
+    return [{"capsule": capsule, "cylinder": cylinder}[shape.kind](shape.radius, shape.length)]
+
+
+def _object_pieces(path: Path, mesh: trimesh.Trimesh) -> list[ConvexPiece]:
+    """The parts of a mesh where they are convex, else its decomposition."""
+    try:
+        return load_pieces(path)
+    except InputError:
+        return decompose(mesh)
+
+
+def _moved(piece: ConvexPiece, by: np.ndarray) -> ConvexPiece:
+    return ConvexPiece(piece.kind, piece.vertices + by, piece.radius, piece.faces)
+
+
+def resting_height(scene: Scene, q_WO: Tensor) -> float:
+    """Height of O [m] at which an object of orientation q_WO (4,) rests on the model's floor."""
+    floor = scene.model.floor_height
+    R_WO = quaternion_to_matrix(q_WO).numpy()
+    table = scene.model.arrays.table
+    points = table.floor_points[: table.bodies[1, 1]]  # those of the first body, frame B
+    lowest = float((points[:, :3] @ R_WO[2] - points[:, 3]).min()) + float(R_WO[2] @ scene.p_OB.numpy())
+    return (0.0 if floor is None else floor) - lowest
+
+
+@dataclass(frozen=True, eq=False)
+class PusherMotion:
+    """The pusher's motion in steps of the physics.
+
+    Attributes:
+        q_WP: (4,) or (W, 4), p_WP: (3,) or (W, 3), m: pose at the start.
+        V_WP: (T, 6) or (T, W, 6), spatial velocity in each step, [rad/s; m/s].
+    """
+
+    q_WP: Tensor
+    p_WP: Tensor
+    V_WP: Tensor
+
+
+def pusher_motion(trajectory: PusherTrajectory, start: float, steps: int, time_step: float) -> PusherMotion:
+    """Cuts a recorded motion into steps; between its rows the pusher moves straight and turns evenly.
+
+    Args:
+        trajectory: Recorded poses; before its first and after its last row the pusher stands.
+        start: Time of the first step's beginning, s.
+        steps: T.
+        time_step: s.
+
+    Returns:
+        The motion, which passes through the recorded line at the end of every step.
+    """
+    times = start + time_step * np.arange(steps + 1)
+    p_WP = np.stack([np.interp(times, trajectory.t, trajectory.p_WP[:, axis]) for axis in range(3)], -1)
+    q_WP, omega = _turns(trajectory, times, time_step)
+    V_WP = np.concatenate([omega, np.diff(p_WP, axis=0) / time_step], -1)
+    return PusherMotion(torch.from_numpy(q_WP), torch.from_numpy(p_WP[0]), torch.from_numpy(V_WP))
+
+
+def _turns(trajectory: PusherTrajectory, times: np.ndarray, time_step: float) -> tuple[np.ndarray, np.ndarray]:
+    """The pusher's orientation (4,) at the first time, and its angular velocity (T, 3) [rad/s] between times."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    if np.ptp(trajectory.q_WP, axis=0).max() == 0.0:
+        return trajectory.q_WP[0].copy(), np.zeros((len(times) - 1, 3))
+    turns = Slerp(trajectory.t, Rotation.from_quat(trajectory.q_WP, scalar_first=True))
+    rotations = turns(np.clip(times, trajectory.t[0], trajectory.t[-1]))
+    omega = (rotations[1:] * rotations[:-1].inv()).as_rotvec() / time_step
+    return rotations[0].as_quat(scalar_first=True), omega
+
+
+def rollout_poses(
+    scene: Scene,
+    parameters: Parameters,
+    X_WO: Pose,
+    motion: PusherMotion,
+    after: Tensor,
+    *,
+    num_threads: int | None = None,
+) -> Pose:
+    """Poses of the object at given times in W worlds; differentiable in theta, the start, and the pusher's motion.
+
+    Args:
+        scene: Model and meshes.
+        parameters: theta of W worlds.
+        X_WO: Start, at rest: q (W, 4), p (W, 3), m.
+        motion: Of the pusher; its tensors may have a leading axis of W where worlds differ (V_WP (T, W, 6)).
+        after: (n,), times since the start, s, from 0 to T time steps.
+        num_threads: Of the physics.
+
+    Returns:
+        q_WO (n, W, 4), p_WO (n, W, 3), m: on the straight line between the two steps around each time.
+
+    Raises:
+        StateError: A time is outside the motion, or shapes do not fit.
+        SolverError: The physics found no solution.
+    """
+    W, steps = len(X_WO.p), len(motion.V_WP)
+    at = after / scene.model.time_step
+    if not bool(((at >= 0.0) & (at <= steps + 1e-6)).all()):
+        last = steps * scene.model.time_step
+        raise StateError(f"times of a rollout are {after.min():g} to {after.max():g} s; allowed: 0 to {last:g} s")
+    V_WP = motion.V_WP if motion.V_WP.ndim == 3 else motion.V_WP[:, None].expand(-1, W, -1)
+    start = State(
+        q_WB=X_WO.q[:, None],
+        p_WB=transform(X_WO, scene.p_OB.expand(W, 3))[:, None],
+        V_WB=torch.zeros(W, 1, 6, dtype=torch.float64),
+        q_WP=motion.q_WP.expand(W, 4),
+        p_WP=motion.p_WP.expand(W, 3),
+    )
+    record = Stepper(scene.model, num_threads=num_threads).rollout(parameters, start, V_WP)
+    low = at.floor().long().clamp(0, max(steps - 1, 0))
+    share = (at - low)[:, None, None]
+    q = normalize_quaternion(torch.lerp(record.q_WB[low, :, 0], record.q_WB[low + 1, :, 0], share))
+    p_WB = torch.lerp(record.p_WB[low, :, 0], record.p_WB[low + 1, :, 0], share)
+    return Pose(q, p_WB - rotate(q, scene.p_OB.expand(q.shape[:-1] + (3,))))

@@ -1,0 +1,130 @@
+"""Which episode a twin was identified from, and so where that episode started."""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from pinwm_drake.capture.episodes import Episode
+from pinwm_drake.capture.scene import Capture
+from pinwm_drake.errors import InputError
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
+from pinwm_drake.twin.twin import Twin
+
+# The truth, where a capture has it, is no part of what a twin is made from.
+_LEFT_OUT = ("object_poses.csv", "ground_truth.yaml")
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What a twin was identified from.
+
+    Attributes:
+        path: The capture, where it was then.
+        sha256: Its hash, as `hash_capture` gives it.
+        episode: The name of the episode.
+    """
+
+    path: Path
+    sha256: str
+    episode: str
+
+    @staticmethod
+    def of(capture: Capture, episode: Episode) -> "Origin":
+        """The origin of a twin that is identified now; raises InputError where a file cannot be read."""
+        return Origin(capture.folder.resolve(), hash_capture(capture.folder, episode.name), episode.name)
+
+    @staticmethod
+    def read(twin: Twin) -> "Origin | None":
+        """What the provenance of a twin says; None where it does not say all of it."""
+        found = [twin.provenance.get(key) for key in ("capture", "capture_sha256", "episode")]
+        if not all(isinstance(value, str) and value for value in found):
+            return None
+        path, sha256, episode = map(str, found)
+        return Origin(Path(path), sha256, episode)
+
+    def to_provenance(self) -> dict[str, Any]:
+        """The entries of a twin's provenance that `read` looks for."""
+        return {"capture": str(self.path), "capture_sha256": self.sha256, "episode": self.episode}
+
+
+def hash_capture(folder: Path, episode: str) -> str:
+    """SHA-256 of all files of a capture that a twin is made from: names and contents, in the order of the names.
+
+    Ground truth and other episodes do not count.
+
+    Args:
+        folder: The capture.
+        episode: The name of the episode.
+
+    Returns:
+        64 hexadecimal digits.
+
+    Raises:
+        InputError: A file cannot be read.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(_files(folder, episode)):
+        try:
+            contents = hashlib.sha256(path.read_bytes()).hexdigest()
+        except OSError as error:
+            raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+        digest.update(f"{path.relative_to(folder).as_posix()}\n{contents}\n".encode("utf-8", "surrogateescape"))
+    return digest.hexdigest()
+
+
+def _files(folder: Path, episode: str) -> Iterator[Path]:
+    yield folder / "capture.yaml"
+    for part in ("meshes", "static", f"episodes/{episode}"):
+        for path in (folder / part).rglob("*"):
+            hidden = any(name.startswith(".") for name in path.relative_to(folder).parts)
+            if path.is_file() and not hidden and path.name not in _LEFT_OUT:
+                yield path
+
+
+def is_identified_episode(twin: Twin, capture: Capture, episode: Episode) -> bool:
+    """Whether a twin was identified from this very episode: same name, same files."""
+    origin = Origin.read(twin)
+    return (
+        origin is not None
+        and origin.episode == episode.name
+        and origin.sha256 == hash_capture(capture.folder, episode.name)
+    )
+
+
+def start_pose(twin: Twin, capture: Capture, episode: Episode) -> Pose:
+    """Where the object is when an episode starts.
+
+    The offsets start_x, start_y [m] and start_yaw [rad], which were estimated, belong to the episode that the twin was
+    identified from, and are used for it only.
+
+    Args:
+        twin: The twin.
+        capture: The capture of the episode.
+        episode: The episode.
+
+    Returns:
+        X_WO; q (4,), p (3,) [m].
+
+    Raises:
+        InputError: A file of the capture cannot be read.
+    """
+    X_WO = capture.object.X_WO
+    if not is_identified_episode(twin, capture, episode):
+        return X_WO
+    x, y, yaw = (_nuisance(twin, key) for key in ("start_x", "start_y", "start_yaw"))
+    turn = quaternion_exp(torch.tensor([0.0, 0.0, yaw], dtype=torch.float64))
+    return Pose(quaternion_multiply(turn, X_WO.q), X_WO.p + torch.tensor([x, y, 0.0], dtype=torch.float64))
+
+
+def time_offset(twin: Twin, capture: Capture, episode: Episode) -> float:
+    """By how much the frames of an episode are late against the robot's clock [s]; 0 where it is not known."""
+    return _nuisance(twin, "time_offset") if is_identified_episode(twin, capture, episode) else 0.0
+
+
+def _nuisance(twin: Twin, key: str) -> float:
+    return twin.nuisance[key].value if key in twin.nuisance else 0.0

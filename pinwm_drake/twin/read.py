@@ -1,0 +1,81 @@
+"""Reads a twin folder."""
+
+import hashlib
+import re
+from pathlib import Path, PurePosixPath
+
+from pinwm_drake.capture.documents import Entry, read_yaml
+from pinwm_drake.capture.paths import require_file
+from pinwm_drake.capture.scene import PusherGeometry
+from pinwm_drake.errors import InputError
+from pinwm_drake.rendering.ply import read_ply
+from pinwm_drake.twin.document import read_document
+from pinwm_drake.twin.twin import SURFELS_FILE, TWIN_FILE, Twin
+
+
+def read_twin(folder: Path) -> Twin:
+    """Reads a twin and checks all of it.
+
+    Args:
+        folder: As `write_twin` leaves it.
+
+    Returns:
+        The twin; its meshes are those in the folder.
+
+    Raises:
+        InputError: A file is missing, unreadable or not the one that `twin.yaml` was written with, a key is
+            missing or unknown, a number is out of range or not finite, or a mesh lies outside of the folder.
+            The message names file, place and value.
+    """
+    if not folder.is_dir():
+        raise InputError(folder, value="no such folder", allowed="a twin, as `pinwm identify` writes it")
+    entry = read_yaml(require_file(folder / TWIN_FILE, "the twin that `pinwm identify` writes"))
+    document = read_document(entry)
+    paths = {SURFELS_FILE: folder / SURFELS_FILE, document.mesh.text(): _locate(folder, document.mesh)}
+    pusher = document.pusher_mesh
+    if pusher is not None:
+        paths[pusher.text()] = _locate(folder, pusher)
+    _check_hashes(paths, entry["sha256"])
+    return Twin(
+        mesh_path=paths[document.mesh.text()],
+        pusher=PusherGeometry(None if pusher is None else paths[pusher.text()], document.pusher_shape),
+        surfels=read_ply(folder / SURFELS_FILE),
+        **document.values,
+    )
+
+
+def _locate(folder: Path, entry: Entry) -> Path:
+    """The file of a name in the folder; raises InputError where it leads out of it."""
+    name = PurePosixPath(entry.text())
+    inside = not name.is_absolute() and ".." not in name.parts and "\\" not in entry.text()
+    if not inside or not _is_below(folder / name, folder):
+        raise entry.refusal("a file in the folder of the twin, named from there")
+    return require_file(folder / name, f"the file that {entry.path.name} names under {entry.place}")
+
+
+def _is_below(path: Path, folder: Path) -> bool:
+    """Whether a path stays in a folder, symbolic links followed."""
+    try:
+        return path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # links that go round in circles
+        return False
+
+
+def _check_hashes(paths: dict[str, Path], hashes: Entry) -> None:
+    """Raises InputError where a file is another one than when `twin.yaml` was written."""
+    hashes.only(*sorted(paths))
+    for name, path in sorted(paths.items()):
+        expected = hashes[name].text()
+        if not re.fullmatch("[0-9a-f]{64}", expected):
+            raise hashes[name].refusal("64 hexadecimal digits")
+        require_file(path, f"the file that {hashes.path.name} names under sha256")
+        try:
+            found = hashlib.sha256(path.read_bytes()).hexdigest()
+        except OSError as error:
+            raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+        if found != expected:
+            raise InputError(
+                path,
+                value=f"SHA-256 {found[:12]}...",
+                allowed=f"{expected[:12]}..., as twin.yaml has it; the file was changed, or is of another run",
+            )

@@ -1,0 +1,84 @@
+"""What a twin says will happen: its physics along a pusher's motion."""
+
+import numpy as np
+import torch
+
+from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.scene import Scene, make_scene, pusher_motion, resting_height, rollout_poses
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.twin.twin import Twin
+
+# An object that starts this near to the floor [m] rests on it; one that is farther up falls.
+_RESTS = 5e-3
+
+
+def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
+    """The physics of a twin that starts in an orientation q_WO (4,).
+
+    Raises:
+        InputError: A mesh cannot be used.
+    """
+    return make_scene(
+        twin.mesh_path,
+        twin.pusher,
+        q_WO=q_WO,
+        gravity=twin.gravity,
+        floor_height=twin.floor_height,
+        time_step=twin.time_step,
+        friction_directions=twin.friction_directions,
+        support=twin.support,
+    )
+
+
+def twin_parameters(twin: Twin, scene: Scene) -> Parameters:
+    """Theta of one world. Products of inertia are those of the mesh, scaled like the moments."""
+    theta = {key: estimate.value for key, estimate in twin.theta.items()}
+    solid = np.asarray(scene.model.bodies[0].inertia, float)
+    moments = np.array([theta["inertia_xx"], theta["inertia_yy"], theta["inertia_zz"]])
+    # Second moments of mass along the axes, which scale independently (see `identification/forward.py`).
+    second, wanted = 0.5 * np.trace(solid) - np.diag(solid), 0.5 * moments.sum() - moments
+    d = np.sqrt(np.maximum(wanted, 0.0) / np.maximum(second, 1e-300))
+    sigma = d[:, None] * (0.5 * np.trace(solid) * np.eye(3) - solid) * d[None, :]
+    inertia = np.trace(sigma) * np.eye(3) - sigma
+    return Parameters(
+        mass=torch.tensor([[theta["mass"]]], dtype=torch.float64),
+        inertia=torch.from_numpy(inertia)[None, None],
+        friction=torch.tensor([[theta["friction_floor"], theta["friction_pusher"]]], dtype=torch.float64),
+        restitution=torch.tensor([[theta["restitution_floor"], theta["restitution_pusher"]]], dtype=torch.float64),
+    )
+
+
+def rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> ObjectPoses:
+    """Where the object is while the pusher moves.
+
+    Args:
+        twin: Geometry and theta.
+        X_WO: Pose at t[0], at rest; q (4,), p (3,) [m]. Near the floor, it is put on it.
+        trajectory: Of the pusher.
+        t: (n,) [s], not decreasing.
+
+    Returns:
+        The poses at t.
+
+    Raises:
+        InputError: A mesh cannot be used.
+        SolverError: The physics found no solution.
+    """
+    scene = twin_scene(twin, X_WO.q)
+    rest = resting_height(scene, X_WO.q)
+    p_WO = X_WO.p.clone()
+    if abs(float(p_WO[2]) - rest) < _RESTS:
+        p_WO[2] = rest
+    h = scene.model.time_step
+    steps = max(int(np.ceil((t[-1] - t[0]) / h - 1e-6)), 1)
+    motion = pusher_motion(trajectory, float(t[0]), steps, h)
+    with torch.no_grad():
+        found = rollout_poses(
+            scene,
+            twin_parameters(twin, scene),
+            Pose(X_WO.q[None], p_WO[None]),
+            motion,
+            torch.from_numpy(np.asarray(t - t[0], float)),
+        )
+    return ObjectPoses(t=np.asarray(t, float), p_WO=found.p[:, 0].numpy(), q_WO=found.q[:, 0].numpy())

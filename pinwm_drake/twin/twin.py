@@ -1,0 +1,79 @@
+"""What a twin is: geometry, physical parameters with their uncertainty, appearance, and where they came from."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pinwm_drake.capture.scene import PusherGeometry
+from pinwm_drake.rendering.surfels import Surfels
+
+SCHEMA_VERSION = 1
+TWIN_FILE = "twin.yaml"
+SURFELS_FILE = "surfels.ply"
+
+# The physical parameters of a twin, and their units. The moments of inertia are about the centre of mass, along the
+# axes of O; the products of inertia are those of the mesh, scaled.
+THETA = {
+    "mass": "kg",
+    "inertia_xx": "kg m^2",
+    "inertia_yy": "kg m^2",
+    "inertia_zz": "kg m^2",
+    "friction_floor": "1",
+    "friction_pusher": "1",
+    "restitution_floor": "1",
+    "restitution_pusher": "1",
+}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One number that was estimated or assumed.
+
+    Attributes:
+        value: In `unit`.
+        interval: Low and high end of its 95 % interval; an end may be infinite. None where none was computed.
+        identifiable: Whether the data determine it.
+        unit: As in `THETA` for a physical parameter; free for a nuisance.
+        note: Anything to know about it.
+    """
+
+    value: float
+    interval: tuple[float, float] | None
+    identifiable: bool
+    unit: str
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """A calibrated twin of one object and of the pusher that pushed it.
+
+    Attributes:
+        name: Of the object.
+        mesh_path: The object's mesh, metres, frame O.
+        pusher: The pusher's geometry, frame P.
+        gravity: Downwards [m/s^2].
+        floor_height: z of the floor in the world as the physics uses it [m]: the capture's, plus the lift.
+        time_step: Of the physics [s].
+        friction_directions: Of the polyhedral friction cone.
+        support: What touches the floor: the mesh's corners, or points of its patch.
+        theta: The physical parameters; exactly the keys of `THETA`.
+        nuisance: What else was estimated, and is of the identified episode only (except the lift).
+        camera_offset: To add to cx and cy of the capture's cameras [px].
+        surfels: Its appearance, frame O.
+        provenance: Plain data: capture, its SHA-256, episode, versions, seeds, losses, timings, options.
+    """
+
+    name: str
+    mesh_path: Path
+    pusher: PusherGeometry
+    gravity: float
+    floor_height: float
+    time_step: float
+    friction_directions: int
+    support: Literal["corners", "patch"]
+    theta: dict[str, Estimate]
+    nuisance: dict[str, Estimate]
+    camera_offset: tuple[float, float]
+    surfels: Surfels
+    provenance: dict[str, Any]

@@ -1,0 +1,81 @@
+"""Writes a twin folder, whole or recognisably not."""
+
+import hashlib
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pinwm_drake.capture.documents import Entry
+from pinwm_drake.errors import InputError
+from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.rendering.ply import write_ply
+from pinwm_drake.twin.document import read_document, to_document
+from pinwm_drake.twin.twin import SURFELS_FILE, TWIN_FILE, Twin
+
+_MESHES = "meshes"
+
+
+class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
+    """Plain data; a text that the reader would take for a number, such as 1e3, is quoted."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Never writes an anchor."""
+        return True
+
+
+_Dumper.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"), list("-+.0123456789")
+)
+
+
+def write_twin(folder: Path, twin: Twin) -> None:
+    """Writes `surfels.ply`, the meshes and, last, `twin.yaml`, which holds the SHA-256 of the others.
+
+    A run that is killed in between leaves a folder that `read_twin` refuses, or the earlier twin.
+
+    Args:
+        folder: Where to; made if need be. Other files in it stay.
+        twin: The twin. Its meshes are copied.
+
+    Raises:
+        InputError: A number of the twin is out of range (the message names its place in `twin.yaml`), a mesh
+            cannot be read, or a file cannot be written.
+        RenderingError: The surfels are not usable.
+    """
+    mesh, pusher, pusher_path = f"{_MESHES}/object{twin.mesh_path.suffix.lower()}", None, twin.pusher.mesh_path
+    files = {mesh: _read(twin.mesh_path)}
+    # A capture may name a mesh that is not there where the pusher has a shape.
+    if pusher_path is not None and (twin.pusher.shape is None or pusher_path.is_file()):
+        pusher = f"{_MESHES}/pusher{pusher_path.suffix.lower()}"
+        files[pusher] = _read(pusher_path)
+    document = to_document(twin, mesh, pusher)
+    path = folder / TWIN_FILE
+    read_document(Entry(path, "", document))
+    twin.surfels.check()
+    prepare_folder(folder / _MESHES)
+    write_ply(folder / SURFELS_FILE, twin.surfels)
+    for name, contents in files.items():
+        with replacing(folder / name) as temporary:
+            temporary.write_bytes(contents)
+    files[SURFELS_FILE] = _read(folder / SURFELS_FILE)
+    document["sha256"] = {name: hashlib.sha256(contents).hexdigest() for name, contents in sorted(files.items())}
+    with replacing(path) as temporary:
+        text = yaml.dump(
+            document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None
+        )
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _to_text(document: dict[str, Any]) -> str:
+    """YAML, lists of numbers in one line."""
+    options: dict[str, Any] = {"sort_keys": False, "allow_unicode": True, "default_flow_style": None, "width": 110}
+    return yaml.dump(document, Dumper=_Dumper, **options)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(path, value=error.strerror, allowed="a file that can be read") from error

@@ -1,0 +1,79 @@
+"""Draws a straight push that meets the object."""
+
+import math
+
+import numpy as np
+import trimesh
+from pinwm_drake.systems.pusher_motion import StraightPush
+
+from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.errors import ParameterError
+
+_GAP = 0.012  # m, between pusher and object at the start
+_ACCELERATION = 2.0  # m/s^2
+_STEEPEST = math.radians(35)  # between the push and the normal of the face that it meets
+_SPACING = 0.0015  # m, of the points on the object
+_SIDEWAYS = 0.7  # of half the width that the object shows the pusher
+_ATTEMPTS = 1000
+
+
+def choose_push(
+    mesh_W: trimesh.Trimesh,
+    p_WO: np.ndarray,
+    pusher: PusherShape,
+    generator: np.random.Generator,
+    *,
+    height: float,
+    speed: float,
+    distance: float,
+) -> StraightPush:
+    """Draws direction and offset of a horizontal push.
+
+    Args:
+        mesh_W: The object at rest, m, world.
+        p_WO: (3,) m, its centre of mass, world.
+        pusher: What pushes.
+        generator: Draws them.
+        height: Of the pusher's middle, m, world.
+        speed: m/s.
+        distance: That the pusher goes on after it has met the object, m.
+
+    Returns:
+        The push, which starts 12 mm away from the object and meets a face that it is steep to.
+
+    Raises:
+        ParameterError: There is no such face at that height.
+    """
+    points, normals = _points(mesh_W)
+    level = points[:, 2] - height
+    if pusher.kind != "sphere":
+        level = np.sign(level) * np.maximum(np.abs(level) - 0.5 * pusher.length, 0)
+    if pusher.kind == "cylinder":
+        level[level != 0] = np.inf
+    for _ in range(_ATTEMPTS):
+        angle, share = generator.uniform(-math.pi, math.pi), generator.uniform(-_SIDEWAYS, _SIDEWAYS)
+        along = np.array([math.cos(angle), math.sin(angle), 0.0])
+        across = np.array([-along[1], along[0], 0.0])
+        sideways = (points - p_WO) @ across
+        offset = share * (sideways.max() if share > 0 else -sideways.min())
+        # How far the pusher's middle is from each point's plane when it touches the point.
+        reach = pusher.radius**2 - (sideways - offset) ** 2 - level**2
+        met = np.flatnonzero(reach > 0)
+        if not len(met):
+            continue
+        touch = (points[met] - p_WO) @ along - np.sqrt(reach[met])
+        first = met[np.argmin(touch)]
+        if normals[first] @ -along < math.cos(_STEEPEST):
+            continue
+        start = p_WO + (touch.min() - _GAP) * along + offset * across
+        start[2] = height
+        return StraightPush(start, along, speed, _GAP + distance, _ACCELERATION)
+    raise ParameterError(f"pusher: got a height of {height:g} m; allowed: one at which it meets a side of the object")
+
+
+def _points(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+    """Points all over a mesh (n, 3) [m], and the normals of their faces (n, 3)."""
+    vertices, faces, index = trimesh.remesh.subdivide_to_size(
+        mesh.vertices, mesh.faces, _SPACING, max_iter=20, return_index=True
+    )
+    return vertices[faces].mean(axis=1), mesh.face_normals[index]

@@ -1,0 +1,97 @@
+"""A straight push: along a line, with a trapezoid of speed."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
+
+
+@dataclass(frozen=True, eq=False)
+class StraightPush:
+    """A motion of the pusher along a straight line, from rest to rest.
+
+    Attributes:
+        p_WP: (3,) m, where it starts.
+        direction_W: (3,), unit, where it goes.
+        speed: m/s, between speeding up and slowing down.
+        distance: m, from start to stop.
+        acceleration: m/s^2, of both ends.
+        delay: s, before it starts.
+
+    Raises:
+        ValueError: `speed`, `distance` or `acceleration` is not positive, or the distance is too short for the speed.
+    """
+
+    p_WP: np.ndarray
+    direction_W: np.ndarray
+    speed: float
+    distance: float
+    acceleration: float
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if not (self.speed > 0 and self.acceleration > 0 and self.distance >= self.speed**2 / self.acceleration):
+            raise ValueError(f"{self}: allowed: a distance of speed^2 / acceleration or more, all three positive")
+
+    @property
+    def end_time(self) -> float:
+        """When it stops, s."""
+        return self.delay + self.distance / self.speed + self.speed / self.acceleration
+
+    def travel(self, t: float) -> tuple[float, float]:
+        """The way that is behind it [m], and its speed [m/s], at the time t [s]."""
+        ramp = self.speed / self.acceleration
+        since, left = t - self.delay, self.end_time - t
+        if since <= 0:
+            return 0.0, 0.0
+        if left <= 0:
+            return self.distance, 0.0
+        if since < ramp:
+            return 0.5 * self.acceleration * since**2, self.acceleration * since
+        if left < ramp:
+            return self.distance - 0.5 * self.acceleration * left**2, self.acceleration * left
+        return self.speed * (since - 0.5 * ramp), self.speed
+
+    def to_vector(self) -> np.ndarray:
+        """The numbers (10,) that describe it, in the order of the attributes."""
+        rest = [self.speed, self.distance, self.acceleration, self.delay]
+        return np.concatenate([self.p_WP, self.direction_W, rest])
+
+    @classmethod
+    def from_vector(cls, values: np.ndarray) -> "StraightPush":
+        """What `to_vector` described."""
+        return cls(values[:3], values[3:6], *(float(value) for value in values[6:]))
+
+
+class PusherMotion(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
+    """Commands a straight push, which is a parameter of the context.
+
+                         ┌──────────────┐
+                         │ PusherMotion │─► pusher_desired_state   (6): p_WP [m], v_WP [m/s], W
+                         └──────────────┘                          continuous function of time
+
+    The parameter, group 0, is `StraightPush.to_vector()`, so that a diagram serves one push after another.
+    """
+
+    def __init__(self) -> None:
+        """Declares parameter and port; the pusher rests at the origin until a push is set."""
+        super().__init__()
+        rest = StraightPush(np.zeros(3), np.array([1.0, 0.0, 0.0]), 1.0, 1.0, 1.0, math.inf)
+        self._push = self.DeclareNumericParameter(BasicVector(rest.to_vector()))
+        self.DeclareVectorOutputPort(
+            "pusher_desired_state",
+            6,
+            self._CalcDesiredState,
+            {self.time_ticket(), self.numeric_parameter_ticket(NumericParameterIndex(self._push))},
+        )
+
+    def SetPush(self, context: Context, push: StraightPush) -> None:
+        """Sets the push of this system's context."""
+        context.get_mutable_numeric_parameter(self._push).SetFromVector(push.to_vector())
+
+    def _CalcDesiredState(self, context: Context, output: BasicVector) -> None:
+        push = StraightPush.from_vector(context.get_numeric_parameter(self._push).CopyToVector())
+        way, speed = push.travel(context.get_time())
+        output.SetFromVector(np.concatenate([push.p_WP + way * push.direction_W, speed * push.direction_W]))

@@ -1,0 +1,118 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pinwm_drake.capture.episodes import read_episode, read_frames
+from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.static_views import read_static_views
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.spatial.rotations import quaternion_to_matrix
+
+SMALL = ["--size", "48", "--episodes", "2", "--static-views", "2", "--frames", "8", "--rate", "12"]
+SMALL += ["--supersampling", "1", "--distance", "0.02"]
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    # Not through the command line: its fixture is one of functions.
+    from pinwm_drake.cli.capture_simulate import simulate
+
+    out = tmp_path_factory.mktemp("simulate") / "capture"
+    simulate(out, object_name="cube", friction=0.2, pusher_friction=0.4, mass=0.5, size=48, episodes=2,
+             static_views=2, frames=8, rate=12.0, supersampling=1, distance=0.02, restitution=0.0, seed=3,
+             speed=0.12, pusher="sphere", pusher_radius=0.01, lying=False)  # fmt: skip
+    return out
+
+
+def test_help_shows_an_example(pinwm):
+    code, output, _ = pinwm("capture", "simulate", "--help")
+    assert code == 0
+    assert "Example: pinwm capture simulate" in output
+
+
+def test_the_capture_can_be_read(made):
+    capture = read_capture(made)
+    assert (capture.object.name, capture.object.mass) == ("cube", 0.5)
+    assert (capture.floor_height, capture.gravity) == (0.0, 9.81)
+    assert capture.episode_names == ["0000", "0001"]
+    assert capture.pusher.shape is not None
+    assert len(read_static_views(made)) == 2
+    load_mesh(capture.pusher.mesh_path)
+    starts = []
+    for name in capture.episode_names:
+        episode = read_episode(capture, name)
+        images, masks = read_frames(episode)
+        assert images.shape == (8, 48, 48, 3)
+        # In view from the first picture to the last.
+        assert masks.any(dim=1).any(dim=1).all()
+        assert not masks[:, [0, -1]].any()
+        assert not masks[:, :, [0, -1]].any()
+        assert np.diff(episode.trajectory.t).max() <= 1 / 120
+        np.testing.assert_allclose(episode.object_poses.p_WO[0], capture.object.X_WO.p, atol=1e-9)
+        np.testing.assert_allclose(np.abs(episode.object_poses.q_WO[0] @ capture.object.X_WO.q.numpy()), 1)
+        assert np.linalg.norm(episode.object_poses.p_WO[-1] - episode.object_poses.p_WO[0]) > 0.005
+        starts.append(episode.trajectory.p_WP[0])
+    assert np.linalg.norm(starts[0] - starts[1]) > 0.01
+
+
+def test_the_truth_is_written_for_scoring(made):
+    truth = yaml.safe_load((made / "ground_truth.yaml").read_text())
+    inertia = mass_properties(load_mesh(made / "meshes/object.obj"), mass=0.5).inertia
+    assert truth == pytest.approx(
+        {"mass": 0.5, "friction_floor": 0.2, "friction_pusher": 0.4, "restitution": 0.0}
+        | {f"inertia_{a}{b}": inertia["xyz".index(a), "xyz".index(b)] for a, b in ("xx", "yy", "zz", "xy", "xz", "yz")}
+    )
+
+
+def test_the_same_seed_makes_the_same_files(pinwm, made, tmp_path):
+    code, output, errors = pinwm(
+        "capture", "simulate", str(tmp_path / "again"), "--object", "cube", "--friction", "0.2",
+        "--pusher-friction", "0.4", "--mass", "0.5", "--seed", "3", *SMALL,
+    )  # fmt: skip
+    assert (code, errors) == (0, "")
+    assert f"wrote {tmp_path / 'again'}" in output
+    assert files(tmp_path / "again") == files(made)
+    assert [path.name for path in tmp_path.iterdir()] == ["again"]
+
+
+def test_a_mug_can_lie(pinwm, tmp_path):
+    options = ["--object", "mug", "--lying", "--pusher", "cylinder", "--friction", "0.3", *SMALL, "--episodes", "0"]
+    assert pinwm("capture", "simulate", str(tmp_path / "mug"), *options)[0] == 0
+    X_WO = read_capture(tmp_path / "mug").object.X_WO
+    # Between the inner and the outer radius of a 64-gon.
+    assert 0.04 * np.cos(np.pi / 64) - 1e-4 < float(X_WO.p[2]) < 0.04
+    # Its axis is level.
+    assert abs(float(quaternion_to_matrix(X_WO.q)[2, 2])) < 1e-3
+
+
+def test_a_folder_with_files_is_left_alone(pinwm, tmp_path):
+    (tmp_path / "mine").write_text("kept")
+    code, _, errors = pinwm("capture", "simulate", str(tmp_path), *SMALL)
+    assert code == 1
+    assert "allowed: a new or empty folder" in errors
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--object", "teapot"], "--object: got teapot"),
+        (["--friction", "-1"], "--friction: got -1"),
+        (["--pusher", "hand"], "--pusher: got hand"),
+        (["--lying"], "--lying: got True; allowed: with --object mug only"),
+        (["--speed", "nan"], "--speed: got nan"),
+        (["--distance", "0.5", "--mass", "inf"], "--mass: got inf"),
+        (["--size", "0"], "--size: got 0"),
+    ],
+)
+def test_options_out_of_range_are_named(pinwm, tmp_path, options, message):
+    code, _, errors = pinwm("capture", "simulate", str(tmp_path / "new"), *options)
+    assert code == 1
+    assert message in errors
+    assert not list(tmp_path.iterdir())

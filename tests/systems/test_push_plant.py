@@ -1,0 +1,136 @@
+import math
+
+import numpy as np
+import pytest
+from pinwm_drake.systems.push_plant import OBJECT_LABEL
+from pinwm_drake.systems.pusher_motion import StraightPush
+from pydrake.math import RigidTransform
+from pydrake.multibody.tree import SpatialInertia
+
+from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from tests.systems.scenes import GRAVITY, base_of, bench
+
+STEP = 1 / 1920  # s
+OBJECTS = [("t_block", 0.1), ("cube", 0.03), ("mug", 0.3)]
+SLIDES = {0.03: 0.1, 0.1: 0.15, 0.3: 0.3}  # friction: speed, m/s
+
+
+def settled(scene, height):
+    simulator = scene.start(RigidTransform([0, 0, height]))
+    simulator.AdvanceTo(0.1)
+    return scene.pose(simulator)
+
+
+@pytest.mark.parametrize(("name", "friction"), OBJECTS)
+def test_objects_stand_on_the_floor_without_sinking_or_creeping(name, friction):
+    height, _, _ = base_of(name)
+    scene = bench(name, friction)
+    X_WO = settled(scene, height)
+    # Weight over area of the base, over the floor's 3e9 Pa/m: 0.4 to 0.9 µm.
+    assert 0 < height - X_WO.translation()[2] < 2e-6
+    simulator = scene.start(X_WO)
+    simulator.AdvanceTo(0.1)
+    np.testing.assert_allclose(scene.velocity(simulator), 0, atol=1e-6)
+    assert np.linalg.norm((scene.pose(simulator).translation() - X_WO.translation())[:2]) < 1e-9
+
+
+@pytest.mark.parametrize(("name", "friction"), OBJECTS)
+def test_a_sliding_object_stops_after_v2_over_2_mu_g(name, friction):
+    height, _, _ = base_of(name)
+    scene = bench(name, friction)
+    X_WO, v = settled(scene, height), SLIDES[friction]
+    simulator = scene.start(X_WO, [0, 0, 0, v, 0, 0])
+    simulator.AdvanceTo(v / (friction * GRAVITY) + 0.02)
+    moved = scene.pose(simulator).translation() - X_WO.translation()
+    expected = v**2 / (2 * friction * GRAVITY)
+    # The velocity after each step moves the object during it: v h / 2 less way. The rest is drag of the front's
+    # lower edge, measured: 0.1 % to 0.5 %.
+    assert moved[0] + 0.5 * v * STEP == pytest.approx(expected, rel=7e-3)
+    assert abs(moved[1]) < 1e-4 * moved[0] + 1e-6
+    assert np.linalg.norm(scene.velocity(simulator)) < 1e-5
+
+
+@pytest.mark.parametrize(("name", "friction"), OBJECTS)
+def test_a_spinning_object_stops_by_the_torque_of_uniform_pressure(name, friction):
+    # Torque about the middle: μ m g times the mean distance of the base from it.
+    height, radius, inertia = base_of(name)
+    scene = bench(name, friction)
+    X_WO, w = settled(scene, height), {0.03: 2.0, 0.1: 3.0, 0.3: 6.0}[friction]
+    slowing = friction * GRAVITY * radius / inertia
+    simulator = scene.start(X_WO, [0, 0, w, 0, 0, 0])
+    simulator.AdvanceTo(0.5 * w / slowing)
+    # Half-way in time; one step is 0.2 % of it at most, measured 0.5 % at most.
+    assert scene.velocity(simulator)[2] == pytest.approx(0.5 * w, rel=1e-2)
+    simulator.AdvanceTo(1.05 * w / slowing)
+    assert abs(scene.velocity(simulator)[2]) < 1e-3
+
+
+def hit(restitution, pusher=None, friction=0.03, speed=0.12, step=STEP):
+    """Hits the middle of the T-block's bar; returns the block's speed afterwards, overlap, and pusher's speed."""
+    pusher = pusher or PusherShape("sphere", 0.01)
+    scene = bench("t_block", friction, pusher=pusher, restitution=restitution, time_step=step, reference_speed=speed)
+    height = 0.025 if pusher.kind == "sphere" else 0.045
+    push = StraightPush(np.array([0, -0.055 - 0.01 - 0.003, height]), np.array([0.0, 1.0, 0.0]), speed, 0.05, 10.0)
+    simulator = scene.start(RigidTransform([0, 0, 0.0249996]), push=push)
+    fastest, overlap, slowest = 0.0, -math.inf, math.inf
+    for t in np.arange(0.02, 0.1, 1 / 960):
+        simulator.AdvanceTo(t)
+        at, pusher_at = scene.pose(simulator).translation()[1], scene.pusher(simulator)
+        fastest = max(fastest, scene.velocity(simulator)[4])
+        overlap = max(overlap, pusher_at[1] + 0.01 - (at - 0.055))
+        slowest = min(slowest, pusher_at[4])
+    return fastest / speed, overlap, slowest / speed
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cylinder"])
+def test_without_restitution_the_object_takes_the_speed_of_the_pusher(kind):
+    shape = PusherShape(kind, 0.01, 0.0 if kind == "sphere" else 0.06)
+    fastest, overlap, slowest = hit(0.0, shape)
+    # Bodies part at 1 / d = 0.1 mm/s, 0.1 % of the speed; measured 0.2 %.
+    assert fastest == pytest.approx(1, abs=5e-3)
+    assert overlap < 1e-4
+    # The drive yields to the impact by a per cent and to nothing else.
+    assert slowest > 0.98
+
+
+def test_restitution_is_kept_roughly():
+    fastest, _, _ = hit(0.5, step=STEP / 4)
+    assert fastest - 1 == pytest.approx(0.5, rel=0.2)
+
+
+def test_mass_properties_are_those_of_the_solid():
+    scene = bench("mug", 0.1, mass=0.3)
+    about = mass_properties(load_mesh(scene.parts.scene.mesh_path), mass=0.3)
+    inertia: SpatialInertia = scene.parts.object.default_spatial_inertia()
+    assert inertia.get_mass() == pytest.approx(0.3)
+    np.testing.assert_allclose(inertia.get_com(), 0, atol=1e-12)
+    np.testing.assert_allclose(
+        inertia.CalcRotationalInertia().CopyToFullMatrix3(), about.inertia, rtol=1e-9, atol=1e-12
+    )
+
+
+def test_floor_and_pusher_do_not_touch():
+    scene = bench("cube", 0.1)
+    inside = StraightPush(np.array([0.5, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]), 1.0, 1.0, 1.0, np.inf)
+    simulator = scene.start(RigidTransform([0, 0, 0.03]), push=inside)
+    simulator.AdvanceTo(0.02)
+    np.testing.assert_allclose(scene.pusher(simulator), [0.5, 0, 0, 0, 0, 0], atol=1e-9)
+
+
+def test_cameras_tell_the_object_from_the_rest():
+    scene = bench("cube", 0.1)
+    inspector = scene.parts.scene_graph.model_inspector()
+    (visual,) = scene.parts.plant.GetVisualGeometriesForBody(scene.parts.object)
+    assert inspector.GetPerceptionProperties(visual).GetProperty("label", "id") == OBJECT_LABEL
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "name"),
+    [("friction", -0.1, "--friction"), ("mass", 0.0, "--mass"), ("restitution", 1.0, "--restitution")],
+)
+def test_numbers_out_of_range_are_named(option, value, name):
+    friction = {"friction": value} if option == "friction" else {"friction": 0.1, option: value}
+    with pytest.raises(ParameterError, match=f"{name}: got"):
+        bench("cube", **friction)

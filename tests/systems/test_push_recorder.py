@@ -1,0 +1,117 @@
+import numpy as np
+import pytest
+import trimesh
+from pinwm_drake.models import object_model
+from pinwm_drake.systems.collision_mesh import divided, triangle_mesh
+from pinwm_drake.systems.push_choice import choose_push
+from pinwm_drake.systems.push_recorder import MakePushRecorder, Rates
+from pinwm_drake.systems.push_scene import PushScene
+from pydrake.math import RigidTransform
+
+from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.rendering.camera import Camera
+from tests.systems.scenes import SPHERE
+
+SHAPES = [SPHERE, PusherShape("cylinder", 0.01, 0.06), PusherShape("capsule", 0.01, 0.06)]
+
+
+def standing(name):
+    mesh = load_mesh(object_model(name).mesh_path)
+    mesh.apply_translation([0, 0, -mesh.bounds[0, 2]])
+    return mesh
+
+
+def gap(points_P, shape):
+    """Distance between the pusher and the nearest of some points (n, 3), its frame; m, negative inside."""
+    beyond = np.maximum(np.abs(points_P[:, 2]) - 0.5 * shape.length, 0)
+    radial = np.linalg.norm(points_P[:, :2], axis=1)
+    if shape.kind == "cylinder":
+        return np.where(beyond > 0, np.hypot(beyond, np.maximum(radial - shape.radius, 0)), radial - shape.radius).min()
+    return (np.hypot(radial, beyond) - shape.radius).min()
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.kind)
+@pytest.mark.parametrize("name", ["t_block", "cube", "mug"])
+def test_pushes_begin_free_and_meet_the_object_after_the_gap(name, shape):
+    mesh = standing(name)
+    p_WO = np.array([0, 0, -load_mesh(object_model(name).mesh_path).bounds[0, 2]])
+    points = divided(mesh.triangles, 0.002).mean(axis=1)
+    for seed in range(3):
+        generator = np.random.default_rng(seed)
+        push = choose_push(mesh, p_WO, shape, generator, height=0.045, speed=0.1, distance=0.08)
+        assert np.linalg.norm(push.direction_W) == pytest.approx(1)
+        # On its way of 12 mm the pusher comes as near as points 1.5 mm apart let it: 0.1 mm.
+        gaps = [gap(points - push.p_WP - way * push.direction_W, shape) for way in np.linspace(0, 0.0118, 5)]
+        assert min(gaps) > 0
+        assert gap(points - push.p_WP - 0.0125 * push.direction_W, shape) < 0
+
+
+def test_pushes_of_one_seed_are_the_same_and_of_others_are_not():
+    mesh = standing("cube")
+    pushes = [
+        choose_push(
+            mesh, np.array([0, 0, 0.03]), SPHERE, np.random.default_rng(k), height=0.03, speed=0.1, distance=0.1
+        )
+        for k in (1, 1, 2)
+    ]
+    np.testing.assert_array_equal(pushes[0].to_vector(), pushes[1].to_vector())
+    assert not np.allclose(pushes[0].to_vector(), pushes[2].to_vector())
+
+
+def test_a_pusher_above_the_object_is_refused():
+    with pytest.raises(ParameterError, match=r"height of 0\.3 m"):
+        choose_push(
+            standing("cube"), np.zeros(3), SPHERE, np.random.default_rng(0), height=0.3, speed=0.1, distance=0.1
+        )
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.kind)
+def test_pusher_meshes_are_closed_and_of_the_right_size(shape):
+    mesh = triangle_mesh(shape)
+    assert mesh.is_watertight
+    assert mesh.volume > 0
+    height = {"sphere": 0.02, "cylinder": 0.06, "capsule": 0.08}[shape.kind]
+    # Facets of 32 around: 0.5 % of the radius.
+    np.testing.assert_allclose(mesh.bounds, 0.5 * np.array([[-0.02, -0.02, -height], [0.02, 0.02, height]]), rtol=1e-2)
+
+
+def test_divided_triangles_are_the_same_surface():
+    mesh = standing("mug")
+    triangles = divided(mesh.triangles, 0.02)
+    assert np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max() <= 0.02
+    again = trimesh.Trimesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), process=False)
+    assert again.area == pytest.approx(mesh.area)
+    assert again.volume == pytest.approx(mesh.volume)
+
+
+@pytest.fixture(scope="module")
+def recorder():
+    model = object_model("cube")
+    scene = PushScene(model.mesh_path, model.visual_path, 1.0, 0.1, 0.1, 0.0, SPHERE)
+    return MakePushRecorder(scene, Rates(24.0, 10, 8), Camera.from_field_of_view(32, 32, 0.7), 1)
+
+
+def test_a_recording_is_the_pushers_log_and_the_objects_poses(recorder):
+    X_WO = recorder.settle(RigidTransform([0.01, 0, 0.03]))
+    push = choose_push(
+        standing("cube"), X_WO.translation(), SPHERE, np.random.default_rng(0), height=0.03, speed=0.1, distance=0.02
+    )
+    number = 13
+    recording = recorder.push(X_WO, push, number)
+    log, poses = recording.trajectory, recording.object_poses
+    np.testing.assert_allclose(recording.t, np.arange(number) / 24)
+    np.testing.assert_allclose(log.t, np.arange((number - 1) * 10 + 1) / 240)
+    assert log.t[-1] == recording.t[-1]
+    np.testing.assert_array_equal(poses.t, recording.t)
+    # It stays at rest until the pusher is there, and moves forwards then.
+    assert np.linalg.norm(poses.p_WO[1] - X_WO.translation()) < 1e-8
+    assert (poses.p_WO[-1] - poses.p_WO[0]) @ push.direction_W > 0.01
+    np.testing.assert_allclose(np.linalg.norm(poses.q_WO, axis=1), 1, atol=1e-12)
+    # The pusher is where its commanded velocity takes it: an impact costs it some micrometres.
+    moved = log.p_WP[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(log.v_WP[:-1] / 240, axis=0)])
+    np.testing.assert_allclose(log.p_WP, moved, atol=2e-4)
+    again = recorder.push(X_WO, push, number)
+    np.testing.assert_array_equal(again.object_poses.p_WO, poses.p_WO)
+    np.testing.assert_array_equal(again.trajectory.p_WP, log.p_WP)

@@ -1,0 +1,44 @@
+"""A small twin: a cube with a few surfels, and a capsule that pushes it."""
+
+from pathlib import Path
+
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape
+from pinwm_drake.twin import THETA, Estimate, Twin
+from tests.capture.cube import SIDE, write_mesh
+from tests.rendering.scenes import cloud
+
+MASS = 0.2  # kg
+VALUES = {"mass": MASS, "friction_floor": 0.3, "friction_pusher": 0.2, "restitution_floor": 0.0}
+VALUES |= {"restitution_pusher": 0.1}
+
+
+def estimates(**values: float) -> dict[str, Estimate]:
+    """The physical parameters of the cube; `values` replace some, without an interval."""
+    moment = MASS * SIDE**2 / 6
+    nominal = VALUES | {key: moment for key in THETA if key.startswith("inertia")}
+    found = {}
+    for key, unit in THETA.items():
+        value = values.get(key, nominal[key])
+        interval = None if key in values else (0.9 * value, 1.1 * value)
+        found[key] = Estimate(value, interval, key == "friction_floor", unit)
+    return found
+
+
+def cube_twin(folder: Path, **fields) -> Twin:
+    """A twin whose mesh lies in `folder`; `fields` replace some of its own."""
+    given = {
+        "name": "cube",
+        "mesh_path": write_mesh(folder / "cube.obj"),
+        "pusher": PusherGeometry(None, PusherShape("capsule", 0.01, 0.04)),
+        "gravity": 9.81,
+        "floor_height": 0.0,
+        "time_step": 1 / 240,
+        "friction_directions": 8,
+        "support": "corners",
+        "theta": estimates(),
+        "nuisance": {"lift": Estimate(1e-3, (5e-4, 1.5e-3), True, "m", "the object stands on a margin")},
+        "camera_offset": (0.25, -0.5),
+        "surfels": cloud(),
+        "provenance": {"capture": "/somewhere", "episode": "1e3", "seeds": [0, 1], "loss": 1e-5},
+    }
+    return Twin(**(given | fields))
