@@ -246,4 +246,4 @@ def rollout_poses(
     share = (at - low)[:, None, None]
     q = normalize_quaternion(torch.lerp(record.q_WB[low, :, 0], record.q_WB[low + 1, :, 0], share))
     p_WB = torch.lerp(record.p_WB[low, :, 0], record.p_WB[low + 1, :, 0], share)
-    return Pose(q, p_WB - rotate(q, scene.p_OB.expand(q.shape[:-1] + (3,))))
+    return Pose(q, p_WB - rotate(q, scene.p_OB.expand((*q.shape[:-1], 3))))

@@ -13,7 +13,9 @@ _GAP = 0.012  # m, between pusher and object at the start
 _ACCELERATION = 2.0  # m/s^2
 _STEEPEST = math.radians(35)  # between the push and the normal of the face that it meets
 _SPACING = 0.0015  # m, of the points on the object
-_SIDEWAYS = 0.7  # of half the width that the object shows the pusher
+_FLAT = 0.010  # m, around the first contact, without an edge
+_EDGE = math.radians(45)  # between normals
+_SIDEWAYS = 0.6  # of half the width that the object shows the pusher
 _ATTEMPTS = 1000
 
 
@@ -39,7 +41,8 @@ def choose_push(
         distance: That the pusher goes on after it has met the object, m.
 
     Returns:
-        The push, which starts 12 mm away from the object and meets a face that it is steep to.
+        The push, which starts 12 mm away from the object and meets a face that it is steep to, away from edges: on
+        an edge the least difference would decide which side the pusher slides to.
 
     Raises:
         ParameterError: There is no such face at that height.
@@ -63,12 +66,20 @@ def choose_push(
             continue
         touch = (points[met] - p_WO) @ along - np.sqrt(reach[met])
         first = met[np.argmin(touch)]
-        if normals[first] @ -along < math.cos(_STEEPEST):
+        if normals[first] @ -along < math.cos(_STEEPEST) or _has_edge(points, normals, first):
             continue
         start = p_WO + (touch.min() - _GAP) * along + offset * across
         start[2] = height
         return StraightPush(start, along, speed, _GAP + distance, _ACCELERATION)
     raise ParameterError(f"pusher: got a height of {height:g} m; allowed: one at which it meets a side of the object")
+
+
+def _has_edge(points: np.ndarray, normals: np.ndarray, first: np.integer) -> bool:
+    """Whether there is an upright edge near a point, on any of the sides of the object."""
+    alike = normals @ normals[first]
+    near = (np.linalg.norm((points - points[first])[:, :2], axis=1) < _FLAT) & (np.abs(normals[:, 2]) < 0.5)
+    # The inside of a thin wall is turned away, and no edge.
+    return bool((near & (alike < math.cos(_EDGE)) & (alike > -0.5)).any())
 
 
 def _points(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:

@@ -36,7 +36,7 @@ class PushScene:
     restitution: float
     pusher: PusherShape
     gravity: float = 9.81
-    time_step: float = 1 / 1920
+    time_step: float = 1 / 3840
     reference_speed: float = 0.12
 
     def __post_init__(self) -> None:

@@ -58,12 +58,10 @@ def check_capture(folder: Path, progress: Callable[[str], None] = lambda part: N
     findings = Findings(folder)
     progress(CAPTURE_FILE)
     scene = check_scene(folder, findings)
-    progress("static")
-    views = check_static(scene, findings)
+    views = check_static(scene, findings, progress)
     if not scene.episode_names:
         findings.warn(folder / EPISODES, "no episode", "one push or more, to identify a twin")
     images = {}
     for name in scene.episode_names:
-        progress(f"{EPISODES}/{name}")
-        images[name] = check_episode(name, scene, findings)
+        images[name] = check_episode(name, scene, findings, progress)
     return CheckResult(findings.problems, views, images)

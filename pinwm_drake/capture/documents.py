@@ -13,6 +13,7 @@ import yaml
 
 from pinwm_drake.errors import InputError
 
+LONGEST_TEXT = 1000  # characters: names and paths
 _LONGEST_QUOTE = 60  # characters of a value that a message repeats
 # Documents may hold lists in lists in lists, the same one many times: a message shows the outermost.
 _shortened = reprlib.Repr()
@@ -111,6 +112,8 @@ class Entry:
         """
         if not isinstance(self.value, str) or not self.value.strip() or not self.value.isprintable():
             raise self.refusal("text")
+        if len(self.value) > LONGEST_TEXT:
+            raise self.refusal(f"text of at most {LONGEST_TEXT} characters")
         return self.value
 
     def number(self, low: float = -math.inf, high: float = math.inf) -> float:

@@ -1,12 +1,14 @@
 """The tables of an episode: when its images were taken, where the pusher was and where the object was."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from pinwm_drake.capture.documents import LONGEST_TEXT
 from pinwm_drake.capture.objects import FARTHEST
-from pinwm_drake.capture.paths import is_file, require_file
+from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.refusals import Refuse, attempt, raise_it
 from pinwm_drake.capture.tables import Table, read_table
 
@@ -89,7 +91,7 @@ def read_object_poses(folder: Path, refuse: Refuse = raise_it) -> ObjectPoses | 
         InputError: The table cannot be used; see `episodes.read_episode`.
     """
     path = folder / POSES_FILE
-    if not path.exists() and not is_file(path):
+    if not os.path.lexists(path):
         return None
     return read_pose_table(path, refuse)
 
@@ -130,7 +132,7 @@ def read_frame_table(
         first = seen.setdefault(name, table.lines[row])
         if first != table.lines[row]:
             refuse(table.refusal(row, "file_path", f"each image once (it is in row {first} too)"))
-        if not name or not name.isprintable():
+        if not name or not name.isprintable() or len(name) > LONGEST_TEXT:
             refuse(table.refusal(row, "file_path", "the name of an image file"))
         else:
             _require_image(table, row, folder / name)
@@ -155,6 +157,8 @@ def frame_numbers(table: Table) -> np.ndarray:
     values = table.numbers(("frame",), 1e9)[:, 0]
     for row, value in enumerate(values.tolist()):
         before = values[row - 1] if row else -1.0
+        if np.isnan(value):
+            continue  # refused as no number
         if value != np.floor(value) or value <= before:
             allowed = "a whole number, larger than the one in the row before" if row else "a whole number from 0"
             table.refuse(table.refusal(row, "frame", allowed))

@@ -147,8 +147,9 @@ def opencv_pose(entry: Entry, matrix: np.ndarray) -> Pose:
     rotation = matrix[:3, :3]
     if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
         raise entry.refusal("a matrix whose last row is 0, 0, 0, 1", f"last row {matrix[3].tolist()}")
-    error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-    if error > _ORTHONORMAL:
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    if not error <= _ORTHONORMAL:  # NaN too
         raise entry.refusal(
             f"a rigid transform: axes orthonormal to {_ORTHONORMAL:g}", f"a matrix with axes {error:.2g} off"
         )

@@ -9,8 +9,6 @@ from pinwm_drake.cli.capture_import import import_app
 from pinwm_drake.cli.capture_simulate import simulate
 
 capture_app = typer.Typer(name="capture", help="Check, import and simulate captures.", no_args_is_help=True)
-capture_app.add_typer(import_app)
-capture_app.command(epilog="Example: pinwm capture simulate mycapture --object mug --friction 0.2")(simulate)
 
 
 @capture_app.command(epilog="Example: pinwm capture check mycapture")
@@ -22,3 +20,7 @@ def check(
     from pinwm_drake.cli.capture_check import run_check
 
     run_check(folder, every=every)
+
+
+capture_app.add_typer(import_app)
+capture_app.command(epilog="Example: pinwm capture simulate mycapture --object mug --friction 0.2")(simulate)

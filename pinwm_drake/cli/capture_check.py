@@ -49,7 +49,9 @@ def summary(result: CheckResult) -> str:
 
 def _table(folder: Path, result: CheckResult, every: bool) -> Table:
     """The problems: errors before warnings, each with its place."""
-    table = Table("", "where", "found", "allowed", title="Problems", show_lines=True)
+    table = Table("", title="Problems", show_lines=True)
+    for name in ("where", "found", "allowed"):
+        table.add_column(name, overflow="fold")
     shown: Counter[str] = Counter()
     left_out: Counter[str] = Counter()
     for problem in sorted(result.problems, key=lambda problem: problem.severity):

@@ -38,8 +38,8 @@ _STATIC_MARGIN, _EPISODE_MARGIN = 0.12, 0.12  # of the image, free on each side 
 _PUSHER_LENGTH = 0.06  # m, of the straight part of a capsule or cylinder
 _CLEARANCE = 0.004  # m, between floor and pusher
 _RECORD_RATE = 240.0  # Hz, the lowest of the pusher's log
-_LONGEST_STEP = 1 / 1900  # s
-_BOUNCING_STEPS = 4  # times more of them where an impact of some 3 ms is to keep its energy
+_LONGEST_STEP = 1 / 3800  # s
+_BOUNCING_STEPS = 2  # times more of them where an impact of some 3 ms is to keep its energy
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from pinwm_drake.identification.adam import MEASUREMENTS
 from pinwm_drake.identification.image_loss import difference
 from pinwm_drake.identification.pictures import Pictures
 from pinwm_drake.identification.problem import Problem
-from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.poses import Pose, inverse
 from pinwm_drake.spatial.rotations import quaternion_conjugate, quaternion_exp, quaternion_log, quaternion_multiply
 
 # Steps of the differences: of an unknown, in z; in the image, px; of the outline's logarithm.
@@ -76,10 +76,12 @@ def expand(problem: Problem, pictures: Pictures, z: Tensor) -> Quadratic | None:
     values = problem.coordinates.values(z)
     outline = values["outline"][None]
     step_p, step_r = _image_steps(problem, pictures, at)
-    base = difference(
-        pictures, problem.surfels, Pose(at.q[:, None], at.p[:, None]), outline, num_threads=problem.num_threads
-    )
-    r = base.reshape(n, -1)
+
+    def residual(X_WO: Pose, outline: Tensor) -> Tensor:
+        X_WO = Pose(X_WO.q[:, None], X_WO.p[:, None])
+        return difference(pictures, problem.surfels, X_WO, outline, num_threads=problem.num_threads).reshape(n, -1)
+
+    r = residual(at, outline)
     M = r.shape[1]
     columns = []
     for axis in range(7):
@@ -93,10 +95,7 @@ def expand(problem: Problem, pictures: Pictures, z: Tensor) -> Quadratic | None:
                 shift[:, axis - 3] = sign * step_p
             else:
                 scale = outline * (1.0 + sign * _STEP_OUTLINE)
-            moved = Pose(quaternion_multiply(quaternion_exp(turn), at.q)[:, None], (at.p + shift)[:, None])
-            sides.append(
-                difference(pictures, problem.surfels, moved, scale, num_threads=problem.num_threads).reshape(n, -1)
-            )
+            sides.append(residual(Pose(quaternion_multiply(quaternion_exp(turn), at.q), at.p + shift), scale))
         step = (step_r, step_p, _STEP_OUTLINE)[axis // 3]
         columns.append((sides[0] - sides[1]) / (2.0 * step))
     J = torch.stack(columns, -1)
@@ -113,16 +112,10 @@ def expand(problem: Problem, pictures: Pictures, z: Tensor) -> Quadratic | None:
 
 def _image_steps(problem: Problem, pictures: Pictures, X_WO: Pose) -> tuple[float, float]:
     """Steps of position [m] and rotation [rad] that move the image by about `_STEP_PIXELS`."""
-    away = (X_WO.p[0] - _camera_position(pictures)).norm()
+    away = (X_WO.p[0] - inverse(pictures.X_CW).p).norm()
     step = _STEP_PIXELS * float(away) / float(pictures.camera.intrinsics[0, 0])
     radius = 0.5 * float((problem.forward.scene.mesh.extents**2).sum() ** 0.5)
     return step, step / radius
-
-
-def _camera_position(pictures: Pictures) -> Tensor:
-    from pinwm_drake.spatial.poses import inverse
-
-    return inverse(pictures.X_CW).p
 
 
 def _pose_derivatives(problem: Problem, X_WO: Pose, alive: Tensor, trial: Tensor, z: Tensor) -> Tensor:

@@ -1,5 +1,6 @@
 """From one push and an appearance to a twin: theta with intervals, by gradient through the images."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,6 +21,8 @@ from pinwm_drake.scene import make_scene, pusher_mesh, resting_height
 from pinwm_drake.twin.origin import Origin
 from pinwm_drake.twin.twin import Estimate, Twin
 
+# Options that a continued search may have otherwise; threads count with the number that is used.
+_MAY_CHANGE = ("checkpoint_every", "num_threads")
 _NOMINAL_MASS = 1.0  # kg, where none was measured
 
 
@@ -146,7 +149,7 @@ def _twin(
         floor_height=capture.floor_height + nuisance["lift"].value,
         time_step=options.time_step,
         friction_directions=options.friction_directions,
-        support=scene_support(found),
+        support=found.support,
         theta=theta,
         nuisance=nuisance,
         camera_offset=camera_offset,
@@ -163,18 +166,11 @@ def _twin(
     )
 
 
-def scene_support(found: Found) -> str:
-    """The support that was found to explain the video best."""
-    return found.support
-
-
 def _plain(value: object) -> object:
     return list(value) if isinstance(value, tuple) else dict(value) if isinstance(value, dict) else value
 
 
 def _digest(surfels: Surfels) -> str:
-    import hashlib
-
     digest = hashlib.sha256()
     for name, tensor in sorted(surfels.tensors().items()):
         digest.update(name.encode() + tensor.detach().contiguous().numpy().tobytes())

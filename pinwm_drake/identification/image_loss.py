@@ -67,9 +67,6 @@ def squares(difference: Tensor, blocks: tuple[int, ...] = (1,)) -> Tensor:
     total = flat.new_zeros(n * W)
     planes = flat.permute(0, 3, 1, 2) if max(blocks) > 1 else flat
     for block in blocks:
-        if block == 1:
-            part = flat
-        else:
-            part = torch.nn.functional.avg_pool2d(planes, block, max(block // 2, 1), ceil_mode=True)
+        part = flat if block == 1 else torch.nn.functional.avg_pool2d(planes, block, block // 2, ceil_mode=True)
         total = total + (part * part).mean(dim=(1, 2, 3))
     return total.reshape(n, W).double()

@@ -68,10 +68,10 @@ class IdentifyOptions:
                 raise ParameterError(f"{name} is {value}; allowed: {low} to {high}")
         if self.num_threads is not None and self.num_threads < 1:
             raise ParameterError(f"num_threads is {self.num_threads}; allowed: at least 1")
-        for name, low, high in (("coarse_size", 8.0, 4096.0), ("fine_size", 8.0, 4096.0), ("time_step", 1e-5, 0.05)):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and low <= value <= high):
-                raise ParameterError(f"{name} is {value}; allowed: {low:g} to {high:g}")
+        for name, least, most in (("coarse_size", 8.0, 4096.0), ("fine_size", 8.0, 4096.0), ("time_step", 1e-5, 0.05)):
+            real = getattr(self, name)
+            if not (math.isfinite(real) and least <= real <= most):
+                raise ParameterError(f"{name} is {real}; allowed: {least:g} to {most:g}")
         if self.support not in ("auto", "corners", "patch"):
             raise ParameterError(f"support is {self.support!r}; allowed: auto, corners or patch")
 

@@ -21,7 +21,8 @@ from pinwm_drake.identification.image_loss import BLOCKS
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import Footage, Pictures, make_pictures
 from pinwm_drake.identification.problem import Problem
-from pinwm_drake.identification.uncertainty import Posterior, laplace
+from pinwm_drake.identification.uncertainty import Posterior, laplace, profile
+from pinwm_drake.scene import Support
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.threads import available
 
@@ -79,7 +80,7 @@ class Log:
             "loss": np.array(self.loss, float),
             "stage": np.array(self.stage, dtype="U16"),
             "start": np.array(self.start, np.int64),
-            "theta": np.array(self.theta, float).reshape(len(self.theta), -1),
+            "theta": np.array(self.theta, float),
         }
 
     @staticmethod
@@ -103,12 +104,12 @@ class Found:
         seconds: Time taken, all runs together.
     """
 
-    support: str
+    support: Support
     problem: Problem
     posterior: Posterior
     loss: float
     poses: Pose
-    losses: dict[str, float]
+    losses: dict[Support, float]
     log: Log
     seconds: float
 
@@ -118,7 +119,7 @@ class Search:
 
     def __init__(
         self,
-        problems: Mapping[str, Problem],
+        problems: Mapping[Support, Problem],
         footage: Footage,
         options: IdentifyOptions,
         *,
@@ -155,8 +156,7 @@ class Search:
         stored = read_arrays(self.path, self.about, "identify", ["seconds"]) if self.path and resume else None
         if stored is not None:
             self.begun -= float(stored.pop("seconds"))
-            history = {name: stored.pop(f"log.{name}") for name in self.log.arrays()}
-            self.log = Log.of(history)
+            self.log = Log.of({name: stored.pop(f"log.{name}") for name in self.log.arrays()})
             self.done = stored
 
     def run(self) -> Found:
@@ -179,7 +179,7 @@ class Search:
         winner = min(near, key=lambda support: losses[support])
         return self._finish(winner, losses)
 
-    def _coarse(self, number: int, support: str) -> None:
+    def _coarse(self, number: int, support: Support) -> None:
         """Screens random guesses and descends from the best."""
         key, problem, options = f"coarse.{support}", self.problems[support], self.options
         if f"{key}.z" in self.done:
@@ -217,7 +217,7 @@ class Search:
         best = int(losses.argmin())
         self._end(key, {"z": state.best_z[best], "start": np.array(number * options.starts + best)})
 
-    def _fine(self, number: int, support: str) -> None:
+    def _fine(self, number: int, support: Support) -> None:
         """Descends once more, on larger pictures."""
         key, problem, options = f"fine.{support}", self.problems[support], self.options
         if f"{key}.z" in self.done:
@@ -247,7 +247,7 @@ class Search:
         )
         self._end(key, {"z": state.best_z[0], "loss": state.best_loss[0]})
 
-    def _polish(self, number: int, support: str, near: list[str]) -> float:
+    def _polish(self, number: int, support: Support, near: list[Support]) -> float:
         """Levenberg-Marquardt, twice: the second time images and prior are in balance. The loss at the end."""
         problem, options = self.problems[support], self.options
         start = int(self.done[f"coarse.{support}.start"])
@@ -274,7 +274,7 @@ class Search:
             weight = float(self.done[f"{key}.weight"])
         return loss
 
-    def _finish(self, support: str, losses: dict[str, float]) -> Found:
+    def _finish(self, support: Support, losses: dict[Support, float]) -> Found:
         """Looks at the optimum once more."""
         problem = self.problems[support]
         last = f"polish{_ROUNDS - 1}.{support}"
@@ -282,10 +282,15 @@ class Search:
         model = expand(problem, self.fine, z)
         if model is None:
             raise SolverError("the physics found no solution at the optimum; allowed: another seed or time_step")
+        posterior = laplace(problem.coordinates, model, z, weight)
+        n = len(self.fine.color)
+        thinned, some = _thinned(problem, self.chosen), _some(self.fine, self.chosen)
+        share = n / len(self.chosen) * weight / posterior.dispersion
+        posterior = profile(thinned, some, posterior, share)
         return Found(
             support=support,
             problem=problem,
-            posterior=laplace(problem.coordinates, model, z, weight),
+            posterior=posterior,
             loss=float(model.loss.mean()),
             poses=model.poses,
             losses=losses,
@@ -293,12 +298,12 @@ class Search:
             seconds=time.monotonic() - self.begun,
         )
 
-    def _note(self, stage: str, start: int, loss: float, z: Tensor, support: str) -> None:
+    def _note(self, stage: str, start: int, loss: float, z: Tensor, support: Support) -> None:
         values = self.problems[support].coordinates.values(z)
         names = self.problems[support].coordinates.names
         self.log.add(f"{stage} {support}", start, loss, [float(values[name]) for name in names])
 
-    def _show(self, stage: str, number: int, support: str, loss: float, z: Tensor, share: float) -> None:
+    def _show(self, stage: str, number: int, support: Support, loss: float, z: Tensor, share: float) -> None:
         """Reports progress; the stages take about 45, 20 and 35 % of the time."""
         count = len(self.problems)
         first, width = {"screen": (0.0, 0.0), "coarse": (0.0, 0.45), "fine": (0.45, 0.2), "polish": (0.65, 0.35)}[stage]

@@ -42,9 +42,18 @@ class Unknown:
     physical: bool = True
 
 
-_FRICTIONS = dict(unit="1", positive=True, nominal=0.1, scale=0.3, prior=2.0, spread=math.log(7.0), low=1e-4, high=5.0)
-_MOMENTS = dict(unit="1", positive=True, nominal=1.0, scale=0.1, prior=0.3, spread=0.0, low=0.05, high=20.0)
-_RESTITUTIONS = dict(unit="1", positive=False, nominal=0.0, scale=0.1, prior=0.5, spread=0.0, low=0.0, high=1.0)
+def _friction(name: str) -> Unknown:
+    return Unknown(name, "1", True, 0.1, 0.3, 2.0, spread=math.log(7.0), low=1e-4, high=5.0)
+
+
+def _moment(name: str) -> Unknown:
+    return Unknown(name, "1", True, 1.0, 0.1, 0.3, low=0.05, high=20.0)
+
+
+def _restitution(name: str) -> Unknown:
+    return Unknown(name, "1", False, 0.0, 0.1, 0.5, low=0.0, high=1.0)
+
+
 _DEGREE = math.pi / 180.0
 
 # moment_* multiply the second moments of mass of a uniform solid along the axes of O, which covers only inertias of
@@ -54,13 +63,13 @@ UNKNOWNS: dict[str, Unknown] = {
     unknown.name: unknown
     for unknown in (
         Unknown("mass", "kg", True, 1.0, 0.3, 2.0, spread=math.log(2.0), low=1e-4, high=1e3),
-        Unknown("moment_xx", **_MOMENTS),  # type: ignore[arg-type]
-        Unknown("moment_yy", **_MOMENTS),  # type: ignore[arg-type]
-        Unknown("moment_zz", **_MOMENTS),  # type: ignore[arg-type]
-        Unknown("friction_floor", **_FRICTIONS),  # type: ignore[arg-type]
-        Unknown("friction_pusher", **_FRICTIONS),  # type: ignore[arg-type]
-        Unknown("restitution_floor", **_RESTITUTIONS),  # type: ignore[arg-type]
-        Unknown("restitution_pusher", **_RESTITUTIONS),  # type: ignore[arg-type]
+        _moment("moment_xx"),
+        _moment("moment_yy"),
+        _moment("moment_zz"),
+        _friction("friction_floor"),
+        _friction("friction_pusher"),
+        _restitution("restitution_floor"),
+        _restitution("restitution_pusher"),
         Unknown("start_x", "m", False, 0.0, 2e-3, 3e-3, physical=False),
         Unknown("start_y", "m", False, 0.0, 2e-3, 3e-3, physical=False),
         Unknown("start_yaw", "rad", False, 0.0, _DEGREE, 2.0 * _DEGREE, physical=False),

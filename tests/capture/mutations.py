@@ -63,7 +63,8 @@ def truncate(path, rng):
 def flip_bytes(path, rng):
     data = bytearray(path.read_bytes())
     for _ in range(rng.integers(1, 20)):
-        data[rng.integers(len(data))] = rng.integers(256)
+        if data:
+            data[rng.integers(len(data))] = rng.integers(256)
     write(path, bytes(data))
 
 
@@ -73,7 +74,7 @@ def random_bytes(path, rng):
 
 def insert_text(path, rng):
     data, text = path.read_bytes(), str(pick(rng, GARBAGE)).encode("utf-8", "surrogatepass")
-    at = rng.integers(len(data))
+    at = rng.integers(len(data) + 1)
     write(path, data[:at] + text + data[at:])
 
 

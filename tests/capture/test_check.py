@@ -3,14 +3,19 @@ import shutil
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 import yaml
 from PIL import Image, ImageFilter
 
+from pinwm_drake.capture import PusherGeometry, PusherShape, read_capture, read_episode
 from pinwm_drake.capture.check import check_capture
+from pinwm_drake.capture.checks.pictures import silhouette
+from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.errors import InputError
+from pinwm_drake.spatial.poses import Pose, compose, inverse
 from tests.capture.cube import SIDE, cameras, picture, write_views
-from tests.capture.pushed_cube import FRAMES, SIZE
+from tests.capture.pushed_cube import FRAMES, RADIUS, SIZE
 
 EPISODE = "episodes/0000"
 
@@ -183,6 +188,13 @@ def test_intrinsics_and_sizes_that_disagree(pushed_cube):
     assert all("got 64 x 64 px" in error for error in errors)
 
 
+def test_intrinsics_of_another_size(pushed_cube):
+    edit_json(pushed_cube, f"{EPISODE}/camera.json", lambda d: d.update({k: 2 * d[k] for k in ("fl_x", "cx", "cy")}))
+    some(pushed_cube, "warning", "camera.json", "cx, cy = 64, 64 in images of 64 x 64 px", "another size")
+    some(pushed_cube, "warning", "camera.json", "fl_x, fl_y = ")
+    some(pushed_cube, "warning", f"{EPISODE}/rgb", "mask against mesh")
+
+
 def test_a_pusher_that_never_touches(pushed_cube):
     edit_column(pushed_cube, "trajectory.csv", "py", lambda y: y + 0.08)
     # 80 mm less half the cube and the radius.
@@ -235,6 +247,21 @@ def test_an_object_at_rest(pushed_cube):
     only(pushed_cube, "error", "frames.csv", "an object at rest")
 
 
+def test_a_pusher_in_front_of_an_object_at_rest_is_no_motion(pushed_cube):
+    (pushed_cube / EPISODE / "object_poses.csv").unlink()
+    episode = read_episode(read_capture(pushed_cube), "0000")
+    first = np.asarray(Image.open(episode.folder / "rgb/00000.png"))
+    surface = pusher_surface(PusherGeometry(None, PusherShape("sphere", RADIUS)))
+    hidden = 0
+    for k, name in enumerate(episode.file_names):
+        X_WP = Pose(*(torch.tensor(part[k]) for part in (episode.trajectory.q_WP, episode.trajectory.p_WP)))
+        pixels = silhouette(surface, episode.camera, compose(inverse(episode.X_WC), X_WP))
+        hidden = max(hidden, int((pixels & (first[..., 3] > 0)).sum()))
+        Image.fromarray(np.where(pixels[..., None], 0, first).astype(np.uint8)).save(episode.folder / name)
+    assert hidden > 20  # of some 330 px; 1 % would count as motion
+    only(pushed_cube, "error", "frames.csv", "an object at rest")
+
+
 def test_images_without_the_object(pushed_cube):
     folder = pushed_cube / EPISODE / "rgb"
     Image.new("RGBA", (SIZE, SIZE)).save(folder / "00009.png")
@@ -252,7 +279,7 @@ def test_an_object_that_leaves_the_image_and_gaps_in_time(pushed_cube):
     errors, warnings = found(pushed_cube, "error"), found(pushed_cube, "warning")
     assert len(errors) == 1  # after the end of the pusher's log
     assert "row 11: got t = 10.0" in errors[0]
-    assert any("row 11" in warning and "1 gaps between images" in warning for warning in warnings)
+    assert any("row 11" in warning and "gaps between images (1)" in warning for warning in warnings)
     assert any("row 11" in warning and "cut the object off" in warning for warning in warnings)
 
 

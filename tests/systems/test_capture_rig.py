@@ -22,7 +22,7 @@ X_WO = RigidTransform(RollPitchYaw(0.3, -0.2, 0.8), [0.01, 0.02, 0.06])
 def recorder(supersampling):
     model = object_model("t_block")
     scene = PushScene(model.mesh_path, model.visual_path, 1.0, 0.1, 0.1, 0.0, SPHERE)
-    return MakePushRecorder(scene, Rates(24.0, 10, 8), CAMERA, supersampling)
+    return MakePushRecorder(scene, Rates(24.0, 10, 16), CAMERA, supersampling)
 
 
 @pytest.fixture(scope="module")

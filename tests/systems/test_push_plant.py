@@ -12,7 +12,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from tests.systems.scenes import GRAVITY, base_of, bench
 
-STEP = 1 / 1920  # s
+STEP = 1 / 3840  # s
 OBJECTS = [("t_block", 0.1), ("cube", 0.03), ("mug", 0.3)]
 SLIDES = {0.03: 0.1, 0.1: 0.15, 0.3: 0.3}  # friction: speed, m/s
 
@@ -49,7 +49,7 @@ def test_a_sliding_object_stops_after_v2_over_2_mu_g(name, friction):
     # lower edge, measured: 0.1 % to 0.5 %.
     assert moved[0] + 0.5 * v * STEP == pytest.approx(expected, rel=7e-3)
     assert abs(moved[1]) < 1e-4 * moved[0] + 1e-6
-    assert np.linalg.norm(scene.velocity(simulator)) < 1e-5
+    assert np.linalg.norm(scene.velocity(simulator)[3:]) < 1e-5
 
 
 @pytest.mark.parametrize(("name", "friction"), OBJECTS)
@@ -88,15 +88,51 @@ def hit(restitution, pusher=None, friction=0.03, speed=0.12, step=STEP):
 def test_without_restitution_the_object_takes_the_speed_of_the_pusher(kind):
     shape = PusherShape(kind, 0.01, 0.0 if kind == "sphere" else 0.06)
     fastest, overlap, slowest = hit(0.0, shape)
-    # Bodies part at 1 / d = 0.1 mm/s, 0.1 % of the speed; measured 0.2 %.
-    assert fastest == pytest.approx(1, abs=5e-3)
-    assert overlap < 1e-4
+    # Bodies part at 1 / d = 2 mm/s or less, 1.7 % of the speed.
+    assert fastest == pytest.approx(1, abs=0.018)
+    # Measured 0.10 mm during the impact.
+    assert overlap < 1.5e-4
     # The drive yields to the impact by a per cent and to nothing else.
     assert slowest > 0.98
 
 
+def test_an_impact_beside_the_middle_turns_the_object_as_rigid_bodies_do():
+    # A frictionless impact by a pusher of constant speed u: the impulse p at the arm r gives v = p / m and
+    # w = r p / I, and leaves the point of contact at u: v + r w = u.
+    speed, arm = 0.3, 0.03
+    scene = bench("t_block", 0.0, pusher_friction=0.0, reference_speed=speed)
+    push = StraightPush(np.array([arm, -0.055 - 0.013, 0.025]), np.array([0.0, 1.0, 0.0]), speed, 0.1, 100.0)
+    simulator = scene.start(RigidTransform([0, 0, 0.0249996]), push=push)
+    simulator.AdvanceTo(0.010)
+    assert np.linalg.norm(scene.velocity(simulator)) < 1e-4
+    simulator.AdvanceTo(0.013)
+    *_, spin, _, v, _ = scene.velocity(simulator)
+    _, _, inertia = base_of("t_block")
+    impulse = speed / (1 + arm**2 / inertia)
+    # 1.5 ms after the first contact; measured 1 % less, with bodies that part at 2 mm/s or less.
+    assert v == pytest.approx(impulse, rel=1.5e-2)
+    assert spin == pytest.approx(arm * impulse / inertia, rel=1.5e-2)
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.5])
+def test_friction_acts_during_an_impact(friction):
+    # The pusher meets the bar at an angle and slides along it: its friction gives the object μ times the impulse
+    # across. Without a floor's friction, v_x / v_y is that from then on (the arm is 0: v_y stays).
+    speed = 0.3
+    scene = bench("t_block", 0.0, pusher_friction=friction, reference_speed=speed)
+    direction = np.array([0.8, 0.6, 0.0])
+    start = np.array([0.0, -0.055 - 0.010, 0.025]) - 0.006 * direction
+    simulator = scene.start(RigidTransform([0, 0, 0.0249996]), push=StraightPush(start, direction, speed, 0.1, 100.0))
+    simulator.AdvanceTo(0.0255)
+    velocity = scene.velocity(simulator)
+    assert velocity[4] > 0.05
+    # "Lagged" friction goes by the normal force at the start of each step, which an impact of four steps changes
+    # much: measured 28 % too much at 0.1, less at 0.5; with a tenth of the step it is right.
+    assert velocity[3] / velocity[4] == pytest.approx(friction, rel=0.3)
+
+
 def test_restitution_is_kept_roughly():
-    fastest, _, _ = hit(0.5, step=STEP / 4)
+    fastest, _, _ = hit(0.5, step=STEP / 2)
     assert fastest - 1 == pytest.approx(0.5, rel=0.2)
 
 

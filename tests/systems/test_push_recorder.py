@@ -90,7 +90,7 @@ def test_divided_triangles_are_the_same_surface():
 def recorder():
     model = object_model("cube")
     scene = PushScene(model.mesh_path, model.visual_path, 1.0, 0.1, 0.1, 0.0, SPHERE)
-    return MakePushRecorder(scene, Rates(24.0, 10, 8), Camera.from_field_of_view(32, 32, 0.7), 1)
+    return MakePushRecorder(scene, Rates(24.0, 10, 16), Camera.from_field_of_view(32, 32, 0.7), 1)
 
 
 def test_a_recording_is_the_pushers_log_and_the_objects_poses(recorder):

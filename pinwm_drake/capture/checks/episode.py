@@ -1,9 +1,11 @@
 """Checks of one episode: its camera, its tables, its images."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from pinwm_drake.capture.checks.camera import check_camera
 from pinwm_drake.capture.checks.findings import Findings
 from pinwm_drake.capture.checks.motion import check_motion
 from pinwm_drake.capture.checks.scene import Scene
@@ -14,7 +16,6 @@ from pinwm_drake.capture.episode_tables import (
     FRAMES_FILE,
     POSES_FILE,
     ObjectPoses,
-    PusherTrajectory,
     read_frame_table,
     read_object_poses,
     read_trajectory,
@@ -22,6 +23,7 @@ from pinwm_drake.capture.episode_tables import (
 from pinwm_drake.capture.episodes import CAMERA_FILE, read_fixed_camera
 from pinwm_drake.capture.refusals import attempt
 from pinwm_drake.capture.scene import EPISODES
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose, compose, inverse
 
 _FEWEST_IMAGES = 8
@@ -29,13 +31,14 @@ _DROPPED = 1.8  # times the usual time between images
 _START = 0.005, 2.0  # m and deg between object.X_WO and the first pose of the table
 
 
-def check_episode(name: str, scene: Scene, findings: Findings) -> int:
+def check_episode(name: str, scene: Scene, findings: Findings, progress: Callable[[str], None]) -> int:
     """Checks `episodes/<name>`.
 
     Args:
         name: Of the episode.
         scene: What was read of the capture so far.
         findings: Receives the problems.
+        progress: Is told what comes next.
 
     Returns:
         How many images it has.
@@ -49,11 +52,7 @@ def check_episode(name: str, scene: Scene, findings: Findings) -> int:
     before = findings.errors
     poses = attempt(lambda: read_object_poses(folder, findings.error), findings.error)
     known = poses if findings.errors == before else None
-    seen = attempt(lambda: read_fixed_camera(folder), findings.error)
-    if seen is not None and scene.mesh is not None and scene.X_WO is not None:
-        camera, X_WC = seen
-        if not in_picture(scene.mesh, camera, compose(inverse(X_WC), scene.X_WO)):
-            findings.error(unseen(read_json(folder / CAMERA_FILE)["transform_matrix"]))
+    seen = _check_view(folder, scene, findings)
     if log is not None:
         check_motion(folder, log, frames[1] if frames is not None and frames_whole else None, scene, findings)
     if frames is None or not frames_whole:
@@ -62,8 +61,6 @@ def check_episode(name: str, scene: Scene, findings: Findings) -> int:
     _check_times(folder, t, findings)
     _check_start(folder, known, scene, t, findings)
     if seen is not None:
-        start = PusherTrajectory(t[:1], np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.zeros((1, 3)), None)
-        moves = start if log is None else log
         video = Video(
             folder=folder,
             camera=seen[0],
@@ -72,11 +69,25 @@ def check_episode(name: str, scene: Scene, findings: Findings) -> int:
             t=t,
             mesh=scene.mesh,
             X_WO_at=lambda time: _pose_at(known, scene, float(t[0]), time),
-            pusher=None if log is None else scene.pusher,
-            X_WP_at=lambda time: pose_at(moves.t, moves.p_WP, moves.q_WP, time),
+            pusher=scene.pusher,
+            X_WP_at=lambda time: None if log is None else pose_at(log.t, log.p_WP, log.q_WP, time),
         )
-        check_video(video, findings)
+        check_video(video, findings, progress)
     return len(names)
+
+
+def _check_view(folder: Path, scene: Scene, findings: Findings) -> tuple[Camera, Pose] | None:
+    """Checks `camera.json`; the camera and its pose X_WC, where they could be read."""
+    seen = attempt(lambda: read_fixed_camera(folder), findings.error)
+    if seen is None:
+        return None
+    camera, X_WC = seen
+    check_camera(folder / CAMERA_FILE, camera, findings)
+    if scene.mesh is None or scene.X_WO is None:
+        return seen
+    if not in_picture(scene.mesh, camera, compose(inverse(X_WC), scene.X_WO)):
+        findings.error(unseen(read_json(folder / CAMERA_FILE)["transform_matrix"]))
+    return seen
 
 
 def _pose_at(poses: ObjectPoses | None, scene: Scene, start: float, time: float) -> Pose | None:
@@ -93,11 +104,13 @@ def _check_times(folder: Path, t: np.ndarray, findings: Findings) -> None:
         findings.warn(path, f"{len(t)} images", f"{_FEWEST_IMAGES} or more")
         return
     gaps = np.diff(t)
+    if (gaps <= 0).any():
+        return  # refused with its row
     usual = float(np.median(gaps))
     wide = np.nonzero(gaps > _DROPPED * usual)[0]
     if len(wide):
         k = int(wide[0])
-        found = f"{len(wide)} gaps between images, the first of {gaps[k]:.4g} s before this row"
+        found = f"gaps between images ({len(wide)}), the first of {gaps[k]:.4g} s before this row"
         findings.warn(path, found, f"an image each {usual:.4g} s, as usual here", row=k + 3)
 
 

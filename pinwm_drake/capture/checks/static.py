@@ -1,11 +1,13 @@
 """Checks of the static views: each by itself, and how they surround the object."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import torch
 import trimesh
 
+from pinwm_drake.capture.checks.camera import check_camera
 from pinwm_drake.capture.checks.findings import Findings
 from pinwm_drake.capture.checks.pictures import check_area, check_sharpness, compare, sharpness, silhouette
 from pinwm_drake.capture.checks.scene import Scene
@@ -25,12 +27,13 @@ _UNSEEN = 0.05  # share of the surface, without what faces the floor, that no ca
 _DOWN = -0.7  # z of normals that face the floor
 
 
-def check_static(scene: Scene, findings: Findings) -> int:
+def check_static(scene: Scene, findings: Findings, progress: Callable[[str], None]) -> int:
     """Checks `static/`.
 
     Args:
         scene: What was read of the capture so far.
         findings: Receives the problems.
+        progress: Is told what comes next.
 
     Returns:
         How many views there are.
@@ -45,6 +48,8 @@ def check_static(scene: Scene, findings: Findings) -> int:
     require_different(frames, findings.error)
     sharp: list[tuple[Path, float | None]] = []
     for frame in frames:
+        progress(f"static/{frame.file_path}")
+        check_camera(path, frame.camera, findings)
         _check_view(frame, scene, findings, sharp)
     check_sharpness(path.parent, sharp, findings)
     if scene.mesh is not None and scene.X_WO is not None and len(frames) == len(entries):

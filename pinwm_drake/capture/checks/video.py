@@ -23,6 +23,7 @@ from pinwm_drake.capture.episode_tables import FRAMES_FILE
 from pinwm_drake.capture.episodes import read_episode_image
 from pinwm_drake.capture.paths import is_file
 from pinwm_drake.capture.refusals import attempt
+from pinwm_drake.capture.scene import EPISODES
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose, compose, inverse
@@ -45,7 +46,7 @@ class Video:
         mesh: The object, m, O; or None.
         X_WO_at: Its pose in the world at a time [s], or None where that is not known.
         pusher: The pusher, m, P; or None.
-        X_WP_at: Its pose in the world at a time [s].
+        X_WP_at: Its pose in the world at a time [s], or None where that is not known.
     """
 
     folder: Path
@@ -56,7 +57,7 @@ class Video:
     mesh: trimesh.Trimesh | None
     X_WO_at: Callable[[float], Pose | None]
     pusher: trimesh.Trimesh | None
-    X_WP_at: Callable[[float], Pose]
+    X_WP_at: Callable[[float], Pose | None]
 
 
 @dataclass(eq=False)
@@ -82,15 +83,17 @@ class _Seen:
     read: int
 
 
-def check_video(video: Video, findings: Findings) -> None:
+def check_video(video: Video, findings: Findings, progress: Callable[[str], None]) -> None:
     """Checks the images of an episode.
 
     Args:
         video: The images.
         findings: Receives the problems.
+        progress: Is told what comes next.
     """
     seen = _Seen(None, [], [], [], 0.0, [], 0)
-    for k in range(len(video.file_names)):
+    for k, name in enumerate(video.file_names):
+        progress(f"{EPISODES}/{video.folder.name}/{name}")
         _look(video, k, seen, findings)
     table, count = video.folder / FRAMES_FILE, len(video.file_names)
     if seen.read and len(seen.empty) == seen.read:
@@ -142,9 +145,10 @@ def _look(video: Video, k: int, seen: _Seen, findings: Findings) -> None:
 def _pusher_pixels(video: Video, t: float) -> np.ndarray:
     """Where the pusher is in the image of a time [s], and a little around it: (H, W) bool."""
     nowhere = np.zeros((video.camera.height, video.camera.width), bool)
-    if video.pusher is None:
+    X_WP = video.X_WP_at(t)
+    if video.pusher is None or X_WP is None:
         return nowhere
-    covered = silhouette(video.pusher, video.camera, compose(inverse(video.X_WC), video.X_WP_at(t)))
+    covered = silhouette(video.pusher, video.camera, compose(inverse(video.X_WC), X_WP))
     return nowhere if covered is None else dilated(covered, _MARGIN)
 
 

@@ -59,11 +59,12 @@ def read_similarity(path: Path, scale: float = 1.0) -> Similarity:
     matrix = entry.numbers(4, 4)
     if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
         raise entry.refusal("a matrix whose last row is 0, 0, 0, 1", f"last row {matrix[3].tolist()}")
-    own = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
+    with np.errstate(over="ignore", invalid="ignore"):
+        own = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     if not _SCALES[0] <= own <= _SCALES[1]:
         raise entry.refusal("a rotation times a positive scale", f"a matrix of scale {own:.3g}")
     R_WS = matrix[:3, :3] / own
     error = float(np.abs(R_WS.T @ R_WS - np.eye(3)).max())
-    if error > _ORTHONORMAL:
+    if not error <= _ORTHONORMAL:
         raise entry.refusal(f"a rotation times one scale, to {_ORTHONORMAL:g}", f"axes {error:.2g} off")
     return Similarity(own * scale, R_WS, matrix[:3, 3])
