@@ -1,10 +1,10 @@
 """The pushing scene as a MultibodyPlant: an object, a floor, and a pusher that follows what it is told.
 
 Contact is hydroelastic: the object is rigid, floor and pusher are compliant and stiff; the discrete approximation is
-"lagged" (SAP fails to converge on the stiff floor; it and "similar" glide: they hold a sliding object above the
-floor, or away from the pusher). With the numbers below and steps of 1/3840 s:
+"lagged" (SAP stopped without convergence on the stiff floor, and Drake's documentation warns of gliding in it and in
+"similar"). Measured in runs with steps of 1/1920 or 1/3840 s:
 
-- objects sink by 0.4 to 0.9 µm and then move by less than 1e-6 mm/s;
+- objects sink by 0.4 to 0.9 µm and creep by less than 1e-6 mm/s, or 0.006 mm/s where they lean on the pusher;
 - one that slides stops after v²/(2 μ g) to 0.2 % at μ = 0.03 and 1 % at μ = 0.5 (half of it the step's v h / 2);
 - one that spins is slowed by the torque of uniform pressure on its base to 0.7 %;
 - the pusher overlaps the object by 0.05 to 0.08 mm in a push and 0.1 mm in an impact;

@@ -79,8 +79,9 @@ def laplace(coordinates: Coordinates, model: Quadratic, z: Tensor, weight: float
 def profile(problem: Problem, pictures: Pictures, posterior: Posterior, weight: float) -> Posterior:
     """Widens the Gaussian where the likelihood is flat.
 
-    An object that never slides ahead of the pusher, for one, bounds its friction on the floor from below only. Every physical unknown is moved down and up, alone and with the others following as the Gaussian says, until twice
-    the logarithm of the likelihood has fallen by the 95 % quantile of chi squared with one degree of freedom.
+    An object that never slides ahead of the pusher, for one, bounds its friction on the floor from below only. Every
+    physical unknown is moved down and up, alone and with the others following as the Gaussian says, until twice the
+    logarithm of the likelihood has fallen by the 95 % quantile of chi squared with one degree of freedom.
 
     Args:
         problem: What is explained, with poses in the frames of `pictures`.
@@ -207,9 +208,10 @@ def _estimate(
     if any(open_ended):
         note = "the video bounds it from above only" if open_ended[0] else "the video bounds it from below only"
         note = "the video says nothing about it" if all(open_ended) else note
+        before = np.quantile(prior, [0.025, 0.975])
         low, high = (
-            min(low, *_inner(prior)) if open_ended[0] else low,
-            max(high, *_inner(prior)) if open_ended[1] else high,
+            min(low, before[0]) if open_ended[0] else low,
+            max(high, before[1]) if open_ended[1] else high,
         )
         return Estimate(value, (min(float(low), value), max(float(high), value)), False, unit, note)
     narrowed = float(after.std()) < _NARROWED * float(prior.std())

@@ -127,7 +127,7 @@ def test_friction_acts_during_an_impact(friction):
     velocity = scene.velocity(simulator)
     assert velocity[4] > 0.05
     # "Lagged" friction goes by the normal force at the start of each step, which an impact of four steps changes
-    # much: measured 28 % too much at 0.1, less at 0.5; with a tenth of the step it is right.
+    # much: measured 28 % too much at 0.1, below 12 % at 0.5.
     assert velocity[3] / velocity[4] == pytest.approx(friction, rel=0.3)
 
 
