@@ -39,13 +39,11 @@ class Scene:
         model: One body, the floor and the pusher; nominal mass 1 kg and the inertia of a uniform solid.
         p_OB: (3,), centre of mass in O, m.
         mesh: The object, frame O, m.
-        pusher_mesh: The pusher, frame P, m.
     """
 
     model: Model
     p_OB: Tensor
     mesh: trimesh.Trimesh
-    pusher_mesh: trimesh.Trimesh
 
 
 def make_scene(
@@ -101,30 +99,11 @@ def make_scene(
         time_step=time_step,
         friction_directions=friction_directions,
     )
-    return Scene(model=model, p_OB=torch.from_numpy(p_OB), mesh=mesh, pusher_mesh=pusher_mesh(pusher))
-
-
-def pusher_mesh(pusher: PusherGeometry) -> trimesh.Trimesh:
-    """The pusher's surface, m, frame P.
-
-    Raises:
-        InputError: Its mesh cannot be used.
-        ModelError: There is neither a mesh nor a shape.
-    """
-    shape = pusher.shape
-    if shape is None:
-        if pusher.mesh_path is None:
-            raise ModelError("a pusher has neither a mesh nor a shape; allowed: one of them")
-        return load_mesh(pusher.mesh_path)
-    if shape.kind == "sphere":
-        return trimesh.creation.icosphere(3, shape.radius)
-    if shape.kind == "cylinder":
-        return trimesh.creation.cylinder(shape.radius, shape.length)
-    return trimesh.creation.capsule(shape.length, shape.radius).apply_translation([0.0, 0.0, -0.5 * shape.length])
+    return Scene(model=model, p_OB=torch.from_numpy(p_OB), mesh=mesh)
 
 
 def _pusher_pieces(pusher: PusherGeometry) -> list[ConvexPiece]:
-    """The pusher's convex pieces, frame P; raises as `pusher_mesh`."""
+    """The pusher's convex pieces, frame P."""
     shape = pusher.shape
     if shape is None:
         if pusher.mesh_path is None:

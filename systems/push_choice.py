@@ -10,7 +10,7 @@ from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.errors import ParameterError
 
 _GAP = 0.012  # m, between pusher and object at the start
-_ACCELERATION = 2.0  # m/s^2
+_ACCELERATION = 10.0  # m/s^2: the pusher stops before the object does, up to a friction of 1
 _STEEPEST = math.radians(35)  # between the push and the normal of the face that it meets
 _SPACING = 0.0015  # m, of the points on the object
 _FLAT = 0.010  # m, around the first contact, without an edge

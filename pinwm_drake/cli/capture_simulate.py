@@ -24,7 +24,10 @@ def simulate(
     static_views: Annotated[int, typer.Option(help="How many images of the object at rest.")] = 24,
     frames: Annotated[int, typer.Option(help="Images of each push.")] = 48,
     rate: Annotated[float, typer.Option(help="Images a second.")] = 24.0,
-    speed: Annotated[float, typer.Option(help="Of the pusher, in m/s.")] = 0.12,
+    speed: Annotated[
+        float | None,
+        typer.Option(help="Of the pusher, in m/s.", show_default="one at which the object coasts on by 12 mm"),
+    ] = None,
     distance: Annotated[float, typer.Option(help="That it goes on after it has met the object, in m.")] = 0.10,
     pusher: Annotated[str, typer.Option(help="Its shape: sphere, capsule or cylinder.")] = "sphere",
     pusher_radius: Annotated[float, typer.Option(help="In m.")] = 0.01,
@@ -32,7 +35,7 @@ def simulate(
     supersampling: Annotated[int, typer.Option(help="Rendered pixels for each of an image, along each side.")] = 3,
 ) -> None:
     """Makes a capture from Drake: a stand-in for a robot that pushes an object in front of a camera."""
-    from pinwm_drake.cli.capture_simulate_run import SimulateOptions, run_simulate
+    from pinwm_drake.cli.capture_simulate_run import SimulateOptions, coasting_speed, run_simulate
 
     options = SimulateOptions(
         object_name=object_name,
@@ -46,7 +49,7 @@ def simulate(
         static_views=static_views,
         frames=frames,
         rate=rate,
-        speed=speed,
+        speed=coasting_speed(friction) if speed is None else speed,
         distance=distance,
         pusher=pusher,
         pusher_radius=pusher_radius,

@@ -37,6 +37,9 @@ _FIELD_OF_VIEW = math.radians(40)
 _STATIC_MARGIN, _EPISODE_MARGIN = 0.12, 0.12  # of the image, free on each side of the object
 _PUSHER_LENGTH = 0.06  # m, of the straight part of a capsule or cylinder
 _CLEARANCE = 0.004  # m, between floor and pusher
+_COASTING = 0.012  # m
+_GRAVITY = 9.81  # m/s^2
+_SLOWEST, _FASTEST = 0.12, 0.4  # m/s, of a push whose speed is not given
 _RECORD_RATE = 240.0  # Hz, the lowest of the pusher's log
 _LONGEST_STEP = 1 / 3800  # s
 _BOUNCING_STEPS = 2  # times more of them where an impact of some 3 ms is to keep its energy
@@ -111,6 +114,14 @@ class SimulateOptions:
             time_step=self.rates.time_step,
             reference_speed=self.speed,
         )
+
+
+def coasting_speed(friction: float) -> float:
+    """Speed of a pusher [m/s] after which an object coasts on by v^2 / 2 mu g = 12 mm: what shows its friction.
+
+    An object that stops with the pusher shows only that its friction is large enough.
+    """
+    return min(max(math.sqrt(2 * friction * _GRAVITY * _COASTING), _SLOWEST), _FASTEST)
 
 
 def run_simulate(out: Path, options: SimulateOptions) -> None:

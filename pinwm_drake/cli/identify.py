@@ -21,6 +21,9 @@ def identify(
         list[str] | None, typer.Option(metavar="NAME", help="Switch an unknown off, such as time_offset; repeat it.")
     ] = None,
     support: Annotated[str, typer.Option(help="How the floor carries the object: auto, corners or patch.")] = "auto",
+    directions: Annotated[
+        int, typer.Option(help="Directions of the friction cone; another number compiles for minutes, once.")
+    ] = 32,
     starts: Annotated[int, typer.Option(help="Random starts of the optimiser, for each support.")] = 4,
     seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
     threads: Annotated[int | None, typer.Option(help="Threads.", show_default="one on each core")] = None,
@@ -38,6 +41,7 @@ def identify(
         free=names,
         held=values,
         support=support,  # type: ignore[arg-type]  # IdentifyOptions refuses what it does not know
+        friction_directions=directions,
         starts=starts,
         seed=seed,
         num_threads=threads,

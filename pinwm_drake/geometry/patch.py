@@ -13,20 +13,21 @@ from scipy.cluster.vq import kmeans2
 _FLAT, _LEVEL = 2e-4, 0.05
 # Faces smaller than this share of the object's footprint (their square of sides) are corners or rims, not faces.
 _SMALLEST_SHARE = 0.1
-_POINTS = 8
+_POINTS = 12
 _SAMPLES = 4000
+_TRIES = 20
 # The points stand out of the face by this much [m], so that its outline touches only once the object tips.
 PROTRUSION = 1e-5
-_OUTLINE = 8
+_OUTLINE = 4
 
 
 def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) -> np.ndarray | None:
     """The points with which an object at rest touches the floor, for uniform pressure on the face that it rests on.
 
-    Eight points, the middles of equal areas, moved away from the middle of the face until their mean distance from
-    it is that of the area: then the friction torque about the middle is exact, and about other points nearly so. They
-    stand out by `PROTRUSION`. The convex hull's other corners follow, and of the face's outline the points that are
-    outermost along eight directions, on which the object tips.
+    Twelve points, the middles of nearly equal areas, moved until their middle is that of the face and their mean
+    distance from it is that of the area: then the friction torque about the middle is exact, and about other points
+    nearly so. They stand out by `PROTRUSION`. The convex hull's other corners follow, and of the face's outline the
+    points that are outermost along four directions, on which the object tips.
 
     Args:
         mesh: Watertight, m, frame O.
@@ -50,17 +51,29 @@ def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) ->
     face = trimesh.Trimesh(mesh.vertices, mesh.faces[flat], process=False)
     samples = np.asarray(trimesh.sample.sample_surface(face, _SAMPLES, seed=seed)[0])
     middle = samples.mean(axis=0)
-    points, _ = kmeans2(samples, _POINTS, minit="++", rng=np.random.default_rng(seed))
-    away = np.linalg.norm(samples - middle, axis=1).mean() / np.linalg.norm(points - middle, axis=1).mean()
-    points = middle + away * (points - middle)
+    points = _even_points(samples, np.random.default_rng(seed))
+    points -= points.mean(axis=0)
+    away = np.linalg.norm(samples - middle, axis=1).mean() / np.linalg.norm(points, axis=1).mean()
+    points = middle + away * points
     points -= np.outer(points @ up_O - lowest + PROTRUSION, up_O)
     corners = np.asarray(trimesh.convex.convex_hull(mesh.vertices).vertices)
     low = corners @ up_O < lowest + _FLAT
     return np.concatenate([points, _outermost(corners[low], R_WO), corners[~low]])
 
 
+def _even_points(samples: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+    """The middles of the clusters of samples (n, 3), of the try whose clusters are most equal in size."""
+    best, spread = samples, np.inf
+    for _ in range(_TRIES):
+        points, owner = kmeans2(samples, _POINTS, minit="++", rng=generator)
+        found = float(np.bincount(owner, minlength=_POINTS).std())
+        if found < spread:
+            best, spread = points, found
+    return best
+
+
 def _outermost(points: np.ndarray, R_WO: np.ndarray) -> np.ndarray:
-    """Those of the points (n, 3) that are farthest along one of eight level directions."""
+    """Those of the points (n, 3) that are farthest along one of four level directions."""
     angles = 2.0 * np.pi * (np.arange(_OUTLINE) + 0.5) / _OUTLINE
     directions = np.stack([np.cos(angles), np.sin(angles)], -1) @ R_WO[:2]
     return points[np.unique(np.argmax(points @ directions.T, axis=0))]

@@ -18,8 +18,9 @@ from pinwm_drake.identification.problem import Problem
 from pinwm_drake.spatial.poses import Pose, inverse
 from pinwm_drake.spatial.rotations import quaternion_conjugate, quaternion_exp, quaternion_log, quaternion_multiply
 
-# Steps of the differences: of an unknown, in z; in the image, px; of the outline's logarithm.
-_STEP_Z, _STEP_PIXELS, _STEP_OUTLINE = 0.05, 0.25, 2e-3
+# Steps of the differences: of an unknown, in z; in the image, px; of the outline's logarithm. That of the unknowns is 2
+# to 4 %: pushes that begin or end within another time step make poses a sawtooth of theta below 1 %.
+_STEP_Z, _STEP_PIXELS, _STEP_OUTLINE = 0.12, 0.25, 2e-3
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-6, 1e6
 # A relative gain of the objective below this ends the search.
 _LEAST_GAIN = 1e-5

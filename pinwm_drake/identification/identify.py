@@ -8,6 +8,7 @@ from pathlib import Path
 import torch
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_frames
+from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.options import IdentifyOptions
@@ -17,7 +18,7 @@ from pinwm_drake.identification.search import Found, Progress, Search, threads
 from pinwm_drake.identification.uncertainty import estimates
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.rendering.surfels import Surfels
-from pinwm_drake.scene import make_scene, pusher_mesh, resting_height
+from pinwm_drake.scene import make_scene, resting_height
 from pinwm_drake.twin.origin import Origin
 from pinwm_drake.twin.twin import Estimate, Twin
 
@@ -81,7 +82,7 @@ def identify(
     mass = options.held.get("mass", capture.object.mass or _NOMINAL_MASS)
     coordinates = Coordinates(options.free, {"mass": mass, **options.held})
     images, masks = read_frames(episode)
-    footage = make_footage(episode, images, masks, pusher_mesh(capture.pusher), camera_offset)
+    footage = make_footage(episode, images, masks, pusher_surface(capture.pusher), camera_offset)
     X_WO = capture.object.X_WO
     problems = {}
     for support in options.supports:

@@ -26,7 +26,7 @@ class IdentifyOptions:
         coarse_size, fine_size: Longer side of the object in the pictures, px.
         coarse_frames: Frames that the coarse stage looks at, evenly spaced.
         time_step: Of the physics, s.
-        friction_directions: Of the friction cone. Eight turn sliding objects by degrees too far; see the benchmarks.
+        friction_directions: Of the friction cone. With few, sliding objects turn by degrees too far.
         num_threads: None for one on each core.
         checkpoint_every: Steps between two checkpoints.
     """
@@ -44,7 +44,7 @@ class IdentifyOptions:
     fine_size: float = 130.0
     coarse_frames: int = 12
     time_step: float = 1.0 / 240.0
-    friction_directions: int = 16
+    friction_directions: int = 32
     num_threads: int | None = None
     checkpoint_every: int = 5
 
@@ -66,6 +66,8 @@ class IdentifyOptions:
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
                 raise ParameterError(f"{name} is {value}; allowed: {low} to {high}")
+        if self.friction_directions % 2:
+            raise ParameterError(f"friction_directions is {self.friction_directions}; allowed: even")
         if self.num_threads is not None and self.num_threads < 1:
             raise ParameterError(f"num_threads is {self.num_threads}; allowed: at least 1")
         for name, least, most in (("coarse_size", 8.0, 4096.0), ("fine_size", 8.0, 4096.0), ("time_step", 1e-5, 0.05)):

@@ -70,7 +70,8 @@ def laplace(coordinates: Coordinates, model: Quadratic, z: Tensor, weight: float
     sums = torch.cat([scores, scores.new_zeros(pad, scores.shape[1])]).reshape(-1, _BLOCK, scores.shape[1]).sum(1)
     inverse = torch.linalg.inv(information + P)
     effective = float(torch.trace(inverse @ information))
-    dispersion = max(float(torch.trace(inverse @ sums.T @ sums)) / max(effective, 1e-9), 1e-6)
+    # Images without noise are no reason to count them for more than they were.
+    dispersion = max(float(torch.trace(inverse @ sums.T @ sums)) / max(effective, 1e-9), 1.0)
     covariance = torch.linalg.inv(information / dispersion + P)
     return Posterior(z, 0.5 * (covariance + covariance.T), dispersion, torch.full((len(z), 2), _TWO_SIDED))
 

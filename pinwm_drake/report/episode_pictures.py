@@ -7,12 +7,12 @@ import torch
 import trimesh
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode_image
+from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.silhouette import coverage
 from pinwm_drake.rendering.surfels import Surfels
-from pinwm_drake.scene import pusher_mesh
 from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
 from pinwm_drake.twin import Twin
 
@@ -55,7 +55,7 @@ class Cast:
         return Cast(
             mesh=load_mesh(twin.mesh_path),
             surfels=twin.surfels,
-            pusher=pusher_mesh(twin.pusher),
+            pusher=pusher_surface(twin.pusher),
             camera_offset=twin.camera_offset,
             time_offset=late.value if identified and late is not None else 0.0,
             outline=outline.value if outline is not None and outline.value > 0 else 1.0,

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.files import replacing
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.report.embed import figure_uri
@@ -17,7 +18,6 @@ from pinwm_drake.report.score import PoseErrors, pose_errors
 from pinwm_drake.report.shots import Shot, draw_shots
 from pinwm_drake.report.twin_story import Story
 from pinwm_drake.report.verdict import Verdict, judge
-from pinwm_drake.scene import pusher_mesh
 
 _PANEL, _MOST_SHOTS = 360, 64  # px and frames of the player
 _TIMINGS = "timings"
@@ -126,7 +126,7 @@ def _motion(story: Story, errors: PoseErrors | None) -> list[str]:
     if poses is None:
         return []
     truth, pusher = (episode.object_poses, episode.trajectory) if episode is not None else (None, None)
-    meshes = load_mesh(story.twin.mesh_path), pusher_mesh(story.twin.pusher)
+    meshes = load_mesh(story.twin.mesh_path), pusher_surface(story.twin.pusher)
     scored = " Ground truth was scored, never fitted." if truth is not None else ""
     contents = [
         figure(figure_uri(motion_figure(poses, truth, pusher)), f"Origin and yaw of the object over time.{scored}"),

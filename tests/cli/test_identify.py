@@ -1,0 +1,105 @@
+import shutil
+
+import pytest
+
+from pinwm_drake.capture.episode_tables import read_pose_table
+from pinwm_drake.identification.search import Search
+from pinwm_drake.report.history import read_history
+from pinwm_drake.twin import read_twin
+from tests.identification.samples import FRAMES, TRUTH, write_appearance, write_capture
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    return write_capture(tmp_path_factory.mktemp("cli_identify") / "capture")
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("twin") / "twin"
+    write_appearance(folder)
+    return folder
+
+
+# The kernels of the other tests.
+QUICK = ("--directions", "8", "--starts", "2", "--support", "patch", "--threads", "2")
+
+
+def test_a_capture_becomes_a_twin(pinwm, capture, twin):
+    code, output, errors = pinwm("identify", str(capture), str(twin), *QUICK)
+    assert (code, errors) == (0, "")
+    assert "friction_floor" in output
+    assert "score against object_poses.csv, which was not used" in output.replace("\n", " ")
+    read = read_twin(twin)
+    assert read.theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.05)
+    assert read.support == "patch"
+    assert read.provenance["episode"] == "0000"
+    assert read.provenance["command"].startswith("pinwm identify")
+    assert read_pose_table(twin / "episodes/0000.csv").t.tolist() == pytest.approx([k / 20 for k in range(FRAMES)])
+    history = read_history(twin / "history.npz")
+    assert "friction_floor" in history.names
+    assert not (twin / "identify_checkpoint.npz").exists()
+    # The twin does again what it was identified from.
+    code, output, errors = pinwm(
+        "predict", str(twin), str(capture / "episodes/0000"), "-o", str(twin.parent / "poses.csv")
+    )
+    assert (code, errors) == (0, "")
+    predicted, found = read_pose_table(twin.parent / "poses.csv"), read_pose_table(twin / "episodes/0000.csv")
+    assert abs(predicted.p_WO - found.p_WO).max() < 1e-4
+
+
+def test_one_unknown_alone(pinwm, capture, tmp_path):
+    write_appearance(tmp_path)
+    arguments = ("--free", "friction_floor", "--hold", "friction_pusher=0.3")
+    code, _, errors = pinwm("identify", str(capture), str(tmp_path), *QUICK, *arguments)
+    assert (code, errors) == (0, "")
+    theta = read_twin(tmp_path).theta
+    assert theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.02)
+    assert theta["friction_pusher"].value == 0.3
+    assert theta["friction_pusher"].interval is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--free", "colour"), "--free: got 'colour'"),
+        (("--hold", "mass"), "--hold: got 'mass'; allowed: NAME=VALUE"),
+        (("--hold", "mass=heavy"), "--hold: got 'mass=heavy'"),
+        (("--without", "gravity"), "--without: got 'gravity'"),
+        (("--free", "lift", "--without", "lift"), "no unknown is left"),
+        (("--support", "edges"), "support is 'edges'"),
+        (("--starts", "0"), "starts is 0"),
+        (("--directions", "7"), "friction_directions is 7"),
+        (("--episode", "0007"), "no episode '0007'"),
+    ],
+)
+def test_nonsense_is_refused(pinwm, capture, tmp_path, arguments, words):
+    write_appearance(tmp_path)
+    code, _, errors = pinwm("identify", str(capture), str(tmp_path), *arguments)
+    assert code == 1
+    assert words in errors.replace("\n", " ")
+
+
+def test_a_capture_without_a_push_is_refused(pinwm, capture, tmp_path):
+    lone = tmp_path / "capture"
+    shutil.copytree(capture, lone, ignore=shutil.ignore_patterns("episodes"))
+    code, _, errors = pinwm("identify", str(lone), str(tmp_path / "twin"))
+    assert code == 1
+    assert "no folder in episodes/" in errors
+
+
+def test_ctrl_c_keeps_what_was_done(pinwm, capture, tmp_path, monkeypatch):
+    write_appearance(tmp_path)
+    original = Search._fine
+
+    def interrupted(self, number, support):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Search, "_fine", interrupted)
+    code, output, _ = pinwm("identify", str(capture), str(tmp_path), *QUICK)
+    assert code == 1
+    assert "go on with --resume" in output
+    monkeypatch.setattr(Search, "_fine", original)
+    code, _, errors = pinwm("identify", str(capture), str(tmp_path), *QUICK, "--resume")
+    assert (code, errors) == (0, "")
+    assert read_twin(tmp_path).theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.05)

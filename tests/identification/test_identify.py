@@ -1,0 +1,198 @@
+import numpy as np
+import pytest
+import torch
+
+from pinwm_drake.capture.episodes import read_episode, read_frames
+from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.errors import InputError
+from pinwm_drake.identification import IdentifyOptions, identify
+from pinwm_drake.identification.forward import Forward, inertia
+from pinwm_drake.identification.gauss_newton import expand
+from pinwm_drake.identification.image_loss import BLOCKS
+from pinwm_drake.identification.pictures import make_footage, make_pictures
+from pinwm_drake.identification.problem import Problem
+from pinwm_drake.identification.search import CHECKPOINT_FILE
+from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates
+from pinwm_drake.report.score import pose_errors
+from pinwm_drake.scene import make_scene
+from tests.identification.samples import DIRECTIONS, LEVEL, TRUTH, surfels, write_capture
+
+QUICK = {
+    "friction_directions": DIRECTIONS,
+    "screened": 12,
+    "starts": 2,
+    "coarse_iterations": 15,
+    "fine_iterations": 5,
+    "polish_iterations": 8,
+    "coarse_size": 20.0,
+    "fine_size": 40.0,
+    "num_threads": 2,
+    "checkpoint_every": 3,
+}
+
+
+@pytest.fixture(scope="module")
+def pushed(tmp_path_factory):
+    folder = write_capture(tmp_path_factory.mktemp("identify") / "capture")
+    capture = read_capture(folder)
+    return capture, read_episode(capture, "0000")
+
+
+def problem_of(pushed, free=DEFAULT_FREE, held=None, support="patch"):
+    capture, episode = pushed
+    scene = make_scene(
+        capture.object.mesh_path,
+        capture.pusher,
+        q_WO=LEVEL,
+        gravity=9.81,
+        support=support,
+        friction_directions=DIRECTIONS,
+    )
+    forward = Forward(scene, episode, capture.object.X_WO, 1.0, 2)
+    return Problem(forward, surfels(), Coordinates(free, TRUTH if held is None else held), 2)
+
+
+def pictures_of(pushed, size=40.0, together=False):
+    capture, episode = pushed
+    footage = make_footage(episode, *read_frames(episode), pusher_surface(capture.pusher), (0.0, 0.0))
+    return make_pictures(footage, size, together=together)
+
+
+def test_the_truth_explains_the_video(pushed):
+    problem, pictures = problem_of(pushed), pictures_of(pushed)
+    z = torch.zeros(2, len(problem.coordinates), dtype=torch.float64)
+    z[1, problem.coordinates.names.index("friction_floor")] = 1.0
+    losses = problem.frame_losses(pictures, z, (1,)).mean(0)
+    # What is left is alpha, which is all or nothing in the images, and the pixels that are halved.
+    assert float(losses[0]) < 0.01
+    assert float(losses[1]) > 1.5 * float(losses[0])
+
+
+def test_poses_at_the_truth_are_the_truth(pushed):
+    problem = problem_of(pushed)
+    X_WO, alive = problem.forward.poses(problem.coordinates.values(torch.zeros(1, len(DEFAULT_FREE)).double()))
+    assert bool(alive.all())
+    assert np.allclose(X_WO.p[:, 0], pushed[1].object_poses.p_WO, atol=1e-5)
+
+
+def test_gradient_of_the_loss_is_that_of_differences(pushed):
+    problem, pictures = problem_of(pushed), pictures_of(pushed, together=True)
+    names = problem.coordinates.names
+    z = 0.3 * torch.randn(1, len(names), generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    z[:, names.index("outline")] = 0.0
+    moving = z.clone().requires_grad_()
+    problem.frame_losses(pictures, moving, BLOCKS).mean().backward()
+    # Steps that are large against the noise of float32 images and small against the kinks of contact.
+    step = 0.02
+    for name in ("friction_floor", "start_x", "start_y", "start_yaw", "lift", "time_offset"):
+        column = names.index(name)
+        pair = z.repeat(2, 1)
+        pair[:, column] += torch.tensor([step, -step])
+        with torch.no_grad():
+            up, down = problem.frame_losses(pictures, pair, BLOCKS).mean(0).tolist()
+        difference = (up - down) / (2 * step)
+        assert float(moving.grad[0, column]) == pytest.approx(difference, rel=0.1, abs=2e-5), name
+
+
+def test_quadratic_model_predicts_the_loss(pushed):
+    problem, pictures = problem_of(pushed), pictures_of(pushed)
+    names = problem.coordinates.names
+    z = torch.zeros(len(names), dtype=torch.float64)
+    model = expand(problem, pictures, z)
+    d = torch.zeros_like(z)
+    d[names.index("start_x")], d[names.index("friction_floor")] = 0.15, 0.1
+    after = float(problem.frame_losses(pictures, (z + d)[None], (1,)).sum())
+    rise = 2.0 * float(model.gradient.sum(0) @ d) + float(d @ model.curvature.sum(0) @ d)
+    assert rise == pytest.approx(after - float(model.loss.sum()), rel=0.3)
+
+
+def test_inertia_is_that_of_a_body_for_any_moments(pushed):
+    scene = problem_of(pushed).forward.scene
+    values = {name: torch.tensor([0.05, 20.0, 1.0]).double() for name in ("moment_xx", "moment_yy")}
+    values["moment_zz"] = torch.tensor([20.0, 0.05, 1.0]).double()
+    moments = torch.linalg.eigvalsh(inertia(scene, 2.0, values))
+    assert (moments[:, 0] > 0).all()
+    assert (moments[:, 0] + moments[:, 1] >= moments[:, 2] * (1 - 1e-12)).all()
+    assert np.allclose(inertia(scene, 2.0, values)[2], 2.0 * np.asarray(scene.model.bodies[0].inertia))
+
+
+def test_the_pusher_hides_pixels_that_do_not_count(pushed):
+    pictures = pictures_of(pushed, together=True)
+    hidden = pictures.weight == 0
+    assert 0.001 < float(hidden.float().mean()) < 0.3
+    # Where the pusher is, opacity is no evidence: changing it there changes nothing.
+    problem = problem_of(pushed)
+    z = torch.zeros(1, len(problem.coordinates), dtype=torch.float64)
+    before = problem.frame_losses(pictures, z, (1,))
+    pictures.alpha[hidden] = 0.37
+    assert torch.equal(problem.frame_losses(pictures, z, (1,)), before)
+
+
+def test_friction_is_found_from_images_alone(pushed):
+    capture, episode = pushed
+    found = identify(capture, episode, surfels(), (0.0, 0.0), IdentifyOptions(**QUICK))
+    theta, nuisance = found.twin.theta, found.twin.nuisance
+    # The object coasts for 23 mm, which a pixel of 3 mm and 12 frames show to a few per cent.
+    assert theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.05)
+    low, high = theta["friction_floor"].interval
+    assert low < theta["friction_floor"].value < high
+    assert theta["friction_floor"].identifiable
+    assert not theta["mass"].identifiable
+    assert abs(nuisance["time_offset"].value) < 4e-3
+    assert abs(nuisance["lift"].value) < 1.5e-3
+    errors = pose_errors(found.poses, episode.object_poses)
+    assert errors.position.mean() < 1.5e-3
+    assert found.twin.support == "patch"
+    assert found.found.losses["patch"] < found.found.losses["corners"]
+
+
+def test_interrupted_search_comes_to_the_same_result(pushed, tmp_path):
+    capture, episode = pushed
+    options = IdentifyOptions(**{**QUICK, "support": "patch", "coarse_iterations": 7, "polish_iterations": 3})
+    whole = identify(capture, episode, surfels(), (0.0, 0.0), options)
+
+    class Stop(Exception):
+        pass
+
+    for steps in (5, 6, 7):
+        calls = []
+
+        def report(step, calls=calls, steps=steps):
+            calls.append(step)
+            if len(calls) == steps:
+                raise Stop
+
+        with pytest.raises(Stop):
+            identify(capture, episode, surfels(), (0.0, 0.0), options, folder=tmp_path, resume=True, report=report)
+    again = identify(capture, episode, surfels(), (0.0, 0.0), options, folder=tmp_path, resume=True)
+    assert again.twin.theta == whole.twin.theta
+    assert again.twin.nuisance == whole.twin.nuisance
+    assert np.array_equal(again.poses.p_WO, whole.poses.p_WO)
+    assert again.found.log.arrays()["loss"].tolist() == whole.found.log.arrays()["loss"].tolist()
+    # A search with other options does not go on from it.
+    with pytest.raises(InputError, match="seed = 0"):
+        identify(
+            capture,
+            episode,
+            surfels(),
+            (0.0, 0.0),
+            IdentifyOptions(**{**QUICK, "support": "patch", "seed": 1}),
+            folder=tmp_path,
+            resume=True,
+        )
+    (tmp_path / CHECKPOINT_FILE).write_bytes(b"half a file")
+    with pytest.raises(InputError, match="unreadable contents"):
+        identify(capture, episode, surfels(), (0.0, 0.0), options, folder=tmp_path, resume=True)
+
+
+def test_what_the_video_does_not_show_is_not_identifiable(pushed):
+    # With mass and inertia free, only their ratio moves the object: the mass keeps its prior.
+    capture, episode = pushed
+    free = ("mass", "moment_xx", "moment_yy", "friction_floor", "friction_pusher", "outline")
+    held = {"friction_floor": 0.2, "friction_pusher": 0.3}
+    options = {"support": "patch", "free": free, "held": held, "coarse_iterations": 3, "screened": 1, "starts": 1}
+    found = identify(capture, episode, surfels(), (0.0, 0.0), IdentifyOptions(**{**QUICK, **options}))
+    mass = found.twin.theta["mass"]
+    assert not mass.identifiable
+    assert mass.interval[1] / mass.interval[0] > 4.0
