@@ -33,6 +33,7 @@ _NARROWED, _PRECISE = 0.5, 0.3
 _STEPS, _TWO_SIDED, _RISE = (2.0, 4.0, 8.0, 16.0), 1.96, 1.92
 _FARTHEST = 32.0
 _MASS_NOTE = "held: with a velocity-driven pusher only ratios to the mass are observable"
+_RATIO_NOTE = "free beside the inertia: only their ratio is observable, so that the interval is that of the prior"
 _HELD_NOTE = "held"
 
 
@@ -165,6 +166,10 @@ def estimates(
         if key == "mass" and not free:
             note = "as the capture says" if mass_known else _MASS_NOTE
             found[key] = (physical, Estimate(float(at[key][0]), None, False, unit, note))
+        elif key == "mass" and any(name in coordinates.names for name in names):
+            low, high = np.quantile(prior[key], [0.025, 0.975])
+            ends = (min(float(low), float(at[key][0])), max(float(high), float(at[key][0])))
+            found[key] = (physical, Estimate(float(at[key][0]), ends, False, unit, _RATIO_NOTE))
         elif not free:
             found[key] = (physical, Estimate(float(at[key][0]), None, False, unit, _HELD_NOTE))
         else:
