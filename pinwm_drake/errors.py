@@ -34,13 +34,13 @@ class SolverError(PinwmError):
     """A solver stopped before it reached its tolerance.
 
     Attributes:
-        world: Which of several worlds failed, or None.
+        worlds: Which of several worlds failed; empty where there is no telling.
     """
 
-    def __init__(self, message: str, *, world: int | None = None) -> None:
-        """Keeps the world beside the message."""
+    def __init__(self, message: str, *, worlds: tuple[int, ...] = ()) -> None:
+        """Keeps the worlds beside the message."""
         super().__init__(message)
-        self.world = world
+        self.worlds = worlds
 
 
 class InputError(PinwmError):

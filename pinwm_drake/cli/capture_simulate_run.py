@@ -121,7 +121,7 @@ def coasting_speed(friction: float) -> float:
 
     An object that stops with the pusher shows only that its friction is large enough.
     """
-    return min(max(math.sqrt(2 * friction * _GRAVITY * _COASTING), _SLOWEST), _FASTEST)
+    return min(max(math.sqrt(2 * max(friction, 0.0) * _GRAVITY * _COASTING), _SLOWEST), _FASTEST)
 
 
 def run_simulate(out: Path, options: SimulateOptions) -> None:

@@ -12,13 +12,13 @@ def identify(
     episode: Annotated[str | None, typer.Option(help="Which push.", show_default="the first of the capture")] = None,
     free: Annotated[
         list[str] | None,
-        typer.Option(help="An unknown to look for; repeat it. --free friction_floor looks for that one alone."),
+        typer.Option(help="A physical unknown to look for, instead of the default ones; repeat it."),
     ] = None,
     hold: Annotated[
         list[str] | None, typer.Option(metavar="NAME=VALUE", help="Hold an unknown at a value, or begin there.")
     ] = None,
     without: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Switch an unknown off, such as time_offset; repeat it.")
+        list[str] | None, typer.Option(metavar="NAME", help="Switch a nuisance off, such as time_offset; repeat it.")
     ] = None,
     support: Annotated[str, typer.Option(help="How the floor carries the object: auto, corners or patch.")] = "auto",
     directions: Annotated[

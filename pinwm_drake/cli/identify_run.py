@@ -160,8 +160,9 @@ def _summary(twin: Twin, result: Identification) -> Table:
     table = Table("", "value", "95 % interval", "identifiable", title=f"Twin of {twin.name}")
     for name, estimate in {**twin.theta, **twin.nuisance}.items():
         table.add_row(name, *_row(estimate))
-    losses = ", ".join(f"{support} {loss:.5f}" for support, loss in result.found.losses.items())
-    table.caption = f"support: {twin.support} (loss: {losses}); {result.found.seconds:.0f} s"
+    losses = ", ".join(f"{support} {loss:.5f}" for support, loss in result.found.coarse_losses.items())
+    loss = f"loss {result.found.loss:.5f}"
+    table.caption = f"support: {twin.support} (coarse loss: {losses}); {loss}; {result.found.seconds:.0f} s"
     return table
 
 

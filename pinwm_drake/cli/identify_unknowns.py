@@ -3,7 +3,7 @@
 import math
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.identification.unknowns import DEFAULT_FREE, UNKNOWNS
+from pinwm_drake.identification.unknowns import DEFAULT_FREE, NUISANCES, UNKNOWNS
 
 
 def choose(
@@ -12,7 +12,7 @@ def choose(
     """The free unknowns and the values of held ones.
 
     Args:
-        free: Names to look for, instead of the default ones.
+        free: Names of physical ones to look for, instead of the default ones; nuisances are looked for as well.
         hold: NAME=VALUE; such an unknown is held, or begins there where `free` names it.
         without: Names to leave out.
 
@@ -35,8 +35,9 @@ def choose(
         for name in names or []:
             if name not in UNKNOWNS:
                 raise ParameterError(f"{option}: got {name!r}; allowed: {', '.join(UNKNOWNS)}")
-    left_out = {*(without or []), *(() if free else values)}
-    chosen = tuple(name for name in (free or DEFAULT_FREE) if name not in left_out)
+    left_out = {*(without or []), *(name for name in values if name not in (free or []))}
+    wanted = (*free, *NUISANCES) if free else DEFAULT_FREE
+    chosen = tuple(name for name in wanted if name not in left_out)
     if not chosen:
         raise ParameterError("no unknown is left; allowed: one or more free ones")
     return tuple(dict.fromkeys(chosen)), values

@@ -55,23 +55,19 @@ class Forward:
             physics found no solution: there the poses are those of the start.
         """
         W = len(values["mass"])
-        alive = torch.arange(W)
-        while len(alive):
-            try:
-                X_WO = self._rollout({name: value[alive] for name, value in values.items()})
-            except SolverError as error:
-                if error.world is None:
-                    raise
-                alive = alive[torch.arange(len(alive)) != error.world]
-                continue
-            if len(alive) == W:
-                return X_WO, torch.ones(W, dtype=torch.bool)
-            n = len(self.times)
-            q = self.X_WO.q.expand(n, W, 4).index_copy(1, alive, X_WO.q)
-            p = self.X_WO.p.expand(n, W, 3).index_copy(1, alive, X_WO.p)
-            return Pose(q, p), torch.zeros(W, dtype=torch.bool).index_fill(0, alive, True)
-        n = len(self.times)
-        return Pose(self.X_WO.q.expand(n, W, 4), self.X_WO.p.expand(n, W, 3)), torch.zeros(W, dtype=torch.bool)
+        alive = torch.ones(W, dtype=torch.bool)
+        try:
+            return self._rollout(values), alive
+        except SolverError as error:
+            if not error.worlds:
+                raise
+            alive[list(error.worlds)] = False
+        n, rows = len(self.times), torch.nonzero(alive)[:, 0]
+        q, p = self.X_WO.q.expand(n, W, 4), self.X_WO.p.expand(n, W, 3)
+        if len(rows):
+            X_WO = self._rollout({name: value[rows] for name, value in values.items()})
+            q, p = q.index_copy(1, rows, X_WO.q), p.index_copy(1, rows, X_WO.p)
+        return Pose(q, p), alive
 
     def parameters(self, values: dict[str, Tensor]) -> Parameters:
         """Theta of W worlds."""

@@ -23,7 +23,7 @@ from pinwm_drake.spatial.rotations import quaternion_conjugate, quaternion_exp, 
 _STEP_Z, _STEP_PIXELS, _STEP_OUTLINE = 0.12, 0.25, 2e-3
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-6, 1e6
 # A relative gain of the objective below this ends the search.
-_LEAST_GAIN = 1e-5
+_LEAST_GAIN = 3e-4
 
 
 @dataclass(frozen=True, eq=False)

@@ -159,7 +159,7 @@ def _twin(
             **origin.to_provenance(),
             "seed": options.seed,
             "loss": found.loss,
-            "losses_by_support": found.losses,
+            "losses_by_support": {"coarse": found.coarse_losses, "final": found.losses},
             "dispersion": found.posterior.dispersion,
             "seconds": round(found.seconds, 2),
             "options": {name: _plain(value) for name, value in asdict(options).items()},

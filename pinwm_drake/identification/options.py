@@ -21,7 +21,7 @@ class IdentifyOptions:
         screened: Random guesses that are looked at.
         starts: The best of them, from which Adam descends.
         coarse_iterations: Steps of Adam on small, blurred pictures, for every start.
-        fine_iterations: Steps of Adam on larger pictures, for the best start of every support.
+        fine_iterations: Steps of Adam on larger pictures, for the best start of every support that is not far behind.
         polish_iterations: Steps of Levenberg-Marquardt at the end.
         coarse_size, fine_size: Longer side of the object in the pictures, px.
         coarse_frames: Frames that the coarse stage looks at, evenly spaced.
@@ -37,7 +37,7 @@ class IdentifyOptions:
     seed: int = 0
     screened: int = 64
     starts: int = 4
-    coarse_iterations: int = 60
+    coarse_iterations: int = 45
     fine_iterations: int = 25
     polish_iterations: int = 15
     coarse_size: float = 40.0

@@ -30,8 +30,8 @@ CHECKPOINT_FILE = "identify_checkpoint.npz"
 _COARSE_RATE, _FINE_RATE = 0.5, 0.15
 # Share of the coarse steps during which the frames that count grow.
 _GROW = 0.6
-# A support whose fine loss is within this of the best one is polished too.
-_CLOSE = 1.5
+# A support whose loss is within this factor of the best one goes on to the next stage.
+_CLOSE = 1.6
 # Polishing is done again, with the images weighted by what the first time revealed of their noise.
 _ROUNDS = 2
 
@@ -99,7 +99,8 @@ class Found:
         posterior: Around the optimum.
         loss: Mean square of the fine pictures.
         poses: X_WO in the frames: q (n, 4), p (n, 3) [m].
-        losses: Of all supports, by name, after the fine stage or, where there was one, polishing.
+        losses: Mean squares by support: of those that came to the fine stage, after it or after polishing.
+        coarse_losses: Of all supports, after the coarse stage.
         log: Every evaluation.
         seconds: Time taken, all runs together.
     """
@@ -110,6 +111,7 @@ class Found:
     loss: float
     poses: Pose
     losses: dict[Support, float]
+    coarse_losses: dict[Support, float]
     log: Log
     seconds: float
 
@@ -167,17 +169,19 @@ class Search:
         """
         for number, support in enumerate(self.problems):
             self._coarse(number, support)
-        for number, support in enumerate(self.problems):
-            self._fine(number, support)
-        losses = {support: float(self.done[f"fine.{support}.loss"]) for support in self.problems}
-        best = min(losses.values())
+        coarse = {support: float(self.done[f"coarse.{support}.loss"]) for support in self.problems}
+        hopeful = [support for support in self.problems if coarse[support] <= _CLOSE * min(coarse.values())]
+        for support in hopeful:
+            self._fine(list(self.problems).index(support), support)
+        losses = {support: float(self.done[f"fine.{support}.loss"]) for support in hopeful}
+        best = min(losses.values(), default=np.inf)
         if not np.isfinite(best):
             raise SolverError("the physics found no solution for any guess; allowed: other starts (seed) or time_step")
-        near = [support for support in self.problems if losses[support] <= _CLOSE * best]
+        near = [support for support in hopeful if losses[support] <= _CLOSE * best]
         for support in near:
             losses[support] = self._polish(list(self.problems).index(support), support, near)
         winner = min(near, key=lambda support: losses[support])
-        return self._finish(winner, losses)
+        return self._finish(winner, losses, coarse)
 
     def _coarse(self, number: int, support: Support) -> None:
         """Screens random guesses and descends from the best."""
@@ -215,7 +219,8 @@ class Search:
         )
         losses = state.best_loss if options.coarse_iterations else torch.zeros(len(state.z))
         best = int(losses.argmin())
-        self._end(key, {"z": state.best_z[best], "start": np.array(number * options.starts + best)})
+        start = np.array(number * options.starts + best)
+        self._end(key, {"z": state.best_z[best], "start": start, "loss": losses[best]})
 
     def _fine(self, number: int, support: Support) -> None:
         """Descends once more, on larger pictures."""
@@ -274,7 +279,7 @@ class Search:
             weight = float(self.done[f"{key}.weight"])
         return loss
 
-    def _finish(self, support: Support, losses: dict[Support, float]) -> Found:
+    def _finish(self, support: Support, losses: dict[Support, float], coarse_losses: dict[Support, float]) -> Found:
         """Looks at the optimum once more."""
         problem = self.problems[support]
         last = f"polish{_ROUNDS - 1}.{support}"
@@ -294,6 +299,7 @@ class Search:
             loss=float(model.loss.mean()),
             poses=model.poses,
             losses=losses,
+            coarse_losses=coarse_losses,
             log=self.log,
             seconds=time.monotonic() - self.begun,
         )

@@ -112,15 +112,16 @@ class Stepper:
 
 
 def _raise_failure(model: Model, status: np.ndarray) -> None:
-    world = int(np.flatnonzero(status < 0)[0])
+    worlds = tuple(np.flatnonzero(status < 0).tolist())
+    world = worlds[0]
     code = -int(status[world])
     if code > kernels.TOO_MANY_CONTACTS:
         raise SolverError(
             f"world {world}, step {code - kernels.TOO_MANY_CONTACTS - 1}: more than "
             f"{model.max_contacts} contacts; raise Model(max_contacts=...)",
-            world=world,
+            worlds=worlds,
         )
-    raise SolverError(f"world {world}, step {code - 1}: the contact LCP found no solution", world=world)
+    raise SolverError(f"world {world}, step {code - 1}: the contact LCP found no solution", worlds=worlds)
 
 
 class _Rollout(torch.autograd.Function):
@@ -161,6 +162,6 @@ class _Rollout(torch.autograd.Function):
         )
         share(kernels.rollout_backward, (*arguments, frame_bars, bars), V_P.shape[1], ctx.threads)
         if (frames[-1] < 0).any():
-            world = int(np.flatnonzero(frames[-1] < 0)[0])
-            raise SolverError(f"world {world}: the adjoint's matrix is singular", world=world)
+            worlds = tuple(np.flatnonzero(frames[-1] < 0).tolist())
+            raise SolverError(f"world {worlds[0]}: the adjoint's matrix is singular", worlds=worlds)
         return (None, None, *(torch.from_numpy(bar) for bar in bars))

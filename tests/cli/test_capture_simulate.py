@@ -26,7 +26,7 @@ def made(tmp_path_factory):
     out = tmp_path_factory.mktemp("simulate") / "capture"
     simulate(out, object_name="cube", friction=0.2, pusher_friction=0.4, mass=0.5, size=48, episodes=2,
              static_views=2, frames=8, rate=12.0, supersampling=1, distance=0.02, restitution=0.0, seed=3,
-             speed=0.12, pusher="sphere", pusher_radius=0.01, lying=False)  # fmt: skip
+             speed=None, pusher="sphere", pusher_radius=0.01, lying=False)  # fmt: skip
     return out
 
 

@@ -144,7 +144,7 @@ def test_friction_is_found_from_images_alone(pushed):
     errors = pose_errors(found.poses, episode.object_poses)
     assert errors.position.mean() < 1.5e-3
     assert found.twin.support == "patch"
-    assert found.found.losses["patch"] < found.found.losses["corners"]
+    assert found.found.coarse_losses["patch"] < found.found.coarse_losses["corners"]
 
 
 def test_interrupted_search_comes_to_the_same_result(pushed, tmp_path):

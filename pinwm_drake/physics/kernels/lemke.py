@@ -18,6 +18,8 @@ _PIVOT = 1e-11
 # The vector is perturbed by about this, scaled, so that no two ratios tie: the problem is degenerate at every contact
 # that is open or loads some friction directions only.
 _PERTURBATION = 1e-10
+# Pivots for each unknown at the most. A solution takes one or two; each costs as much as there are entries.
+_PIVOTS = 5
 
 
 @allocating_kernel
@@ -122,7 +124,7 @@ def lemke(matrix, vector, positive):
     if T[row, 2 * N + 1] >= 0.0:
         return True
     entering = 2 * N
-    for _ in range(50 * N):
+    for _ in range(_PIVOTS * N):
         inverse = 1.0 / T[row, entering]
         for c in range(2 * N + 2):
             T[row, c] *= inverse
