@@ -8,14 +8,21 @@ equal areas whose torque is that of uniform pressure.
 import numpy as np
 import trimesh
 from scipy.cluster.vq import kmeans2
+from scipy.optimize import least_squares
 
 # A face is flat where its triangles lie this near to the lowest point [m] and are this level (sine of the tilt).
 _FLAT, _LEVEL = 2e-4, 0.05
 # Faces smaller than this share of the object's footprint (their square of sides) are corners or rims, not faces.
 _SMALLEST_SHARE = 0.1
 _POINTS = 12
-_SAMPLES = 4000
+_SAMPLES, _CLUSTERED = 20000, 4000
 _TRIES = 20
+# Centres of rotation, to each side, about which points and face slide; they cover this many times the face's extent.
+_CENTRES, _COVER = 9, 1.5
+# How strongly the points are held to the middles of equal areas, against differences of force and torque by 1.
+_HELD = 0.2
+# Corners this near to the face's plane [m] belong to its outline.
+_CHAMFER = 2e-3
 # The points stand out of the face by this much [m], so that its outline touches only once the object tips.
 PROTRUSION = 1e-5
 _OUTLINE = 4
@@ -24,10 +31,10 @@ _OUTLINE = 4
 def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) -> np.ndarray | None:
     """The points with which an object at rest touches the floor, for uniform pressure on the face that it rests on.
 
-    Twelve points, the middles of nearly equal areas, moved until their middle is that of the face and their mean
-    distance from it is that of the area: then the friction torque about the middle is exact, and about other points
-    nearly so. They stand out by `PROTRUSION`. The convex hull's other corners follow, and of the face's outline the
-    points that are outermost along four directions, on which the object tips.
+    Twelve points: the middles of nearly equal areas, moved until the friction force and torque of sliding about each
+    of many centres of rotation are those of the area, as nearly as twelve points can. They stand out by `PROTRUSION`.
+    The convex hull's other corners follow, and of the face's outline the points that are outermost along four
+    directions, on which the object tips.
 
     Args:
         mesh: Watertight, m, frame O.
@@ -50,19 +57,16 @@ def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) ->
         return None
     face = trimesh.Trimesh(mesh.vertices, mesh.faces[flat], process=False)
     samples = np.asarray(trimesh.sample.sample_surface(face, _SAMPLES, seed=seed)[0])
-    middle = samples.mean(axis=0)
-    points = _even_points(samples, np.random.default_rng(seed))
-    points -= points.mean(axis=0)
-    away = np.linalg.norm(samples - middle, axis=1).mean() / np.linalg.norm(points, axis=1).mean()
-    points = middle + away * points
+    level = samples @ R_WO[:2].T
+    points = _match(_even_points(level[:_CLUSTERED], np.random.default_rng(seed)), level) @ R_WO[:2]
     points -= np.outer(points @ up_O - lowest + PROTRUSION, up_O)
     corners = np.asarray(trimesh.convex.convex_hull(mesh.vertices).vertices)
-    low = corners @ up_O < lowest + _FLAT
+    low = corners @ up_O < lowest + _CHAMFER
     return np.concatenate([points, _outermost(corners[low], R_WO), corners[~low]])
 
 
 def _even_points(samples: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    """The middles of the clusters of samples (n, 3), of the try whose clusters are most equal in size."""
+    """The middles (k, 2) of the clusters of samples (n, 2), of the try whose clusters are most equal in size."""
     best, spread = samples, np.inf
     for _ in range(_TRIES):
         points, owner = kmeans2(samples, _POINTS, minit="++", rng=generator)
@@ -70,6 +74,32 @@ def _even_points(samples: np.ndarray, generator: np.random.Generator) -> np.ndar
         if found < spread:
             best, spread = points, found
     return best
+
+
+def _match(points: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Moves points (k, 2) until they slide as the samples (n, 2) of the face do; all in the plane of the floor, m."""
+    size = float(np.linalg.norm(samples - samples.mean(axis=0), axis=1).mean())
+    low, high = samples.min(axis=0), samples.max(axis=0)
+    reach = 0.5 * _COVER * (high - low)
+    steps = np.linspace(-1.0, 1.0, _CENTRES)
+    centres = 0.5 * (low + high) + np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2) * reach
+    wanted = _sliding(samples, centres, size)
+
+    def difference(flat: np.ndarray) -> np.ndarray:
+        here = flat.reshape(-1, 2)
+        return np.concatenate(
+            [(_sliding(here, centres, size) - wanted).ravel(), _HELD * (here - points).ravel() / size]
+        )
+
+    return least_squares(difference, points.ravel(), method="lm").x.reshape(-1, 2)
+
+
+def _sliding(points: np.ndarray, centres: np.ndarray, size: float) -> np.ndarray:
+    """Mean friction force (2) and torque (1, over `size`) of points (n, 2) that turn about each centre (m, 2)."""
+    away = points[None] - centres[:, None]
+    distance = np.sqrt((away**2).sum(axis=-1, keepdims=True) + (1e-3 * size) ** 2)
+    force = (away / distance).mean(axis=1)
+    return np.concatenate([force, distance.mean(axis=1) / size], axis=-1)
 
 
 def _outermost(points: np.ndarray, R_WO: np.ndarray) -> np.ndarray:

@@ -1,9 +1,12 @@
 """What a twin says will happen: its physics along a pusher's motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
+from pinwm_drake.errors import SolverError
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.scene import Scene, make_scene, pusher_motion, resting_height, rollout_poses
 from pinwm_drake.spatial.poses import Pose
@@ -11,6 +14,8 @@ from pinwm_drake.twin.twin import Twin
 
 # An object that starts this near to the floor [m] rests on it; one that is farther up falls.
 _RESTS = 5e-3
+# Where the contacts of a step have no solution that the solvers find, smaller steps meet others.
+_HALVINGS = 4
 
 
 def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
@@ -63,8 +68,19 @@ def rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray)
 
     Raises:
         InputError: A mesh cannot be used.
-        SolverError: The physics found no solution.
+        SolverError: The physics found no solution, at the twin's time step nor at smaller ones.
     """
+    steps = (twin.time_step / 2**halving for halving in range(_HALVINGS))
+    for step in steps:
+        try:
+            return _rollout(replace(twin, time_step=step), X_WO, trajectory, np.asarray(t, float))
+        except SolverError as error:
+            failure = error
+    raise failure
+
+
+def _rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> ObjectPoses:
+    """What `rollout` does, at the twin's own time step."""
     scene = twin_scene(twin, X_WO.q)
     rest = resting_height(scene, X_WO.q)
     p_WO = X_WO.p.clone()
@@ -79,6 +95,6 @@ def rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray)
             twin_parameters(twin, scene),
             Pose(X_WO.q[None], p_WO[None]),
             motion,
-            torch.from_numpy(np.asarray(t - t[0], float)),
+            torch.from_numpy(t - t[0]),
         )
-    return ObjectPoses(t=np.asarray(t, float), p_WO=found.p[:, 0].numpy(), q_WO=found.q[:, 0].numpy())
+    return ObjectPoses(t=t, p_WO=found.p[:, 0].numpy(), q_WO=found.q[:, 0].numpy())
