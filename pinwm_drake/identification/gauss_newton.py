@@ -22,8 +22,8 @@ from pinwm_drake.spatial.rotations import quaternion_conjugate, quaternion_exp, 
 # to 4 %: pushes that begin or end within another time step make poses a sawtooth of theta below 1 %.
 _STEP_Z, _STEP_PIXELS, _STEP_OUTLINE = 0.12, 0.25, 2e-3
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-6, 1e6
-# A relative gain of the objective below this ends the search.
-_LEAST_GAIN = 3e-4
+# A relative gain of the objective below this ends the search, unless the step was held back by the damping.
+_LEAST_GAIN, _FREE_STEP = 1e-4, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +183,8 @@ def polish(
         if after < before:
             gain = (before - after) / before
             state.z, state.loss, model = trial, float(losses.mean()), None
+            state.done = gain < _LEAST_GAIN and state.damping < _FREE_STEP
             state.damping = max(state.damping * 0.2, _LEAST_DAMPING)
-            state.done = gain < _LEAST_GAIN
         else:
             state.damping *= 8.0
             state.done = state.damping > _MOST_DAMPING

@@ -37,9 +37,9 @@ class IdentifyOptions:
     seed: int = 0
     screened: int = 64
     starts: int = 4
-    coarse_iterations: int = 45
+    coarse_iterations: int = 50
     fine_iterations: int = 25
-    polish_iterations: int = 15
+    polish_iterations: int = 18
     coarse_size: float = 40.0
     fine_size: float = 130.0
     coarse_frames: int = 12
