@@ -172,8 +172,8 @@ def polish(
                 state.done = True
                 break
             state.loss = float(model.loss.mean())
-        A = state.weight * model.curvature.sum(0) + torch.diag(P)
-        b = -(state.weight * model.gradient.sum(0) + P * state.z)
+        A = state.weight * model.curvature.sum(0) + P
+        b = -(state.weight * model.gradient.sum(0) + P @ state.z)
         step = torch.linalg.solve(A + state.damping * torch.diag(A.diagonal()), b)
         trial = problem.coordinates.clamp(state.z + step)
         before = objective(problem, state.weight, model.loss, state.z)

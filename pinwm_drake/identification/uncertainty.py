@@ -65,7 +65,7 @@ def laplace(coordinates: Coordinates, model: Quadratic, z: Tensor, weight: float
         weight: What a frame's mean squares were multiplied with.
     """
     information = weight * model.curvature.sum(0)
-    P = torch.diag(coordinates.precision)
+    P = coordinates.precision
     scores = weight * (model.gradient - model.gradient.mean(0))
     pad = (-len(scores)) % _BLOCK
     sums = torch.cat([scores, scores.new_zeros(pad, scores.shape[1])]).reshape(-1, _BLOCK, scores.shape[1]).sum(1)
@@ -155,7 +155,7 @@ def estimates(
         name: (math.isinf(posterior.reach[i, 0]), math.isinf(posterior.reach[i, 1]))
         for i, name in enumerate(coordinates.names)
     }
-    before = coordinates.clamp(noise * coordinates.precision.rsqrt())
+    before = coordinates.clamp(noise @ torch.linalg.cholesky(torch.linalg.inv(coordinates.precision)).T)
     at, after, prior = (_quantities(coordinates, z, scene, mass) for z in (posterior.z[None], draws, before))
     moments = {"inertia_xx": ("xx", 1, 2), "inertia_yy": ("yy", 0, 2), "inertia_zz": ("zz", 0, 1)}
     names = ("moment_xx", "moment_yy", "moment_zz")

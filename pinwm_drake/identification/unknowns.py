@@ -78,6 +78,9 @@ UNKNOWNS: dict[str, Unknown] = {
         Unknown("outline", "1", True, 1.0, 0.01, 0.1, low=0.5, high=2.0, physical=False),
     )
 }
+# The object's own surface takes part in both contacts, so that, before any image is seen, its two frictions are alike:
+# the standard deviation of the logarithm of their ratio.
+_ALIKE = ("friction_pusher", "friction_floor", 0.7)
 NUISANCES = tuple(name for name, unknown in UNKNOWNS.items() if not unknown.physical)
 DEFAULT_FREE = ("friction_floor", "friction_pusher", "moment_xx", "moment_yy", *NUISANCES)
 
@@ -109,9 +112,19 @@ class Coordinates:
         self.names = [unknown.name for unknown in self.free]
         self.centre = {name: float(held.get(name, unknown.nominal)) for name, unknown in UNKNOWNS.items()}
         prior = [unknown.prior / unknown.scale for unknown in self.free]
-        self.precision = torch.tensor([1.0 / value**2 for value in prior], dtype=torch.float64)
+        self.precision = torch.diag(torch.tensor([1.0 / value**2 for value in prior], dtype=torch.float64))
+        self._couple(*_ALIKE)
         bounds = [self._bounds(unknown) for unknown in self.free]
         self.low, self.high = torch.tensor(bounds, dtype=torch.float64).unbind(-1)
+
+    def _couple(self, first: str, second: str, deviation: float) -> None:
+        """Adds to the prior that the logarithms of two unknowns differ by what they do at z = 0, give or take."""
+        if first not in self.names or second not in self.names:
+            return
+        row = torch.zeros(len(self.free), dtype=torch.float64)
+        row[self.names.index(first)] = UNKNOWNS[first].scale / deviation
+        row[self.names.index(second)] = -UNKNOWNS[second].scale / deviation
+        self.precision = self.precision + torch.outer(row, row)
 
     def _bounds(self, unknown: Unknown) -> tuple[float, float]:
         """Bounds of z."""
@@ -158,4 +171,4 @@ class Coordinates:
 
     def penalty(self, z: Tensor) -> Tensor:
         """Minus the logarithm of the prior, (...), up to a constant."""
-        return 0.5 * (self.precision * z**2).sum(-1)
+        return 0.5 * (z * (z @ self.precision)).sum(-1)

@@ -59,3 +59,14 @@ def test_draws_are_seeded_and_begin_with_the_centre():
 def test_nonsense_is_refused(free, held, words):
     with pytest.raises(ParameterError, match=words):
         Coordinates(free, held)
+
+
+def test_frictions_are_alike_before_any_image_is_seen():
+    coordinates = Coordinates(("friction_floor", "friction_pusher"), {})
+    together, apart = torch.tensor([[2.0, 2.0], [2.0, -2.0]], dtype=torch.float64)
+    # In logarithms: 0.6 each with a deviation of 2, and a difference of 1.2 with one of 0.7.
+    assert float(coordinates.penalty(together)) == pytest.approx(0.5 * 2 * (0.6 / 2) ** 2)
+    assert float(coordinates.penalty(apart)) == pytest.approx(0.5 * (2 * (0.6 / 2) ** 2 + (1.2 / 0.7) ** 2))
+    # One alone has its own prior only.
+    alone = Coordinates(("friction_floor",), {})
+    assert float(alone.penalty(torch.tensor([2.0], dtype=torch.float64))) == pytest.approx(0.5 * (0.6 / 2) ** 2)
