@@ -47,7 +47,7 @@ def _friction(name: str) -> Unknown:
 
 
 def _moment(name: str) -> Unknown:
-    return Unknown(name, "1", True, 1.0, 0.2, 0.3, low=0.05, high=20.0)
+    return Unknown(name, "1", True, 1.0, 0.2, 0.2, low=0.05, high=20.0)
 
 
 def _restitution(name: str) -> Unknown:
