@@ -92,23 +92,55 @@ class Stepper:
             from pinwm_drake.physics.reference import rollout_reference
 
             return rollout_reference(self.model, parameters, state, V_WP, record_every)
-        inputs = (
-            parameters.mass,
-            parameters.inertia,
-            parameters.friction,
-            parameters.restitution,
-            state.q_WB,
-            state.p_WB,
-            state.V_WB,
-            state.q_WP,
-            state.p_WP,
-            V_WP,
-        )
+        inputs = _inputs(parameters, state, V_WP)
         for tensor in inputs:
             if tensor.device.type != "cpu":
                 raise StateError(f"a tensor is on {tensor.device}; allowed: cpu (use backend='torch' elsewhere)")
         # torch leaves `apply` untyped.
         return Trajectory(*_Rollout.apply(self, record_every, *inputs))  # type: ignore[no-untyped-call]
+
+    def advance(self, parameters: Parameters, state: State, V_WP: Tensor) -> State:
+        """The state after a sequence of steps, without gradients, on the CPU.
+
+        It is `rollout` for callers that step a hundred thousand times: shapes, types and values are theirs to check,
+        once, which takes longer than a step of one world.
+
+        Args:
+            parameters: theta of W worlds, that `Parameters.check` accepts.
+            state: state of W worlds, that `State.check` accepts.
+            V_WP: (T, W, 6), float64, spatial velocity of the pusher in each step, [rad/s; m/s], world frame.
+
+        Returns:
+            The state after T steps.
+
+        Raises:
+            SolverError: a world's LCP found no solution; the message names world and step.
+        """
+        frames = _arrays(self, _inputs(parameters, state, V_WP), len(V_WP), False)[4]
+        return State(*(torch.from_numpy(array[1]) for array in frames[:5]))
+
+
+def _inputs(parameters: Parameters, state: State, V_WP: Tensor) -> tuple[Tensor, ...]:
+    """What a rollout depends on, in the order of the kernels."""
+    theta = (parameters.mass, parameters.inertia, parameters.friction, parameters.restitution)
+    return (*theta, state.q_WB, state.p_WB, state.V_WB, state.q_WP, state.p_WP, V_WP)
+
+
+def _arrays(stepper: Stepper, tensors: tuple[Tensor, ...], record_every: int, keep: bool) -> tuple:
+    """Rolls out; returns the arguments of the kernels: model, theta, V_WP, record_every, frames, saved."""
+    model = stepper.model
+    mass, inertia, friction, restitution, q, p, V, q_P, p_P, V_P = (
+        np.ascontiguousarray(tensor.detach().numpy()) for tensor in tensors
+    )
+    T, W = V_P.shape[:2]
+    frames = kernels.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
+    width = model.friction_directions + 2
+    saved = kernels.allocate_saved(T, W, model.num_bodies, model.contact_rows, width, keep)
+    arguments = (model.arrays, (mass, inertia, friction, restitution), V_P, record_every, frames, saved)
+    share(kernels.rollout_forward, arguments, W, stepper.num_threads)
+    if (frames[-1] < 0).any():
+        _raise_failure(model, frames[-1])
+    return arguments
 
 
 def _raise_failure(model: Model, status: np.ndarray) -> None:
@@ -129,20 +161,8 @@ class _Rollout(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, stepper: Stepper, record_every: int, *inputs: Tensor) -> tuple[Tensor, ...]:
-        model = stepper.model
-        mass, inertia, friction, restitution, q, p, V, q_P, p_P, V_P = (
-            np.ascontiguousarray(tensor.detach().numpy()) for tensor in inputs
-        )
-        keep = any(ctx.needs_input_grad)
-        T, W = V_P.shape[:2]
-        parameters = (mass, inertia, friction, restitution)
-        frames = kernels.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
-        width = model.friction_directions + 2
-        saved = kernels.allocate_saved(T, W, model.num_bodies, model.contact_rows, width, keep)
-        arguments = (model.arrays, parameters, V_P, record_every, frames, saved)
-        share(kernels.rollout_forward, arguments, W, stepper.num_threads)
-        if (frames[-1] < 0).any():
-            _raise_failure(model, frames[-1])
+        arguments = _arrays(stepper, inputs, record_every, any(ctx.needs_input_grad))
+        frames = arguments[4]
         ctx.arguments = arguments
         ctx.threads = stepper.num_threads
         return tuple(torch.from_numpy(array) for array in frames[:5])
