@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from pinwm_drake.models import OBJECT_NAMES
 from pinwm_drake.systems.scenario_check import check_scenario
 from pydrake.common.yaml import yaml_load_typed
 
 from pinwm_drake.capture.documents import read_yaml
 from pinwm_drake.capture.scene import PUSHER_KINDS
 from pinwm_drake.errors import InputError
-from pinwm_drake.models import OBJECT_NAMES
 
 ENGINES = ("twin", "hydroelastic", "point")
 
@@ -217,14 +217,14 @@ def load_scenario(path: Path | str) -> Scenario:
     """
     from pinwm_drake.models import resolve
 
-    path = resolve(str(path))
-    entry = read_yaml(path)
+    file = resolve(str(path))
+    entry = read_yaml(file)
     check_scenario(entry, Scenario)
     # Numbers such as 1e-3, which YAML 1.1 takes for text, have become numbers in `read_yaml`.
     scenario: Scenario = yaml_load_typed(schema=Scenario, data=yaml.safe_dump(entry.value))
     if scenario.twin is not None:
-        folder = path.parent / scenario.twin
+        folder = file.parent / scenario.twin
         if not folder.is_dir():
-            raise InputError(path, value=f"twin = {scenario.twin}", allowed="the folder of a twin")
+            raise InputError(file, value=f"twin = {scenario.twin}", allowed="the folder of a twin")
         scenario.twin = str(folder)
     return scenario

@@ -25,15 +25,13 @@ def check_scenario(entry: Entry, schema: type) -> None:
         raise entry.refusal("either an object or a twin", found="both" if _given(entry, "twin") else "neither")
     if _given(entry, "twin") and _given(entry, "theta"):
         raise entry["theta"].refusal("null or nothing beside a twin, which has its own")
-    pusher = entry.find("pusher")
-    if pusher is not None:
-        _check_pusher(pusher)
-    start = entry.find("start")
-    if start is not None:
-        _check_start(start)
+    for key, check in (("pusher", _check_pusher), ("camera", _check_camera), ("start", _check_start)):
+        found = entry.find(key)
+        if found is not None:
+            check(found, getattr(schema(), key))
 
 
-def _check_pusher(pusher: Entry) -> None:
+def _check_pusher(pusher: Entry, default: Any) -> None:
     shape = pusher.find("shape")
     if shape is not None and shape.value is not None:
         long, length = shape.find("kind"), shape.find("length")
@@ -41,12 +39,18 @@ def _check_pusher(pusher: Entry) -> None:
         value = 0.0 if length is None else length.number()
         if sphere != (value == 0):
             raise (length or shape).refusal("a length of 0 for a sphere, and above 0 for a capsule or a cylinder")
-    low, high = pusher.find("low"), pusher.find("high")
-    if low is not None and high is not None and not (low.numbers(3) < high.numbers(3)).all():
-        raise low.refusal("below `high` along every axis")
+    low, high = _or_default(pusher, "low", default), _or_default(pusher, "high", default)
+    if not (low.numbers(3) < high.numbers(3)).all():
+        raise low.refusal(f"below `high`, {high.value}, along every axis")
 
 
-def _check_start(start: Entry) -> None:
+def _check_camera(camera: Entry, default: Any) -> None:
+    p_WC, p_WT = _or_default(camera, "p_WC", default), _or_default(camera, "p_WT", default)
+    if not (p_WC.numbers(3) != p_WT.numbers(3))[:2].any():
+        raise p_WT.refusal("a point that is not right above or below `p_WC`")
+
+
+def _check_start(start: Entry, default: Any) -> None:
     for key in _RANGES:
         given = start.find(key)
         if given is not None and given.numbers(2)[0] > given.numbers(2)[1]:
@@ -54,6 +58,11 @@ def _check_start(start: Entry) -> None:
     q_WO = start.find("q_WO")
     if q_WO is not None and abs(float((q_WO.numbers(4) ** 2).sum()) - 1) > 1e-3:
         raise q_WO.refusal("a quaternion wxyz of unit norm")
+
+
+def _or_default(entry: Entry, key: str, default: Any) -> Entry:
+    """The entry under a key, or what stands for it where there is none."""
+    return entry.find(key) or Entry(entry.path, f"{entry.place}.{key}", getattr(default, key))
 
 
 def _given(entry: Entry, key: str) -> bool:

@@ -1,4 +1,4 @@
-"""A scenario with everything that its engines need: geometry, theta, appearance and camera, the same for each of them."""
+"""A scenario with everything that its engines need: geometry, theta, appearance and camera, alike for each of them."""
 
 import dataclasses
 import math
@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pinwm_drake.models import object_model
+from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario import Scenario, Theta
 from pinwm_drake.systems.scenario_check import check_scenario
 from pinwm_drake.systems.viewpoints import look_at
@@ -15,12 +17,11 @@ from pinwm_drake.capture.documents import Entry
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.models import object_model
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.twin import THETA, Estimate, Twin, read_twin
 
-_TIME_STEP, _DIRECTIONS, _SUPPORT, _GRAVITY = 1 / 240, 32, "patch", 9.81
+_TIME_STEP, _DIRECTIONS, _GRAVITY = 1 / 240, 32, 9.81
 _LONGEST_PLANT_STEP = 1 / 3840  # s
 _SHARE = 1e-6  # of a period, by which a multiple may be missed
 
@@ -84,11 +85,10 @@ def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:
     twin = _with_settings(twin, scenario)
     view, update = scenario.camera, twin.time_step * scenario.physics.steps_per_update
     period = scenario.pusher.period or update
-    _require_multiple("pusher.period", period, update, "physics.time_step x physics.steps_per_update")
     if not math.isclose(period, update, rel_tol=_SHARE):
         raise ParameterError(f"pusher.period: got {period:g} s; allowed: {update:g} s, that of the twin's updates")
     step = scenario.plant.time_step or period / math.ceil(period / _LONGEST_PLANT_STEP - _SHARE)
-    _require_multiple("pusher.period", period, step, "plant.time_step")
+    whole_multiple("pusher.period", period, step, "plant.time_step")
     return Setup(
         scenario=scenario,
         twin=twin,
@@ -98,11 +98,6 @@ def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:
         period=period,
         plant_time_step=step,
     )
-
-
-def _require_multiple(name: str, period: float, part: float, of: str) -> None:
-    if abs(period / part - round(period / part)) > _SHARE * max(period / part, 1) or round(period / part) < 1:
-        raise ParameterError(f"{name}: got {period:g} s; allowed: a whole multiple of {of}, {part:g} s")
 
 
 def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
@@ -125,7 +120,7 @@ def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
         floor_height=0.0,
         time_step=_TIME_STEP,
         friction_directions=_DIRECTIONS,
-        support=_SUPPORT,
+        support="patch",
         theta={name: Estimate(values[name], None, True, unit, "given") for name, unit in THETA.items()},
         nuisance={},
         camera_offset=(0.0, 0.0),

@@ -1,0 +1,49 @@
+"""The twin as an engine: the world model, and a plant of the same scene that lends its geometry to SceneGraph."""
+
+from pinwm_drake.systems.engine import Engine
+from pinwm_drake.systems.push_plant import AddPushBodies
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.world_model import WorldModel
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.rendering import MultibodyPositionToGeometryPose
+
+
+def AddTwinEngine(builder: DiagramBuilder, setup: Setup) -> Engine:
+    """Adds the world model, and a SceneGraph that it poses.
+
+    The plant has no part in the motion: it knows which geometries belong to the object and the pusher, and turns
+    their positions into poses of geometries. SceneGraph then serves Meshcat, distance queries and RgbdSensors. It shows
+    world 0.
+
+    Args:
+        builder: Of the diagram.
+        setup: What there is.
+
+    Returns:
+        The engine; its handle is the WorldModel.
+
+    Raises:
+        InputError: A mesh cannot be used.
+    """
+    world = builder.AddNamedSystem("world_model", WorldModel(setup))
+    scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
+    plant = MultibodyPlant(setup.plant_time_step)
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    AddPushBodies(plant, setup, "hydroelastic")
+    plant.Finalize()
+    poses = builder.AddNamedSystem("plant_poses", MultibodyPositionToGeometryPose(plant))
+    poses.plant = plant  # which it refers to and does not keep
+    builder.Connect(world.GetOutputPort("plant_positions"), poses.get_input_port())
+    builder.Connect(poses.get_output_port(), scene_graph.get_source_pose_port(plant.get_source_id()))
+    return Engine(
+        name="twin",
+        pusher_velocity=world.get_input_port(),
+        object_state=world.GetOutputPort("object_state"),
+        pusher_state=world.GetOutputPort("pusher_state"),
+        rgb=world.GetOutputPort("rgb"),
+        contact_forces=world.GetOutputPort("contact_forces"),
+        scene_graph=scene_graph,
+        handle=world,
+    )
