@@ -11,6 +11,7 @@ from pinwm_drake.spatial.poses import Pose, compose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
 _NEAR = 1e-3  # m
+_NOTHING = 0x00FFFFFF  # white, alpha 0, as the bytes of a little-endian number
 
 
 class WorldImages:
@@ -29,7 +30,7 @@ class WorldImages:
 
         Args:
             surfels: Of the object, frame O.
-            object_mesh: m, frame O; tells whether the pusher stands before or behind it.
+            object_mesh: m, frame O; tells where the object is, and whether the pusher stands before or behind it.
             pusher_mesh: m, frame P.
             camera: Intrinsics (4,).
             X_WC: Its pose, OpenCV axes.
@@ -52,8 +53,8 @@ class WorldImages:
             sh: (N, K, 3), or (W, N, K, 3) where worlds differ: the surfels' harmonics.
 
         Returns:
-            (W, height, width, 4) uint8, sRGB and alpha: 255 where the object covers half of a pixel or more and the
-            pusher does not hide it, with the object's colour; white and 0 elsewhere.
+            (W, height, width, 4) uint8, sRGB and alpha: 255 where the object is seen and the pusher does not hide it,
+            with the object's colour; white and 0 elsewhere.
         """
         W = len(object_state)
         q, p = torch.from_numpy(object_state[:, :4].copy()), torch.from_numpy(object_state[:, 4:7].copy())
@@ -61,11 +62,10 @@ class WorldImages:
         surfels = Surfels(self.surfels.p_OS, self.surfels.q_OS, self.surfels.log_scale, self.surfels.logit_opacity, sh)
         image = render(surfels, self.camera, X_CO, full=False, num_threads=self._threads)
         color, alpha = image.color.numpy().reshape(-1, 3), image.alpha.numpy()
-        shown = alpha >= 0.5
-        self._hide(shown, X_CO, p_WP)
+        shown = (alpha >= 0.5) & self._visible(X_CO, p_WP)
         at = np.flatnonzero(shown)
         weight = alpha.reshape(-1)[at][:, None]
-        pictures = np.full((*shown.shape, 4), (255, 255, 255, 0), np.uint8)
+        pictures = np.full(shown.shape, _NOTHING, "<u4").view(np.uint8).reshape(*shown.shape, 4)
         flat = pictures.reshape(-1, 4)
         # What the surfels add to the white behind them.
         own = 1.0 - (1.0 - color[at]) / weight
@@ -73,13 +73,14 @@ class WorldImages:
         flat[at, 3] = 255
         return pictures
 
-    def _hide(self, shown: np.ndarray, X_CO: Pose, p_WP: np.ndarray) -> None:
-        """Clears `shown` (W, height, width) where the pusher stands before the object."""
+    def _visible(self, X_CO: Pose, p_WP: np.ndarray) -> np.ndarray:
+        """(W, height, width): where the object's mesh is and the pusher does not stand before it.
+
+        Small surfels are drawn wider than they are, by up to a pixel, which is much in a small image; the mesh is not.
+        """
+        corners = self._object.vertices @ quaternion_to_matrix(X_CO.q).mT.numpy() + X_CO.p.numpy()[:, None]
+        depth = mesh_depth(corners, self._object.faces, self.camera, _NEAR)
         p_CP = p_WP @ self._R_CW.T + self._p_CW
-        corners = (self._pusher.vertices @ self._R_CW.T)[None] + p_CP[:, None]
-        pusher = mesh_depth(corners, self._pusher.faces, self.camera, _NEAR)
-        met = np.flatnonzero((shown & np.isfinite(pusher)).any(axis=(1, 2)))
-        if len(met):
-            R_CO = quaternion_to_matrix(X_CO.q[met]).numpy()
-            corners = np.einsum("wij,nj->wni", R_CO, self._object.vertices) + X_CO.p.numpy()[met][:, None]
-            shown[met] &= pusher[met] > mesh_depth(corners, self._object.faces, self.camera, _NEAR)
+        corners = self._pusher.vertices @ self._R_CW.T + p_CP[:, None]
+        visible: np.ndarray = depth < mesh_depth(corners, self._pusher.faces, self.camera, _NEAR)
+        return visible

@@ -1,0 +1,140 @@
+"""What the station costs beyond the bare step and render: one action of 0.1 s and one 64 x 64 image, 1 and 32 worlds.
+
+The bare loop calls `Stepper.advance` as often as the diagram updates its state, and `render` once. The station does that
+inside Drake's Simulator, and makes the image what a policy sees: 8 bits, masked, hidden where the pusher stands before.
+"""
+
+from benchmarks import results, timing
+
+timing.limit_threads(2)  # before numba and torch are imported
+
+import numpy as np  # noqa: E402
+import torch  # noqa: E402
+from pinwm_drake.systems.scenario import Physics, Scenario, Start, Theta, View  # noqa: E402
+from pinwm_drake.systems.setup import make_setup  # noqa: E402
+from pinwm_drake.systems.station import MakePushStation, PushStation  # noqa: E402
+from pydrake.systems.analysis import Simulator  # noqa: E402
+
+from pinwm_drake.physics import State, Stepper  # noqa: E402
+from pinwm_drake.rendering import render  # noqa: E402
+from pinwm_drake.spatial.poses import Pose  # noqa: E402
+
+BARS = {1: 0.30, 32: 0.05}
+STEPS = 24  # of 1 / 240 s, an action
+WARM_UP = 0.25  # s, after which the pusher is in touch with the block
+SPEED = 0.3  # m/s
+
+
+class Action:
+    """One action in a station, and the same without it."""
+
+    def __init__(self, worlds: int, steps_per_update: int) -> None:
+        """Advances both to where the block is being pushed."""
+        setup = make_setup(
+            Scenario(
+                object="t_block",
+                theta=Theta(friction_floor=0.1, friction_pusher=0.1),
+                physics=Physics(friction_directions=8, steps_per_update=steps_per_update),
+                camera=View(width=64, height=64),
+                start=Start(pusher_angle=[np.pi, np.pi], pusher_gap=[0.0, 0.0]),
+                num_worlds=worlds,
+            )
+        )
+        self.station: PushStation = MakePushStation(setup, "twin")
+        context = self.station.CreateDefaultContext()
+        v_WP = np.tile([SPEED, 0.0, 0.0], worlds)
+        self.station.GetInputPort("pusher_velocity_W").FixValue(context, v_WP)
+        simulator = Simulator(self.station, context)
+        simulator.AdvanceTo(WARM_UP)
+        self.context, self.simulator, self.image = context, simulator, self.station.GetOutputPort("rgb_batch")
+        world = self.station.world
+        mine = world.GetMyContextFromRoot(context)
+        self.start = mine.get_discrete_state(0).value().copy()
+        self.parameters, self.physics = world.GetParameters(mine), world.physics
+        self.steps, self.updates = steps_per_update, STEPS // steps_per_update
+        x = self.start.reshape(worlds, -1)
+        self.state = State(*(torch.from_numpy(np.ascontiguousarray(part)) for part in (
+            x[:, None, :4], x[:, None, 4:7], x[:, None, 7:13], x[:, 13:17], x[:, 17:20]
+        )))  # fmt: skip
+        self.V_WP = torch.zeros(steps_per_update, worlds, 6, dtype=torch.float64)
+        self.V_WP[:, :, 3] = SPEED
+        self.stepper = Stepper(self.physics.scene.model)
+        self.surfels, self.camera = setup.twin.surfels, setup.camera
+        X_CW = setup.X_WC.inverse()
+        self.R_CW, self.p_CW = X_CW.rotation().matrix(), X_CW.translation()
+        # The block hardly turns in this push: the bare loop renders it unturned.
+        self.q_CO = torch.tensor(X_CW.rotation().ToQuaternion().wxyz()).expand(worlds, 4).contiguous()
+
+    def prepare(self) -> None:
+        """Goes back to the start of the action."""
+        self.context.SetTime(WARM_UP)
+        world = self.station.world
+        world.GetMyMutableContextFromRoot(self.context).SetDiscreteState(0, self.start)
+        self.simulator.Initialize()
+
+    def in_station(self) -> None:
+        """The action in the diagram."""
+        self.simulator.AdvanceTo(WARM_UP + STEPS / 240 - 1e-6)
+        self.image.Eval(self.context)
+
+    def bare(self) -> None:
+        """The action without it."""
+        state = self.state
+        for _ in range(self.updates):
+            state = self.stepper.advance(self.parameters, state, self.V_WP)
+        p_CO = state.p_WB[:, 0].numpy() @ self.R_CW.T + self.p_CW
+        render(self.surfels, self.camera, Pose(self.q_CO, torch.from_numpy(p_CO)), full=False)
+
+
+def measure(rounds: int) -> dict:
+    """Times an action with and without the station, in turn."""
+    cases = {}
+    for worlds in BARS:
+        for steps in (1, STEPS):
+            action = Action(worlds, steps)
+            cases[f"{worlds} {steps} station"] = timing.Case(action.in_station, action.prepare)
+            cases[f"{worlds} {steps} bare"] = timing.Case(action.bare, action.prepare)
+    samples = timing.interleave(cases, rounds)
+    return {
+        "milliseconds": {name: sample.summary(1e3) for name, sample in samples.items()},
+        "ratio": {
+            name.removesuffix(" station"): samples[name].over(samples[name.replace("station", "bare")])
+            for name in samples
+            if name.endswith("station")
+        },
+    }
+
+
+def table(data: dict) -> str:
+    """The figures in Markdown."""
+    lines = [
+        "| worlds | steps an update | bare step and render, ms an action | station, ms | ratio (quartiles) |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for name, ratio in data["ratio"].items():
+        worlds, steps = name.split()
+        bare, station = (data["milliseconds"][f"{name} {kind}"] for kind in ("bare", "station"))
+        spreads = f"{results.spread(bare, 2)} | {results.spread(station, 2)} | {results.spread(ratio, 3)}"
+        lines.append(f"| {worlds} | {steps} | {spreads} |")
+    lines.append("")
+    for worlds, bar in BARS.items():
+        for steps in (1, STEPS):
+            overhead = data["ratio"][f"{worlds} {steps}"]["median"] - 1
+            lines.append(f"- {worlds} worlds, {steps} steps an update: overhead {results.verdict(overhead, bar)}.")
+    tail = f"{data['rounds']} rounds on two threads; other processes took {data['load']:.0f} % of the CPUs."
+    return "\n".join([*lines, "", tail])
+
+
+def main() -> None:
+    """Measures and reports."""
+    parser = results.arguments(__doc__ or "")
+    parser.add_argument("--rounds", type=int, default=40)
+    given = parser.parse_args()
+    with timing.CompetingLoad() as load:
+        measured = measure(given.rounds)
+    data = {"rounds": given.rounds, "load": load.percent, **measured}
+    results.publish("station", data, table(data), given.write)
+
+
+if __name__ == "__main__":
+    main()
