@@ -1,6 +1,7 @@
 """Where results are written: a checked folder, and files that appear whole or not at all."""
 
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -53,3 +54,31 @@ def replacing(path: Path) -> Iterator[Path]:
         raise InputError(path, value=error.strerror or str(error), allowed="a file that can be written") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def appearing(out: Path) -> Iterator[Path]:
+    """Hands out a folder beside `out`, which takes its name when the block ends well, and is removed otherwise.
+
+    Args:
+        out: The final name: nothing yet, or an empty folder. Parents are made.
+
+    Yields:
+        The folder to write to.
+
+    Raises:
+        InputError: `out` is a link, a file or a folder that holds something, or cannot be made or written to.
+    """
+    whole, allowed = out.absolute(), "a folder that can be written to"
+    temporary = whole.parent / f".{whole.name}.{os.getpid()}"
+    try:
+        if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
+            raise InputError(out, value="something there already", allowed="a new or empty folder")
+        temporary.mkdir(parents=True)
+        yield temporary
+        allowed = "a new or empty folder"
+        temporary.replace(whole)
+    except OSError as error:
+        raise InputError(out, value=error.strerror or str(error), allowed=allowed) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)

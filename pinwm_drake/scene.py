@@ -136,6 +136,28 @@ def resting_height(scene: Scene, q_WO: Tensor) -> float:
     return (0.0 if floor is None else floor) - lowest
 
 
+def scaled_inertia(scene: Scene, mass: float, factors: Tensor) -> Tensor:
+    """Inertia of an object that is not uniform: about the centre of mass, axes of O, (..., 3, 3) [kg m^2].
+
+    The second moments of mass of the uniform solid are scaled along the axes of O: Sigma' = D Sigma D with D^2 the
+    factors; the inertia is tr(Sigma') 1 - Sigma'. It is that of a body for any factors. Differentiable in them.
+
+    Args:
+        scene: Has the uniform solid.
+        mass: kg.
+        factors: (..., 3), 0 or more.
+    """
+    solid = torch.as_tensor(scene.model.bodies[0].inertia, dtype=torch.float64)
+    one, d = torch.eye(3, dtype=torch.float64), factors.sqrt()
+    sigma = mass * d[..., :, None] * (0.5 * torch.trace(solid) * one - solid) * d[..., None, :]
+    return sigma.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * one - sigma
+
+
+def step_count(seconds: float, time_step: float) -> int:
+    """Steps of the physics that cover a time: one or more."""
+    return max(int(np.ceil(seconds / time_step - 1e-6)), 1)
+
+
 @dataclass(frozen=True, eq=False)
 class PusherMotion:
     """The pusher's motion in steps of the physics.

@@ -7,9 +7,16 @@ import trimesh
 
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
-from pinwm_drake.errors import ModelError, StateError
+from pinwm_drake.errors import InputError, ModelError, StateError
 from pinwm_drake.physics import Parameters, State, Stepper
-from pinwm_drake.scene import make_scene, pusher_motion, resting_height, rollout_poses
+from pinwm_drake.scene import (
+    make_scene,
+    pusher_motion,
+    resting_height,
+    rollout_poses,
+    scaled_inertia,
+    step_count,
+)
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp
 
@@ -114,3 +121,29 @@ def test_wrong_options_are_refused(cube):
         scene_of(cube, support="edges")
     with pytest.raises(ModelError, match="neither a mesh nor a shape"):
         make_scene(cube, PusherGeometry(None, None), q_WO=LEVEL, gravity=G)
+
+
+def test_a_broken_mesh_is_refused(cube, tmp_path):
+    broken = tmp_path / "broken.obj"
+    broken.write_bytes(cube.read_bytes()[:200])
+    with pytest.raises(InputError, match=r"broken\.obj"):
+        scene_of(broken)
+    with pytest.raises(InputError, match=r"broken\.obj"):
+        make_scene(cube, PusherGeometry(broken, None), q_WO=LEVEL, gravity=G)
+
+
+def test_scaled_inertia_is_that_of_a_stretched_solid(cube):
+    scene, mass = scene_of(cube, support="corners"), 0.7
+    a, b, c = 0.5, 1.0, 1.7
+    factors = torch.tensor([[1.0, 1.0, 1.0], [a**2, b**2, c**2]], dtype=torch.float64)
+    uniform, stretched = scaled_inertia(scene, mass, factors)
+    # m / 12 (b^2 + c^2) of a block.
+    assert torch.allclose(uniform, mass * SIDE**2 / 6 * torch.eye(3, dtype=torch.float64), rtol=1e-6, atol=1e-12)
+    block = torch.tensor([b**2 + c**2, a**2 + c**2, a**2 + b**2]).double().diag()
+    assert torch.allclose(stretched, mass * SIDE**2 / 12 * block, rtol=1e-6, atol=1e-12)
+    assert torch.autograd.gradcheck(lambda values: scaled_inertia(scene, mass, values), factors.requires_grad_())
+
+
+@pytest.mark.parametrize(("seconds", "steps"), [(0.0, 1), (0.1, 10), (0.1 + 1e-10, 10), (0.1001, 11), (0.095, 10)])
+def test_steps_cover_the_time(seconds, steps):
+    assert step_count(seconds, 0.01) == steps

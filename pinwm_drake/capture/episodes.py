@@ -27,6 +27,7 @@ __all__ = [
     "Episode",
     "ObjectPoses",
     "PusherTrajectory",
+    "pose_at",
     "read_episode",
     "read_episode_folder",
     "read_frames",
@@ -58,6 +59,32 @@ class Episode:
     t: np.ndarray
     trajectory: PusherTrajectory
     object_poses: ObjectPoses | None
+
+    def pusher_pose(self, time: float) -> Pose:
+        """X_WP at a time [s]; see `pose_at`."""
+        return pose_at(self.trajectory.t, self.trajectory.p_WP, self.trajectory.q_WP, time)
+
+
+def pose_at(t: np.ndarray, p: np.ndarray, q: np.ndarray, time: float) -> Pose:
+    """A pose between the rows of a table: straight in p, shortest in q.
+
+    Args:
+        t: (n,) [s], increasing.
+        p: (n, 3) [m].
+        q: (n, 4), wxyz.
+        time: s; before the first row it is that of the first, after the last that of the last.
+
+    Returns:
+        q (4,), p (3,) [m].
+    """
+    k = int(np.clip(np.searchsorted(t, time, side="right") - 1, 0, len(t) - 1))
+    after = min(k + 1, len(t) - 1)
+    share = 0.0 if after == k else float(np.clip((time - t[k]) / (t[after] - t[k]), 0.0, 1.0))
+    turned = q[after] if q[k] @ q[after] >= 0 else -q[after]
+    mixed = (1 - share) * q[k] + share * turned
+    return Pose(
+        torch.from_numpy(mixed / np.linalg.norm(mixed)), torch.from_numpy((1 - share) * p[k] + share * p[after])
+    )
 
 
 def read_episode(capture: Capture, name: str) -> Episode:

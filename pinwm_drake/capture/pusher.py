@@ -2,9 +2,9 @@
 
 import trimesh
 
-from pinwm_drake.capture.meshes import read_mesh
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import GeometryError
+from pinwm_drake.geometry.meshes import load_mesh
 
 
 def pusher_surface(pusher: PusherGeometry) -> trimesh.Trimesh:
@@ -17,14 +17,14 @@ def pusher_surface(pusher: PusherGeometry) -> trimesh.Trimesh:
         m, in frame P. Round shapes are inscribed by 1 % of the radius or less.
 
     Raises:
-        InputError: The mesh is refused; see `read_mesh`.
+        InputError: The mesh is refused; see `load_mesh`.
         GeometryError: There is neither.
     """
     if pusher.shape is not None:
         return _shape_surface(pusher.shape)
     if pusher.mesh_path is None:
         raise GeometryError("pusher: got neither a mesh nor a shape; allowed: one of the two")
-    return read_mesh(pusher.mesh_path)
+    return load_mesh(pusher.mesh_path)
 
 
 def _shape_surface(shape: PusherShape) -> trimesh.Trimesh:

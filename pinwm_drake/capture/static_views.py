@@ -7,11 +7,11 @@ import torch
 import trimesh
 
 from pinwm_drake.capture.images import read_image, size_of
-from pinwm_drake.capture.meshes import read_mesh
 from pinwm_drake.capture.objects import CAPTURE_FILE, read_capture_object
 from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.transforms import Frame, read_transforms
 from pinwm_drake.errors import InputError
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.views import View, project
 from pinwm_drake.spatial.poses import Pose, compose, identity, inverse
 
@@ -33,11 +33,11 @@ def read_static_views(folder: Path) -> list[View]:
         The views, in the order of the file.
 
     Raises:
-        InputError: Anything in these files is missing or wrong; see `read_capture_object`, `read_mesh` and
+        InputError: Anything in these files is missing or wrong; see `read_capture_object`, `load_mesh` and
             `read_views`.
     """
     about = read_capture_object(folder)
-    return read_views(folder / "static", about.X_WO, mesh=read_mesh(about.mesh_path))
+    return read_views(folder / "static", about.X_WO, mesh=load_mesh(about.mesh_path))
 
 
 def read_views(path: Path, X_WO: Pose | None = None, *, mesh: trimesh.Trimesh | None = None) -> list[View]:

@@ -1,20 +1,16 @@
 """The files that `pinwm align` writes: surfels.ply, align.json, align.png, view.html and turntable.mp4."""
 
 import json
-import platform
-import time
 from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import torch
 from rich.console import Console
 
-import pinwm_drake
+from pinwm_drake.cli.provenance import timestamp, versions
 from pinwm_drake.cli.view_show import FRAME_RATE, SURFELS_FILE, write_turntable
 from pinwm_drake.files import replacing
-from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fitting import FitResult
 from pinwm_drake.rendering.ply import write_ply
@@ -26,7 +22,6 @@ from pinwm_drake.report.surfel_page import write_surfel_page
 _STRIPS = 3
 _TURN = 4  # s
 _LARGEST_TURNTABLE = 480  # px; smaller where the images are
-_LIBRARIES = ("numba", "numpy", "torch")
 
 
 def write_results(
@@ -77,7 +72,7 @@ def _record(source: Path, mesh_path: Path, options: FitOptions, result: FitResul
         "schema_version": 1,
         "source": str(source.resolve()),
         "mesh": str(mesh_path.resolve()),
-        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "created": timestamp(),
         "num_surfels": result.surfels.num_surfels,
         "seconds": round(result.seconds, 2),
         "final_loss": float(history.loss[-1]),
@@ -86,11 +81,7 @@ def _record(source: Path, mesh_path: Path, options: FitOptions, result: FitResul
         "held_out_curve": {"iteration": history.test_iteration.tolist(), "psnr": history.test_psnr.tolist()},
         "camera_offset": list(result.camera_offset),
         "options": asdict(options),
-        "versions": {
-            "pinwm_drake": pinwm_drake.__version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in _LIBRARIES},
-        },
+        "versions": versions(),
     }
 
 
@@ -134,8 +125,6 @@ def _words(result: FitResult) -> str:
 
 def _strip(view: View, result: FitResult, psnr: float) -> Strip:
     """One view as it is and as it is rendered."""
-    offset = torch.tensor([0.0, 0.0, *result.camera_offset], dtype=torch.float64)
-    camera = Camera(view.camera.width, view.camera.height, view.camera.intrinsics + offset)
     with torch.no_grad():
-        color = render(result.surfels, camera, view.X_CO, full=False).color[0]
+        color = render(result.surfels, view.camera.shifted(result.camera_offset), view.X_CO, full=False).color[0]
     return Strip(Path(view.name).name, view.image.numpy(), color.numpy(), psnr)

@@ -1,11 +1,8 @@
 """What `pinwm identify` does: aligns if need be, identifies with a progress bar, and writes the twin."""
 
-import platform
 import shlex
 import sys
-import time
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +10,17 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-import pinwm_drake
 from pinwm_drake.capture.documents import read_json
 from pinwm_drake.capture.episodes import Episode, read_episode
 from pinwm_drake.capture.scene import Capture, read_capture
 from pinwm_drake.capture.write import write_pose_table
 from pinwm_drake.cli.align_run import run_align
+from pinwm_drake.cli.provenance import timestamp, versions
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.identification import Identification, IdentifyOptions, identify
-from pinwm_drake.identification.search import CHECKPOINT_FILE
-from pinwm_drake.identification.search import Progress as Step
+from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
+from pinwm_drake.identification.progress import Progress as Step
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.history import HISTORY_FILE
@@ -31,7 +28,6 @@ from pinwm_drake.report.score import pose_errors
 from pinwm_drake.twin import SURFELS_FILE, Estimate, Twin, write_twin
 
 _ALIGN_FILE = "align.json"
-_LIBRARIES = ("numba", "numpy", "torch")
 # What the progress bar tells of theta.
 _SHOWN = {"friction_floor": "μ floor", "friction_pusher": "μ pusher", "mass": "mass"}
 
@@ -146,12 +142,8 @@ def _provenance() -> dict[str, object]:
     """What only the command line knows."""
     return {
         "command": shlex.join(["pinwm", *sys.argv[1:]]),
-        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "versions": {
-            "pinwm_drake": pinwm_drake.__version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in _LIBRARIES},
-        },
+        "created": timestamp(),
+        "versions": versions(),
     }
 
 

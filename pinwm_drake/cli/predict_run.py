@@ -51,23 +51,25 @@ def run_predict(twin_path: Path, episode_path: Path, out: Path, video: Path | No
     console, errors = Console(), Console(stderr=True, soft_wrap=True)
     for warning in mismatches(twin, capture):
         errors.print(f"warning: {warning}", highlight=False, markup=False)
-    poses = predict_poses(twin, capture, episode)
+    identified = is_identified_episode(twin, capture, episode)
+    poses = predict_poses(twin, capture, episode, identified=identified)
     write_pose_table(out, poses)
     for line in _summary(poses, capture, episode):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
     console.print(f"wrote {out}", highlight=False, soft_wrap=True, markup=False)
     if video is not None:
-        _film(video, twin, episode, poses, is_identified_episode(twin, capture, episode), console)
+        _film(video, twin, episode, poses, identified, console)
         console.print(f"wrote {video}", highlight=False, soft_wrap=True, markup=False)
 
 
-def predict_poses(twin: Twin, capture: Capture, episode: Episode) -> ObjectPoses:
+def predict_poses(twin: Twin, capture: Capture, episode: Episode, *, identified: bool) -> ObjectPoses:
     """Where the twin says the object is at the frames of an episode.
 
     Args:
         twin: The twin.
         capture: The capture of the episode, which says where the object starts.
         episode: The episode; of it, the pusher's log and the times of the frames are used.
+        identified: Whether it is the episode that the twin was identified from.
 
     Returns:
         The poses at `episode.t`.
@@ -75,10 +77,8 @@ def predict_poses(twin: Twin, capture: Capture, episode: Episode) -> ObjectPoses
     Raises:
         PinwmError: A mesh cannot be used, or the physics found no solution.
     """
-    late = time_offset(twin, capture, episode)
-    found = rollout(
-        _in_place_of(twin, capture), start_pose(twin, capture, episode), episode.trajectory, episode.t + late
-    )
+    start, late = start_pose(twin, capture, identified=identified), time_offset(twin, identified=identified)
+    found = rollout(_in_place_of(twin, capture), start, episode.trajectory, episode.t + late)
     return ObjectPoses(episode.t, found.p_WO, found.q_WO)
 
 

@@ -2,13 +2,14 @@
 
 import io
 import os
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
-from pinwm_drake.errors import GeometryError, InputError
+from pinwm_drake.errors import GeometryError, InputError, PinwmError
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import convex_hull
 
@@ -47,8 +48,8 @@ def load_mesh(path: str | os.PathLike[str]) -> trimesh.Trimesh:
         The mesh, with faces turned outwards and without textures.
 
     Raises:
-        InputError: The file is missing, cannot be read, has no faces, has a coordinate that is not finite, is
-            not watertight, encloses no volume, or has an extent below 1 mm or above 5 m.
+        InputError: The file is missing, cannot be read, has no faces or faces that make no sense, has a coordinate
+            that is not finite, is not watertight, encloses no volume, or has an extent below 1 mm or above 5 m.
     """
     parts = _load_parts(Path(path))
     starts = np.cumsum([0] + [len(part.vertices) for part in parts])
@@ -136,9 +137,24 @@ def recentre(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, np.ndarray]:
 
 
 def _load_parts(path: Path) -> list[trimesh.Trimesh]:
-    """The closed parts of a file, each checked."""
+    """The closed parts of a file, each checked; InputError whatever the file holds."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # trimesh divides by areas and volumes of nothing
+            return _read_parts(path)
+    except PinwmError:
+        raise
+    except Exception as error:  # faces that name corners that are not there, and what else a broken file leads to
+        words = next(iter(str(error).splitlines()), "")[:120]
+        found = f"a mesh that cannot be used ({type(error).__name__}: {words})"
+        raise InputError(path, value=found, allowed="a watertight triangle mesh") from error
+
+
+def _read_parts(path: Path) -> list[trimesh.Trimesh]:
+    """The closed parts of a file, each checked; what trimesh raises for a broken file is not caught."""
     if not path.is_file():
-        raise InputError(path, value="no such file", allowed="a mesh file: .obj, .stl, .ply or .glb")
+        value = "a folder" if path.is_dir() else "no such file"
+        raise InputError(path, value=value, allowed="a mesh file: .obj, .stl, .ply or .glb")
     try:
         objects = _read_obj(path) if path.suffix.lower() == ".obj" else [trimesh.load_mesh(path)]
     except Exception as error:  # trimesh's readers raise whatever their parsers do
@@ -165,8 +181,7 @@ def _load_parts(path: Path) -> list[trimesh.Trimesh]:
     for part in parts:
         if not part.is_watertight or not part.is_winding_consistent:
             raise InputError(path, value="an open surface", allowed="a watertight mesh: two faces at every edge")
-        with np.errstate(divide="ignore", invalid="ignore"):  # trimesh divides by the volume
-            volume = float(part.volume)
+        volume = float(part.volume)
         if abs(volume) < 1e-12:
             raise InputError(path, value="a part without volume", allowed="parts of 1 mm^3 or more")
         if volume < 0.0:

@@ -1,8 +1,9 @@
 """The face on which an object rests, as points that carry its weight.
 
 A flat face presses on the floor everywhere, its corners do not carry the weight alone: a square that is turned on the
-spot meets 0.54 times the friction torque that its corners would. `resting_points` replaces the face by a few points of
-equal areas whose torque is that of uniform pressure.
+spot meets 0.54 times the friction torque that its corners would. `resting_points` replaces the face by a few points
+that slide as it does under uniform pressure: they begin in the middles of nearly equal areas, and are moved until
+friction force and torque about many centres of rotation agree, with the same share of the weight on each of them.
 """
 
 import numpy as np
@@ -19,7 +20,7 @@ _SAMPLES, _CLUSTERED = 20000, 4000
 _TRIES = 20
 # Centres of rotation, to each side, about which points and face slide; they cover this many times the face's extent.
 _CENTRES, _COVER = 9, 1.5
-# How strongly the points are held to the middles of equal areas, against differences of force and torque by 1.
+# How strongly the points are held to the middles of the areas, against differences of force and torque by 1.
 _HELD = 0.2
 # Corners this near to the face's plane [m] belong to its outline.
 _CHAMFER = 2e-3

@@ -9,7 +9,15 @@ from torch import Tensor
 from pinwm_drake.capture.episodes import Episode
 from pinwm_drake.errors import SolverError
 from pinwm_drake.physics.parameters import Parameters
-from pinwm_drake.scene import PusherMotion, Scene, pusher_motion, resting_height, rollout_poses
+from pinwm_drake.scene import (
+    PusherMotion,
+    Scene,
+    pusher_motion,
+    resting_height,
+    rollout_poses,
+    scaled_inertia,
+    step_count,
+)
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
 
@@ -101,7 +109,7 @@ class Forward:
         """The pusher's motion (T, W, 6), each world's shifted in time by its offset (W,) [s]; differentiable."""
         h = self.scene.model.time_step
         t = self.episode.t
-        steps = max(int(np.ceil((t[-1] - t[0]) / h - 1e-6)), 1)
+        steps = step_count(t[-1] - t[0], h)
 
         def at(shift: float) -> PusherMotion:
             return pusher_motion(self.episode.trajectory, float(t[0]) + shift, steps, h)
@@ -122,14 +130,6 @@ class Forward:
 
 
 def inertia(scene: Scene, mass: float, values: dict[str, Tensor]) -> Tensor:
-    """Inertia about the centre of mass, axes of O, (..., 3, 3) [kg m^2].
-
-    The second moments of mass of a uniform solid are scaled along the axes of O: Sigma' = D Sigma D with D^2 the
-    factors `moment_*`; the inertia is tr(Sigma') 1 - Sigma'.
-    """
-    solid = torch.as_tensor(scene.model.bodies[0].inertia, dtype=torch.float64)
-    sigma = 0.5 * torch.trace(solid) * torch.eye(3, dtype=torch.float64) - solid
-    d = torch.stack([values["moment_xx"], values["moment_yy"], values["moment_zz"]], -1).sqrt()
-    sigma = mass * d[..., :, None] * sigma * d[..., None, :]
-    trace = sigma.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None]
-    return trace * torch.eye(3, dtype=torch.float64) - sigma
+    """Inertia with the factors `moment_*` of a guess, (..., 3, 3) [kg m^2]; see `scaled_inertia`."""
+    factors = torch.stack([values["moment_xx"], values["moment_yy"], values["moment_zz"]], -1)
+    return scaled_inertia(scene, mass, factors)

@@ -11,15 +11,18 @@ from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_frames
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.identification.forward import Forward
+from pinwm_drake.identification.found import Found
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import make_footage
 from pinwm_drake.identification.problem import Problem
-from pinwm_drake.identification.search import Found, Progress, Search, threads
+from pinwm_drake.identification.progress import Progress
+from pinwm_drake.identification.search import Search
 from pinwm_drake.identification.uncertainty import estimates
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import make_scene, resting_height
 from pinwm_drake.twin.origin import Origin
+from pinwm_drake.twin.plain import to_plain
 from pinwm_drake.twin.twin import Estimate, Twin
 
 # Options that a continued search may have otherwise; threads count with the number that is used.
@@ -78,7 +81,7 @@ def identify(
     """
     options = options or IdentifyOptions()
     origin = Origin.of(capture, episode)
-    number = threads(options)
+    number = options.threads
     mass = options.held.get("mass", capture.object.mass or _NOMINAL_MASS)
     coordinates = Coordinates(options.free, {"mass": mass, **options.held})
     images, masks = read_frames(episode)
@@ -104,11 +107,7 @@ def identify(
         "camera_offset": list(camera_offset),
         "surfels": _digest(surfels),
         "num_threads": number,
-        **{
-            name: _plain(value)
-            for name, value in asdict(options).items()
-            if name not in ("checkpoint_every", "num_threads")
-        },
+        **to_plain({name: value for name, value in asdict(options).items() if name not in _MAY_CHANGE}),
     }
     # The kernels bring their own threads, with which torch's, spinning between its calls, would compete.
     wide = torch.get_num_threads()
@@ -162,13 +161,9 @@ def _twin(
             "losses_by_support": {"coarse": found.coarse_losses, "final": found.losses},
             "dispersion": found.posterior.dispersion,
             "seconds": round(found.seconds, 2),
-            "options": {name: _plain(value) for name, value in asdict(options).items()},
+            "options": to_plain(asdict(options)),
         },
     )
-
-
-def _plain(value: object) -> object:
-    return list(value) if isinstance(value, tuple) else dict(value) if isinstance(value, dict) else value
 
 
 def _digest(surfels: Surfels) -> str:

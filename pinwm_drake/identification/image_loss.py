@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.identification.pictures import Pictures
-from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.camera import Camera, zoomed
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, compose
@@ -35,14 +35,11 @@ def difference(
     """
     n, W = X_WO.p.shape[:2]
     X_CO = compose(Pose(pictures.X_CW.q.expand(n, W, 4), pictures.X_CW.p.expand(n, W, 3)), X_WO)
-    scale = outline[None, :, None]
-    focal, centre = pictures.camera.intrinsics[:, None, :2], pictures.camera.intrinsics[:, None, 2:]
-    middle = pictures.middle[:, None]
-    intrinsics = torch.cat([focal * scale, middle + (centre - middle) * scale], -1)
+    intrinsics = zoomed(pictures.camera.intrinsics[:, None], outline[None].detach(), pictures.middle[:, None])
     width, height = pictures.camera.width, pictures.camera.height
     shown = render(
         surfels,
-        Camera(width, height, intrinsics.detach().reshape(n * W, 4)),
+        Camera(width, height, intrinsics.reshape(n * W, 4)),
         Pose(X_CO.q.reshape(n * W, 4), X_CO.p.reshape(n * W, 3)),
         full=False,
         num_threads=num_threads,

@@ -7,6 +7,9 @@ from typing import Literal
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates
+from pinwm_drake.scene import Support
+from pinwm_drake.threads import available
+from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class IdentifyOptions:
 
     free: tuple[str, ...] = DEFAULT_FREE
     held: Mapping[str, float] = field(default_factory=dict)
-    support: Literal["auto", "corners", "patch"] = "auto"
+    support: Literal["auto"] | Support = "auto"
     seed: int = 0
     screened: int = 64
     starts: int = 4
@@ -59,7 +62,7 @@ class IdentifyOptions:
             ("fine_iterations", 0, 100_000),
             ("polish_iterations", 0, 100_000),
             ("coarse_frames", 2, 100_000),
-            ("friction_directions", 4, 128),
+            ("friction_directions", 4, MOST_FRICTION_DIRECTIONS),
             ("checkpoint_every", 1, 100_000),
         )
         for name, low, high in whole:
@@ -78,6 +81,11 @@ class IdentifyOptions:
             raise ParameterError(f"support is {self.support!r}; allowed: auto, corners or patch")
 
     @property
-    def supports(self) -> tuple[Literal["corners", "patch"], ...]:
+    def threads(self) -> int:
+        """Threads of physics and renderer."""
+        return self.num_threads or available()
+
+    @property
+    def supports(self) -> tuple[Support, ...]:
         """Those that are tried."""
         return ("corners", "patch") if self.support == "auto" else (self.support,)

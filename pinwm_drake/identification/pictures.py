@@ -1,8 +1,7 @@
 """What the camera saw of a push, at one resolution, and where it can be compared with a rendering."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import numpy as np
 import torch
 import trimesh
 from torch import Tensor
@@ -10,7 +9,7 @@ from torch import Tensor
 from pinwm_drake.capture.episodes import Episode
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.rendering.silhouette import coverage
+from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.spatial.poses import Pose, compose, inverse
 
 # A small pixel counts where the pusher covers none of it.
@@ -36,6 +35,17 @@ class Pictures:
     weight: Tensor
     middle: Tensor
     X_CW: Pose
+
+    def some(self, chosen: Tensor) -> "Pictures":
+        """Some of the frames, by their indices (m,)."""
+        return replace(
+            self,
+            camera=replace(self.camera, intrinsics=self.camera.intrinsics[chosen]),
+            color=self.color[chosen],
+            alpha=self.alpha[chosen],
+            weight=self.weight[chosen],
+            middle=self.middle[chosen],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,28 +84,13 @@ def make_footage(
     """
     if not bool(masks.any()):
         raise InputError(episode.folder, value="no frame that shows the object", allowed="a video of the object")
-    camera = Camera(
-        episode.camera.width,
-        episode.camera.height,
-        episode.camera.intrinsics + torch.tensor([0.0, 0.0, *offset], dtype=torch.float64),
-    )
-    X_CW, log = inverse(episode.X_WC), episode.trajectory
-    hidden = []
-    for t in episode.t:
-        p_WP = torch.tensor([np.interp(t, log.t, log.p_WP[:, axis]) for axis in range(3)])
-        q_WP = torch.from_numpy(log.q_WP[np.argmin(np.abs(log.t - t))])
-        X_CP = compose(X_CW, Pose(q_WP, p_WP))
-        in_front = bool((compose(X_CP, _points(pusher)).p[:, 2] > 1e-3).all())
-        hidden.append(coverage(pusher, camera, X_CP) if in_front else torch.zeros(masks.shape[1:]))
-    return Footage(episode, camera, images, masks, torch.stack(hidden))
-
-
-def _points(mesh: trimesh.Trimesh) -> Pose:
-    """Corners of a mesh as poses without rotation."""
-    p = torch.from_numpy(np.array(mesh.vertices))
-    q = torch.zeros(len(p), 4, dtype=torch.float64)
-    q[:, 0] = 1.0
-    return Pose(q, p)
+    camera, X_CW = episode.camera.shifted(offset), inverse(episode.X_WC)
+    hidden = torch.zeros(masks.shape)
+    for k, t in enumerate(episode.t.tolist()):
+        pixels = silhouette(pusher, camera, compose(X_CW, episode.pusher_pose(t)))
+        if pixels is not None:
+            hidden[k] = torch.from_numpy(pixels)
+    return Footage(episode, camera, images, masks, hidden)
 
 
 def make_pictures(footage: Footage, size: float, *, together: bool, margin: float = 0.2) -> Pictures:
@@ -127,11 +122,10 @@ def make_pictures(footage: Footage, size: float, *, together: bool, margin: floa
     extent = (scaled[:, 2:] - scaled[:, :2]).amax(0) + 2.0 * room
     width, height = min(int(extent[0]) + 1, camera.width), min(int(extent[1]) + 1, camera.height)
     cuts, intrinsics, middles = [], [], []
-    last = 0
+    last = -1
     for k, mask in enumerate(footage.masks):
-        if not together:
-            # A frame without the object is looked at where it was last seen.
-            last = min(int(footage.masks[: k + 1].any(-1).any(-1).sum()) - 1, len(scaled) - 1) if mask.any() else last
+        # A frame without the object is looked at where it was last seen.
+        last += int(mask.any())
         box = scaled[k if together else max(last, 0)]
         centre = 0.5 * (box[:2] + box[2:])
         x = min(max(round(float(centre[0]) - 0.5 * width), 0), camera.width - width)

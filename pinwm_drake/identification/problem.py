@@ -1,6 +1,6 @@
 """The loss of W guesses of the unknowns: physics, rendering and comparison put together."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -54,6 +54,10 @@ class Problem:
         losses = torch.cat(parts, -1)
         return torch.where(alive, losses, torch.inf)
 
+    def thinned(self, chosen: Tensor) -> "Problem":
+        """The same problem, with poses at some frames only, by their indices (m,)."""
+        return replace(self, forward=replace(self.forward, chosen=chosen))
+
     @torch.no_grad()
     def fit_outline(self, pictures: Pictures, z: Tensor, blocks: tuple[int, ...]) -> Tensor:
         """Z with the outline's scale that suits the first frame best, where that is free.
@@ -63,7 +67,7 @@ class Problem:
         if "outline" not in self.coordinates.names:
             return z
         column = self.coordinates.names.index("outline")
-        first = _frames(pictures, 1)
+        first = pictures.some(torch.zeros(1, dtype=torch.long))
         X_WO = self.forward.X_WO
         guesses = torch.linspace(-25.0, 10.0, 36, dtype=torch.float64)
         trial = z[:1].expand(len(guesses), -1).clone()
@@ -74,16 +78,3 @@ class Problem:
         z = z.clone()
         z[:, column] = guesses[int(losses.argmin())]
         return self.coordinates.clamp(z)
-
-
-def _frames(pictures: Pictures, number: int) -> Pictures:
-    """The first frames."""
-    camera = type(pictures.camera)(pictures.camera.width, pictures.camera.height, pictures.camera.intrinsics[:number])
-    return Pictures(
-        camera,
-        pictures.color[:number],
-        pictures.alpha[:number],
-        pictures.weight[:number],
-        pictures.middle[:number],
-        pictures.X_CW,
-    )

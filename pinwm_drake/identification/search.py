@@ -4,29 +4,26 @@ Every phase ends with arrays that the next one begins with, and every few steps 
 the checkpoint too; so an interrupted search goes on where it was, and comes to the same result.
 """
 
-import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import SolverError
 from pinwm_drake.identification.adam import AdamState, descend
+from pinwm_drake.identification.checkpoint import Checkpoint
+from pinwm_drake.identification.found import Found
 from pinwm_drake.identification.gauss_newton import NewtonState, expand, polish, weight_for
 from pinwm_drake.identification.image_loss import BLOCKS
 from pinwm_drake.identification.options import IdentifyOptions
-from pinwm_drake.identification.pictures import Footage, Pictures, make_pictures
+from pinwm_drake.identification.pictures import Footage, make_pictures
 from pinwm_drake.identification.problem import Problem
-from pinwm_drake.identification.uncertainty import Posterior, laplace, profile
+from pinwm_drake.identification.progress import Progress
+from pinwm_drake.identification.uncertainty import laplace, profile
 from pinwm_drake.scene import Support
-from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.threads import available
 
-CHECKPOINT_FILE = "identify_checkpoint.npz"
 _COARSE_RATE, _FINE_RATE = 0.5, 0.15
 # Share of the coarse steps during which the frames that count grow.
 _GROW = 0.6
@@ -34,86 +31,6 @@ _GROW = 0.6
 _CLOSE = 1.6
 # Polishing is done again, with the images weighted by what the first time revealed of their noise.
 _ROUNDS = 2
-
-
-@dataclass(frozen=True)
-class Progress:
-    """What is shown while the search goes on.
-
-    Attributes:
-        done: Share of the work, 0 to 1.
-        stage: "screen", "coarse", "fine" or "polish".
-        support: What is tried.
-        loss: Mean square of the stage's pictures; of the best guess.
-        values: Physical values of the free unknowns of that guess.
-    """
-
-    done: float
-    stage: str
-    support: str
-    loss: float
-    values: Mapping[str, float]
-
-
-@dataclass
-class Log:
-    """Every evaluation: what `history.npz` holds."""
-
-    iteration: list[int] = field(default_factory=list)
-    loss: list[float] = field(default_factory=list)
-    stage: list[str] = field(default_factory=list)
-    start: list[int] = field(default_factory=list)
-    theta: list[list[float]] = field(default_factory=list)
-
-    def add(self, stage: str, start: int, loss: float, theta: list[float]) -> None:
-        """Appends one evaluation; iterations count within each start."""
-        self.iteration.append(self.start.count(start))
-        self.loss.append(loss)
-        self.stage.append(stage)
-        self.start.append(start)
-        self.theta.append(theta)
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """As arrays, by name."""
-        return {
-            "iteration": np.array(self.iteration, np.int64),
-            "loss": np.array(self.loss, float),
-            "stage": np.array(self.stage, dtype="U16"),
-            "start": np.array(self.start, np.int64),
-            "theta": np.array(self.theta, float),
-        }
-
-    @staticmethod
-    def of(arrays: Mapping[str, np.ndarray]) -> "Log":
-        """The inverse of `arrays`."""
-        return Log(*(arrays[name].tolist() for name in ("iteration", "loss", "stage", "start", "theta")))
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What the search came to.
-
-    Attributes:
-        support: The one that explains the video best.
-        problem: With that support.
-        posterior: Around the optimum.
-        loss: Mean square of the fine pictures.
-        poses: X_WO in the frames: q (n, 4), p (n, 3) [m].
-        losses: Mean squares by support: of those that came to the fine stage, after it or after polishing.
-        coarse_losses: Of all supports, after the coarse stage.
-        log: Every evaluation.
-        seconds: Time taken, all runs together.
-    """
-
-    support: Support
-    problem: Problem
-    posterior: Posterior
-    loss: float
-    poses: Pose
-    losses: dict[Support, float]
-    coarse_losses: dict[Support, float]
-    log: Log
-    seconds: float
 
 
 class Search:
@@ -145,21 +62,12 @@ class Search:
             InputError: The checkpoint is of another search, or cannot be read.
         """
         self.problems, self.options, self.report = problems, options, report
-        self.path = None if folder is None else folder / CHECKPOINT_FILE
-        self.about = dict(about or {})
         coarse = make_pictures(footage, options.coarse_size, together=True)
         n = len(footage.images)
         self.chosen = torch.linspace(0, n - 1, min(options.coarse_frames, n)).round().long()
-        self.coarse = _some(coarse, self.chosen)
+        self.coarse = coarse.some(self.chosen)
         self.fine = make_pictures(footage, options.fine_size, together=False)
-        self.done: dict[str, np.ndarray] = {}
-        self.log = Log()
-        self.begun = time.monotonic()
-        stored = read_arrays(self.path, self.about, "identify", ["seconds"]) if self.path and resume else None
-        if stored is not None:
-            self.begun -= float(stored.pop("seconds"))
-            self.log = Log.of({name: stored.pop(f"log.{name}") for name in self.log.arrays()})
-            self.done = stored
+        self.kept = Checkpoint(folder, about or {}, resume=resume, every=options.checkpoint_every)
 
     def run(self) -> Found:
         """Searches, or goes on with it.
@@ -169,11 +77,11 @@ class Search:
         """
         for number, support in enumerate(self.problems):
             self._coarse(number, support)
-        coarse = {support: float(self.done[f"coarse.{support}.loss"]) for support in self.problems}
+        coarse = {support: float(self.kept.done[f"coarse.{support}.loss"]) for support in self.problems}
         hopeful = [support for support in self.problems if coarse[support] <= _CLOSE * min(coarse.values())]
         for support in hopeful:
             self._fine(list(self.problems).index(support), support)
-        losses = {support: float(self.done[f"fine.{support}.loss"]) for support in hopeful}
+        losses = {support: float(self.kept.done[f"fine.{support}.loss"]) for support in hopeful}
         best = min(losses.values(), default=np.inf)
         if not np.isfinite(best):
             raise SolverError("the physics found no solution for any guess; allowed: other starts (seed) or time_step")
@@ -186,10 +94,10 @@ class Search:
     def _coarse(self, number: int, support: Support) -> None:
         """Screens random guesses and descends from the best."""
         key, problem, options = f"coarse.{support}", self.problems[support], self.options
-        if f"{key}.z" in self.done:
+        if f"{key}.z" in self.kept.done:
             return
-        problem = _thinned(problem, self.chosen)
-        state = self._load_adam(key)
+        problem = problem.thinned(self.chosen)
+        state = self.kept.load_adam(key)
         if state is None:
             guesses = problem.coordinates.draw(options.screened, torch.Generator().manual_seed(options.seed))
             guesses = problem.fit_outline(self.coarse, guesses, (1,))
@@ -205,7 +113,7 @@ class Search:
             best = int(state.best_loss.argmin())
             share = state.iteration / max(options.coarse_iterations, 1)
             self._show("coarse", number, support, float(state.best_loss[best]), state.best_z[best], share)
-            self._save_adam(key, state)
+            self.kept.save_adam(key, state)
 
         state = descend(
             problem,
@@ -220,24 +128,24 @@ class Search:
         losses = state.best_loss if options.coarse_iterations else torch.zeros(len(state.z))
         best = int(losses.argmin())
         start = np.array(number * options.starts + best)
-        self._end(key, {"z": state.best_z[best], "start": start, "loss": losses[best]})
+        self.kept.end(key, {"z": state.best_z[best], "start": start, "loss": losses[best]})
 
     def _fine(self, number: int, support: Support) -> None:
         """Descends once more, on larger pictures."""
         key, problem, options = f"fine.{support}", self.problems[support], self.options
-        if f"{key}.z" in self.done:
+        if f"{key}.z" in self.kept.done:
             return
-        start = int(self.done[f"coarse.{support}.start"])
-        state = self._load_adam(key)
+        start = int(self.kept.done[f"coarse.{support}.start"])
+        state = self.kept.load_adam(key)
         if state is None:
-            z = torch.from_numpy(self.done[f"coarse.{support}.z"])[None]
+            z = torch.from_numpy(self.kept.done[f"coarse.{support}.z"])[None]
             state = AdamState.at(problem.fit_outline(self.fine, z, (1,)))
 
         def report(state: AdamState, losses: Tensor) -> None:
             self._note("fine", start, float(losses[0]), state.z[0], support)
             share = state.iteration / max(options.fine_iterations, 1)
             self._show("fine", number, support, float(state.best_loss[0]), state.best_z[0], share)
-            self._save_adam(key, state)
+            self.kept.save_adam(key, state)
 
         # One step more, so that the last move is judged too.
         state = descend(
@@ -250,18 +158,18 @@ class Search:
             grow=0.0,
             report=report,
         )
-        self._end(key, {"z": state.best_z[0], "loss": state.best_loss[0]})
+        self.kept.end(key, {"z": state.best_z[0], "loss": state.best_loss[0]})
 
     def _polish(self, number: int, support: Support, near: list[Support]) -> float:
         """Levenberg-Marquardt, twice: the second time images and prior are in balance. The loss at the end."""
         problem, options = self.problems[support], self.options
-        start = int(self.done[f"coarse.{support}.start"])
-        z, loss = torch.from_numpy(self.done[f"fine.{support}.z"]), float(self.done[f"fine.{support}.loss"])
+        start = int(self.kept.done[f"coarse.{support}.start"])
+        z, loss = torch.from_numpy(self.kept.done[f"fine.{support}.z"]), float(self.kept.done[f"fine.{support}.loss"])
         weight = weight_for(loss)
         for turn in range(_ROUNDS):
             key = f"polish{turn}.{support}"
-            if f"{key}.z" not in self.done:
-                state = self._load_newton(key) or NewtonState(0, z, 1e-2, weight, loss, False)
+            if f"{key}.z" not in self.kept.done:
+                state = self.kept.load_newton(key) or NewtonState(0, z, 1e-2, weight, loss, False)
 
                 def report(state: NewtonState, turn: int = turn, key: str = key) -> None:
                     self._note("polish", start, state.loss, state.z, support)
@@ -269,27 +177,27 @@ class Search:
                         near.index(support) + (turn + state.iteration / options.polish_iterations) / _ROUNDS
                     ) / len(near)
                     self._show("polish", number, support, state.loss, state.z, share)
-                    self._save_newton(key, state)
+                    self.kept.save_newton(key, state)
 
                 state = polish(problem, self.fine, state, iterations=options.polish_iterations, report=report)
                 model = expand(problem, self.fine, state.z)
                 dispersion = 1.0 if model is None else laplace(problem.coordinates, model, state.z, weight).dispersion
-                self._end(key, {"z": state.z, "loss": state.loss, "weight": weight / dispersion})
-            z, loss = torch.from_numpy(self.done[f"{key}.z"]), float(self.done[f"{key}.loss"])
-            weight = float(self.done[f"{key}.weight"])
+                self.kept.end(key, {"z": state.z, "loss": state.loss, "weight": weight / dispersion})
+            z, loss = torch.from_numpy(self.kept.done[f"{key}.z"]), float(self.kept.done[f"{key}.loss"])
+            weight = float(self.kept.done[f"{key}.weight"])
         return loss
 
     def _finish(self, support: Support, losses: dict[Support, float], coarse_losses: dict[Support, float]) -> Found:
         """Looks at the optimum once more."""
         problem = self.problems[support]
         last = f"polish{_ROUNDS - 1}.{support}"
-        z, weight = torch.from_numpy(self.done[f"{last}.z"]), float(self.done[f"{last}.weight"])
+        z, weight = torch.from_numpy(self.kept.done[f"{last}.z"]), float(self.kept.done[f"{last}.weight"])
         model = expand(problem, self.fine, z)
         if model is None:
             raise SolverError("the physics found no solution at the optimum; allowed: another seed or time_step")
         posterior = laplace(problem.coordinates, model, z, weight)
         n = len(self.fine.color)
-        thinned, some = _thinned(problem, self.chosen), _some(self.fine, self.chosen)
+        thinned, some = problem.thinned(self.chosen), self.fine.some(self.chosen)
         share = n / len(self.chosen) * weight / posterior.dispersion
         posterior = profile(thinned, some, posterior, share)
         return Found(
@@ -300,82 +208,21 @@ class Search:
             poses=model.poses,
             losses=losses,
             coarse_losses=coarse_losses,
-            log=self.log,
-            seconds=time.monotonic() - self.begun,
+            log=self.kept.log,
+            seconds=self.kept.seconds,
         )
 
     def _note(self, stage: str, start: int, loss: float, z: Tensor, support: Support) -> None:
-        values = self.problems[support].coordinates.values(z)
-        names = self.problems[support].coordinates.names
-        self.log.add(f"{stage} {support}", start, loss, [float(values[name]) for name in names])
+        self.kept.log.add(f"{stage} {support}", start, loss, list(self._free(support, z).values()))
 
     def _show(self, stage: str, number: int, support: Support, loss: float, z: Tensor, share: float) -> None:
         """Reports progress; the stages take about 45, 20 and 35 % of the time."""
         count = len(self.problems)
         first, width = {"screen": (0.0, 0.0), "coarse": (0.0, 0.45), "fine": (0.45, 0.2), "polish": (0.65, 0.35)}[stage]
         place = share if stage == "polish" else (number + share) / count
+        self.report(Progress(min(first + width * place, 1.0), stage, support, loss, self._free(support, z)))
+
+    def _free(self, support: Support, z: Tensor) -> dict[str, float]:
+        """Physical values of the free unknowns, in their order."""
         values = self.problems[support].coordinates.values(z)
-        names = self.problems[support].coordinates.names
-        shown = {name: float(values[name]) for name in names}
-        self.report(Progress(min(first + width * place, 1.0), stage, support, loss, shown))
-
-    def _save(self, extra: Mapping[str, np.ndarray]) -> None:
-        if self.path is None:
-            return
-        history = {f"log.{name}": array for name, array in self.log.arrays().items()}
-        seconds = np.array(time.monotonic() - self.begun)
-        write_arrays(self.path, self.about, {**self.done, **extra, **history, "seconds": seconds})
-
-    def _end(self, key: str, results: Mapping[str, object]) -> None:
-        """Keeps what a phase came to, and drops its state."""
-        self.done = {name: array for name, array in self.done.items() if not name.startswith("now.")}
-        for name, value in results.items():
-            self.done[f"{key}.{name}"] = np.asarray(value.numpy() if isinstance(value, Tensor) else value)
-        self._save({})
-
-    def _save_adam(self, key: str, state: AdamState) -> None:
-        if state.iteration % self.options.checkpoint_every == 0:
-            arrays = {name: np.asarray(value) for name, value in vars(state).items()}
-            self._save({f"now.{key}.{name}": array for name, array in arrays.items()})
-
-    def _load_adam(self, key: str) -> AdamState | None:
-        found = self._stored(key)
-        if found is None:
-            return None
-        tensors = {name: torch.from_numpy(array) for name, array in found.items() if array.ndim}
-        return AdamState(iteration=int(found["iteration"]), scale=float(found["scale"]), **tensors)
-
-    def _save_newton(self, key: str, state: NewtonState) -> None:
-        self._save({f"now.{key}.{name}": np.asarray(value) for name, value in vars(state).items()})
-
-    def _load_newton(self, key: str) -> NewtonState | None:
-        found = self._stored(key)
-        if found is None:
-            return None
-        numbers = {name: float(found[name]) for name in ("damping", "weight", "loss")}
-        return NewtonState(
-            iteration=int(found["iteration"]), z=torch.from_numpy(found["z"]), done=bool(found["done"]), **numbers
-        )
-
-    def _stored(self, key: str) -> dict[str, np.ndarray] | None:
-        """The state of a phase in the checkpoint."""
-        prefix = f"now.{key}."
-        found = {name.removeprefix(prefix): array for name, array in self.done.items() if name.startswith(prefix)}
-        return found or None
-
-
-def _some(pictures: Pictures, chosen: Tensor) -> Pictures:
-    """Some of the frames."""
-    camera = replace(pictures.camera, intrinsics=pictures.camera.intrinsics[chosen])
-    names = ("color", "alpha", "weight", "middle")
-    return replace(pictures, camera=camera, **{name: getattr(pictures, name)[chosen] for name in names})
-
-
-def _thinned(problem: Problem, chosen: Tensor) -> Problem:
-    """The same problem, with poses at some frames only."""
-    return replace(problem, forward=replace(problem.forward, chosen=chosen))
-
-
-def threads(options: IdentifyOptions) -> int:
-    """Threads of an identification."""
-    return options.num_threads or available()
+        return {name: float(values[name]) for name in self.problems[support].coordinates.names}

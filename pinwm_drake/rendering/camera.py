@@ -60,3 +60,23 @@ class Camera:
     def cropped(self, x: int, y: int, width: int, height: int) -> "Camera":
         """The camera of a box of the image whose first column and row are x and y."""
         return Camera(width, height, self.intrinsics - self.intrinsics.new_tensor([0.0, 0.0, x, y]))
+
+    def shifted(self, offset: tuple[float, float]) -> "Camera":
+        """The camera with `offset` [px] added to cx and cy."""
+        return Camera(self.width, self.height, self.intrinsics + self.intrinsics.new_tensor([0.0, 0.0, *offset]))
+
+
+def zoomed(intrinsics: Tensor, scale: Tensor, about: Tensor) -> Tensor:
+    """Intrinsics with which everything appears larger about a point of the image, which stays where it is.
+
+    Args:
+        intrinsics: (..., 4), as those of `Camera`.
+        scale: (...), by which.
+        about: (..., 2), the point, px.
+
+    Returns:
+        (..., 4), leading axes broadcast.
+    """
+    focal, centre = intrinsics[..., :2], intrinsics[..., 2:]
+    scale = scale[..., None]
+    return torch.cat([focal * scale, about + (centre - about) * scale], -1)

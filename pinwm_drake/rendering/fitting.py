@@ -233,8 +233,8 @@ class _Fit:
         """The camera with the principal point that was learnt, which is counted in px of the whole image."""
         if self.options.rate_camera == 0.0:
             return camera
-        offset = torch.cat([torch.zeros(2), factor * self.state.tensors[CAMERA].detach()])
-        return Camera(camera.width, camera.height, camera.intrinsics + offset)
+        x, y = (factor * self.state.tensors[CAMERA].detach()).tolist()
+        return camera.shifted((x, y))
 
     def _render(self, surfels: Surfels, camera: Camera, view: View, full: bool) -> Rendering:
         return render(surfels, camera, view.X_CO, full=full, backend=self.options.backend, num_threads=self.threads)

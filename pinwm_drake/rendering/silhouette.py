@@ -10,6 +10,8 @@ from pinwm_drake.rendering.kernels.silhouette import mark_triangles
 from pinwm_drake.spatial.poses import Pose, transform
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply, rotate
 
+_NEAR = 1e-3  # m; what is closer to the camera, or behind it, is not projected
+
 
 def coverage(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> Tensor:
     """Which pixels a mesh covers with their centres.
@@ -28,6 +30,21 @@ def coverage(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> Tensor:
     marked = np.zeros((camera.height, camera.width), np.float32)
     mark_triangles(at[mesh.faces], marked)
     return torch.from_numpy(marked)
+
+
+def silhouette(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> np.ndarray | None:
+    """Which pixels a mesh covers, wherever it is.
+
+    Args:
+        mesh: surface in O, m.
+        camera: with intrinsics (4,).
+        X_CO: pose of the object in the camera frame: q (4,), p (3,), m.
+
+    Returns:
+        (H, W) bool; None where a part of the mesh is behind the camera, or less than 1 mm in front of it.
+    """
+    depths = transform(X_CO, torch.from_numpy(np.array(mesh.vertices)))[:, 2]
+    return None if float(depths.min()) < _NEAR else coverage(mesh, camera, X_CO).numpy() > 0
 
 
 def between_views(mesh: trimesh.Trimesh, X_CO: Pose, spread: float, generator: np.random.Generator) -> Pose:

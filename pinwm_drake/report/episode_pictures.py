@@ -9,9 +9,9 @@ import trimesh
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode_image
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.camera import Camera, zoomed
 from pinwm_drake.rendering.render import render
-from pinwm_drake.rendering.silhouette import coverage
+from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
 from pinwm_drake.twin import Twin
@@ -111,38 +111,29 @@ def draw_frame(episode: Episode, k: int, poses: ObjectPoses, cast: Cast) -> Pict
         InputError: The image cannot be used.
     """
     image, mask = read_episode_image(episode.folder, episode.file_names[k], episode.camera)
-    width, height = episode.camera.width, episode.camera.height
-    intrinsics = episode.camera.intrinsics + torch.tensor([0.0, 0.0, *cast.camera_offset], dtype=torch.float64)
+    camera = episode.camera.shifted(cast.camera_offset)
     X_CW = inverse(episode.X_WC)
     X_WO = Pose(torch.from_numpy(poses.q_WO[k].copy()), torch.from_numpy(poses.p_WO[k].copy()))
     with torch.no_grad():
-        camera = Camera(width, height, _scaled(intrinsics, mask, cast.outline))
-        rendering = render(cast.surfels, camera, compose(X_CW, X_WO), full=False)
-    X_CP = compose(X_CW, pusher_pose(episode, float(episode.t[k]) + cast.time_offset))
+        rendering = render(cast.surfels, _zoomed(camera, mask, cast.outline), compose(X_CW, X_WO), full=False)
+    X_WP = episode.pusher_pose(float(episode.t[k]) + cast.time_offset)
+    pusher = silhouette(cast.pusher, camera, compose(X_CW, X_WP))
     return Picture(
         t=float(episode.t[k]),
         image=image,
         mask=mask,
         rendered=rendering.color[0].clamp(0, 1).numpy(),
         covered=rendering.alpha[0].numpy() > _COVERED,
-        hidden=_covered_by(cast.pusher, Camera(width, height, intrinsics), X_CP) & ~mask,
+        hidden=np.zeros_like(mask) if pusher is None else pusher & ~mask,
     )
 
 
-def _scaled(intrinsics: torch.Tensor, mask: np.ndarray, outline: float) -> torch.Tensor:
-    """Intrinsics (4,) with which the object appears `outline` times as large about its middle in the image."""
+def _zoomed(camera: Camera, mask: np.ndarray, outline: float) -> Camera:
+    """The camera to which the object appears `outline` times as large about its middle in the image."""
     rows, columns = np.nonzero(mask)
-    height, width = mask.shape
-    middle = [columns.mean() + 0.5, rows.mean() + 0.5] if len(rows) else [0.5 * width, 0.5 * height]
-    at = torch.tensor(middle, dtype=torch.float64)
-    return torch.cat([outline * intrinsics[:2], at + outline * (intrinsics[2:] - at)])
-
-
-def pusher_pose(episode: Episode, t: float) -> Pose:
-    """X_WP at a time: on the straight line between two rows, with the orientation of the nearer one."""
-    log = episode.trajectory
-    p_WP = np.array([np.interp(t, log.t, log.p_WP[:, axis]) for axis in range(3)])
-    return Pose(torch.from_numpy(log.q_WP[int(np.abs(log.t - t).argmin())].copy()), torch.from_numpy(p_WP))
+    middle = [columns.mean() + 0.5, rows.mean() + 0.5] if len(rows) else [0.5 * camera.width, 0.5 * camera.height]
+    scale, about = (torch.tensor(value, dtype=torch.float64) for value in (outline, middle))
+    return Camera(camera.width, camera.height, zoomed(camera.intrinsics, scale, about))
 
 
 def window_of(episode: Episode, poses: ObjectPoses, mesh: trimesh.Trimesh) -> tuple[slice, slice]:
@@ -179,11 +170,3 @@ def window_of(episode: Episode, poses: ObjectPoses, mesh: trimesh.Trimesh) -> tu
         return everything
     (left, top), (right, bottom) = low.astype(int).tolist(), high.astype(int).tolist()
     return slice(top, bottom), slice(left, right)
-
-
-def _covered_by(mesh: trimesh.Trimesh, camera: Camera, X_CM: Pose) -> np.ndarray:
-    """Which pixels a mesh covers: (height, width) bool; none where part of it is behind the camera."""
-    depth = transform(X_CM, torch.from_numpy(np.array(mesh.vertices)))[:, 2]
-    if float(depth.min()) < _NEAR:
-        return np.zeros((camera.height, camera.width), bool)
-    return coverage(mesh, camera, X_CM).numpy() > 0

@@ -10,13 +10,13 @@ import numpy as np
 from pinwm_drake.capture.documents import read_yaml
 from pinwm_drake.capture.episode_tables import read_pose_table
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode
+from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
 from pinwm_drake.capture.scene import Capture, read_capture
 from pinwm_drake.errors import InputError, PinwmError
 from pinwm_drake.report.history import HISTORY_FILE, History, read_history
 from pinwm_drake.twin import THETA, Twin, read_twin
 from pinwm_drake.twin.origin import Origin, hash_capture
 
-GROUND_TRUTH_FILE = "ground_truth.yaml"
 # Parameters for which a simulator may have one value.
 _COMMON = {"restitution_floor": "restitution", "restitution_pusher": "restitution"}
 _SAME_TIME = 1e-6  # s

@@ -1,19 +1,19 @@
 """`twin.yaml` as a document: every key and number of it, checked, and its form on disk."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from pinwm_drake.capture.documents import Entry
 from pinwm_drake.capture.scene import PusherShape, read_floor, read_gravity, read_shape
+from pinwm_drake.scene import Support
 from pinwm_drake.twin.estimates import estimate_to_document, read_nuisance, read_theta
 from pinwm_drake.twin.plain import read_plain, to_plain
-from pinwm_drake.twin.twin import SCHEMA_VERSION, Twin
+from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS, SCHEMA_VERSION, Twin
 
 _UNITS = {"mass": "kg", "length": "m", "angle": "rad", "time": "s"}
 _KEYS = ("schema_version", "units", "name", "mesh", "pusher", "gravity", "floor", "physics")
 _LATER_KEYS = ("theta", "nuisance", "camera_offset", "provenance")
 _LONGEST_STEP = 0.1  # s
-_MOST_DIRECTIONS = 64
 
 
 @dataclass(frozen=True)
@@ -115,16 +115,16 @@ def _read_physics(entry: Entry) -> dict[str, Any]:
     step, directions = entry["time_step"], entry["friction_directions"]
     if step.number(0.0, _LONGEST_STEP) == 0.0:
         raise step.refusal(f"above 0, up to {_LONGEST_STEP:g} s")
-    if directions.integer(4, _MOST_DIRECTIONS) % 2:
-        raise directions.refusal(f"an even number from 4 to {_MOST_DIRECTIONS}")
+    if directions.integer(4, MOST_FRICTION_DIRECTIONS) % 2:
+        raise directions.refusal(f"an even number from 4 to {MOST_FRICTION_DIRECTIONS}")
     return {
         "time_step": step.number(),
-        "friction_directions": directions.integer(4, _MOST_DIRECTIONS),
+        "friction_directions": directions.integer(4, MOST_FRICTION_DIRECTIONS),
         "support": _read_support(entry["support"]),
     }
 
 
-def _read_support(entry: Entry) -> Literal["corners", "patch"]:
+def _read_support(entry: Entry) -> Support:
     if entry.value == "corners":
         return "corners"
     if entry.value == "patch":

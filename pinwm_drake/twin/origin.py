@@ -8,7 +8,9 @@ from typing import Any
 
 import torch
 
+from pinwm_drake.capture.episode_tables import POSES_FILE
 from pinwm_drake.capture.episodes import Episode
+from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import Pose
@@ -16,7 +18,7 @@ from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
 from pinwm_drake.twin.twin import Twin
 
 # The truth, where a capture has it, is no part of what a twin is made from.
-_LEFT_OUT = ("object_poses.csv", "ground_truth.yaml")
+_LEFT_OUT = (POSES_FILE, GROUND_TRUTH_FILE)
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,11 @@ def _files(folder: Path, episode: str) -> Iterator[Path]:
 
 
 def is_identified_episode(twin: Twin, capture: Capture, episode: Episode) -> bool:
-    """Whether a twin was identified from this very episode: same name, same files."""
+    """Whether a twin was identified from this very episode: same name, same files, all of which are read.
+
+    Raises:
+        InputError: A file of the capture cannot be read.
+    """
     origin = Origin.read(twin)
     return (
         origin is not None
@@ -96,7 +102,7 @@ def is_identified_episode(twin: Twin, capture: Capture, episode: Episode) -> boo
     )
 
 
-def start_pose(twin: Twin, capture: Capture, episode: Episode) -> Pose:
+def start_pose(twin: Twin, capture: Capture, *, identified: bool) -> Pose:
     """Where the object is when an episode starts.
 
     The offsets start_x, start_y [m] and start_yaw [rad], which were estimated, belong to the episode that the twin was
@@ -105,25 +111,27 @@ def start_pose(twin: Twin, capture: Capture, episode: Episode) -> Pose:
     Args:
         twin: The twin.
         capture: The capture of the episode.
-        episode: The episode.
+        identified: Whether the episode is that one; see `is_identified_episode`.
 
     Returns:
         X_WO; q (4,), p (3,) [m].
-
-    Raises:
-        InputError: A file of the capture cannot be read.
     """
     X_WO = capture.object.X_WO
-    if not is_identified_episode(twin, capture, episode):
+    if not identified:
         return X_WO
     x, y, yaw = (_nuisance(twin, key) for key in ("start_x", "start_y", "start_yaw"))
     turn = quaternion_exp(torch.tensor([0.0, 0.0, yaw], dtype=torch.float64))
     return Pose(quaternion_multiply(turn, X_WO.q), X_WO.p + torch.tensor([x, y, 0.0], dtype=torch.float64))
 
 
-def time_offset(twin: Twin, capture: Capture, episode: Episode) -> float:
-    """By how much the frames of an episode are late against the robot's clock [s]; 0 where it is not known."""
-    return _nuisance(twin, "time_offset") if is_identified_episode(twin, capture, episode) else 0.0
+def time_offset(twin: Twin, *, identified: bool) -> float:
+    """By how much the frames of an episode are late against the robot's clock [s]; 0 where it is not known.
+
+    Args:
+        twin: The twin.
+        identified: Whether the episode is the one that the twin was identified from.
+    """
+    return _nuisance(twin, "time_offset") if identified else 0.0
 
 
 def _nuisance(twin: Twin, key: str) -> float:

@@ -8,7 +8,15 @@ import torch
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.errors import SolverError
 from pinwm_drake.physics.parameters import Parameters
-from pinwm_drake.scene import Scene, make_scene, pusher_motion, resting_height, rollout_poses
+from pinwm_drake.scene import (
+    Scene,
+    make_scene,
+    pusher_motion,
+    resting_height,
+    rollout_poses,
+    scaled_inertia,
+    step_count,
+)
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin.twin import Twin
 
@@ -39,16 +47,14 @@ def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
 def twin_parameters(twin: Twin, scene: Scene) -> Parameters:
     """Theta of one world. Products of inertia are those of the mesh, scaled like the moments."""
     theta = {key: estimate.value for key, estimate in twin.theta.items()}
-    solid = np.asarray(scene.model.bodies[0].inertia, float)
-    moments = np.array([theta["inertia_xx"], theta["inertia_yy"], theta["inertia_zz"]])
-    # Second moments of mass along the axes, which scale independently (see `identification/forward.py`).
-    second, wanted = 0.5 * np.trace(solid) - np.diag(solid), 0.5 * moments.sum() - moments
-    d = np.sqrt(np.maximum(wanted, 0.0) / np.maximum(second, 1e-300))
-    sigma = d[:, None] * (0.5 * np.trace(solid) * np.eye(3) - solid) * d[None, :]
-    inertia = np.trace(sigma) * np.eye(3) - sigma
+    solid = torch.as_tensor(scene.model.bodies[0].inertia, dtype=torch.float64).diagonal()
+    moments = torch.tensor([theta["inertia_xx"], theta["inertia_yy"], theta["inertia_zz"]], dtype=torch.float64)
+    # Second moments of mass along the axes: they scale independently, moments of inertia do not.
+    second, wanted = (0.5 * diagonal.sum() - diagonal for diagonal in (solid, moments))
+    factors = wanted.clamp_min(0.0) / second.clamp_min(1e-300)
     return Parameters(
         mass=torch.tensor([[theta["mass"]]], dtype=torch.float64),
-        inertia=torch.from_numpy(inertia)[None, None],
+        inertia=scaled_inertia(scene, 1.0, factors)[None, None],
         friction=torch.tensor([[theta["friction_floor"], theta["friction_pusher"]]], dtype=torch.float64),
         restitution=torch.tensor([[theta["restitution_floor"], theta["restitution_pusher"]]], dtype=torch.float64),
     )
@@ -87,8 +93,7 @@ def _rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray
     if abs(float(p_WO[2]) - rest) < _RESTS:
         p_WO[2] = rest
     h = scene.model.time_step
-    steps = max(int(np.ceil((t[-1] - t[0]) / h - 1e-6)), 1)
-    motion = pusher_motion(trajectory, float(t[0]), steps, h)
+    motion = pusher_motion(trajectory, float(t[0]), step_count(t[-1] - t[0], h), h)
     with torch.no_grad():
         found = rollout_poses(
             scene,

@@ -2,14 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.scene import Support
 
 SCHEMA_VERSION = 1
 TWIN_FILE = "twin.yaml"
 SURFELS_FILE = "surfels.ply"
+MOST_FRICTION_DIRECTIONS = 64
 
 # The physical parameters of a twin, and their units. The moments of inertia are about the centre of mass, along the
 # axes of O; the products of inertia are those of the mesh, scaled.
@@ -55,7 +57,7 @@ class Twin:
         gravity: Downwards [m/s^2].
         floor_height: z of the floor in the world as the physics uses it [m]: the capture's, plus the lift.
         time_step: Of the physics [s].
-        friction_directions: Of the polyhedral friction cone.
+        friction_directions: Of the polyhedral friction cone; even, 4 to 64.
         support: What touches the floor: the mesh's corners, or points of its patch.
         theta: The physical parameters; exactly the keys of `THETA`.
         nuisance: What else was estimated, and is of the identified episode only (except the lift).
@@ -71,7 +73,7 @@ class Twin:
     floor_height: float
     time_step: float
     friction_directions: int
-    support: Literal["corners", "patch"]
+    support: Support
     theta: dict[str, Estimate]
     nuisance: dict[str, Estimate]
     camera_offset: tuple[float, float]

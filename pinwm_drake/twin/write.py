@@ -68,12 +68,6 @@ def write_twin(folder: Path, twin: Twin) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _to_text(document: dict[str, Any]) -> str:
-    """YAML, lists of numbers in one line."""
-    options: dict[str, Any] = {"sort_keys": False, "allow_unicode": True, "default_flow_style": None, "width": 110}
-    return yaml.dump(document, Dumper=_Dumper, **options)
-
-
 def _read(path: Path) -> bytes:
     try:
         return path.read_bytes()

@@ -10,9 +10,9 @@ from PIL import Image, ImageFilter
 
 from pinwm_drake.capture import PusherGeometry, PusherShape, read_capture, read_episode
 from pinwm_drake.capture.check import check_capture
-from pinwm_drake.capture.checks.pictures import silhouette
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.errors import InputError
+from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.spatial.poses import Pose, compose, inverse
 from tests.capture.cube import SIDE, cameras, picture, write_views
 from tests.capture.pushed_cube import FRAMES, RADIUS, SIZE

@@ -6,6 +6,7 @@ import torch
 from PIL import Image
 
 from pinwm_drake.capture import read_capture, read_episode, read_episode_folder, read_frames
+from pinwm_drake.capture.episodes import pose_at
 from pinwm_drake.errors import InputError
 from tests.capture.pushed_cube import FRAMES, SIZE, poses, times, trajectory
 
@@ -159,3 +160,22 @@ def test_the_released_episode_is_read(shared):
     # The pusher moves on straight lines: commanded velocity held for one period.
     moved = np.diff(episode.trajectory.p_WP, axis=0)
     np.testing.assert_allclose(moved, episode.trajectory.v_WP[:-1] * np.diff(episode.trajectory.t)[:, None], atol=1e-12)
+
+
+def test_the_pusher_between_two_rows_of_its_log(pushed_cube):
+    episode = read(pushed_cube)
+    log = episode.trajectory
+    half = episode.pusher_pose(0.5 * (log.t[2] + log.t[3]))
+    np.testing.assert_allclose(half.p, 0.5 * (log.p_WP[2] + log.p_WP[3]), rtol=0, atol=1e-15)
+    for time, row in ((log.t[0] - 1.0, 0), (log.t[4], 4), (log.t[-1] + 1.0, -1)):
+        np.testing.assert_array_equal(episode.pusher_pose(time).p, log.p_WP[row])
+        np.testing.assert_array_equal(episode.pusher_pose(time).q, log.q_WP[row])
+
+
+def test_a_pose_turns_the_shorter_way():
+    angle = 0.3
+    there = np.array([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])
+    for sign in (1.0, -1.0):
+        q = np.stack([[1.0, 0.0, 0.0, 0.0], sign * there])
+        found = pose_at(np.array([0.0, 2.0]), np.zeros((2, 3)), q, 1.0)
+        np.testing.assert_allclose(found.q, [np.cos(angle / 4), 0.0, 0.0, np.sin(angle / 4)], rtol=0, atol=1e-15)

@@ -161,7 +161,7 @@ def test_nothing_is_written_over(source, scenery, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     (out / "precious").write_text("")
-    with pytest.raises(InputError, match="an empty folder"):
+    with pytest.raises(InputError, match="a new or empty folder"):
         import_nerfstudio(source, out, scenery)
     (out / "precious").unlink()
     import_nerfstudio(source, out, scenery)

@@ -71,6 +71,7 @@ def test_one_unknown_alone(pinwm, capture, tmp_path):
         (("--support", "edges"), "support is 'edges'"),
         (("--starts", "0"), "starts is 0"),
         (("--directions", "7"), "friction_directions is 7"),
+        (("--directions", "66"), "friction_directions is 66; allowed: 4 to 64"),
         (("--episode", "0007"), "no episode '0007'"),
     ],
 )

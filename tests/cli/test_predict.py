@@ -8,8 +8,8 @@ from pinwm_drake.capture import PusherShape
 from pinwm_drake.capture.episode_tables import read_pose_table
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.scene import PusherGeometry, read_capture
-from pinwm_drake.twin import Estimate, read_twin
-from pinwm_drake.twin.origin import is_identified_episode, start_pose, time_offset
+from pinwm_drake.twin import Estimate, origin, read_twin
+from pinwm_drake.twin.origin import hash_capture, is_identified_episode, start_pose, time_offset
 from tests.capture.cube import SIDE
 from tests.report.samples import GAP, SPEED, write_identified, write_push
 from tests.twin.samples import estimates
@@ -87,16 +87,32 @@ def test_the_start_that_was_estimated_is_that_of_its_episode_only(folder):
     first, second = (read_episode(capture, name) for name in ("0000", "second"))
     assert is_identified_episode(twin, capture, first)
     assert not is_identified_episode(twin, capture, second)
-    start = start_pose(twin, capture, first)
+    start = start_pose(twin, capture, identified=True)
     np.testing.assert_allclose(start.p, [1e-3, -2e-3, SIDE / 2], rtol=0, atol=1e-15)
     np.testing.assert_allclose(start.q, [np.cos(0.1), 0, 0, np.sin(0.1)], rtol=0, atol=1e-15)
-    assert time_offset(twin, capture, first) == 0.01
-    assert time_offset(twin, capture, second) == 0.0
-    assert start_pose(twin, capture, second) is capture.object.X_WO
+    assert time_offset(twin, identified=True) == 0.01
+    assert time_offset(twin, identified=False) == 0.0
+    assert start_pose(twin, capture, identified=False) is capture.object.X_WO
     # An episode of the same name in another capture is another episode.
     path = write_push(folder / "other", frames=FRAMES + 1)
     other = read_capture(path)
-    assert start_pose(twin, other, read_episode(other, "0000")) is other.object.X_WO
+    assert not is_identified_episode(twin, other, read_episode(other, "0000"))
+
+
+@pytest.mark.parametrize(("name", "expected"), [("0000", 0.02), ("second", 0.0)])
+def test_prediction_uses_what_was_estimated_for_its_episode_only(pinwm, folder, tmp_path, monkeypatch, name, expected):
+    write_identified(
+        tmp_path / "twin", folder / "capture", theta=THETA, nuisance={"start_y": Estimate(0.02, None, True, "m")}
+    )
+    hashed = []
+    monkeypatch.setattr(origin, "hash_capture", lambda *arguments: hashed.append(arguments) or hash_capture(*arguments))
+    out = tmp_path / "p.csv"
+    arguments = [str(tmp_path / "twin"), str(folder / "capture/episodes" / name), "-o", str(out)]
+    code, _, errors = pinwm("predict", *arguments, "--video", str(tmp_path / "film.mp4"))
+    assert (code, errors) == (0, "")
+    assert read_pose_table(out).p_WO[0, 1] == pytest.approx(expected, abs=1e-12)
+    # All files of a capture are read for that: not more than once.
+    assert len(hashed) <= 1
 
 
 def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, tmp_path):

@@ -57,13 +57,42 @@ def test_an_open_mesh_is_not_mended(tmp_path):
 def test_missing_and_unreadable_files(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         load_mesh(tmp_path / "nothing.obj")
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="got a folder"):
         load_mesh(tmp_path)
+    with pytest.raises(InputError, match="allowed: a watertight triangle mesh"):
+        load_mesh(tmp_path / ("long" * 1000))
     for name in ("noise.stl", "noise.glb", "noise.xyz123"):
         path = tmp_path / name
         path.write_bytes(b"\x00\x01\x02" * 50)
         with pytest.raises(InputError, match=r"unreadable|no faces"):
             load_mesh(path)
+
+
+@pytest.mark.parametrize("read", [load_mesh, load_pieces])
+@pytest.mark.parametrize("suffix", [".obj", ".stl", ".ply", ".glb"])
+def test_a_broken_file_is_refused_wherever_it_breaks(tmp_path, read, suffix, recwarn):
+    path = tmp_path / f"mesh{suffix}"
+    trimesh.creation.icosphere(subdivisions=1, radius=0.1).export(path)
+    whole = path.read_bytes()
+    assert len(read(path).vertices if read is load_mesh else read(path)) > 0
+    for share in (0.3, 0.6, 0.9):
+        path.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(InputError, match=str(path)):
+            read(path)
+    assert not [warning for warning in recwarn if issubclass(warning.category, RuntimeWarning)]
+
+
+@pytest.mark.parametrize("read", [load_mesh, load_pieces])
+def test_a_face_of_a_corner_that_is_not_there_is_refused(tmp_path, read):
+    path, box = tmp_path / "mesh.glb", trimesh.creation.box(extents=(0.1, 0.2, 0.3))
+    box.export(path)
+    faces = np.asarray(box.faces, np.uint32)
+    whole = path.read_bytes()
+    assert whole.count(faces.tobytes()) == 1
+    faces[3, 1] = len(box.vertices) + 5
+    path.write_bytes(whole.replace(np.asarray(box.faces, np.uint32).tobytes(), faces.tobytes()))
+    with pytest.raises(InputError, match=r"mesh\.glb: got a mesh that cannot be used \(IndexError"):
+        read(path)
 
 
 def test_mass_properties_of_a_box():

@@ -5,17 +5,18 @@ import torch
 from pinwm_drake.capture.episodes import read_episode, read_frames
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import read_capture
-from pinwm_drake.errors import InputError
+from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.identification import IdentifyOptions, identify
+from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
 from pinwm_drake.identification.forward import Forward, inertia
 from pinwm_drake.identification.gauss_newton import expand
 from pinwm_drake.identification.image_loss import BLOCKS
 from pinwm_drake.identification.pictures import make_footage, make_pictures
 from pinwm_drake.identification.problem import Problem
-from pinwm_drake.identification.search import CHECKPOINT_FILE
 from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates
 from pinwm_drake.report.score import pose_errors
 from pinwm_drake.scene import make_scene
+from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS
 from tests.identification.samples import DIRECTIONS, LEVEL, TRUTH, surfels, write_capture
 
 QUICK = {
@@ -196,3 +197,28 @@ def test_what_the_video_does_not_show_is_not_identifiable(pushed):
     mass = found.twin.theta["mass"]
     assert not mass.identifiable
     assert mass.interval[1] / mass.interval[0] > 4.0
+
+
+def test_a_frame_without_the_object_is_looked_at_where_it_was_last_seen(pushed):
+    capture, episode = pushed
+    images, masks = read_frames(episode)
+    masks[[0, 5, 6]] = False
+    footage = make_footage(episode, images, masks, pusher_surface(capture.pusher), (0.0, 0.0))
+    found, whole = make_pictures(footage, 40.0, together=False), pictures_of(pushed)
+    for k, seen in ((0, 1), (5, 4), (6, 4), (7, 7)):
+        assert torch.equal(found.camera.intrinsics[k], whole.camera.intrinsics[seen])
+    assert not torch.equal(whole.camera.intrinsics[4], whole.camera.intrinsics[6])
+
+
+def test_some_of_the_pictures_are_those_frames(pushed):
+    pictures, chosen = pictures_of(pushed), torch.tensor([0, 7])
+    found = pictures.some(chosen)
+    for name in ("color", "alpha", "weight", "middle"):
+        assert torch.equal(getattr(found, name), getattr(pictures, name)[chosen])
+    assert torch.equal(found.camera.intrinsics, pictures.camera.intrinsics[chosen])
+
+
+def test_a_twin_may_have_as_many_friction_directions_as_an_identification():
+    assert IdentifyOptions(friction_directions=MOST_FRICTION_DIRECTIONS).friction_directions == MOST_FRICTION_DIRECTIONS
+    with pytest.raises(ParameterError, match=f"friction_directions is 66; allowed: 4 to {MOST_FRICTION_DIRECTIONS}"):
+        IdentifyOptions(friction_directions=66)

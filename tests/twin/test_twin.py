@@ -12,6 +12,7 @@ import yaml
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import InputError, RenderingError
 from pinwm_drake.twin import THETA, Estimate, Twin, read_twin, write_twin
+from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS
 from tests.capture.cube import write_mesh
 from tests.twin.samples import cube_twin, estimates
 
@@ -126,6 +127,7 @@ def test_a_twin_that_makes_no_sense_is_not_written(tmp_path):
         ("floor.height", math.inf, "floor.height = Infinity; allowed: a finite number"),
         ("physics.time_step", -0.1, "physics.time_step = -0.1"),
         ("physics.friction_directions", 5, "physics.friction_directions = 5; allowed: an even number from 4"),
+        ("physics.friction_directions", MOST_FRICTION_DIRECTIONS + 2, "friction_directions = 66; allowed: .* to 64"),
         ("physics.support", "feet", 'physics.support = "feet"; allowed: corners or patch'),
         ("physics.solver", "fast", 'an unknown key "solver" under physics'),
         ("colour", "red", 'an unknown key "colour"'),

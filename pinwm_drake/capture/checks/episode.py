@@ -10,7 +10,7 @@ from pinwm_drake.capture.checks.findings import Findings
 from pinwm_drake.capture.checks.motion import check_motion
 from pinwm_drake.capture.checks.scene import Scene
 from pinwm_drake.capture.checks.static import in_picture, unseen
-from pinwm_drake.capture.checks.video import Video, check_video, pose_at
+from pinwm_drake.capture.checks.video import Video, check_video
 from pinwm_drake.capture.documents import read_json
 from pinwm_drake.capture.episode_tables import (
     FRAMES_FILE,
@@ -20,7 +20,7 @@ from pinwm_drake.capture.episode_tables import (
     read_object_poses,
     read_trajectory,
 )
-from pinwm_drake.capture.episodes import CAMERA_FILE, read_fixed_camera
+from pinwm_drake.capture.episodes import CAMERA_FILE, pose_at, read_fixed_camera
 from pinwm_drake.capture.refusals import attempt
 from pinwm_drake.capture.scene import EPISODES
 from pinwm_drake.rendering.camera import Camera

@@ -5,14 +5,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import torch
-import trimesh
 
 from pinwm_drake.capture.checks.findings import Findings
-from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.rendering.silhouette import coverage
-from pinwm_drake.rendering.views import project
-from pinwm_drake.spatial.poses import Pose
 
 _FEWEST = 250  # px; an object seen in fewer says little
 _SHARE = 0.35  # of the median sharpness; below it an image counts as blurred
@@ -46,20 +40,6 @@ class Agreement:
         """What disagrees."""
         x, y = self.shift
         return f"overlap (IoU) {self.iou:.2f}, area x {self.area_ratio:.2f}, shift ({x:.0f}, {y:.0f}) px"
-
-
-def silhouette(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> np.ndarray | None:
-    """Which pixels a mesh covers: (H, W) bool; None where some of it is not in front of the camera.
-
-    Args:
-        mesh: m, frame O.
-        camera: With intrinsics (4,).
-        X_CO: Pose of O in the camera: q (4,), p (3,) [m].
-    """
-    _, depths = project(camera, X_CO, torch.from_numpy(np.array(mesh.vertices)))
-    if bool((depths <= 1e-6).any()):
-        return None
-    return coverage(mesh, camera, X_CO).numpy() > 0
 
 
 def compare(outline: np.ndarray, mask: np.ndarray, ignored: np.ndarray | None = None) -> Agreement | None:

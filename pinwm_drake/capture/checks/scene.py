@@ -8,7 +8,6 @@ import trimesh
 
 from pinwm_drake.capture.checks.findings import Findings
 from pinwm_drake.capture.documents import Entry, read_yaml
-from pinwm_drake.capture.meshes import read_mesh
 from pinwm_drake.capture.objects import (
     CAPTURE_FILE,
     read_mass,
@@ -20,6 +19,7 @@ from pinwm_drake.capture.objects import (
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.refusals import attempt, passes
 from pinwm_drake.capture.scene import PusherGeometry, episode_names, read_floor, read_gravity, read_pusher
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
@@ -85,7 +85,7 @@ def _check_object(document: Entry, findings: Findings) -> tuple[trimesh.Trimesh 
     attempt(lambda: read_mass(about), findings.error)
     path = attempt(lambda: read_mesh_path(about), findings.error)
     attempt(lambda: read_object(about), findings.error)
-    mesh = None if path is None else attempt(lambda: read_mesh(path), findings.error)
+    mesh = None if path is None else attempt(lambda: load_mesh(path), findings.error)
     if mesh is not None and path is not None:
         extent = float(np.ptp(mesh.vertices, axis=0).max())
         if extent > _LARGE:
@@ -97,7 +97,7 @@ def _check_pusher(geometry: PusherGeometry, findings: Findings) -> trimesh.Trime
     """The pusher's surface; its mesh is checked too where a shape takes its place."""
     if geometry.mesh_path is not None and geometry.shape is not None:
         path = geometry.mesh_path
-        attempt(lambda: read_mesh(path), findings.error)
+        attempt(lambda: load_mesh(path), findings.error)
     return attempt(lambda: pusher_surface(geometry), findings.error)
 
 

@@ -9,7 +9,7 @@ import trimesh
 
 from pinwm_drake.capture.checks.camera import check_camera
 from pinwm_drake.capture.checks.findings import Findings
-from pinwm_drake.capture.checks.pictures import check_area, check_sharpness, compare, sharpness, silhouette
+from pinwm_drake.capture.checks.pictures import check_area, check_sharpness, compare, sharpness
 from pinwm_drake.capture.checks.scene import Scene
 from pinwm_drake.capture.documents import Entry, read_json
 from pinwm_drake.capture.refusals import attempt, passes
@@ -17,6 +17,7 @@ from pinwm_drake.capture.static_views import TRANSFORMS, read_frame_image, requi
 from pinwm_drake.capture.transforms import Frame, read_frame, require_different
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.rendering.views import project
 from pinwm_drake.spatial.poses import Pose, compose, inverse
 from pinwm_drake.spatial.rotations import quaternion_to_matrix

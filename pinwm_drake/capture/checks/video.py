@@ -6,7 +6,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import torch
 import trimesh
 
 from pinwm_drake.capture.checks.findings import Findings
@@ -17,7 +16,6 @@ from pinwm_drake.capture.checks.pictures import (
     compare,
     dilated,
     sharpness,
-    silhouette,
 )
 from pinwm_drake.capture.episode_tables import FRAMES_FILE
 from pinwm_drake.capture.episodes import read_episode_image
@@ -26,6 +24,7 @@ from pinwm_drake.capture.refusals import attempt
 from pinwm_drake.capture.scene import EPISODES
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.spatial.poses import Pose, compose, inverse
 
 _CONTRAST = 0.12  # of the range from black to white: a change that is not noise
@@ -176,23 +175,4 @@ def _check_agreements(video: Video, seen: _Seen, findings: Findings) -> None:
         video.folder / video.file_names[k],
         f"mask against mesh projected at t = {float(video.t[k]):.3f} s: {worst.words()}{several}",
         "outlines that agree; check scale, calibration, camera.json, X_WO and poses",
-    )
-
-
-def pose_at(t: np.ndarray, p: np.ndarray, q: np.ndarray, time: float) -> Pose:
-    """A pose between the rows of a table: straight in p, shortest in q.
-
-    Args:
-        t: (n,) [s], increasing.
-        p: (n, 3) [m].
-        q: (n, 4), wxyz.
-        time: s; before the first row it is that of the first, after the last that of the last.
-    """
-    k = int(np.clip(np.searchsorted(t, time, side="right") - 1, 0, len(t) - 1))
-    after = min(k + 1, len(t) - 1)
-    share = 0.0 if after == k else float(np.clip((time - t[k]) / (t[after] - t[k]), 0.0, 1.0))
-    turned = q[after] if q[k] @ q[after] >= 0 else -q[after]
-    mixed = (1 - share) * q[k] + share * turned
-    return Pose(
-        torch.from_numpy(mixed / np.linalg.norm(mixed)), torch.from_numpy((1 - share) * p[k] + share * p[after])
     )

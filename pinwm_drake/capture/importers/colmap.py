@@ -4,10 +4,11 @@ from pathlib import Path
 
 from pinwm_drake.capture.importers.colmap_model import ModelImage, read_model
 from pinwm_drake.capture.importers.similarity import Similarity
-from pinwm_drake.capture.importers.target import Scenery, new_capture, write_scenery
+from pinwm_drake.capture.importers.target import Scenery, write_scenery
 from pinwm_drake.capture.importers.views import PosedImage, write_static
 from pinwm_drake.capture.paths import is_file, is_folder, require_file
 from pinwm_drake.errors import InputError
+from pinwm_drake.files import appearing
 from pinwm_drake.spatial.poses import identity
 
 _MODEL_FOLDERS = ("", "sparse/0", "sparse", "0")
@@ -43,7 +44,7 @@ def import_colmap(
     model = _model_folder(source)
     folder = images or _image_folder(source, model)
     posed = [_posed(image, folder, masks) for image in read_model(model)]
-    with new_capture(out) as capture:
+    with appearing(out) as capture:
         write_scenery(capture, scenery, scenery.X_WO or identity())
         write_static(capture, posed, similarity)
     return len(posed)

@@ -7,11 +7,12 @@ from typing import Any
 from pinwm_drake.capture.documents import Entry, read_json
 from pinwm_drake.capture.images import read_size
 from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
-from pinwm_drake.capture.importers.target import Scenery, new_capture, write_scenery
+from pinwm_drake.capture.importers.target import Scenery, write_scenery
 from pinwm_drake.capture.importers.views import PosedImage, write_static
 from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.static_views import TRANSFORMS, find_mask
 from pinwm_drake.capture.transforms import Frame, read_frame, require_different
+from pinwm_drake.files import appearing
 from pinwm_drake.spatial.poses import identity
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG")
@@ -33,7 +34,7 @@ def import_nerfstudio(source: Path, out: Path, scenery: Scenery, similarity: Sim
         InputError: The file, an image or a mesh is refused; see `read_transforms` and `read_image`.
     """
     images = read_posed_images(source / TRANSFORMS if is_folder(source) else source)
-    with new_capture(out) as folder:
+    with appearing(out) as folder:
         write_scenery(folder, scenery, scenery.X_WO or identity())
         write_static(folder, images, similarity or scaled_world())
     return len(images)

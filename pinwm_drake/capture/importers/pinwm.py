@@ -22,12 +22,13 @@ from pinwm_drake.capture.images import read_image
 from pinwm_drake.capture.importers.nerfstudio import read_posed_images
 from pinwm_drake.capture.importers.pinwm_push import RATE, Push, read_push
 from pinwm_drake.capture.importers.similarity import scaled_world
-from pinwm_drake.capture.importers.target import Scenery, copy_file, new_capture, write_scenery
+from pinwm_drake.capture.importers.target import Scenery, copy_file, write_scenery
 from pinwm_drake.capture.importers.views import require_size, write_static
 from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.scene import EPISODES
 from pinwm_drake.capture.write import write_episode_tables
 from pinwm_drake.errors import InputError
+from pinwm_drake.files import appearing
 from pinwm_drake.spatial.poses import Pose
 
 _STATIC = ("transforms_train.json", "transforms.json")
@@ -63,7 +64,7 @@ def import_pinwm(
     files = _push_files(source)
     views = read_posed_images(static or _static_file(source))
     pushes = [read_push(path, pusher_height=pusher_height, camera=camera) for path in files]
-    with new_capture(out) as folder:
+    with appearing(out) as folder:
         write_scenery(folder, scenery, scenery.X_WO or _first_pose(files[0], pushes[0]))
         write_static(folder, views, scaled_world())
         for k, push in enumerate(pushes):

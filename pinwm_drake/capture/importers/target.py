@@ -1,18 +1,14 @@
 """The capture that an importer writes: its scene, and files copied into it."""
 
-import os
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from pinwm_drake.capture.meshes import read_mesh
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.capture.write import write_capture_yaml
-from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.spatial.poses import Pose
 
 
@@ -41,37 +37,6 @@ class Scenery:
     gravity: float = 9.8
 
 
-@contextmanager
-def new_capture(out: Path) -> Iterator[Path]:
-    """Hands out a folder beside `out`, and renames it to `out` when the block ends well.
-
-    Args:
-        out: The capture; not there yet, or an empty folder.
-
-    Yields:
-        The folder to write to; it is removed when the block fails.
-
-    Raises:
-        InputError: `out` holds something, or cannot be made.
-    """
-    try:
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
-            raise InputError(out, value="a folder with files, or a file", allowed="a new or an empty folder")
-        whole = out.absolute()
-        temporary = prepare_folder(whole.parent / f".{whole.name}.{os.getpid()}")
-    except OSError as error:
-        raise InputError(out, value=error.strerror, allowed="a folder that can be made") from error
-    try:
-        yield temporary
-        if out.is_dir():
-            out.rmdir()
-        temporary.rename(whole)
-    except OSError as error:
-        raise InputError(out, value=error.strerror, allowed="a folder that can be written to") from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
 def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
     """Writes `capture.yaml`, and copies the meshes.
 
@@ -86,7 +51,7 @@ def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
     meshes: dict[str, str | None] = {"object": None, "pusher": None}
     for role, path in (("object", scenery.mesh), ("pusher", scenery.pusher_mesh)):
         if path is not None:
-            read_mesh(path)
+            load_mesh(path)
             meshes[role] = f"meshes/{role}{path.suffix.lower()}"
             copy_file(path, folder / str(meshes[role]))
     write_capture_yaml(

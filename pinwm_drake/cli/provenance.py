@@ -1,0 +1,23 @@
+"""When something was made, and with which versions."""
+
+import platform
+import time
+from importlib.metadata import version
+
+import pinwm_drake
+
+_LIBRARIES = ("numba", "numpy", "torch")
+
+
+def timestamp() -> str:
+    """Now, UTC, as ISO 8601."""
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+
+
+def versions() -> dict[str, str]:
+    """The versions of this package, of Python and of the libraries that results depend on."""
+    return {
+        "pinwm_drake": pinwm_drake.__version__,
+        "python": platform.python_version(),
+        **{name: version(name) for name in _LIBRARIES},
+    }

@@ -1,0 +1,101 @@
+"""What a search keeps, so that it can go on: results of its phases, the state of the one at hand, every evaluation."""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.identification.adam import AdamState
+from pinwm_drake.identification.gauss_newton import NewtonState
+from pinwm_drake.identification.progress import Log
+
+CHECKPOINT_FILE = "identify_checkpoint.npz"
+
+
+class Checkpoint:
+    """The memory of one search, in a file where there is a folder for it.
+
+    Attributes:
+        done: Results of the phases that ended, as `PHASE.NAME`.
+        log: Every evaluation.
+    """
+
+    def __init__(self, folder: Path | None, about: Mapping[str, object], *, resume: bool, every: int) -> None:
+        """Empty, or as an earlier run left it.
+
+        Args:
+            folder: Where the file goes; None for none.
+            about: What the search depends on; a checkpoint of another search is refused.
+            resume: Whether to go on from the file, if there is one.
+            every: Steps of Adam between two writes.
+
+        Raises:
+            InputError: The checkpoint is of another search, or cannot be read.
+        """
+        self.path = None if folder is None else folder / CHECKPOINT_FILE
+        self.about, self.every = dict(about), every
+        self.done: dict[str, np.ndarray] = {}
+        self.log = Log()
+        self.begun = time.monotonic()
+        stored = read_arrays(self.path, self.about, "identify", ["seconds"]) if self.path and resume else None
+        if stored is not None:
+            self.begun -= float(stored.pop("seconds"))
+            self.log = Log.of({name: stored.pop(f"log.{name}") for name in self.log.arrays()})
+            self.done = stored
+
+    @property
+    def seconds(self) -> float:
+        """Time taken, all runs together."""
+        return time.monotonic() - self.begun
+
+    def end(self, phase: str, results: Mapping[str, object]) -> None:
+        """Keeps what a phase came to, and drops its state."""
+        self.done = {name: array for name, array in self.done.items() if not name.startswith("now.")}
+        for name, value in results.items():
+            self.done[f"{phase}.{name}"] = np.asarray(value.numpy() if isinstance(value, Tensor) else value)
+        self._write({})
+
+    def save_adam(self, phase: str, state: AdamState) -> None:
+        """Keeps the state of a phase, every few steps."""
+        if state.iteration % self.every == 0:
+            self._save(phase, state)
+
+    def load_adam(self, phase: str) -> AdamState | None:
+        """The state in which a phase was interrupted."""
+        found = self._stored(phase)
+        if found is None:
+            return None
+        tensors = {name: torch.from_numpy(array) for name, array in found.items() if array.ndim}
+        return AdamState(iteration=int(found["iteration"]), scale=float(found["scale"]), **tensors)
+
+    def save_newton(self, phase: str, state: NewtonState) -> None:
+        """Keeps the state of a phase."""
+        self._save(phase, state)
+
+    def load_newton(self, phase: str) -> NewtonState | None:
+        """The state in which a phase was interrupted."""
+        found = self._stored(phase)
+        if found is None:
+            return None
+        numbers = {name: float(found[name]) for name in ("damping", "weight", "loss")}
+        return NewtonState(
+            iteration=int(found["iteration"]), z=torch.from_numpy(found["z"]), done=bool(found["done"]), **numbers
+        )
+
+    def _save(self, phase: str, state: AdamState | NewtonState) -> None:
+        self._write({f"now.{phase}.{name}": np.asarray(value) for name, value in vars(state).items()})
+
+    def _stored(self, phase: str) -> dict[str, np.ndarray] | None:
+        prefix = f"now.{phase}."
+        found = {name.removeprefix(prefix): array for name, array in self.done.items() if name.startswith(prefix)}
+        return found or None
+
+    def _write(self, extra: Mapping[str, np.ndarray]) -> None:
+        if self.path is None:
+            return
+        history = {f"log.{name}": array for name, array in self.log.arrays().items()}
+        write_arrays(self.path, self.about, {**self.done, **extra, **history, "seconds": np.array(self.seconds)})
