@@ -1,6 +1,6 @@
 """What the station costs beyond the bare step and render: one action of 0.1 s and one 64 x 64 image, 1 and 32 worlds.
 
-The bare loop calls `Stepper.advance` as often as the diagram updates its state, and `render` once. The station does that
+The bare loop calls `Stepper.advance` as often as the diagram updates its state, and `render` once. The station does so
 inside Drake's Simulator, and makes the image what a policy sees: 8 bits, masked, hidden where the pusher stands before.
 """
 
@@ -15,7 +15,7 @@ from pinwm_drake.systems.setup import make_setup  # noqa: E402
 from pinwm_drake.systems.station import MakePushStation, PushStation  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 
-from pinwm_drake.physics import State, Stepper  # noqa: E402
+from pinwm_drake.physics import Stepper  # noqa: E402
 from pinwm_drake.rendering import render  # noqa: E402
 from pinwm_drake.spatial.poses import Pose  # noqa: E402
 
@@ -49,16 +49,16 @@ class Action:
         self.context, self.simulator, self.image = context, simulator, self.station.GetOutputPort("rgb_batch")
         world = self.station.world
         mine = world.GetMyContextFromRoot(context)
-        self.start = mine.get_discrete_state(0).value().copy()
-        self.parameters, self.physics = world.GetParameters(mine), world.physics
-        self.steps, self.updates = steps_per_update, STEPS // steps_per_update
-        x = self.start.reshape(worlds, -1)
-        self.state = State(*(torch.from_numpy(np.ascontiguousarray(part)) for part in (
-            x[:, None, :4], x[:, None, 4:7], x[:, None, 7:13], x[:, 13:17], x[:, 17:20]
-        )))  # fmt: skip
-        self.V_WP = torch.zeros(steps_per_update, worlds, 6, dtype=torch.float64)
+        self.start = [mine.get_discrete_state(k).value().copy() for k in (0, 1)]
+        parameters = world.GetParameters(mine)
+        self.theta = tuple(getattr(parameters, name).numpy() for name in ("mass", "inertia", "friction", "restitution"))
+        objects, pushers = self.start[0].reshape(worlds, -1), self.start[1].reshape(worlds, -1)
+        q_WP = np.tile([1.0, 0.0, 0.0, 0.0], (worlds, 1))
+        self.state = (objects[:, None, :4], objects[:, None, 4:7], objects[:, None, 7:], q_WP, pushers[:, :3])
+        self.updates = STEPS // steps_per_update
+        self.V_WP = np.zeros((steps_per_update, worlds, 6))
         self.V_WP[:, :, 3] = SPEED
-        self.stepper = Stepper(self.physics.scene.model)
+        self.stepper = Stepper(world.physics.scene.model)
         self.surfels, self.camera = setup.twin.surfels, setup.camera
         X_CW = setup.X_WC.inverse()
         self.R_CW, self.p_CW = X_CW.rotation().matrix(), X_CW.translation()
@@ -68,8 +68,9 @@ class Action:
     def prepare(self) -> None:
         """Goes back to the start of the action."""
         self.context.SetTime(WARM_UP)
-        world = self.station.world
-        world.GetMyMutableContextFromRoot(self.context).SetDiscreteState(0, self.start)
+        mine = self.station.world.GetMyMutableContextFromRoot(self.context)
+        for k, values in enumerate(self.start):
+            mine.SetDiscreteState(k, values)
         self.simulator.Initialize()
 
     def in_station(self) -> None:
@@ -81,8 +82,8 @@ class Action:
         """The action without it."""
         state = self.state
         for _ in range(self.updates):
-            state = self.stepper.advance(self.parameters, state, self.V_WP)
-        p_CO = state.p_WB[:, 0].numpy() @ self.R_CW.T + self.p_CW
+            state = self.stepper.advance(self.theta, state, self.V_WP)
+        p_CO = state[1][:, 0] @ self.R_CW.T + self.p_CW
         render(self.surfels, self.camera, Pose(self.q_CO, torch.from_numpy(p_CO)), full=False)
 
 

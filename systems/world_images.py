@@ -3,11 +3,11 @@
 import numpy as np
 import torch
 import trimesh
-from pinwm_drake.rendering.occluder import mesh_depth
 from pydrake.math import RigidTransform
 
 from pinwm_drake.rendering import Camera, Surfels, render
-from pinwm_drake.spatial.poses import Pose, compose
+from pinwm_drake.rendering.occluder import mesh_depth
+from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
 _NEAR = 1e-3  # m
@@ -37,11 +37,14 @@ class WorldImages:
             num_threads: Of the renderer; None for one on each core.
         """
         self.surfels, self.camera = surfels, camera
-        self._object, self._pusher = object_mesh, pusher_mesh
+        self._object = np.asarray(object_mesh.vertices), np.asarray(object_mesh.faces)
+        self._pusher = np.asarray(pusher_mesh.vertices) @ X_WC.rotation().matrix(), np.asarray(pusher_mesh.faces)
         X_CW = X_WC.inverse()
-        q_CW = torch.tensor(X_CW.rotation().ToQuaternion().wxyz())
-        self._X_CW = Pose(q_CW, torch.tensor(X_CW.translation()))
-        self._R_CW, self._p_CW = X_CW.rotation().matrix(), X_CW.translation()
+        self._q_CW, self._R_CW, self._p_CW = (
+            X_CW.rotation().ToQuaternion().wxyz(),
+            X_CW.rotation().matrix(),
+            X_CW.translation(),
+        )
         self._threads = num_threads
 
     def take(self, object_state: np.ndarray, p_WP: np.ndarray, sh: torch.Tensor) -> np.ndarray:
@@ -56,13 +59,13 @@ class WorldImages:
             (W, height, width, 4) uint8, sRGB and alpha: 255 where the object is seen and the pusher does not hide it,
             with the object's colour; white and 0 elsewhere.
         """
-        W = len(object_state)
-        q, p = torch.from_numpy(object_state[:, :4].copy()), torch.from_numpy(object_state[:, 4:7].copy())
-        X_CO = compose(Pose(self._X_CW.q.expand(W, 4), self._X_CW.p.expand(W, 3)), Pose(q, p))
+        q_CO = _product(self._q_CW, object_state[:, :4])
+        p_CO = object_state[:, 4:7] @ self._R_CW.T + self._p_CW
+        X_CO = Pose(torch.from_numpy(q_CO), torch.from_numpy(p_CO))
         surfels = Surfels(self.surfels.p_OS, self.surfels.q_OS, self.surfels.log_scale, self.surfels.logit_opacity, sh)
         image = render(surfels, self.camera, X_CO, full=False, num_threads=self._threads)
         color, alpha = image.color.numpy().reshape(-1, 3), image.alpha.numpy()
-        shown = (alpha >= 0.5) & self._visible(X_CO, p_WP)
+        shown = (alpha >= 0.5) & self._visible(q_CO, p_CO, p_WP)
         at = np.flatnonzero(shown)
         weight = alpha.reshape(-1)[at][:, None]
         pictures = np.full(shown.shape, _NOTHING, "<u4").view(np.uint8).reshape(*shown.shape, 4)
@@ -73,14 +76,29 @@ class WorldImages:
         flat[at, 3] = 255
         return pictures
 
-    def _visible(self, X_CO: Pose, p_WP: np.ndarray) -> np.ndarray:
+    def _visible(self, q_CO: np.ndarray, p_CO: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
         """(W, height, width): where the object's mesh is and the pusher does not stand before it.
 
         Small surfels are drawn wider than they are, by up to a pixel, which is much in a small image; the mesh is not.
         """
-        corners = self._object.vertices @ quaternion_to_matrix(X_CO.q).mT.numpy() + X_CO.p.numpy()[:, None]
-        depth = mesh_depth(corners, self._object.faces, self.camera, _NEAR)
+        vertices, faces = self._object
+        depth = mesh_depth(_turned(q_CO, vertices) + p_CO[:, None], faces, self.camera, _NEAR)
+        vertices, faces = self._pusher
         p_CP = p_WP @ self._R_CW.T + self._p_CW
-        corners = self._pusher.vertices @ self._R_CW.T + p_CP[:, None]
-        visible: np.ndarray = depth < mesh_depth(corners, self._pusher.faces, self.camera, _NEAR)
+        visible: np.ndarray = depth < mesh_depth(vertices + p_CP[:, None], faces, self.camera, _NEAR)
         return visible
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Quaternion products a b of a (4,) and b (W, 4), wxyz."""
+    w, x, y, z = a
+    left = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+    product: np.ndarray = b @ left.T
+    return product
+
+
+def _turned(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Vectors v (n, 3) turned by quaternions q (W, 4): (W, n, 3)."""
+    R = quaternion_to_matrix(torch.from_numpy(q)).numpy()
+    turned: np.ndarray = v @ R.transpose(0, 2, 1)
+    return turned

@@ -10,7 +10,7 @@ from pinwm_drake.systems.contact_forces import FLOOR_PAIR, PUSHER_PAIR, ContactF
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.start import StartDistribution
 from pinwm_drake.systems.world_images import WorldImages
-from pinwm_drake.systems.world_physics import WIDTH, WorldPhysics, pusher_state
+from pinwm_drake.systems.world_physics import WorldPhysics
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, ValueProducer
@@ -68,16 +68,16 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         self._theta = [self.DeclareNumericParameter(BasicVector(values)) for values in numbers]
         self._sh = self.DeclareAbstractParameter(AbstractValue.Make(twin.surfels.sh))
         place = StartDistribution(setup).middle()
-        start = self.physics.from_object_state(rest_state(place.X_WO)[None], place.p_WP[None])
-        self._x = self.DeclareDiscreteState(np.tile(start, (W, 1)).ravel())
+        self._object = self.DeclareDiscreteState(np.tile(rest_state(place.X_WO), W))
+        self._pusher = self.DeclareDiscreteState(np.tile([*place.p_WP, 0.0, 0.0, 0.0], W))
         self._velocity = self.DeclareVectorInputPort("pusher_velocity_W", 3 * W)
         self.DeclarePeriodicDiscreteUpdateEvent(setup.period, 0.0, self._Update)
         x, theta = self.xd_ticket(), self.all_parameters_ticket()
         self._checked = self.DeclareCacheEntry("theta", self._producer(self._CalcTheta), {theta})
         self._one = self.DeclareCacheEntry("image", self._producer(functools.partial(self._CalcImages, 1)), {x, theta})
         self._all = self.DeclareCacheEntry("images", self._producer(functools.partial(self._CalcImages, W)), {x, theta})
-        self.DeclareVectorOutputPort("object_state", 13 * W, self._CalcObjectState, {x})
-        self.DeclareVectorOutputPort("pusher_state", 6 * W, self._CalcPusherState, {x})
+        self.DeclareStateOutputPort("object_state", self._object)
+        self.DeclareStateOutputPort("pusher_state", self._pusher)
         self.DeclareVectorOutputPort("plant_positions", 10, self._CalcPlantPositions, {x})
         camera = setup.camera
         self.DeclareAbstractOutputPort(
@@ -113,24 +113,27 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
             StateError: A number is not finite, a quaternion not of unit norm, or there is no such world.
         """
         worlds = self._worlds(world)
-        rows = np.asarray(object_state, float).reshape(-1, 13)
-        x = self.physics.from_object_state(rows, np.asarray(p_WP, float).reshape(-1, 3))
-        if len(x) != worlds.stop - worlds.start or not np.isfinite(x).all():
-            raise StateError(f"object_state and p_WP: got {x.tolist()}; allowed: finite numbers for {worlds}")
-        if np.abs(np.linalg.norm(x[:, :4], axis=1) - 1.0).max() > 1e-6:
+        rows, p_WP = np.asarray(object_state, float).reshape(-1, 13), np.asarray(p_WP, float).reshape(-1, 3)
+        if not len(rows) == len(p_WP) == worlds.stop - worlds.start:
+            raise StateError(f"states of {len(rows)} objects, {len(p_WP)} pushers; allowed: of world {worlds}")
+        if not (np.isfinite(rows).all() and np.isfinite(p_WP).all()):
+            raise StateError(f"object_state, p_WP: got {rows.tolist()}, {p_WP.tolist()}; allowed: finite numbers")
+        if np.abs(np.linalg.norm(rows[:, :4], axis=1) - 1.0).max() > 1e-6:
             raise StateError(f"q_WO: got {rows[:, :4].tolist()}; allowed: unit quaternions")
-        self._mutable_state(context)[worlds] = x
+        self._rows(context.get_mutable_discrete_state(self._object).get_mutable_value())[worlds] = rows
+        pushers = self._rows(context.get_mutable_discrete_state(self._pusher).get_mutable_value())
+        pushers[worlds, :3], pushers[worlds, 3:] = p_WP, 0.0
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
         """See `engine.Handle`; `context` may be that of a diagram that holds this system."""
         mine = self.GetMyMutableContextFromRoot(context)
-        p_WP = pusher_state(self._state(mine))[world, :3]
-        self.SetState(mine, rest_state(X_WO, V_WO), p_WP, world)
+        p_WP = self._state(mine)[1]
+        self.SetState(mine, rest_state(X_WO, V_WO), p_WP[world], world)
 
     def SetPusherPosition(self, context: Context, p_WP: np.ndarray, world: int = 0) -> None:
         """See `engine.Handle`; `context` may be that of a diagram that holds this system."""
         mine = self.GetMyMutableContextFromRoot(context)
-        self.SetState(mine, self.object_state(mine)[world], p_WP, world)
+        self.SetState(mine, self._state(mine)[0][world], p_WP, world)
 
     def SetParameters(self, context: Context, parameters: Parameters, world: int | None = None) -> None:
         """Sets theta of one world (parameters of one) or of all.
@@ -154,7 +157,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         Raises:
             PinwmError: Somebody wrote a value into the Context that is out of range.
         """
-        parameters: Parameters = self._checked.Eval(context)
+        parameters: Parameters = self._checked.Eval(context)[0]
         return parameters
 
     def SetColors(self, context: Context, sh: torch.Tensor) -> None:
@@ -169,10 +172,6 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
             raise ParameterError(f"sh: got {tuple(sh.shape)}; allowed: {allowed}")
         context.get_mutable_abstract_parameter(self._sh).set_value(sh.to(torch.float32).contiguous())
 
-    def object_state(self, context: Context) -> np.ndarray:
-        """(W, 13), as the port has it."""
-        return self.physics.to_object_state(self._state(context))
-
     def _worlds(self, world: int | None) -> slice:
         if world is None:
             return slice(0, self.num_worlds)
@@ -180,18 +179,20 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
             raise StateError(f"world: got {world}; allowed: 0 to {self.num_worlds - 1}")
         return slice(world, world + 1)
 
-    def _state(self, context: Context) -> np.ndarray:
-        state: np.ndarray = context.get_discrete_state(self._x).value().reshape(-1, WIDTH)
-        return state
+    def _rows(self, values: np.ndarray) -> np.ndarray:
+        return values.reshape(self.num_worlds, -1)
 
-    def _mutable_state(self, context: Context) -> np.ndarray:
-        state: np.ndarray = context.get_mutable_discrete_state(self._x).get_mutable_value().reshape(-1, WIDTH)
-        return state
+    def _state(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
+        """Of the objects (W, 13), and p_WP (W, 3)."""
+        objects = self._rows(context.get_discrete_state(self._object).value())
+        return objects, self._rows(context.get_discrete_state(self._pusher).value())[:, :3]
 
     def _Update(self, context: Context, values: DiscreteValues) -> None:
-        v_WP = self._velocity.Eval(context).reshape(-1, 3)
-        after = self.physics.advance(self._checked.Eval(context), self._state(context), v_WP)
-        values.set_value(self._x, after.ravel())
+        v_WP = self._rows(self._velocity.Eval(context))
+        theta, (state, p_WP) = self._checked.Eval(context)[1], self._state(context)
+        state, p_WP = self.physics.advance(theta, state, p_WP, v_WP)
+        values.set_value(self._object, state.ravel())
+        values.set_value(self._pusher, np.concatenate([p_WP, v_WP], axis=1).ravel())
 
     def _CalcTheta(self, context: Context, value: AbstractValue) -> None:
         shapes = ((-1, 1), (-1, 1, 3, 3), (-1, 2), (-1, 2))
@@ -201,24 +202,18 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         )
         parameters = Parameters(*tensors)
         parameters.check(self.physics.scene.model)
-        value.set_value(parameters)
+        value.set_value((parameters, tuple(getattr(parameters, name).numpy() for name in _FIELDS)))
 
     def _CalcImages(self, worlds: int, context: Context, value: AbstractValue) -> None:
-        x = self._state(context)[:worlds]
+        state, p_WP = self._state(context)
         sh = context.get_abstract_parameter(self._sh).get_value()
         if sh.ndim == 4:
             sh = sh[:worlds]
-        value.set_value(self._images.take(self.physics.to_object_state(x), pusher_state(x)[:, :3], sh))
-
-    def _CalcObjectState(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.object_state(context).ravel())
-
-    def _CalcPusherState(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(pusher_state(self._state(context)).ravel())
+        value.set_value(self._images.take(state[:worlds], p_WP[:worlds], sh))
 
     def _CalcPlantPositions(self, context: Context, output: BasicVector) -> None:
-        x = self._state(context)[:1]
-        output.SetFromVector(np.concatenate([self.physics.to_object_state(x)[0, :7], pusher_state(x)[0, :3]]))
+        state, p_WP = self._state(context)
+        output.SetFromVector(np.concatenate([state[0, :7], p_WP[0]]))
 
     def _CalcRgb(self, context: Context, output: AbstractValue) -> None:
         output.get_mutable_value().mutable_data[:] = self._one.Eval(context)[0]
@@ -227,8 +222,9 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         output.set_value(self._all.Eval(context))
 
     def _CalcContactForces(self, context: Context, output: AbstractValue) -> None:
-        x, v_WP = self._state(context), self._velocity.Eval(context).reshape(-1, 3)
-        parts = [self.physics.forces(self._checked.Eval(context), x, v_WP, w) for w in range(self.num_worlds)]
+        state, p_WP = self._state(context)
+        v_WP, theta = self._rows(self._velocity.Eval(context)), self.GetParameters(context)
+        parts = [self.physics.forces(theta, state, p_WP, v_WP, world) for world in range(self.num_worlds)]
         output.set_value(
             ContactForces(
                 worlds=np.repeat(np.arange(self.num_worlds), [len(part[0]) for part in parts]),

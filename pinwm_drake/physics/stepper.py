@@ -13,6 +13,8 @@ from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.state import State, Trajectory, check_tensor
 from pinwm_drake.threads import available, share
 
+Arrays = tuple[np.ndarray, ...]
+
 
 class Stepper:
     """Advances worlds by Stewart-Trinkle velocity steps and differentiates through them.
@@ -92,55 +94,57 @@ class Stepper:
             from pinwm_drake.physics.reference import rollout_reference
 
             return rollout_reference(self.model, parameters, state, V_WP, record_every)
-        inputs = _inputs(parameters, state, V_WP)
+        inputs = (
+            parameters.mass,
+            parameters.inertia,
+            parameters.friction,
+            parameters.restitution,
+            state.q_WB,
+            state.p_WB,
+            state.V_WB,
+            state.q_WP,
+            state.p_WP,
+            V_WP,
+        )
         for tensor in inputs:
             if tensor.device.type != "cpu":
                 raise StateError(f"a tensor is on {tensor.device}; allowed: cpu (use backend='torch' elsewhere)")
         # torch leaves `apply` untyped.
         return Trajectory(*_Rollout.apply(self, record_every, *inputs))  # type: ignore[no-untyped-call]
 
-    def advance(self, parameters: Parameters, state: State, V_WP: Tensor) -> State:
-        """The state after a sequence of steps, without gradients, on the CPU.
+    def advance(self, theta: Arrays, state: Arrays, V_WP: np.ndarray) -> Arrays:
+        """The state after a sequence of steps: plain arrays, no gradients, nothing checked.
 
-        It is `rollout` for callers that step a hundred thousand times: shapes, types and values are theirs to check,
-        once, which takes longer than a step of one world.
+        It is `rollout` for callers that step a hundred thousand times: what they give is theirs to check, once, which
+        takes longer than a step of one world.
 
         Args:
-            parameters: theta of W worlds, that `Parameters.check` accepts.
-            state: state of W worlds, that `State.check` accepts.
-            V_WP: (T, W, 6), float64, spatial velocity of the pusher in each step, [rad/s; m/s], world frame.
+            theta: mass (W, nb), inertia (W, nb, 3, 3), friction and restitution (W, num_pairs), as in `Parameters`.
+            state: q_WB (W, nb, 4), p_WB (W, nb, 3), V_WB (W, nb, 6), q_WP (W, 4), p_WP (W, 3), as in `State`.
+            V_WP: (T, W, 6), spatial velocity of the pusher in each step, [rad/s; m/s], world frame.
+            All float64 and contiguous.
 
         Returns:
-            The state after T steps.
+            The five arrays of the state after T steps.
 
         Raises:
             SolverError: a world's LCP found no solution; the message names world and step.
         """
-        frames = _arrays(self, _inputs(parameters, state, V_WP), len(V_WP), False)[4]
-        return State(*(torch.from_numpy(array[1]) for array in frames[:5]))
+        frames = self._roll(theta, state, V_WP, len(V_WP), False)[4]
+        return tuple([array[1] for array in frames[:5]])
 
-
-def _inputs(parameters: Parameters, state: State, V_WP: Tensor) -> tuple[Tensor, ...]:
-    """What a rollout depends on, in the order of the kernels."""
-    theta = (parameters.mass, parameters.inertia, parameters.friction, parameters.restitution)
-    return (*theta, state.q_WB, state.p_WB, state.V_WB, state.q_WP, state.p_WP, V_WP)
-
-
-def _arrays(stepper: Stepper, tensors: tuple[Tensor, ...], record_every: int, keep: bool) -> tuple:
-    """Rolls out; returns the arguments of the kernels: model, theta, V_WP, record_every, frames, saved."""
-    model = stepper.model
-    mass, inertia, friction, restitution, q, p, V, q_P, p_P, V_P = (
-        np.ascontiguousarray(tensor.detach().numpy()) for tensor in tensors
-    )
-    T, W = V_P.shape[:2]
-    frames = kernels.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
-    width = model.friction_directions + 2
-    saved = kernels.allocate_saved(T, W, model.num_bodies, model.contact_rows, width, keep)
-    arguments = (model.arrays, (mass, inertia, friction, restitution), V_P, record_every, frames, saved)
-    share(kernels.rollout_forward, arguments, W, stepper.num_threads)
-    if (frames[-1] < 0).any():
-        _raise_failure(model, frames[-1])
-    return arguments
+    def _roll(self, theta: Arrays, state: Arrays, V_WP: np.ndarray, record_every: int, keep: bool) -> tuple:
+        """Rolls out; returns the arguments of the kernels: model, theta, V_WP, record_every, frames, saved."""
+        model = self.model
+        T, W = V_WP.shape[:2]
+        frames = kernels.allocate_frames(*state, T // record_every + 1)
+        width = model.friction_directions + 2
+        saved = kernels.allocate_saved(T, W, model.num_bodies, model.contact_rows, width, keep)
+        arguments = (model.arrays, theta, V_WP, record_every, frames, saved)
+        share(kernels.rollout_forward, arguments, W, self.num_threads)
+        if (frames[-1] < 0).any():
+            _raise_failure(model, frames[-1])
+        return arguments
 
 
 def _raise_failure(model: Model, status: np.ndarray) -> None:
@@ -161,7 +165,8 @@ class _Rollout(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, stepper: Stepper, record_every: int, *inputs: Tensor) -> tuple[Tensor, ...]:
-        arguments = _arrays(stepper, inputs, record_every, any(ctx.needs_input_grad))
+        arrays = tuple(np.ascontiguousarray(tensor.detach().numpy()) for tensor in inputs)
+        arguments = stepper._roll(arrays[:4], arrays[4:9], arrays[9], record_every, any(ctx.needs_input_grad))
         frames = arguments[4]
         ctx.arguments = arguments
         ctx.threads = stepper.num_threads

@@ -8,7 +8,7 @@ from pinwm_drake.systems.setup import Setup, make_setup
 from pinwm_drake.systems.start import StartDistribution
 from pinwm_drake.systems.world_images import WorldImages
 from pinwm_drake.systems.world_model import WorldModel, rest_state
-from pinwm_drake.systems.world_physics import WorldPhysics
+from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
@@ -46,29 +46,31 @@ def pushed(world: WorldModel, v_WP: tuple[float, float, float] = (0.4, 0.05, 0.0
 
 
 def state_at(world: WorldModel, context: Context, t: float) -> np.ndarray:
+    """(W, 13) of the objects."""
     Simulator(world, context).AdvanceTo(t)
-    return world.object_state(context)
+    return world.GetOutputPort("object_state").Eval(context).reshape(-1, 13).copy()
+
+
+def physics_state(context: Context) -> State:
+    """The state of one world as the physics has it; the centre of mass is at O up to rounding."""
+    object_state, pusher = (torch.from_numpy(context.get_discrete_state(k).value().copy()) for k in (0, 1))
+    parts = [object_state[None, None, part] for part in (np.s_[:4], np.s_[4:7], np.s_[7:])]
+    return State(*parts, torch.tensor([[1.0, 0, 0, 0]], dtype=torch.float64), pusher[None, :3])
 
 
 def test_it_takes_the_very_steps_that_identification_differentiates(one):
     context = pushed(one)
-    first = context.get_discrete_state(0).value().copy()
-    found = state_at(one, context, 60 * H)
-    assert np.abs(found[0, 4:6] - first[4:6]).max() > 1e-3  # the object was moved
+    state = physics_state(context)
+    first = state.p_WB.clone()
+    found = state_at(one, context, 60 * H)[0]
     stepper = Stepper(one.physics.scene.model)
-    state = State(
-        q_WB=torch.tensor(first[None, None, :4]),
-        p_WB=torch.tensor(first[None, None, 4:7]),
-        V_WB=torch.tensor(first[None, None, 7:13]),
-        q_WP=torch.tensor(first[None, 13:17]),
-        p_WP=torch.tensor(first[None, 17:20]),
-    )
     V_WP = torch.tensor([[[0, 0, 0, 0.4, 0.05, 0.0]]], dtype=torch.float64)
     for _ in range(60):
         state = stepper.rollout(one.GetParameters(context), state, V_WP).frame(-1)
+    assert (state.p_WB - first).abs().max() > 1e-3  # the object was moved
     expected = torch.cat([state.q_WB[0, 0], state.p_WB[0, 0], state.V_WB[0, 0]]).numpy()
-    assert np.abs(expected[:13] - context.get_discrete_state(0).value()[:13]).max() == 0.0
-    assert np.abs(found[0] - expected).max() < 1e-15  # the centre of mass is at O up to rounding
+    assert (found == expected).all()
+    assert (one.GetOutputPort("pusher_state").Eval(context)[:3] == state.p_WP[0].numpy()).all()
 
 
 def test_a_parameter_is_found_by_gradient_from_what_the_diagram_logged(one):
@@ -79,14 +81,12 @@ def test_a_parameter_is_found_by_gradient_from_what_the_diagram_logged(one):
     logger = LogVectorOutput(world.GetOutputPort("object_state"), builder, H)
     diagram = builder.Build()
     simulator = Simulator(diagram)
-    start = world.GetMyContextFromRoot(simulator.get_context()).get_discrete_state(0).value().copy()
+    state = physics_state(world.GetMyContextFromRoot(simulator.get_context()))
     simulator.AdvanceTo(96 * H)
     log = logger.FindLog(simulator.get_context())
     # Drake logs before it updates: entry k is the state after k steps.
     observed = torch.from_numpy(log.data().T[:96:8, 4:7].copy())
     stepper, physics = Stepper(one.physics.scene.model), one.physics
-    state = State(*(torch.from_numpy(start[None, None, part]) for part in (np.s_[:4], np.s_[4:7], np.s_[7:13])),
-                  torch.from_numpy(start[None, 13:17]), torch.from_numpy(start[None, 17:20]))  # fmt: skip
     V_WP = torch.tensor([0, 0, 0, 0.4, 0.05, 0.0], dtype=torch.float64).expand(96, 1, 6)
     nominal = physics.parameters(1)
     log_friction = torch.tensor(0.05, dtype=torch.float64).log().requires_grad_()
@@ -125,12 +125,13 @@ def test_worlds_do_not_mix():
 def test_a_clone_and_a_saved_context_go_on_bit_by_bit(one):
     context = pushed(one)
     Simulator(one, context).AdvanceTo(30 * H)
-    clone, saved = context.Clone(), context.get_discrete_state(0).value().copy()
+    clone, saved = context.Clone(), [context.get_discrete_state(k).value().copy() for k in (0, 1)]
     end = state_at(one, context, 70 * H)
     assert (state_at(one, clone, 70 * H) == end).all()
     restored = pushed(one)
     restored.SetTime(30 * H)
-    restored.SetDiscreteState(saved)
+    for k, values in enumerate(saved):
+        restored.SetDiscreteState(k, values)
     assert (state_at(one, restored, 70 * H) == end).all()
     assert (state_at(one, pushed(one), 70 * H) == end).all()
 
@@ -230,34 +231,46 @@ def test_states_at_another_point_than_the_centre_of_mass(one, monkeypatch):
     X_WO = RigidTransform(RollPitchYaw(0.3, -0.2, 0.7), [0.1, 0.2, 0.3])
     V_WO = np.array([0.5, -1.0, 2.0, 0.1, 0.2, -0.3])
     state = rest_state(X_WO, V_WO)[None]
-    x = physics.from_object_state(state, np.zeros((1, 3)))
-    assert np.allclose(x[0, 4:7], X_WO @ p_OB, atol=1e-15)
-    arm = X_WO.rotation() @ p_OB
-    assert np.allclose(x[0, 10:13], V_WO[3:] + np.cross(V_WO[:3], arm), atol=1e-15)
-    assert np.allclose(physics.to_object_state(x), state, atol=1e-15)
+    _, p_WB, V_WB, _, _ = physics._at_B(state, np.zeros((1, 3)))
+    assert np.allclose(p_WB[0, 0], X_WO @ p_OB, atol=1e-15)
+    assert np.allclose(V_WB[0, 0, 3:], V_WO[3:] + np.cross(V_WO[:3], X_WO.rotation() @ p_OB), atol=1e-15)
+    # In free fall the centre of mass flies straight, and O around it.
+    theta = tuple(
+        getattr(physics.parameters(1), name).numpy().copy() for name in ("mass", "inertia", "friction", "restitution")
+    )
+    after, _ = physics.advance(theta, state, np.array([[0.0, 0, 10]]), np.zeros((1, 3)))
+    R_WO = RigidTransform(Quaternion(after[0, :4]), after[0, 4:7]).rotation()
+    moved = after[0, 4:7] + R_WO @ p_OB - X_WO @ p_OB
+    assert np.allclose(moved, H * (V_WB[0, 0, 3:] + [0, 0, -9.81 * H]), atol=1e-15)
 
 
 def test_a_world_without_a_solution_takes_shorter_steps(one, monkeypatch):
-    physics, parameters = one.physics, one.physics.parameters(3)
-    x = np.tile(pushed(one).get_discrete_state(0).value(), (3, 1))
-    v_WP = np.array([[0.1, 0, 0], [0.15, 0, 0], [0.2, 0, 0]])
-    expected = physics.advance(parameters, x, v_WP)
+    physics, context = one.physics, pushed(one)
+    theta = tuple(np.repeat(values, 3, axis=0) for values in one._checked.Eval(context)[1])
+    state = np.tile(context.get_discrete_state(0).value(), (3, 1))
+    state[:, 10] = 0.3
+    given = (theta, state, np.tile([0.0, 0, 10], (3, 1)), np.array([[0.1, 0, 0], [0.15, 0, 0], [0.2, 0, 0]]))
+    expected, _ = physics.advance(*given)
     advance = Stepper.advance
 
     def refuse(self, theta, state, V_WP):
-        fast = torch.nonzero(V_WP[0, :, 3] == 0.15).flatten().tolist()
-        if fast and self.model.time_step > 0.9 * H:
-            raise SolverError("world", worlds=tuple(fast))
+        bad = np.flatnonzero(V_WP[0, :, 3] == 0.15)
+        if len(bad) and self.model.time_step > 0.9 * H:
+            raise SolverError("world", worlds=tuple(bad))
         return advance(self, theta, state, V_WP)
 
     monkeypatch.setattr(Stepper, "advance", refuse)
-    found = physics.advance(parameters, x, v_WP)
+    found, p_WP = physics.advance(*given)
     assert (found[[0, 2]] == expected[[0, 2]]).all()
-    assert np.abs(found[1] - expected[1]).max() < 1e-3  # two half steps instead of one
-    assert found[1, 17] == pytest.approx(expected[1, 17], abs=1e-15)
-    monkeypatch.setattr(Stepper, "advance", lambda *_: (_ for _ in ()).throw(SolverError("none", worlds=(0,))))
+    assert 0 < np.abs(found[1] - expected[1]).max() < 1e-3  # two half steps instead of one
+    assert np.allclose(p_WP[:, 0], given[3][:, 0] * H, atol=1e-15)
+
+    def never(*_):
+        raise SolverError("none", worlds=(0,))
+
+    monkeypatch.setattr(Stepper, "advance", never)
     with pytest.raises(SolverError):
-        WorldPhysics.advance(physics, parameters, x, v_WP)
+        physics.advance(*given)
 
 
 @pytest.mark.parametrize(
