@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pinwm_drake.models import object_model
 from pinwm_drake.systems.sampling import whole_multiple
-from pinwm_drake.systems.scenario import Scenario, Theta
+from pinwm_drake.systems.scenario import Scenario, Theta, View
 from pinwm_drake.systems.scenario_check import check_scenario
 from pinwm_drake.systems.viewpoints import look_at
 from pydrake.math import RigidTransform
@@ -124,10 +124,16 @@ def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
         theta={name: Estimate(values[name], None, True, unit, "given") for name, unit in THETA.items()},
         nuisance={},
         camera_offset=(0.0, 0.0),
-        surfels=painted_surfels(model.visual_path),
+        surfels=painted_surfels(model.visual_path, pixel=_pixel(scenario.camera)),
         provenance={"scenario": scenario.name},
     )
     return twin, model.visual_path
+
+
+def _pixel(view: View) -> float:
+    """Width of a pixel where the camera looks, m: no surfel has to be narrower."""
+    distance = float(np.linalg.norm(np.subtract(view.p_WT, view.p_WC)))
+    return 2 * distance * math.tan(0.5 * view.fov_y) / view.height
 
 
 def _with_settings(twin: Twin, scenario: Scenario) -> Twin:

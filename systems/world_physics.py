@@ -24,6 +24,7 @@ class WorldPhysics:
     Attributes:
         scene: The twin's physics model.
         steps: Of the physics in one update.
+        retries: How often a world had to take shorter steps so far; a statistic, on which nothing depends.
     """
 
     def __init__(self, twin: Twin, q_WO: np.ndarray, steps: int, num_threads: int | None = None) -> None:
@@ -40,6 +41,7 @@ class WorldPhysics:
         """
         self.scene = twin_scene(twin, torch.as_tensor(q_WO, dtype=torch.float64))
         self.steps = steps
+        self.retries = 0
         self._nominal = twin_parameters(twin, self.scene)
         self._p_OB = self.scene.p_OB.numpy()
         self._offset = bool(np.abs(self._p_OB).max() > 1e-12)
@@ -81,6 +83,7 @@ class WorldPhysics:
                 raise
             after, p_WP_after = np.empty_like(state), np.empty_like(p_WP)
             failed = np.isin(np.arange(len(state)), error.worlds)
+            self.retries += int(failed.sum())
             for part, again in ((failed, halving + 1), (~failed, halving)):
                 if part.any():
                     some = tuple([values[part] for values in theta])
