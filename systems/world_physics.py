@@ -123,13 +123,21 @@ class WorldPhysics:
             n pair names, p_WC (n, 3) m, and f_W (n, 3) N on the object, of contacts that bear a load.
 
         Raises:
-            SolverError: The contacts have no solution.
+            SolverError: The contacts have no solution, nor with shorter steps.
         """
         V_WP = torch.zeros(len(state), 6, dtype=torch.float64)
         V_WP[:, 3:] = torch.from_numpy(v_WP.copy())
         arrays = (torch.from_numpy(values.copy()) for values in self._at_B(state, p_WP))
-        report = inspect(self.scene.model, parameters, State(*arrays), V_WP, world=world)
-        force = report.impulse_W / self.scene.model.time_step
+        state_B = State(*arrays)
+        for halving in range(_HALVINGS + 1):
+            model = self._stepper(halving).model
+            try:
+                report = inspect(model, parameters, state_B, V_WP, world=world)
+                break
+            except SolverError:
+                if halving == _HALVINGS:
+                    raise
+        force = report.impulse_W / model.time_step
         loaded = np.flatnonzero((force != 0).any(axis=1))
         return [report.pair[k] for k in loaded], report.witness[loaded].mean(axis=1), force[loaded]
 

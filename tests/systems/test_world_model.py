@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from pinwm_drake.systems import world_physics
 from pinwm_drake.systems.scenario import Physics, Scenario, Start, Theta, View
 from pinwm_drake.systems.setup import Setup, make_setup
 from pinwm_drake.systems.start import StartDistribution
@@ -15,7 +16,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from pinwm_drake.errors import ParameterError, SolverError, StateError
-from pinwm_drake.physics import Parameters, State, Stepper
+from pinwm_drake.physics import Parameters, State, Stepper, inspect
 
 H = 1 / 240
 
@@ -271,6 +272,21 @@ def test_a_world_without_a_solution_takes_shorter_steps(one, monkeypatch):
     monkeypatch.setattr(Stepper, "advance", never)
     with pytest.raises(SolverError):
         physics.advance(*given)
+
+
+def test_forces_of_a_world_without_a_solution_are_those_of_a_shorter_step(one, monkeypatch):
+    context = one.CreateDefaultContext()
+    one.get_input_port().FixValue(context, np.zeros(3))
+    Simulator(one, context).AdvanceTo(0.1)
+
+    def refuse(model, *given, **options):
+        if model.time_step > 0.4 * H:
+            raise SolverError("world", worlds=(0,))
+        return inspect(model, *given, **options)
+
+    monkeypatch.setattr(world_physics, "inspect", refuse)
+    forces = one.GetOutputPort("contact_forces").Eval(context)
+    assert np.abs(forces.f_W.sum(axis=0) - [0, 0, 9.81]).max() < 1e-6
 
 
 @pytest.mark.parametrize(
