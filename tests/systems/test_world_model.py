@@ -286,7 +286,8 @@ def test_forces_of_a_world_without_a_solution_are_those_of_a_shorter_step(one, m
 
     monkeypatch.setattr(world_physics, "inspect", refuse)
     forces = one.GetOutputPort("contact_forces").Eval(context)
-    assert np.abs(forces.f_W.sum(axis=0) - [0, 0, 9.81]).max() < 1e-6
+    # It came to rest in longer steps, so that a gap of 0.1 nm is left to be closed.
+    assert np.abs(forces.f_W.sum(axis=0) - [0, 0, 9.81]).max() < 1e-3
 
 
 @pytest.mark.parametrize(
