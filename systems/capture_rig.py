@@ -18,7 +18,7 @@ from pydrake.geometry import (
     SceneGraph,
 )
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
 from pinwm_drake.rendering.camera import Camera
@@ -75,20 +75,30 @@ class CaptureRig:
         return downsample(colour, label == int(OBJECT_LABEL), self.supersampling)
 
 
-def AddCaptureRig(builder: DiagramBuilder, scene_graph: SceneGraph, camera: Camera, supersampling: int) -> CaptureRig:
-    """Adds a renderer and a camera to a diagram.
+def AddCaptureRig(
+    builder: DiagramBuilder,
+    scene_graph: SceneGraph,
+    camera: Camera,
+    supersampling: int,
+    X_WC: RigidTransform | None = None,
+    query: OutputPort | None = None,
+) -> CaptureRig:
+    """Adds a camera to a diagram, and a renderer to its scene graph where it has none yet.
 
     Args:
-        builder: Of the diagram that holds the scene graph.
+        builder: Of the diagram.
         scene_graph: What is seen.
         camera: Size and intrinsics (4,) of the pictures.
         supersampling: How many rendered pixels make one, along each side.
+        X_WC: Pose of the camera until another one is set, OpenCV axes; None for the world's.
+        query: The scene graph's query port as the diagram has it; None for that of the scene graph itself.
 
     Returns:
         The camera.
     """
-    engine = RenderEngineVtkParams(default_clear_color=np.ones(3), lights=_lights())
-    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(engine))
+    if not scene_graph.HasRenderer(_RENDERER):
+        engine = RenderEngineVtkParams(default_clear_color=np.ones(3), lights=_lights())
+        scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(engine))
     focal_x, focal_y, centre_x, centre_y = (supersampling * camera.intrinsics).tolist()
     # The engine takes the principal point from the corner of the image, as this project does, although Drake's
     # documentation counts from the middle of the first pixel: measured in tests/systems/test_capture_rig.py.
@@ -97,12 +107,12 @@ def AddCaptureRig(builder: DiagramBuilder, scene_graph: SceneGraph, camera: Came
     sensor = builder.AddSystem(
         RgbdSensor(
             scene_graph.world_frame_id(),
-            RigidTransform(),
+            X_WC or RigidTransform(),
             ColorRenderCamera(core, False),
             DepthRenderCamera(core, DepthRange(_NEAR, _FAR)),
         )
     )
-    builder.Connect(scene_graph.get_query_output_port(), sensor.query_object_input_port())
+    builder.Connect(query or scene_graph.get_query_output_port(), sensor.query_object_input_port())
     return CaptureRig(sensor, camera, supersampling)
 
 

@@ -1,13 +1,16 @@
-"""Runs a pushing scene and writes down what a robot would: the pusher's log, the object's poses, the pictures."""
+"""Runs a station and writes down what a robot would: the pusher's log, the object's poses, the pictures."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from pinwm_drake.systems.capture_rig import AddCaptureRig, CaptureRig
-from pinwm_drake.systems.push_plant import MakePushPlant, PushPlant
-from pinwm_drake.systems.push_scene import PushScene
-from pinwm_drake.systems.pusher_motion import PusherMotion, StraightPush
+from pinwm_drake.systems.pusher_motion import ScriptedPush, StraightPush
+from pinwm_drake.systems.sampling import whole_multiple
+from pinwm_drake.systems.scenario import Scenario
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.start import Place
+from pinwm_drake.systems.station import MakePushStation, PushStation
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
@@ -60,19 +63,19 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class PushRecorder:
-    """A pushing scene with a camera, ready to run; `MakePushRecorder` makes one.
+    """A station with a scripted pusher and a camera, ready to run; `MakePushRecorder` makes one.
 
     Attributes:
-        diagram: Of plant, pusher's motion and camera.
-        parts: Of the plant.
-        motion: What drives the pusher.
+        diagram: Of station, script and camera.
+        station: What is pushed.
+        script: What drives the pusher.
         rig: The camera.
         rates: How often what happens.
     """
 
     diagram: Diagram
-    parts: PushPlant
-    motion: PusherMotion
+    station: PushStation
+    script: ScriptedPush
     rig: CaptureRig
     rates: Rates
 
@@ -87,7 +90,7 @@ class PushRecorder:
         """
         context = self._context(X_WO, StraightPush(_AWAY, np.array([1.0, 0.0, 0.0]), 1.0, 1.0, 1.0, np.inf))
         Simulator(self.diagram, context).AdvanceTo(_SETTLING_TIME)
-        return self._object_pose(context)
+        return self.station.object_pose(context)
 
     def push(self, X_WO: RigidTransform, push: StraightPush, number: int) -> Recording:
         """Pushes the object from rest.
@@ -107,12 +110,13 @@ class PushRecorder:
         times = np.arange((number - 1) * per_frame + 1) * period
         poses, positions = [], []
         for t in times:
-            simulator.AdvanceTo(t)
-            poses.append(self._object_pose(context))
+            # AdvanceTo(0) would make the step that begins at 0 already.
+            if t > 0:
+                simulator.AdvanceTo(t)
+            poses.append(self.station.object_pose(context))
             positions.append(self._pusher_position(context))
         p_WP, X_WO_frames, t_frames = np.array(positions), poses[::per_frame], times[::per_frame]
-        ways = np.array([push.travel(t)[0] for t in [*times, times[-1] + period]])
-        v_WP = np.diff(ways)[:, None] / period * push.direction_W
+        v_WP = np.array([push.average_velocity(k, period) for k in range(len(times))])
         q_WP = np.tile([1.0, 0.0, 0.0, 0.0], (len(times), 1))
         p_WO = np.array([pose.translation() for pose in X_WO_frames])
         return Recording(
@@ -137,35 +141,26 @@ class PushRecorder:
             (H, W, 4) uint8 each; see `CaptureRig.take`.
         """
         context = self.diagram.CreateDefaultContext()
-        mine = self.parts.plant.GetMyMutableContextFromRoot(context)
         for k, (X_WO_k, X_WC_k) in enumerate(zip(X_WO, X_WC, strict=True)):
-            self.parts.plant.SetFreeBodyPose(mine, self.parts.object, X_WO_k)
-            position = _AWAY if p_WP is None else p_WP[k]
-            self.parts.plant.SetPositions(mine, self.parts.pusher_instance, position)
+            self.station.SetPlace(context, Place(X_WO_k, _AWAY if p_WP is None else p_WP[k]))
             yield self.rig.take(context, X_WC_k)
 
     def _context(self, X_WO: RigidTransform, push: StraightPush) -> Context:
         """A new context with object and pusher at rest."""
         context = self.diagram.CreateDefaultContext()
-        mine = self.parts.plant.GetMyMutableContextFromRoot(context)
-        self.parts.plant.SetFreeBodyPose(mine, self.parts.object, X_WO)
-        self.parts.plant.SetPositions(mine, self.parts.pusher_instance, push.p_WP)
-        self.motion.SetPush(self.motion.GetMyMutableContextFromRoot(context), push)
+        self.station.SetPlace(context, Place(X_WO, push.p_WP))
+        self.script.SetPush(self.script.GetMyMutableContextFromRoot(context), push)
         return context
 
-    def _object_pose(self, context: Context) -> RigidTransform:
-        return self.parts.object.EvalPoseInWorld(self.parts.plant.GetMyContextFromRoot(context))
-
     def _pusher_position(self, context: Context) -> np.ndarray:
-        mine = self.parts.plant.GetMyContextFromRoot(context)
-        return self.parts.plant.GetPositions(mine, self.parts.pusher_instance)
+        return self.station.GetOutputPort("pusher_state").Eval(self.station.GetMyContextFromRoot(context))[:3]
 
 
-def MakePushRecorder(scene: PushScene, rates: Rates, camera: Camera, supersampling: int) -> PushRecorder:
-    """Assembles plant, pusher's motion and camera.
+def MakePushRecorder(scenario: Scenario | Setup, rates: Rates, camera: Camera, supersampling: int) -> PushRecorder:
+    """Assembles station, script and camera.
 
     Args:
-        scene: What there is; its time step that of the rates.
+        scenario: What there is, and with which engine; a row of the log takes a whole number of the pusher's periods.
         rates: How often what happens.
         camera: Size and intrinsics (4,) of the pictures.
         supersampling: Rendered pixels for each of a picture, along each side.
@@ -175,14 +170,18 @@ def MakePushRecorder(scene: PushScene, rates: Rates, camera: Camera, supersampli
 
     Raises:
         InputError: The object's mesh cannot be used.
+        ParameterError: Rates and periods do not fit.
     """
     builder = DiagramBuilder()
-    parts = MakePushPlant(builder, scene)
-    motion = builder.AddSystem(PusherMotion())
-    desired = parts.plant.get_desired_state_input_port(parts.pusher_instance)
-    builder.Connect(motion.GetOutputPort("pusher_desired_state"), desired)
-    rig = AddCaptureRig(builder, parts.scene_graph, camera, supersampling)
-    return PushRecorder(builder.Build(), parts, motion, rig, rates)
+    station = builder.AddNamedSystem("station", MakePushStation(scenario))
+    period = station.setup.period
+    whole_multiple("a row of the pusher's log", rates.time_step * rates.steps_per_record, period, "pusher.period")
+    script = builder.AddNamedSystem("script", ScriptedPush(period))
+    builder.Connect(script.get_output_port(), station.GetInputPort("pusher_velocity_W"))
+    rig = AddCaptureRig(
+        builder, station.engine.scene_graph, camera, supersampling, query=station.GetOutputPort("query_object")
+    )
+    return PushRecorder(builder.Build(), station, script, rig, rates)
 
 
 def _quaternions(poses: list[RigidTransform]) -> np.ndarray:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from pinwm_drake.systems.sampling import period_index, require_positive
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
 
 
@@ -54,6 +55,11 @@ class StraightPush:
             return self.distance - 0.5 * self.acceleration * left**2, self.acceleration * left
         return self.speed * (since - 0.5 * ramp), self.speed
 
+    def average_velocity(self, index: int, period: float) -> np.ndarray:
+        """v_WP (3,) [m/s], the average from `index` periods [s] to one more."""
+        way = self.travel((index + 1) * period)[0] - self.travel(index * period)[0]
+        return way / period * self.direction_W
+
     def to_vector(self) -> np.ndarray:
         """The numbers (10,) that describe it, in the order of the attributes."""
         rest = [self.speed, self.distance, self.acceleration, self.delay]
@@ -65,33 +71,38 @@ class StraightPush:
         return cls(values[:3], values[3:6], *(float(value) for value in values[6:]))
 
 
-class PusherMotion(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Commands a straight push, which is a parameter of the context.
+class ScriptedPush(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
+    """Moves a pusher along a straight push, which is a parameter of the context.
 
-                         ┌──────────────┐
-                         │ PusherMotion │─► pusher_desired_state   (6): p_WP [m], v_WP [m/s], W
-                         └──────────────┘                          continuous function of time
+                        ┌──────────────┐
+                        │ ScriptedPush │─► pusher_velocity_W  (3) [m/s], W
+                        └──────────────┘   function of time and parameter, constant on [k, k + 1) period
 
-    The parameter, group 0, is `StraightPush.to_vector()`, so that a diagram serves one push after another.
+    The velocity is the average over its period, so that a pusher that starts at the push's p_WP is where the push
+    has it at the end of every period. The parameter, group 0, is `StraightPush.to_vector()`, so that a diagram serves
+    one push after another; until one is set, the pusher stands.
     """
 
-    def __init__(self) -> None:
-        """Declares parameter and port; the pusher rests at the origin until a push is set."""
+    def __init__(self, period: float) -> None:
+        """Declares parameter and port.
+
+        Args:
+            period: s.
+
+        Raises:
+            ParameterError: It is not positive.
+        """
         super().__init__()
-        rest = StraightPush(np.zeros(3), np.array([1.0, 0.0, 0.0]), 1.0, 1.0, 1.0, math.inf)
-        self._push = self.DeclareNumericParameter(BasicVector(rest.to_vector()))
-        self.DeclareVectorOutputPort(
-            "pusher_desired_state",
-            6,
-            self._CalcDesiredState,
-            {self.time_ticket(), self.numeric_parameter_ticket(NumericParameterIndex(self._push))},
-        )
+        self._period = require_positive("period", period, "s")
+        stand = StraightPush(np.zeros(3), np.array([1.0, 0.0, 0.0]), 1.0, 1.0, 1.0, math.inf)
+        self._push = self.DeclareNumericParameter(BasicVector(stand.to_vector()))
+        parameter = self.numeric_parameter_ticket(NumericParameterIndex(self._push))
+        self.DeclareVectorOutputPort("pusher_velocity_W", 3, self._CalcVelocity, {self.time_ticket(), parameter})
 
     def SetPush(self, context: Context, push: StraightPush) -> None:
         """Sets the push of this system's context."""
         context.get_mutable_numeric_parameter(self._push).SetFromVector(push.to_vector())
 
-    def _CalcDesiredState(self, context: Context, output: BasicVector) -> None:
+    def _CalcVelocity(self, context: Context, output: BasicVector) -> None:
         push = StraightPush.from_vector(context.get_numeric_parameter(self._push).CopyToVector())
-        way, speed = push.travel(context.get_time())
-        output.SetFromVector(np.concatenate([push.p_WP + way * push.direction_W, speed * push.direction_W]))
+        output.SetFromVector(push.average_velocity(period_index(context.get_time(), self._period), self._period))

@@ -115,9 +115,11 @@ class Plant:
 
     Attributes:
         time_step: s; null for the longest one that divides the pusher's period and is at most 1/3840 s.
+        reference_speed: m/s, of approach, at which a restitution above 0 is meant: Drake's depends on it.
     """
 
     time_step: float | None = _quantity(None, 1e-6, 1e-2, "s")
+    reference_speed: float = _quantity(0.12, 1e-3, 10.0, "m/s")
 
 
 @dataclass

@@ -8,7 +8,7 @@ import typer
 
 def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the capture; new, or empty.")],
-    object_name: Annotated[str, typer.Option("--object", help="t_block, cube or mug.")] = "t_block",
+    object_name: Annotated[str, typer.Option("--object", help="t_block, large_t, cube or mug.")] = "t_block",
     friction: Annotated[float, typer.Option(help="Friction coefficient of object and floor.")] = 0.03,
     pusher_friction: Annotated[
         float | None,
@@ -35,7 +35,8 @@ def simulate(
     supersampling: Annotated[int, typer.Option(help="Rendered pixels for each of an image, along each side.")] = 3,
 ) -> None:
     """Makes a capture from Drake: a stand-in for a robot that pushes an object in front of a camera."""
-    from pinwm_drake.cli.capture_simulate_run import SimulateOptions, coasting_speed, run_simulate
+    from pinwm_drake.cli.capture_simulate_options import SimulateOptions, coasting_speed
+    from pinwm_drake.cli.capture_simulate_run import run_simulate
 
     options = SimulateOptions(
         object_name=object_name,

@@ -1,127 +1,34 @@
 """What `pinwm capture simulate` does: sets the scene up, runs it, and writes the capture."""
 
 import math
-import os
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, cast
 
 import numpy as np
 import torch
 import trimesh
-import yaml
 from PIL import Image
 from pydrake.math import RigidTransform, RotationMatrix
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from pinwm_drake.capture.scene import PUSHER_KINDS, PusherShape
+from pinwm_drake.capture.ground_truth import write_ground_truth
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_transforms
-from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.files import replacing
+from pinwm_drake.cli.capture_simulate_options import SimulateOptions
+from pinwm_drake.files import appearing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.models import OBJECT_NAMES, object_model
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.systems.collision_mesh import triangle_mesh
 from pinwm_drake.systems.push_choice import choose_push
-from pinwm_drake.systems.push_recorder import MakePushRecorder, PushRecorder, Rates
-from pinwm_drake.systems.push_scene import PushScene
+from pinwm_drake.systems.push_recorder import MakePushRecorder, PushRecorder
+from pinwm_drake.systems.setup import make_setup
 from pinwm_drake.systems.viewpoints import around, framed
 
-GROUND_TRUTH_FILE = "ground_truth.yaml"
 _FIELD_OF_VIEW = math.radians(40)
 _STATIC_MARGIN, _EPISODE_MARGIN = 0.12, 0.12  # of the image, free on each side of the object
-_PUSHER_LENGTH = 0.06  # m, of the straight part of a capsule or cylinder
 _CLEARANCE = 0.004  # m, between floor and pusher
-_COASTING = 0.012  # m
-_GRAVITY = 9.81  # m/s^2
-_SLOWEST, _FASTEST = 0.12, 0.4  # m/s, of a push whose speed is not given
-_RECORD_RATE = 240.0  # Hz, the lowest of the pusher's log
-_LONGEST_STEP = 1 / 3800  # s
-_BOUNCING_STEPS = 2  # times more of them where an impact of some 3 ms is to keep its energy
-
-
-@dataclass(frozen=True)
-class SimulateOptions:
-    """The options of `pinwm capture simulate`, named and in units as there.
-
-    Raises:
-        ParameterError: One is out of range.
-    """
-
-    object_name: str
-    friction: float
-    pusher_friction: float
-    mass: float
-    restitution: float
-    seed: int
-    size: int
-    episodes: int
-    static_views: int
-    frames: int
-    rate: float
-    speed: float
-    distance: float
-    pusher: str
-    pusher_radius: float
-    lying: bool
-    supersampling: int
-
-    def __post_init__(self) -> None:
-        """Checks what `PushScene` does not."""
-        _require("--object", self.object_name, self.object_name in OBJECT_NAMES, ", ".join(OBJECT_NAMES))
-        _require("--lying", self.lying, not self.lying or self.object_name == "mug", "with --object mug only")
-        _require("--seed", self.seed, 0 <= self.seed < 2**63, "0 or more")
-        _require("--size", self.size, 16 <= self.size <= 2048, "16 to 2048 px")
-        _require("--episodes", self.episodes, 0 <= self.episodes <= 1000, "0 to 1000")
-        _require("--static-views", self.static_views, 1 <= self.static_views <= 1000, "1 to 1000")
-        _require("--frames", self.frames, 2 <= self.frames <= 10000, "2 to 10000")
-        _require("--rate", self.rate, 1 <= self.rate <= 240, "1 to 240 Hz")
-        _require("--speed", self.speed, 0.01 <= self.speed <= 0.5, "0.01 to 0.5 m/s")
-        _require("--distance", self.distance, 0.005 <= self.distance <= 0.5, "0.005 to 0.5 m")
-        _require("--pusher", self.pusher, self.pusher in PUSHER_KINDS, ", ".join(PUSHER_KINDS))
-        _require("--supersampling", self.supersampling, 1 <= self.supersampling <= 8, "1 to 8")
-
-    @property
-    def rates(self) -> Rates:
-        """How often what happens."""
-        records = math.ceil(_RECORD_RATE / self.rate)
-        steps = math.ceil(1 / (self.rate * records * _LONGEST_STEP))
-        return Rates(self.rate, records, steps if self.restitution == 0 else _BOUNCING_STEPS * steps)
-
-    @property
-    def shape(self) -> PusherShape:
-        """The pusher's."""
-        kind = cast(Literal["sphere", "capsule", "cylinder"], self.pusher)
-        return PusherShape(kind, self.pusher_radius, 0.0 if kind == "sphere" else _PUSHER_LENGTH)
-
-    @property
-    def scene(self) -> PushScene:
-        """What there is."""
-        model = object_model(self.object_name)
-        return PushScene(
-            mesh_path=model.mesh_path,
-            visual_path=model.visual_path,
-            mass=self.mass,
-            friction_floor=self.friction,
-            friction_pusher=self.pusher_friction,
-            restitution=self.restitution,
-            pusher=self.shape,
-            time_step=self.rates.time_step,
-            reference_speed=self.speed,
-        )
-
-
-def coasting_speed(friction: float) -> float:
-    """Speed of a pusher [m/s] after which an object coasts on by v^2 / 2 mu g = 12 mm: what shows its friction.
-
-    An object that stops with the pusher shows only that its friction is large enough.
-    """
-    return min(max(math.sqrt(2 * max(friction, 0.0) * _GRAVITY * _COASTING), _SLOWEST), _FASTEST)
 
 
 def run_simulate(out: Path, options: SimulateOptions) -> None:
@@ -135,8 +42,7 @@ def run_simulate(out: Path, options: SimulateOptions) -> None:
         PinwmError: An option is refused, or a file cannot be written.
     """
     console = Console()
-    scene = options.scene
-    with _appearing(out) as folder:
+    with appearing(out) as folder:
         columns = (
             TextColumn("{task.description}"),
             BarColumn(bar_width=20),
@@ -146,7 +52,7 @@ def run_simulate(out: Path, options: SimulateOptions) -> None:
         with Progress(*columns, console=console) as progress:
             total = options.static_views + options.episodes * options.frames
             task = progress.add_task("getting ready", total=total)
-            _Capture(folder, options, scene).write(
+            _Capture(folder, options).write(
                 lambda what: progress.update(task, description=what), lambda: progress.advance(task)
             )
             progress.update(task, description="images")
@@ -156,23 +62,21 @@ def run_simulate(out: Path, options: SimulateOptions) -> None:
 class _Capture:
     """A capture in the making."""
 
-    def __init__(self, folder: Path, options: SimulateOptions, scene: PushScene) -> None:
-        self.folder, self.options, self.scene = folder, options, scene
-        self.mesh = load_mesh(scene.mesh_path)
-        focal = 0.5 * options.size / math.tan(0.5 * _FIELD_OF_VIEW)
-        middle = 0.5 * options.size
-        self.camera = Camera(
-            options.size, options.size, torch.tensor([focal, focal, middle, middle], dtype=torch.float64)
-        )
-        self.recorder: PushRecorder = MakePushRecorder(scene, options.rates, self.camera, options.supersampling)
+    def __init__(self, folder: Path, options: SimulateOptions) -> None:
+        self.folder, self.options = folder, options
+        setup = make_setup(options.scenario)
+        self.twin, self.shape = setup.twin, options.shape
+        self.mesh = load_mesh(self.twin.mesh_path)
+        self.camera = Camera.from_field_of_view(options.size, options.size, _FIELD_OF_VIEW)
+        self.recorder: PushRecorder = MakePushRecorder(setup, options.rates, self.camera, options.supersampling)
         self.generator = np.random.default_rng([options.seed, 0])
         self.X_WO = self.recorder.settle(self._first_pose())
 
     def write(self, describe: Callable[[str], None], advance: Callable[[], None]) -> None:
         """Writes everything; `describe` hears what is being done, `advance` of every image."""
         (self.folder / "meshes").mkdir()
-        shutil.copyfile(self.scene.mesh_path, self.folder / "meshes/object.obj")
-        _write_mesh(self.folder / "meshes/pusher.obj", triangle_mesh(self.scene.pusher))
+        shutil.copyfile(self.twin.mesh_path, self.folder / "meshes/object.obj")
+        _write_mesh(self.folder / "meshes/pusher.obj", triangle_mesh(self.shape))
         write_capture_yaml(
             self.folder,
             name=self.options.object_name,
@@ -180,16 +84,23 @@ class _Capture:
             mass=self.options.mass,
             X_WO=_pose(self.X_WO),
             pusher_mesh="meshes/pusher.obj",
-            pusher_shape=self.scene.pusher,
-            floor_height=0.0,
-            gravity=self.scene.gravity,
+            pusher_shape=self.shape,
+            floor_height=self.twin.floor_height,
+            gravity=self.twin.gravity,
         )
         describe("static views")
         self._write_static_views(advance)
         for k in range(self.options.episodes):
             describe(f"episode {k:04d}")
             self._write_episode(k, advance)
-        self._write_ground_truth()
+        write_ground_truth(
+            self.folder,
+            mass=self.options.mass,
+            inertia=mass_properties(self.mesh, mass=self.options.mass).inertia,
+            friction_floor=self.options.friction,
+            friction_pusher=self.options.pusher_friction,
+            restitution=self.options.restitution,
+        )
 
     def _first_pose(self) -> RigidTransform:
         """Where the object is put: near the origin, turned at random, on the floor."""
@@ -220,12 +131,11 @@ class _Capture:
         options, generator = self.options, np.random.default_rng([self.options.seed, 1, number])
         p_WO, mesh_W = self.X_WO.translation(), self.mesh.copy()
         mesh_W.apply_transform(self.X_WO.GetAsMatrix4())
-        half = self.scene.pusher.radius if options.pusher == "sphere" else 0.5 * _PUSHER_LENGTH
-        half += self.scene.pusher.radius if options.pusher == "capsule" else 0
+        half = 0.5 * self.shape.length + (0 if self.shape.kind == "cylinder" else self.shape.radius)
         push = choose_push(
             mesh_W,
             p_WO,
-            self.scene.pusher,
+            self.shape,
             generator,
             height=max(half + _CLEARANCE, p_WO[2]),
             speed=options.speed * generator.uniform(0.85, 1.15),
@@ -249,44 +159,6 @@ class _Capture:
         poses = recording.object_poses
         write_episode_tables(folder, self.camera, _pose(X_WC), names, recording.t, recording.trajectory, poses)
 
-    def _write_ground_truth(self) -> None:
-        """What an identification is scored by, and never sees."""
-        inertia = mass_properties(self.mesh, mass=self.options.mass).inertia
-        axes = "xyz"
-        truth = {
-            "mass": self.options.mass,
-            **{
-                f"inertia_{axes[i]}{axes[j]}": round(float(inertia[i, j]), 15) + 0.0
-                for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-            },
-            "friction_floor": self.options.friction,
-            "friction_pusher": self.options.pusher_friction,
-            "restitution": self.options.restitution,
-        }
-        with replacing(self.folder / GROUND_TRUTH_FILE) as temporary:
-            text = "# SI units; inertia about the centre of mass, axes of O. To score with, not to fit.\n"
-            temporary.write_text(text + yaml.safe_dump(truth, sort_keys=False), encoding="utf-8")
-
-
-@contextmanager
-def _appearing(out: Path) -> Iterator[Path]:
-    """A temporary folder beside `out` that takes its name when the block ends well, and goes otherwise."""
-    if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
-        raise InputError(out, value="something there already", allowed="a new or empty folder")
-    temporary = out.absolute().with_name(f".{out.absolute().name}.{os.getpid()}")
-    try:
-        try:
-            temporary.mkdir(parents=True)
-        except OSError as error:
-            raise InputError(out, value=error.strerror, allowed="a folder that can be written to") from error
-        yield temporary
-        try:
-            temporary.replace(out)
-        except OSError as error:
-            raise InputError(out, value=error.strerror, allowed="a new or empty folder") from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
 
 def _reach(vertices: np.ndarray) -> float:
     """How far the farthest corner is from the origin, m."""
@@ -307,8 +179,3 @@ def _write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
     lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices]
     lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _require(name: str, value: object, allowed: bool, range_in_words: str) -> None:
-    if not allowed:
-        raise ParameterError(f"{name}: got {value}; allowed: {range_in_words}")

@@ -9,11 +9,13 @@ import asyncio
 import contextlib
 import signal
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import tornado.web
+import trimesh
 import umsgpack
 from meshcat import commands, geometry
 from meshcat.path import Path as ScenePath
@@ -34,13 +36,36 @@ _CLOSER = 0.35
 _CAMERA = "/Cameras/default/rotated/<object>"
 
 
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A mesh beside the surfels; the page's controls hide and show it.
+
+    Attributes:
+        name: Its node in the scene.
+        mesh: m, object frame O.
+        colour: As 0xrrggbb.
+        opacity: 0 to 1.
+    """
+
+    name: str
+    mesh: trimesh.Trimesh
+    colour: int
+    opacity: float
+
+
 def serve_surfels(
-    surfels: Surfels, *, host: str = LOCALHOST, port: int | None = None, ready: Callable[[str], None]
+    surfels: Surfels,
+    *,
+    solids: Sequence[Solid] = (),
+    host: str = LOCALHOST,
+    port: int | None = None,
+    ready: Callable[[str], None],
 ) -> None:
     """Shows surfels until the process is interrupted (Ctrl-C) or told to end, which ends the call normally.
 
     Args:
         surfels: One or more, one set of colours.
+        solids: What else there is.
         host: Address or name of the interface to listen on; by default this machine itself only.
         port: Where to listen; None for the first one that is free from 7000 on.
         ready: Called with the address of the page when the server listens.
@@ -49,7 +74,7 @@ def serve_surfels(
         ParameterError: The address cannot be listened on, or the port is taken.
         RenderingError: There are no surfels.
     """
-    scene = _scene(surfels)
+    scene = _scene(surfels, solids)
     port = _free_port(host, port)
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(_serve(scene, host, port, ready))
@@ -111,7 +136,7 @@ def _free_port(host: str, port: int | None) -> int:
     raise ParameterError(f"--host, --port: got {where} ({reason}); allowed: an address of this machine and a free port")
 
 
-def _scene(surfels: Surfels) -> list[dict[str, Any]]:
+def _scene(surfels: Surfels, solids: Sequence[Solid]) -> list[dict[str, Any]]:
     """The commands to meshcat that show the surfels around the origin, seen from the orbit's first look."""
     orbit, mesh = Orbit.around(surfels), SurfelMesh.from_surfels(surfels)
     shape = _Triangles(mesh.vertices - orbit.target.astype(np.float32), mesh.normals, mesh.colours, mesh.faces)
@@ -123,7 +148,15 @@ def _scene(surfels: Surfels) -> list[dict[str, Any]]:
     white = [commands.SetProperty(f"{end}_color", [1, 1, 1], ScenePath(("Background",))) for end in ("top", "bottom")]
     eye = commands.SetProperty("position", [x, z, -y], ScenePath(tuple(_CAMERA.strip("/").split("/"))))
     surface = commands.SetObject(shape, look, ScenePath(("meshcat", "surfels")))
-    return [command.lower() for command in (surface, *hidden, *white, eye)]
+    others = [
+        commands.SetObject(
+            geometry.TriangularMeshGeometry(solid.mesh.vertices - orbit.target, solid.mesh.faces),
+            geometry.MeshPhongMaterial(color=solid.colour, opacity=solid.opacity, transparent=solid.opacity < 1),
+            ScenePath(("meshcat", solid.name)),
+        )
+        for solid in solids
+    ]
+    return [command.lower() for command in (surface, *others, *hidden, *white, eye)]
 
 
 class _Triangles(geometry.TriangularMeshGeometry):  # type: ignore[misc]

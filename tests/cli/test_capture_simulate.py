@@ -109,6 +109,10 @@ def test_a_folder_with_files_is_left_alone(pinwm, tmp_path):
         (["--speed", "nan"], "--speed: got nan"),
         (["--distance", "0.5", "--mass", "inf"], "--mass: got inf"),
         (["--size", "0"], "--size: got 0"),
+        (["--pusher-friction", "nan"], "--pusher-friction: got nan; allowed: 0 to 2"),
+        (["--restitution", "1"], "--restitution: got 1.0; allowed: 0 to 0.9"),
+        (["--mass", "0"], "--mass: got 0.0; allowed: 0.001 to 100 kg"),
+        (["--pusher-radius", "0.1"], "--pusher-radius: got 0.1; allowed: 0.003 to 0.05 m"),
     ],
 )
 def test_options_out_of_range_are_named(pinwm, tmp_path, options, message):

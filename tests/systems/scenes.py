@@ -1,13 +1,15 @@
 """Pushing scenes for tests, and what is measured in them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pinwm_drake.models import object_model
 from pinwm_drake.systems.collision_mesh import divided
 from pinwm_drake.systems.push_plant import MakePushPlant, PushPlant
-from pinwm_drake.systems.push_scene import PushScene
-from pinwm_drake.systems.pusher_motion import PusherMotion, StraightPush
+from pinwm_drake.systems.pusher_drive import PusherDrive
+from pinwm_drake.systems.pusher_motion import ScriptedPush, StraightPush
+from pinwm_drake.systems.scenario import Pusher, Scenario, Shape, Theta
+from pinwm_drake.systems.setup import Setup, make_setup
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
@@ -27,7 +29,8 @@ class Bench:
 
     diagram: Diagram
     parts: PushPlant
-    motion: PusherMotion
+    script: ScriptedPush
+    drive: PusherDrive
 
     def start(self, X_WO: RigidTransform, V_WO: list[float] | None = None, push: StraightPush = AWAY) -> Simulator:
         context = self.diagram.CreateDefaultContext()
@@ -37,7 +40,8 @@ class Bench:
             velocity = SpatialVelocity(V_WO[:3], V_WO[3:])
             self.parts.plant.SetFreeBodySpatialVelocity(context=mine, body=self.parts.object, V_JpJc=velocity)
         self.parts.plant.SetPositions(mine, self.parts.pusher_instance, push.p_WP)
-        self.motion.SetPush(self.motion.GetMyMutableContextFromRoot(context), push)
+        self.drive.SetPosition(self.drive.GetMyMutableContextFromRoot(context), push.p_WP)
+        self.script.SetPush(self.script.GetMyMutableContextFromRoot(context), push)
         return Simulator(self.diagram, context)
 
     def mine(self, context: Context) -> Context:
@@ -57,25 +61,35 @@ class Bench:
         return np.concatenate([plant.GetPositions(mine, instance), plant.GetVelocities(mine, instance)])
 
 
-def bench(name: str, friction: float, *, pusher_friction: float | None = None, **options: object) -> Bench:
-    model = object_model(name)
-    scene = PushScene(
-        **{
-            "mesh_path": model.mesh_path,
-            "visual_path": model.visual_path,
-            "mass": 1.0,
-            "friction_floor": friction,
-            "friction_pusher": friction if pusher_friction is None else pusher_friction,
-            "restitution": 0.0,
-            "pusher": SPHERE,
-            **options,
-        }
-    )
+def setup_of(
+    name: str,
+    friction: float,
+    *,
+    pusher_friction: float | None = None,
+    restitution: float = 0.0,
+    mass: float = 1.0,
+    pusher: PusherShape = SPHERE,
+    **options: object,
+) -> Setup:
+    theta = Theta(mass, friction, friction if pusher_friction is None else pusher_friction, restitution)
+    shape = Shape(pusher.kind, pusher.radius, pusher.length)
+    return make_setup(Scenario(object=name, theta=theta, pusher=Pusher(shape=shape), **options))
+
+
+def bench(
+    name: str, friction: float, *, contact: str = "hydroelastic", time_step: float = 1 / 3840, **options: object
+) -> Bench:
+    return bench_of(setup_of(name, friction, **options), contact, time_step)
+
+
+def bench_of(setup: Setup, contact: str, time_step: float) -> Bench:
     builder = DiagramBuilder()
-    parts = MakePushPlant(builder, scene)
-    motion = builder.AddSystem(PusherMotion())
-    builder.Connect(motion.get_output_port(), parts.plant.get_desired_state_input_port(parts.pusher_instance))
-    return Bench(builder.Build(), parts, motion)
+    parts = MakePushPlant(builder, replace(setup, plant_time_step=time_step), contact)
+    script = builder.AddSystem(ScriptedPush(time_step))
+    drive = builder.AddSystem(PusherDrive(time_step, time_step, AWAY.p_WP))
+    builder.Connect(script.get_output_port(), drive.get_input_port())
+    builder.Connect(drive.get_output_port(), parts.plant.get_desired_state_input_port(parts.pusher_instance))
+    return Bench(builder.Build(), parts, script, drive)
 
 
 def base_of(name: str) -> tuple[float, float, float]:

@@ -4,7 +4,7 @@ import torch
 from pinwm_drake.models import object_model
 from pinwm_drake.systems.capture_rig import downsample
 from pinwm_drake.systems.push_recorder import MakePushRecorder, Rates
-from pinwm_drake.systems.push_scene import PushScene
+from pinwm_drake.systems.scenario import Scenario
 from pinwm_drake.systems.viewpoints import around, framed, look_at
 from pydrake.math import RigidTransform, RollPitchYaw
 
@@ -12,7 +12,6 @@ from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.silhouette import coverage
 from pinwm_drake.spatial.poses import Pose
-from tests.systems.scenes import SPHERE
 
 SIZE = 120
 CAMERA = Camera(SIZE, SIZE, torch.tensor([170.0, 175.0, 57.3, 63.1], dtype=torch.float64))
@@ -20,9 +19,8 @@ X_WO = RigidTransform(RollPitchYaw(0.3, -0.2, 0.8), [0.01, 0.02, 0.06])
 
 
 def recorder(supersampling):
-    model = object_model("t_block")
-    scene = PushScene(model.mesh_path, model.visual_path, 1.0, 0.1, 0.1, 0.0, SPHERE)
-    return MakePushRecorder(scene, Rates(24.0, 10, 16), CAMERA, supersampling)
+    scenario = Scenario(object="t_block", engine="hydroelastic")
+    return MakePushRecorder(scenario, Rates(24.0, 10, 16), CAMERA, supersampling)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from pinwm_drake.models import object_model
 from pinwm_drake.systems.collision_mesh import divided, triangle_mesh
 from pinwm_drake.systems.push_choice import choose_push
 from pinwm_drake.systems.push_recorder import MakePushRecorder, Rates
-from pinwm_drake.systems.push_scene import PushScene
+from pinwm_drake.systems.scenario import Physics, Plant, Pusher, Scenario, Theta
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.scene import PusherShape
@@ -86,11 +86,25 @@ def test_divided_triangles_are_the_same_surface():
     assert again.volume == pytest.approx(mesh.volume)
 
 
-@pytest.fixture(scope="module")
-def recorder():
-    model = object_model("cube")
-    scene = PushScene(model.mesh_path, model.visual_path, 1.0, 0.1, 0.1, 0.0, SPHERE)
-    return MakePushRecorder(scene, Rates(24.0, 10, 16), Camera.from_field_of_view(32, 32, 0.7), 1)
+RATES = Rates(24.0, 10, 16)
+
+
+def scenario(period):
+    step = RATES.time_step
+    return Scenario(
+        object="cube",
+        engine="hydroelastic",
+        theta=Theta(friction_floor=0.1, friction_pusher=0.1),
+        pusher=Pusher(period=period),
+        physics=Physics(time_step=period),
+        plant=Plant(time_step=step),
+    )
+
+
+@pytest.fixture(scope="module", params=[1, 16])
+def recorder(request):
+    """The pusher's velocity changes at every step of the plant, or with the rows of the log."""
+    return MakePushRecorder(scenario(request.param * RATES.time_step), RATES, Camera.from_field_of_view(32, 32, 0.7), 1)
 
 
 def test_a_recording_is_the_pushers_log_and_the_objects_poses(recorder):
@@ -105,13 +119,21 @@ def test_a_recording_is_the_pushers_log_and_the_objects_poses(recorder):
     np.testing.assert_allclose(log.t, np.arange((number - 1) * 10 + 1) / 240)
     assert log.t[-1] == recording.t[-1]
     np.testing.assert_array_equal(poses.t, recording.t)
+    np.testing.assert_array_equal(log.p_WP[0], push.p_WP)
     # It stays at rest until the pusher is there, and moves forwards then.
     assert np.linalg.norm(poses.p_WO[1] - X_WO.translation()) < 1e-8
     assert (poses.p_WO[-1] - poses.p_WO[0]) @ push.direction_W > 0.01
     np.testing.assert_allclose(np.linalg.norm(poses.q_WO, axis=1), 1, atol=1e-12)
-    # The pusher is where its commanded velocity takes it: an impact costs it some micrometres.
+    # The pusher is where its commanded velocity takes it: an impact of 0.1 m/s costs its drive some micrometres.
     moved = log.p_WP[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(log.v_WP[:-1] / 240, axis=0)])
-    np.testing.assert_allclose(log.p_WP, moved, atol=2e-4)
+    np.testing.assert_allclose(log.p_WP, moved, atol=1e-5)
     again = recorder.push(X_WO, push, number)
     np.testing.assert_array_equal(again.object_poses.p_WO, poses.p_WO)
     np.testing.assert_array_equal(again.trajectory.p_WP, log.p_WP)
+
+
+def test_a_log_whose_rows_are_no_whole_number_of_periods_is_refused():
+    with pytest.raises(
+        ParameterError, match=r"a row of the pusher's log: got 0\.00416667 s; .* pusher\.period, 0\.003"
+    ):
+        MakePushRecorder(scenario(12 * RATES.time_step), RATES, Camera.from_field_of_view(32, 32, 0.7), 1)

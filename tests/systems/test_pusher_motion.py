@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
-from pinwm_drake.systems.pusher_motion import PusherMotion, StraightPush
+from pinwm_drake.systems.pusher_motion import ScriptedPush, StraightPush
 
+from pinwm_drake.errors import ParameterError
+from tests.systems.pushers import PERIOD, Track
 from tests.systems.scenes import AWAY
 
 PUSH = StraightPush(np.array([0.1, 0.2, 0.3]), np.array([0.6, 0.8, 0.0]), 0.1, 0.05, 2.0, 0.25)
@@ -25,21 +27,6 @@ def test_way_is_the_integral_of_the_speed():
     np.testing.assert_allclose(ways, trapezia, atol=1e-9)
 
 
-def test_the_system_commands_the_push_of_its_context():
-    system = PusherMotion()
-    context = system.CreateDefaultContext()
-    system.SetPush(context, PUSH)
-    context.SetTime(0.5)
-    state = system.get_output_port().Eval(context)
-    way, speed = PUSH.travel(0.5)
-    np.testing.assert_allclose(state, [*(PUSH.p_WP + way * PUSH.direction_W), *(speed * PUSH.direction_W)])
-    # Another push at the same time: the port's cache has to notice.
-    system.SetPush(context, AWAY)
-    np.testing.assert_allclose(system.get_output_port().Eval(context), [0, 0, 50, 0, 0, 0])
-    copy = context.Clone()
-    np.testing.assert_array_equal(system.get_output_port().Eval(copy), system.get_output_port().Eval(context))
-
-
 def test_a_push_survives_its_vector():
     again = StraightPush.from_vector(PUSH.to_vector())
     np.testing.assert_array_equal(again.to_vector(), PUSH.to_vector())
@@ -48,3 +35,31 @@ def test_a_push_survives_its_vector():
 def test_a_push_too_short_for_its_speed_is_refused():
     with pytest.raises(ValueError, match="distance of speed"):
         StraightPush(np.zeros(3), np.array([1.0, 0.0, 0.0]), 1.0, 0.1, 2.0)
+
+
+def test_a_scripted_pusher_is_where_the_push_has_it_at_the_end_of_every_period():
+    track = Track(ScriptedPush(PERIOD), PUSH.p_WP)
+    np.testing.assert_array_equal(track.position(10 * PERIOD)[0], PUSH.p_WP)  # no push is set yet
+    track = Track(ScriptedPush(PERIOD), PUSH.p_WP)
+    track.system.SetPush(track.mine(), PUSH)
+    for k in range(1, 220):
+        way, _ = PUSH.travel(k * PERIOD)
+        np.testing.assert_allclose(track.position(k * PERIOD)[0], PUSH.p_WP + way * PUSH.direction_W, atol=1e-12)
+    assert way == PUSH.distance
+
+
+def test_a_scripted_velocity_is_constant_within_a_period_and_follows_its_parameter():
+    system = ScriptedPush(0.01)
+    context = system.CreateDefaultContext()
+    system.SetPush(context, PUSH)
+    for t in (0.27, 0.27 * (1 - 1e-15), 0.2799):  # speeding up at 2 m/s², 0.02 s to 0.03 s after the start
+        context.SetTime(t)
+        np.testing.assert_allclose(system.get_output_port().Eval(context), 0.05 * PUSH.direction_W, rtol=1e-9)
+    # Another push at the same time: the port's cache has to notice.
+    system.SetPush(context, AWAY)
+    np.testing.assert_array_equal(system.get_output_port().Eval(context), 0)
+    copy = context.Clone()
+    system.SetPush(context, PUSH)
+    np.testing.assert_array_equal(system.get_output_port().Eval(copy), 0)
+    with pytest.raises(ParameterError, match="period: got 0"):
+        ScriptedPush(0.0)

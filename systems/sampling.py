@@ -1,0 +1,45 @@
+"""Times at which something is sampled and held, and checks of the numbers that say so.
+
+Drake runs what is due at one instant together, and two instants are one only if they are equal to the last bit:
+0.1 x 3 is not (1 / 240) x 72. So whatever is to happen together has events of one and the same period, and what
+happens every N-th time counts.
+"""
+
+import math
+
+from pinwm_drake.errors import ParameterError
+
+# Of a period: far more than rounding makes of the quotient of a time and a period, up to 1e9 periods.
+_ROUNDING = 1e-6
+
+
+def period_index(t: float, period: float) -> int:
+    """Which period the time t is in: k for k period <= t < (k + 1) period, whatever rounding did to t."""
+    return math.floor(t / period + _ROUNDING)
+
+
+def whole_multiple(name: str, duration: float, period: float, of: str = "the period") -> int:
+    """How many periods a duration has.
+
+    Args:
+        name: Of the duration, for the message.
+        duration: s.
+        period: s.
+        of: The name of the period, for the message.
+
+    Raises:
+        ParameterError: One is not positive, or their quotient is no whole number.
+    """
+    require_positive(name, duration, "s")
+    require_positive(of, period, "s")
+    count = round(duration / period)
+    if count < 1 or abs(duration / period - count) > _ROUNDING:
+        raise ParameterError(f"{name}: got {duration:g} s; allowed: a whole multiple of {of}, {period:g} s")
+    return count
+
+
+def require_positive(name: str, value: float, unit: str = "") -> float:
+    """The value, if it is finite and more than 0; raises ParameterError otherwise."""
+    if not 0 < value < math.inf:
+        raise ParameterError(f"{name}: got {value:g}; allowed: more than 0{unit and ' ' + unit}")
+    return value
