@@ -137,7 +137,8 @@ class Stepper:
         """Rolls out; returns the arguments of the kernels: model, theta, V_WP, record_every, frames, saved."""
         model = self.model
         T, W = V_WP.shape[:2]
-        frames = kernels.allocate_frames(*state, T // record_every + 1)
+        q, p, V, q_P, p_P = state
+        frames = kernels.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
         width = model.friction_directions + 2
         saved = kernels.allocate_saved(T, W, model.num_bodies, model.contact_rows, width, keep)
         arguments = (model.arrays, theta, V_WP, record_every, frames, saved)
