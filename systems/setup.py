@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pinwm_drake.models import object_model
 from pinwm_drake.systems.sampling import whole_multiple
-from pinwm_drake.systems.scenario import Scenario, Theta, View
+from pinwm_drake.systems.scenario import Scenario, Theta
 from pinwm_drake.systems.scenario_check import check_scenario
 from pinwm_drake.systems.viewpoints import look_at
 from pydrake.math import RigidTransform
@@ -49,11 +49,21 @@ class Setup:
     plant_time_step: float
 
     def with_theta(self, **values: float) -> "Setup":
-        """The same with other values of some of `THETA`'s parameters, such as friction_floor=0.1."""
-        theta = dict(self.twin.theta)
-        for name, value in values.items():
+        """The same with other values of some of `THETA`'s parameters, such as friction_floor=0.1.
+
+        A mass without moments of inertia scales these too: the object keeps its shape.
+
+        Raises:
+            ParameterError: There is no such parameter.
+        """
+        for name in values:
             if name not in THETA:
                 raise ParameterError(f"theta: got {name!r}; allowed: {', '.join(THETA)}")
+        theta, moments = dict(self.twin.theta), [name for name in THETA if name.startswith("inertia")]
+        if "mass" in values and not any(name in values for name in moments):
+            scale = values["mass"] / theta["mass"].value
+            values |= {name: scale * theta[name].value for name in moments}
+        for name, value in values.items():
             theta[name] = dataclasses.replace(theta[name], value=float(value), interval=None)
         return dataclasses.replace(self, twin=dataclasses.replace(self.twin, theta=theta))
 
@@ -124,16 +134,10 @@ def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
         theta={name: Estimate(values[name], None, True, unit, "given") for name, unit in THETA.items()},
         nuisance={},
         camera_offset=(0.0, 0.0),
-        surfels=painted_surfels(model.visual_path, pixel=_pixel(scenario.camera)),
+        surfels=painted_surfels(model.visual_path),
         provenance={"scenario": scenario.name},
     )
     return twin, model.visual_path
-
-
-def _pixel(view: View) -> float:
-    """Width of a pixel where the camera looks, m: no surfel has to be narrower."""
-    distance = float(np.linalg.norm(np.subtract(view.p_WT, view.p_WC)))
-    return 2 * distance * math.tan(0.5 * view.fov_y) / view.height
 
 
 def _with_settings(twin: Twin, scenario: Scenario) -> Twin:

@@ -5,12 +5,15 @@ import torch
 import trimesh
 from pydrake.math import RigidTransform
 
-from pinwm_drake.rendering import Camera, Surfels, render
+from pinwm_drake.rendering import Camera, Rendering, Surfels, render
 from pinwm_drake.rendering.occluder import mesh_depth
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
 _NEAR = 1e-3  # m
+# Alpha of surfels that is enough to tell their colour. The outline is the mesh's: with 0.5 here, 6 % of a small image's
+# outline was missing at corners (IoU 0.93; 0.98 with 0.1).
+_LEAST = 0.1
 _NOTHING = 0x00FFFFFF  # white, alpha 0, as the bytes of a little-endian number
 
 
@@ -64,17 +67,7 @@ class WorldImages:
         X_CO = Pose(torch.from_numpy(q_CO), torch.from_numpy(p_CO))
         surfels = Surfels(self.surfels.p_OS, self.surfels.q_OS, self.surfels.log_scale, self.surfels.logit_opacity, sh)
         image = render(surfels, self.camera, X_CO, full=False, num_threads=self._threads)
-        color, alpha = image.color.numpy().reshape(-1, 3), image.alpha.numpy()
-        shown = (alpha >= 0.5) & self._visible(q_CO, p_CO, p_WP)
-        at = np.flatnonzero(shown)
-        weight = alpha.reshape(-1)[at][:, None]
-        pictures = np.full(shown.shape, _NOTHING, "<u4").view(np.uint8).reshape(*shown.shape, 4)
-        flat = pictures.reshape(-1, 4)
-        # What the surfels add to the white behind them.
-        own = 1.0 - (1.0 - color[at]) / weight
-        flat[at, :3] = np.clip(255.0 * own + 0.5, 0.0, 255.0).astype(np.uint8)
-        flat[at, 3] = 255
-        return pictures
+        return cut_out(image, (image.alpha.numpy() >= 0.5) & self._visible(q_CO, p_CO, p_WP))
 
     def _visible(self, q_CO: np.ndarray, p_CO: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
         """(W, height, width): where the object's mesh is and the pusher does not stand before it.
@@ -87,6 +80,27 @@ class WorldImages:
         p_CP = p_WP @ self._R_CW.T + self._p_CW
         visible: np.ndarray = depth < mesh_depth(vertices + p_CP[:, None], faces, self.camera, _NEAR)
         return visible
+
+
+def cut_out(image: Rendering, shown: np.ndarray) -> np.ndarray:
+    """Pictures of an object alone, from a rendering in front of white.
+
+    Args:
+        image: V views.
+        shown: (V, height, width) bool, where the object is; alpha is above 0 there.
+
+    Returns:
+        (V, height, width, 4) uint8, sRGB and alpha: 255 where the object is, with the colour of its surfels; white and
+        0 elsewhere.
+    """
+    pictures = np.full(shown.shape, _NOTHING, "<u4").view(np.uint8).reshape(*shown.shape, 4)
+    at = np.flatnonzero(shown)
+    # What the surfels add to the white behind them.
+    own = 1.0 - (1.0 - image.color.numpy().reshape(-1, 3)[at]) / image.alpha.numpy().reshape(-1)[at][:, None]
+    flat = pictures.reshape(-1, 4)
+    flat[at, :3] = np.clip(255.0 * own + 0.5, 0.0, 255.0).astype(np.uint8)
+    flat[at, 3] = 255
+    return pictures
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -4,8 +4,6 @@ import functools
 
 import numpy as np
 import torch
-import trimesh
-from pinwm_drake.systems.collision_mesh import triangle_mesh
 from pinwm_drake.systems.contact_forces import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.start import StartDistribution
@@ -16,8 +14,8 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, ValueProducer
 from pydrake.systems.sensors import ImageRgba8U
 
+from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.errors import ParameterError, StateError
-from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.physics import Parameters
 from pinwm_drake.physics.model import FLOOR
 
@@ -30,7 +28,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
                                 ┌────────────┐
                                 │            │─► object_state      (13 W): q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s]
         pusher_velocity_W       │            │─► pusher_state       (6 W): p_WP [m], v_WP [m/s]
-        (3 W): v_WP [m/s]  ────►│ WorldModel │─► plant_positions     (10): q_WO, p_WO, p_WP of world 0
+        (3 W): v_WP [m/s]  ────►│ WorldModel │─► plant_positions     (10): p_WP, q_WO, p_WO of world 0
                                 │            │─► rgb         ImageRgba8U : of world 0
                                 │            │─► rgb_batch   Value[array]: (W, height, width, 4) uint8
                                 │            │─► contact_forces  Value[ContactForces]
@@ -61,7 +59,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         self.num_worlds = W = scenario.num_worlds
         self.physics = WorldPhysics(twin, np.array(scenario.start.q_WO), scenario.physics.steps_per_update, num_threads)
         self._images = WorldImages(
-            twin.surfels, self.physics.scene.mesh, pusher_mesh(setup), setup.camera, setup.X_WC, num_threads
+            twin.surfels, self.physics.scene.mesh, pusher_surface(twin.pusher), setup.camera, setup.X_WC, num_threads
         )
         nominal = self.physics.parameters(W)
         numbers = [getattr(nominal, name).reshape(-1).numpy() for name in _FIELDS]
@@ -213,7 +211,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
 
     def _CalcPlantPositions(self, context: Context, output: BasicVector) -> None:
         state, p_WP = self._state(context)
-        output.SetFromVector(np.concatenate([state[0, :7], p_WP[0]]))
+        output.SetFromVector(np.concatenate([p_WP[0], state[0, :7]]))
 
     def _CalcRgb(self, context: Context, output: AbstractValue) -> None:
         output.get_mutable_value().mutable_data[:] = self._one.Eval(context)[0]
@@ -233,14 +231,6 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
                 f_W=np.concatenate([part[2] for part in parts]),
             )
         )
-
-
-def pusher_mesh(setup: Setup) -> trimesh.Trimesh:
-    """The surface of the pusher, m, frame P."""
-    pusher = setup.twin.pusher
-    if pusher.shape is not None:
-        return triangle_mesh(pusher.shape)
-    return load_mesh(pusher.mesh_path)
 
 
 def rest_state(X_WO: RigidTransform, V_WO: np.ndarray | None = None) -> np.ndarray:

@@ -14,13 +14,14 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pinwm_drake.capture.ground_truth import write_ground_truth
+from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_transforms
 from pinwm_drake.cli.capture_simulate_options import SimulateOptions
 from pinwm_drake.files import appearing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.systems.collision_mesh import triangle_mesh
 from pinwm_drake.systems.push_choice import choose_push
 from pinwm_drake.systems.push_recorder import MakePushRecorder, PushRecorder
 from pinwm_drake.systems.setup import make_setup
@@ -76,7 +77,7 @@ class _Capture:
         """Writes everything; `describe` hears what is being done, `advance` of every image."""
         (self.folder / "meshes").mkdir()
         shutil.copyfile(self.twin.mesh_path, self.folder / "meshes/object.obj")
-        _write_mesh(self.folder / "meshes/pusher.obj", triangle_mesh(self.shape))
+        _write_mesh(self.folder / "meshes/pusher.obj", pusher_surface(PusherGeometry(None, self.shape)))
         write_capture_yaml(
             self.folder,
             name=self.options.object_name,

@@ -1,23 +1,32 @@
-"""What `pinwm view` does: a page, a video, or a server."""
+"""What `pinwm view` does: a page, a video, or a server. Drake is not needed."""
 
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.surfel_page import write_surfel_page
 from pinwm_drake.report.turntable import turntable
 from pinwm_drake.report.video import write_video
+from pinwm_drake.twin import SURFELS_FILE, TWIN_FILE, Twin, read_twin
 
-SURFELS_FILE = "surfels.ply"
+if TYPE_CHECKING:
+    from pinwm_drake.report.live_view import Solid
+
+__all__ = ["SURFELS_FILE", "ViewOptions", "run_view", "write_turntable"]
+
 FRAME_RATE = 24  # of turntables [1/s]
+_APART = 0.5  # of the pusher's size, between it and the object
 _LOOPBACK = ("127.", "localhost", "::1")
 
 
@@ -61,22 +70,23 @@ class ViewOptions:
 
 
 def run_view(splats: Path, options: ViewOptions) -> None:
-    """Shows surfels.
+    """Shows surfels, and in the browser what else a twin has.
 
     Args:
-        splats: A PLY file, or a folder with `surfels.ply`.
+        splats: A PLY file, a folder with `surfels.ply`, or the folder of a twin.
         options: Where and how.
 
     Raises:
-        PinwmError: The surfels cannot be read, a file cannot be written, or the address is not to be had.
+        PinwmError: The surfels or the twin cannot be read, a file cannot be written, or the address is not to be had.
     """
     path = splats / SURFELS_FILE if splats.is_dir() else splats
+    twin = read_twin(splats) if (splats / TWIN_FILE).is_file() else None
     for target in (options.html, options.video):
         if target is not None:
             prepare_folder(target.parent)
             if target.is_dir():
                 raise InputError(target, value="a folder", allowed="a file")
-    surfels = read_ply(path)
+    surfels = read_ply(path) if twin is None else twin.surfels
     console = Console()
     if options.html is not None:
         write_surfel_page(options.html, surfels, title=path.name)
@@ -85,7 +95,7 @@ def run_view(splats: Path, options: ViewOptions) -> None:
         write_turntable(options.video, surfels, options.size, max(round(options.seconds * FRAME_RATE), 2), console)
         console.print(f"wrote {options.video}", highlight=False, soft_wrap=True)
     if options.html is None and options.video is None:
-        _serve(surfels, path, options, console)
+        _serve(surfels, path if twin is None else splats, [] if twin is None else _solids(twin), options, console)
 
 
 def write_turntable(
@@ -109,16 +119,29 @@ def write_turntable(
     write_video(path, shown, rate=FRAME_RATE, size=(size, size))
 
 
-def _serve(surfels: Surfels, path: Path, options: ViewOptions, console: Console) -> None:
+def _solids(twin: Twin) -> "list[Solid]":
+    """The mesh of a twin's object, translucent, and its pusher, which stands beside it on the same level."""
+    from pinwm_drake.report.live_view import Solid
+
+    mesh, pusher = load_mesh(twin.mesh_path), pusher_surface(twin.pusher)
+    (low, high), size = mesh.bounds, pusher.extents
+    place = np.array([high[0] + _APART * size[0], 0.5 * (low[1] + high[1]), low[2]])
+    pusher.apply_translation(place - [pusher.bounds[0, 0], pusher.bounds[:, 1].mean(), pusher.bounds[0, 2]])
+    return [Solid("mesh", mesh, 0x808080, 0.25), Solid("pusher", pusher, 0x4A4A50, 1.0)]
+
+
+def _serve(surfels: Surfels, path: Path, solids: "list[Solid]", options: ViewOptions, console: Console) -> None:
     """Listens until Ctrl-C."""
     from pinwm_drake.report.live_view import serve_surfels
 
+    also = "".join(f", {solid.name}" for solid in solids)
+
     def announce(url: str) -> None:
-        console.print(f"{path}: {surfels.num_surfels} surfels at {url}", highlight=False, soft_wrap=True)
+        console.print(f"{path}: {surfels.num_surfels} surfels{also} at {url}", highlight=False, soft_wrap=True)
         if not options.host.startswith(_LOOPBACK):
             console.print(f"[yellow]Other machines can open it too, as it listens on {options.host}.[/]")
         console.print("Ctrl-C ends.")
         if options.browser:
             webbrowser.open(url)
 
-    serve_surfels(surfels, host=options.host, port=options.port, ready=announce)
+    serve_surfels(surfels, solids=solids, host=options.host, port=options.port, ready=announce)

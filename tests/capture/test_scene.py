@@ -1,8 +1,10 @@
+import numpy as np
 import pytest
 import yaml
 
 from pinwm_drake.capture import PusherShape, read_capture, read_capture_object
 from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.errors import GeometryError, InputError
 from tests.capture.cube import HEIGHT, write_mesh
 from tests.capture.pushed_cube import RADIUS
@@ -42,6 +44,17 @@ def test_a_pusher_is_a_mesh_or_a_shape(pushed_cube):
     assert pusher_surface(pusher).bounds[1] == pytest.approx([0.01, 0.01, 0.06], abs=1e-12)
     edit(pushed_cube, lambda d: d["pusher"].update(shape={"kind": "cylinder", "radius": 0.01, "length": 0.1}))
     assert pusher_surface(read_capture(pushed_cube).pusher).bounds[1] == pytest.approx([0.01, 0.01, 0.05], abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cylinder", "capsule"])
+def test_pusher_surfaces_are_closed_and_of_the_right_size(kind):
+    surface = pusher_surface(PusherGeometry(None, PusherShape(kind, 0.01, 0.0 if kind == "sphere" else 0.06)))
+    assert surface.is_watertight
+    assert surface.volume > 0
+    height = {"sphere": 0.02, "cylinder": 0.06, "capsule": 0.08}[kind]
+    np.testing.assert_allclose(
+        surface.bounds, 0.5 * np.array([[-0.02, -0.02, -height], [0.02, 0.02, height]]), rtol=1e-2
+    )
 
 
 def test_a_capture_without_episodes_needs_no_pusher(pushed_cube):

@@ -9,8 +9,11 @@ from pathlib import Path
 import cv2
 import pytest
 
+from pinwm_drake.cli.view_show import _solids
 from pinwm_drake.rendering.ply import write_ply
+from pinwm_drake.twin import write_twin
 from tests.rendering.scenes import cloud
+from tests.twin.samples import cube_twin
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -124,6 +127,52 @@ def test_the_server_listens_on_this_machine_only_and_ends_cleanly(splats):
     finally:
         process.kill()
         process.wait()
+
+
+# None stands for a module that cannot be imported: so it is where Drake is not installed.
+WITHOUT_DRAKE = "import sys; sys.modules['pydrake'] = None; from pinwm_drake.cli import main; main()"
+
+
+@pytest.mark.skipif(not Path("/proc/self/net/tcp").exists(), reason="needs Linux's table of sockets")
+def test_a_twin_is_served_with_its_mesh_and_its_pusher_without_drake(tmp_path):
+    folder = tmp_path / "twin"
+    write_twin(folder, cube_twin(tmp_path))
+    process = subprocess.Popen(
+        [sys.executable, "-c", WITHOUT_DRAKE, "view", str(folder)], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        line = process.stdout.readline()
+        assert line.startswith(f"{folder}: ")
+        assert " surfels, mesh, pusher at http://127.0.0.1:" in line
+        port = int(line.split()[-1].split(":")[2].split("/")[0])
+        assert listening(process) == {("0100007F", port)}
+        message = receive_scene(port)
+        for name in (b"/meshcat/surfels", b"/meshcat/mesh", b"/meshcat/pusher"):
+            assert name in message
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=30) == 0
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_of_a_twin_the_page_shows_the_surfels(pinwm, tmp_path):
+    folder = tmp_path / "twin"
+    write_twin(folder, cube_twin(tmp_path))
+    assert pinwm("view", str(folder), "--html", str(tmp_path / "a.html"))[::2] == (0, "")
+    # A twin whose files were changed is no twin.
+    (folder / "surfels.ply").write_bytes(b"")
+    code, _, errors = pinwm("view", str(folder), "--html", str(tmp_path / "b.html"))
+    assert code == 1
+    assert "surfels.ply" in errors
+
+
+def test_the_pusher_stands_beside_the_object_on_its_level(tmp_path):
+    twin = cube_twin(tmp_path)
+    mesh, pusher = (solid.mesh for solid in _solids(twin))
+    assert pusher.bounds[0, 0] > mesh.bounds[1, 0]
+    assert pusher.bounds[0, 2] == pytest.approx(mesh.bounds[0, 2])
+    assert pusher.bounds[:, 1].mean() == pytest.approx(mesh.bounds[:, 1].mean())
 
 
 def receive_scene(port: int) -> bytes:

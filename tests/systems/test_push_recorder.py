@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 from pinwm_drake.models import object_model
-from pinwm_drake.systems.collision_mesh import divided, triangle_mesh
+from pinwm_drake.systems.collision_mesh import divided
 from pinwm_drake.systems.push_choice import choose_push
 from pinwm_drake.systems.push_recorder import MakePushRecorder, Rates
 from pinwm_drake.systems.scenario import Physics, Plant, Pusher, Scenario, Theta
@@ -30,51 +30,6 @@ def gap(points_P, shape):
     if shape.kind == "cylinder":
         return np.where(beyond > 0, np.hypot(beyond, np.maximum(radial - shape.radius, 0)), radial - shape.radius).min()
     return (np.hypot(radial, beyond) - shape.radius).min()
-
-
-@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.kind)
-@pytest.mark.parametrize("name", ["t_block", "cube", "mug"])
-def test_pushes_begin_free_and_meet_the_object_after_the_gap(name, shape):
-    mesh = standing(name)
-    p_WO = np.array([0, 0, -load_mesh(object_model(name).mesh_path).bounds[0, 2]])
-    points = divided(mesh.triangles, 0.002).mean(axis=1)
-    for seed in range(3):
-        generator = np.random.default_rng(seed)
-        push = choose_push(mesh, p_WO, shape, generator, height=0.045, speed=0.1, distance=0.08)
-        assert np.linalg.norm(push.direction_W) == pytest.approx(1)
-        # On its way of 12 mm the pusher comes as near as points 1.5 mm apart let it: 0.1 mm.
-        gaps = [gap(points - push.p_WP - way * push.direction_W, shape) for way in np.linspace(0, 0.0118, 5)]
-        assert min(gaps) > 0
-        assert gap(points - push.p_WP - 0.0125 * push.direction_W, shape) < 0
-
-
-def test_pushes_of_one_seed_are_the_same_and_of_others_are_not():
-    mesh = standing("cube")
-    pushes = [
-        choose_push(
-            mesh, np.array([0, 0, 0.03]), SPHERE, np.random.default_rng(k), height=0.03, speed=0.1, distance=0.1
-        )
-        for k in (1, 1, 2)
-    ]
-    np.testing.assert_array_equal(pushes[0].to_vector(), pushes[1].to_vector())
-    assert not np.allclose(pushes[0].to_vector(), pushes[2].to_vector())
-
-
-def test_a_pusher_above_the_object_is_refused():
-    with pytest.raises(ParameterError, match=r"height of 0\.3 m"):
-        choose_push(
-            standing("cube"), np.zeros(3), SPHERE, np.random.default_rng(0), height=0.3, speed=0.1, distance=0.1
-        )
-
-
-@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.kind)
-def test_pusher_meshes_are_closed_and_of_the_right_size(shape):
-    mesh = triangle_mesh(shape)
-    assert mesh.is_watertight
-    assert mesh.volume > 0
-    height = {"sphere": 0.02, "cylinder": 0.06, "capsule": 0.08}[shape.kind]
-    # Facets of 32 around: 0.5 % of the radius.
-    np.testing.assert_allclose(mesh.bounds, 0.5 * np.array([[-0.02, -0.02, -height], [0.02, 0.02, height]]), rtol=1e-2)
 
 
 def test_divided_triangles_are_the_same_surface():

@@ -1,0 +1,57 @@
+"""How far triangles are at the centre of each pixel (numba)."""
+
+import numpy as np
+
+from pinwm_drake.jit import entry_point
+
+
+@entry_point
+def fill_depths(corners, triangles, intrinsics, near, depth):
+    """Writes the depths of triangles where they are below what stands there.
+
+    Args:
+        corners: (V, n, 3) float64, camera frame, m.
+        triangles: (m, 3) int64, rows of `corners`.
+        intrinsics: (1, 4) or (V, 4) float64, fx, fy, cx, cy, px.
+        near: m, what is nearer is left out.
+        depth: (V, H, W) float32, m; changed in place.
+    """
+    views, height, width = depth.shape
+    for v in range(views):
+        fx, fy, cx, cy = intrinsics[v % len(intrinsics)]
+        for t in range(triangles.shape[0]):
+            ax, ay, az = corners[v, triangles[t, 0]]
+            bx, by, bz = corners[v, triangles[t, 1]]
+            dx, dy, dz = corners[v, triangles[t, 2]]
+            if max(az, bz, dz) < near:
+                continue
+            left, right, top, bottom = 0, width - 1, 0, height - 1
+            if min(az, bz, dz) >= near:
+                x0, x1, x2 = fx * ax / az + cx, fx * bx / bz + cx, fx * dx / dz + cx
+                y0, y1, y2 = fy * ay / az + cy, fy * by / bz + cy, fy * dy / dz + cy
+                # As floats first: a corner far outside has no place among whole numbers.
+                left = int(min(max(np.ceil(min(x0, x1, x2) - 0.5), 0.0), width))
+                right = int(max(min(np.floor(max(x0, x1, x2) - 0.5), width - 1.0), -1.0))
+                top = int(min(max(np.ceil(min(y0, y1, y2) - 0.5), 0.0), height))
+                bottom = int(max(min(np.floor(max(y0, y1, y2) - 0.5), height - 1.0), -1.0))
+            # Normals of the planes through the camera's centre and an edge: b x d, d x a, a x b.
+            ux, uy, uz = by * dz - bz * dy, bz * dx - bx * dz, bx * dy - by * dx
+            vx, vy, vz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
+            wx, wy, wz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            volume = ax * ux + ay * uy + az * uz
+            if volume == 0.0:
+                continue
+            sign = 1.0 if volume > 0.0 else -1.0
+            for row in range(top, bottom + 1):
+                y = (row + 0.5 - cy) / fy
+                for column in range(left, right + 1):
+                    x = (column + 0.5 - cx) / fx
+                    # The ray z (x, y, 1) is a sum of the corners with these weights, over the volume.
+                    p = sign * (ux * x + uy * y + uz)
+                    q = sign * (vx * x + vy * y + vz)
+                    r = sign * (wx * x + wy * y + wz)
+                    total = p + q + r
+                    if p >= 0.0 and q >= 0.0 and r >= 0.0 and total > 0.0:
+                        z = sign * volume / total
+                        if near <= z < depth[v, row, column]:
+                            depth[v, row, column] = np.float32(z)

@@ -1,0 +1,159 @@
+"""Surfels of a coloured mesh: an appearance that comes from a model and not from a video."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import torch
+import trimesh
+from scipy.spatial import cKDTree
+
+from pinwm_drake.errors import InputError, RenderingError
+from pinwm_drake.rendering.harmonics import Y0
+from pinwm_drake.rendering.patches import EVEN, Patches, farthest, keep_inside, line_creases, spread
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.rendering.visibility import as_surfels
+
+# Samples of the surface for each surfel that is placed, share of the surfels that line creases, and opacity of each.
+_CANDIDATES, _CREASE_SHARE, _OPACITY = 2, 0.3, 0.99
+# The surface is closed by so much wider surfels than evenly spread ones are in a fit, which has no need of that.
+_WIDER = 1.4
+# The step, which decides how narrow the surfels along creases are and how far from them, goes into the object 75 times.
+_STEPS = 75.0
+# Rows along creases: further in, and narrower for that, than those that a fit starts from and then moves. So a
+# silhouette is neither wider nor narrower than the mesh's. In units of what `line_creases` makes.
+_FURTHER, _NARROWER = 1.4, 0.6
+_CREASE = np.deg2rad(30.0)  # faces meet in a crease where they turn by more
+# The least distance of surfels from any crease, in steps, of the rows and of the others.
+_ROW_GAP, _FILL_GAP = 0.9, 2.0
+# Where the tip of a surfel along a crease, so many scales from its middle, is beside the mesh, it gets shorter.
+_TIP, _SHORTER = 1.5, 0.5
+# Where views are coarse: so many surfels on a pixel's square of surface are enough. The renderer makes none narrower
+# than a pixel, and an outline moves out by what many of those add up to; they sit so many pixels deeper instead.
+_DENSEST, _DEEPER = 0.4, 0.85
+_FEWEST = 100
+_JOIN = 1e-8  # m: corners nearer to each other are one
+_ROWS = 64  # points that are looked up in the faces at once
+
+
+def painted_surfels(visual_path: Path, number: int = 2500, *, pixel: float | None = None, seed: int = 0) -> Surfels:
+    """Opaque surfels all over a coloured mesh, flat on it, each in the diffuse colour of the face that it lies on.
+
+    Colours are the material's numbers as they stand (Kd), which is what a renderer shows of them in full light: sRGB
+    as in images. Rows of narrow surfels line the creases, which makes outlines sharp; the others are spread evenly.
+
+    Args:
+        visual_path: An OBJ file whose faces have materials with a Kd in an MTL file, m, object frame O.
+        number: Of surfels at the most, 100 or more.
+        pixel: Size on the object of a pixel of the views that outlines are to be right in, m: distance over focal
+            length. Where it is coarse, there are fewer surfels, and they lie up to 0.85 of it below the surface. None
+            for views so fine that the renderer's limit of a pixel does not matter.
+        seed: Of the places; the same seed gives the same surfels.
+
+    Returns:
+        The surfels, of degree 0, frame O.
+
+    Raises:
+        InputError: The file is missing, cannot be read, has no faces of any area, a face without a material, or a
+            material with a texture.
+        RenderingError: The number or the size of a pixel is out of range.
+    """
+    if number < _FEWEST or (pixel is not None and not pixel > 0.0):
+        raise RenderingError(f"painted_surfels got number={number}, pixel={pixel}; allowed: 100 or more, above 0 m")
+    mesh, colours = _read(visual_path)
+    generator = np.random.default_rng(seed)
+    step, depth = float(mesh.extents.max()) / _STEPS, 0.0
+    if pixel is not None:
+        squares = float(mesh.area) / pixel**2
+        number = min(number, max(round(_DENSEST * squares), _FEWEST))
+        step = max(step, 0.5 * pixel)
+        depth = _DEEPER * pixel * min(number / (_DENSEST * squares), 1.0)
+    creases = _Creases(mesh, 0.5 * step)
+    wanted = int(_CREASE_SHARE * number)
+    rows = line_creases(mesh, _FURTHER * step, wanted, lambda patches: np.ones(patches.number, bool))
+    # On a narrow face, such as a rim, the second row of one crease would lie on the other.
+    rows = rows.select(creases.distance(rows.points) > _ROW_GAP * step)
+    rows = rows.select(generator.permutation(rows.number)[:wanted])
+    rows.scales[:, 1] *= _NARROWER
+    tips = np.stack([-1.0, 1.0])[:, None, None] * (_TIP * rows.scales[:, :1] * rows.tangents) + rows.points
+    over = (_faces_under(mesh, tips.reshape(-1, 3))[1].reshape(2, -1) > 0.1 * step).any(axis=0)
+    rows.scales[over, 0] *= _SHORTER
+    fill = spread(mesh, _CANDIDATES * number, generator)
+    inside = creases.distance(fill.points) > _FILL_GAP * step
+    fill = fill.select(inside if inside.sum() >= number else np.ones(fill.number, bool))
+    chosen, gap = farthest(fill.points.astype(np.float32), rows.points, number - rows.number)
+    fill = fill.select(chosen)
+    fill.scales[:] = _WIDER * EVEN * max(gap, 0.5 * step)
+    keep_inside(fill, mesh)
+    patches = Patches.join(rows, fill)
+    sh = torch.from_numpy((colours[_faces_under(mesh, patches.points)[0]] - 0.5) / Y0).float()
+    patches.points[:] -= depth * patches.normals
+    surfels = as_surfels(patches, _OPACITY)
+    return Surfels(surfels.p_OS, surfels.q_OS, surfels.log_scale, surfels.logit_opacity, sh[:, None])
+
+
+def _read(path: Path) -> tuple[trimesh.Trimesh, np.ndarray]:
+    """The surface, with corners joined where they meet, and the colour of each face (m, 3), 0 to 1."""
+    allowed = "an OBJ file of coloured faces, with its MTL file beside it"
+    if not path.is_file():
+        raise InputError(path, value="no such file", allowed=allowed)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            scene = trimesh.load_scene(path, process=False, group_material=True)
+    except Exception as error:  # whatever a broken file leads to
+        raise InputError(path, value=f"{type(error).__name__}: {error}", allowed=allowed) from error
+    corners: list[np.ndarray] = []
+    faces, colours, count = [], [], 0
+    for part in scene.geometry.values():
+        material = getattr(part.visual, "material", None)
+        if material is None or material.name in (None, ""):
+            raise InputError(path, value="faces without a material", allowed=allowed)
+        if getattr(material, "image", None) is not None:
+            raise InputError(path, value=f"material {material.name} with a texture", allowed="materials of one colour")
+        faces.append(np.asarray(part.faces) + count)
+        corners.append(np.asarray(part.vertices))
+        count += len(corners[-1])
+        colours.append(np.repeat(np.asarray(material.diffuse, float)[None, :3] / 255.0, len(part.faces), axis=0))
+    if not faces:
+        raise InputError(path, value="no faces", allowed=allowed)
+    _, first, same = np.unique(
+        np.round(np.concatenate(corners) / _JOIN), axis=0, return_index=True, return_inverse=True
+    )
+    mesh = trimesh.Trimesh(np.concatenate(corners)[first], same.ravel()[np.concatenate(faces)], process=False)
+    if not mesh.area > 0.0:
+        raise InputError(path, value="faces without area", allowed=allowed)
+    return mesh, np.concatenate(colours)
+
+
+class _Creases:
+    """Where a mesh's faces meet at an angle."""
+
+    def __init__(self, mesh: trimesh.Trimesh, step: float) -> None:
+        """Takes points along them, `step` [m] or less apart."""
+        ends = np.asarray(mesh.vertices)[mesh.face_adjacency_edges[mesh.face_adjacency_angles > _CREASE]]
+        counts = np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / step).astype(int) + 1
+        points = [np.linspace(start, end, count) for (start, end), count in zip(ends, counts, strict=True)]
+        self._tree = cKDTree(np.concatenate(points)) if points else None
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """(n,) [m], of points (n, 3) [m]; infinite where the mesh has none."""
+        return np.full(len(points), np.inf) if self._tree is None else np.asarray(self._tree.query(points)[0])
+
+
+def _faces_under(mesh: trimesh.Trimesh, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) int, the face that each point (n, 3) [m] lies on, and how far beside it the point is (n,) [m]."""
+    triangles, normals = np.asarray(mesh.triangles), np.asarray(mesh.face_normals)
+    inward = np.cross(normals[:, None], np.roll(triangles, -1, axis=1) - triangles)
+    inward /= np.maximum(np.linalg.norm(inward, axis=2, keepdims=True), 1e-12)
+    # Signed distances to a face's plane and to its three edges, as p @ along - at.
+    along = np.concatenate([normals[:, None], inward], axis=1).transpose(1, 2, 0)
+    at = np.einsum("kcf,kcf->kf", along, np.concatenate([triangles[:, :1], triangles], axis=1).transpose(1, 2, 0))
+    along, at, points = (np.ascontiguousarray(array, np.float32) for array in (along, at, points))
+    found, beside = [], []
+    for part in np.split(points, range(_ROWS, len(points), _ROWS)):
+        plane, *edges = (part @ direction - offset for direction, offset in zip(along, at, strict=True))
+        gap = np.maximum(np.abs(plane), -np.minimum(np.minimum(*edges[:2]), edges[2]))
+        found.append(np.argmin(gap, axis=1))
+        beside.append(np.min(gap, axis=1))
+    return np.concatenate(found), np.concatenate(beside)
