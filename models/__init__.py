@@ -4,11 +4,18 @@ The folder is a ROS-style package (see package.xml): Drake finds it with
 `parser.package_map().AddPackageXml(str(model_path("package.xml")))`.
 
     t_block/t_block.obj   bar 100 x 40 mm, stem 40 x 100 mm, 50 mm thick
+    large_t/large_t.obj   the same, 1.4 times as large
     cube/cube.obj         60 mm along each side
     mug/mug.obj           hollow, 80 mm long, 80 mm across, 4 mm wall, base at -z
 
-Meshes are watertight, in metres, with the origin at the centre of mass. Beside each NAME.obj stands NAME_visual.obj:
-its surface in colours that tell which way it has turned (see paint.py).
+Meshes are watertight, in metres, with the origin at the centre of mass. Beside each NAME.obj stand NAME_visual.obj:
+its surface in colours that tell which way it has turned (see paint.py); NAME.sdf: a body of 1 kg for hydroelastic
+contact, with NAME_contact.obj; and NAME_point.sdf: the same for point contact, with the meshes in pieces/.
+
+    floor/floor.sdf       top at z = 0
+    pusher/KIND.sdf       sphere, capsule or cylinder of 20 mm on three driven slides along x, y and z of the world
+
+In SDFormat every pair has friction 0.1. `systems/model_files.py` writes these files.
 """
 
 import difflib
@@ -22,7 +29,9 @@ _ROOT = Path(__file__).resolve().parent
 _SCHEME = "package://"
 
 
-OBJECT_NAMES = ("t_block", "cube", "mug")
+OBJECT_NAMES = ("t_block", "large_t", "cube", "mug")
+PUSHER_NAMES = ("sphere", "capsule", "cylinder")
+_SUFFIXES = {".mtl", ".obj", ".sdf", ".xml", ".yaml"}
 
 
 @dataclass(frozen=True)
@@ -33,11 +42,15 @@ class ObjectModel:
         name: One of `OBJECT_NAMES`.
         mesh_path: Watertight mesh, m, origin at the centre of mass.
         visual_path: The same surface in colours; not one closed mesh.
+        sdf_path: SDFormat for hydroelastic contact.
+        point_sdf_path: SDFormat for point contact.
     """
 
     name: str
     mesh_path: Path
     visual_path: Path
+    sdf_path: Path
+    point_sdf_path: Path
 
 
 def object_model(name: str) -> ObjectModel:
@@ -51,12 +64,13 @@ def object_model(name: str) -> ObjectModel:
     """
     if name not in OBJECT_NAMES:
         raise InputError(_ROOT, value=f"object {name!r}", allowed=", ".join(OBJECT_NAMES))
-    return ObjectModel(name, model_path(f"{name}/{name}.obj"), model_path(f"{name}/{name}_visual.obj"))
+    ends = (".obj", "_visual.obj", ".sdf", "_point.sdf")
+    return ObjectModel(name, *(model_path(f"{name}/{name}{end}") for end in ends))
 
 
 def model_names() -> list[str]:
     """The names that `model_path` takes, sorted, with forward slashes."""
-    files = (path for path in _ROOT.rglob("*") if path.is_file() and path.suffix in {".mtl", ".obj", ".xml"})
+    files = (path for path in _ROOT.rglob("*") if path.is_file() and path.suffix in _SUFFIXES)
     return sorted(path.relative_to(_ROOT).as_posix() for path in files)
 
 
@@ -76,7 +90,8 @@ def model_path(name: str) -> Path:
     if name not in names:
         close = difflib.get_close_matches(name, names, n=1)
         hint = f" (did you mean {close[0]}?)" if close else ""
-        raise InputError(_ROOT, value=f"model name {name!r}", allowed=", ".join(names) + hint)
+        listed = ", ".join(each for each in names if "/pieces/" not in each)
+        raise InputError(_ROOT, value=f"model name {name!r}", allowed=listed + hint)
     return _ROOT / name
 
 

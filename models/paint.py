@@ -1,9 +1,9 @@
 """Paints the meshes: writes a normal for each face into NAME.obj, and NAME_visual.obj with its colours NAME_visual.mtl.
 
-Run `python -m pinwm_drake.models.paint` after a mesh was changed. RenderEngineVtk wants normals, and a camera that is
-to see which way an object has turned wants colours that its symmetry does not repeat: cells of the surface, cut along
-planes of the object frame, have the colours of a fixed table. The plain mesh stays one closed surface, which the
-painted one is not.
+Run `python -m pinwm_drake.models.paint` after a mesh was changed; large_t.obj is t_block.obj, 1.4 times as large.
+RenderEngineVtk wants normals, and a camera that is to see which way an object has turned wants colours that its
+symmetry does not repeat: cells of the surface, cut along planes of the object frame, have the colours of a fixed table.
+The plain mesh stays one closed surface, which the painted one is not.
 """
 
 from collections.abc import Callable
@@ -51,6 +51,13 @@ def _side(normal: np.ndarray) -> int:
     return 2 * axis + int(normal[axis] < 0)
 
 
+LARGE_T = 1.4  # times the size of the T-block
+
+
+def _large_t(middle: np.ndarray, normal: np.ndarray) -> str:
+    return _t_block(middle / LARGE_T, normal)
+
+
 def _t_block(middle: np.ndarray, normal: np.ndarray) -> str:
     tones = (
         ("red", "pink"),
@@ -86,8 +93,10 @@ def _mug(middle: np.ndarray, normal: np.ndarray) -> str:
     return stripes[(sector + 3 * band) % 8]
 
 
+_T_ACROSS, _T_ALONG = (-0.04, -0.02, 0.0, 0.02, 0.04), tuple(-0.035 + 0.02 * k for k in range(6))
 PAINTS = {
-    "t_block": Paint(((-0.04, -0.02, 0.0, 0.02, 0.04), tuple(-0.035 + 0.02 * k for k in range(6)), (0.0,)), _t_block),
+    "t_block": Paint((_T_ACROSS, _T_ALONG, (0.0,)), _t_block),
+    "large_t": Paint((tuple(LARGE_T * x for x in _T_ACROSS), tuple(LARGE_T * y for y in _T_ALONG), (0.0,)), _large_t),
     "cube": Paint(((-0.01, 0.01), (-0.01, 0.01), (-0.01, 0.01)), _cube),
     "mug": Paint(((0.0,), (0.0,), (-0.0066, 0.0201)), _mug),
 }
@@ -113,7 +122,18 @@ def read_plain(path: Path) -> tuple[list[str], list[str], np.ndarray, np.ndarray
 
 def plain_with_normals(path: Path) -> str:
     """The text of a plain OBJ file with a normal for each face; corners stay shared."""
-    head, vertices, points, faces = read_plain(path)
+    return _plain_text(*read_plain(path))
+
+
+def enlarged_t(path: Path) -> str:
+    """The text of large_t.obj from the file of the T-block."""
+    _, _, points, faces = read_plain(path)
+    points = LARGE_T * points
+    head = f"# The T-block, {LARGE_T:g} times as large, by paint.py. Metres; origin at the centre of mass."
+    return _plain_text([head, "o large_t"], [f"v {_numbers(point)}" for point in points], points, faces)
+
+
+def _plain_text(head: list[str], vertices: list[str], points: np.ndarray, faces: np.ndarray) -> str:
     normals = [f"vn {_numbers(normal)}" for normal in _normals(points[faces])]
     names = list(dict.fromkeys(normals))
     number = {name: k for k, name in enumerate(names, start=1)}
@@ -154,7 +174,7 @@ def texts() -> dict[Path, str]:
     found = {}
     for name, paint in PAINTS.items():
         path = _ROOT / name / f"{name}.obj"
-        found[path] = plain_with_normals(path)
+        found[path] = enlarged_t(_ROOT / "t_block/t_block.obj") if name == "large_t" else plain_with_normals(path)
         found[path.with_name(f"{name}_visual.obj")], found[path.with_name(f"{name}_visual.mtl")] = painted(path, paint)
     return found
 
@@ -199,5 +219,8 @@ def _numbers(values: np.ndarray) -> str:
 
 
 if __name__ == "__main__":
+    for name in PAINTS:
+        (_ROOT / name).mkdir(exist_ok=True)
+    (_ROOT / "large_t/large_t.obj").write_text(enlarged_t(_ROOT / "t_block/t_block.obj"))
     for file, text in texts().items():
         file.write_text(text)

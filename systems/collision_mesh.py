@@ -1,15 +1,13 @@
-"""Meshes and shapes for Drake's hydroelastic contact."""
+"""Meshes of objects and pushers for Drake's contact and Drake's renderers, as texts of OBJ files."""
 
 import numpy as np
 import trimesh
-from pydrake.common import MemoryFile
-from pydrake.geometry import Capsule, Cylinder, InMemoryMesh, Mesh, Shape, Sphere
 
-from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.geometry.pieces import ConvexPiece
 
 
-def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> Mesh:
-    """The mesh with its triangles divided, as a shape for contact.
+def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> str:
+    """The mesh with its triangles divided, for hydroelastic contact.
 
     Drake puts one contact at the centroid of every polygon of a contact surface; on a floor these are the object's
     triangles. Two large ones would neither hold a box upright nor show the friction torque of its face.
@@ -19,13 +17,14 @@ def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> Mesh:
         longest_edge: Of a triangle, m.
 
     Returns:
-        The shape, its mesh held in memory.
+        The OBJ file.
     """
-    corners = divided(mesh.triangles, longest_edge).reshape(-1, 3)
-    lines = [f"v {x:.12g} {y:.12g} {z:.12g}" for x, y, z in corners]
-    lines += [f"f {k + 1} {k + 2} {k + 3}" for k in range(0, len(corners), 3)]
-    content = ("\n".join(lines) + "\n").encode()
-    return Mesh(InMemoryMesh(mesh_file=MemoryFile(content, ".obj", "object")))
+    triangles = divided(mesh.triangles, longest_edge)
+    # Corners in the order in which they come, each once.
+    lines = [f"v {' '.join(f'{x + 0.0:.12g}' for x in corner)}" for corner in triangles.reshape(-1, 3).round(15)]
+    number = {line: k for k, line in enumerate(dict.fromkeys(lines), start=1)}
+    faces = [" ".join(str(number[line]) for line in lines[k : k + 3]) for k in range(0, len(lines), 3)]
+    return "\n".join([*number, *(f"f {face}" for face in faces)]) + "\n"
 
 
 def divided(triangles: np.ndarray, longest_edge: float) -> np.ndarray:
@@ -51,19 +50,16 @@ def divided(triangles: np.ndarray, longest_edge: float) -> np.ndarray:
     return np.concatenate(done)
 
 
-def drake_shape(pusher: PusherShape) -> Shape:
-    """The pusher as a shape of Drake, its middle at the origin and its axis along z."""
-    if pusher.kind == "sphere":
-        return Sphere(pusher.radius)
-    return {"capsule": Capsule, "cylinder": Cylinder}[pusher.kind](pusher.radius, pusher.length)
+def piece_mesh(piece: ConvexPiece) -> str:
+    """The OBJ file of a convex hull."""
+    corners = [f"v {' '.join(f'{x + 0.0:.9g}' for x in corner.round(15))}" for corner in piece.vertices]
+    faces = [f"f {' '.join(str(corner + 1) for corner in face)}" for face in piece.faces]
+    return "\n".join([*corners, *faces]) + "\n"
 
 
-def triangle_mesh(pusher: PusherShape) -> trimesh.Trimesh:
-    """The pusher as a closed triangle mesh, m, frame P."""
-    if pusher.kind == "sphere":
-        return trimesh.creation.icosphere(subdivisions=3, radius=pusher.radius)
-    if pusher.kind == "capsule":
-        mesh = trimesh.creation.capsule(height=pusher.length, radius=pusher.radius, count=[32, 32])
-        mesh.apply_translation(-mesh.bounds.mean(axis=0))
-        return mesh
-    return trimesh.creation.cylinder(radius=pusher.radius, height=pusher.length, sections=64)
+def seen_mesh(mesh: trimesh.Trimesh) -> str:
+    """The OBJ file of a mesh with a normal for each face, as Drake's renderers want it."""
+    lines = [f"v {' '.join(f'{x + 0.0:.9g}' for x in corner)}" for corner in mesh.vertices]
+    lines += [f"vn {' '.join(f'{x + 0.0:.9g}' for x in normal)}" for normal in mesh.face_normals]
+    lines += [f"f {' '.join(f'{corner}//{k}' for corner in face)}" for k, face in enumerate(mesh.faces + 1, start=1)]
+    return "\n".join(lines) + "\n"

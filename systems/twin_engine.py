@@ -30,9 +30,12 @@ def AddTwinEngine(builder: DiagramBuilder, setup: Setup) -> Engine:
     world = builder.AddNamedSystem("world_model", WorldModel(setup))
     scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
     plant = MultibodyPlant(setup.plant_time_step)
+    plant.set_name("plant")
     plant.RegisterAsSourceForSceneGraph(scene_graph)
-    AddPushBodies(plant, setup, "hydroelastic")
+    bodies = AddPushBodies(plant, setup, "hydroelastic")
     plant.Finalize()
+    # The world model's port has the plant's order: Drake puts a body that floats behind the joints of the others.
+    assert bodies["object"].floating_positions_start() == 3
     poses = builder.AddNamedSystem("plant_poses", MultibodyPositionToGeometryPose(plant))
     poses.plant = plant  # which it refers to and does not keep
     builder.Connect(world.GetOutputPort("plant_positions"), poses.get_input_port())

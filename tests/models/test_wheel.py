@@ -49,7 +49,37 @@ for name in models.model_names():
     package, *files = call(sys.executable, "-P", "-c", code, cwd=tmp_path, path=site).splitlines()
     assert Path(package) == site / "pinwm_drake" / "__init__.py"
     expected = {"package.xml", "t_block/t_block.obj", "cube/cube_visual.obj", "mug/mug_visual.mtl"}
+    expected |= {"floor/floor.sdf", "pusher/capsule.sdf", "mug/mug_point.sdf", "mug/pieces/mug_64.obj"}
     assert {Path(file).relative_to(site / "pinwm_drake" / "models").as_posix() for file in files} >= expected
+
+
+def test_drake_loads_the_models_of_an_installed_wheel(wheel, tmp_path):
+    site = tmp_path / "site"
+    pip("install", "--no-index", "--target", site, wheel, cwd=tmp_path)
+    code = """
+from pinwm_drake.models import OBJECT_NAMES, PUSHER_NAMES, model_path, object_model
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+for name in OBJECT_NAMES:
+    for path in (object_model(name).sdf_path, object_model(name).point_sdf_path):
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
+        parser = Parser(plant=plant)
+        parser.package_map().AddPackageXml(str(model_path("package.xml")))
+        for file in (path, model_path("floor/floor.sdf"), model_path("pusher/sphere.sdf")):
+            parser.AddModels(str(file))
+        plant.Finalize()
+        builder.Build()
+        print(path, plant.num_bodies())
+"""
+    # With what it warns of on standard error.
+    *lines, last = call(
+        sys.executable, "-P", "-c", f"import os; os.dup2(1, 2)\n{code}", cwd=tmp_path, path=site
+    ).splitlines()
+    assert last.startswith(str(site / "pinwm_drake/models/mug/mug_point.sdf"))
+    assert len(lines) == 7
 
 
 def test_wheel_holds_the_package_and_nothing_else(wheel):
