@@ -38,7 +38,7 @@ class MeshcatSurfels(LeafSystem):  # type: ignore[misc]  # pydrake has no usable
             path,
             np.asfortranarray(mesh.vertices.T, np.float64),
             np.asfortranarray(mesh.faces.T, np.int32),
-            np.asfortranarray(mesh.colours.T, np.float64),
+            np.asfortranarray(linear(mesh.colours).T, np.float64),
         )
         self.DeclarePeriodicPublishEvent(period, 0.0, self._Publish)
         self.DeclareForcedPublishEvent(self._Publish)
@@ -48,3 +48,10 @@ class MeshcatSurfels(LeafSystem):  # type: ignore[misc]  # pydrake has no usable
         X_WO = RigidTransform(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO)), p_WO)
         self._meshcat.SetTransform(self._path, X_WO, context.get_time())
         return EventStatus.Succeeded()
+
+
+def linear(colours: np.ndarray) -> np.ndarray:
+    """Colours in sRGB (n, 3), 0 to 1, as intensities: Meshcat takes those of corners for such."""
+    low = colours <= 0.04045
+    intensities: np.ndarray = np.where(low, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    return intensities

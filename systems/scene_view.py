@@ -1,5 +1,6 @@
 """Everything of a station in Meshcat: geometries, floor, camera, contact forces and surfels."""
 
+import math
 from typing import Protocol
 
 import numpy as np
@@ -17,7 +18,7 @@ from pydrake.geometry import (
     Role,
     SceneGraph,
 )
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.rendering.camera import Camera
@@ -35,8 +36,9 @@ __all__ = [
 PERIOD = 1 / 30  # s, of simulated time, between publishes
 PREFIX = "/station"
 _FLOOR_SIDE, _FLOOR_DEPTH, _FLOOR_COLOUR = 1.2, 0.001, Rgba(0.75, 0.75, 0.75, 0.4)  # m
-_FRUSTUM_DEPTH, _FRUSTUM_COLOUR = 0.08, Rgba(0.15, 0.35, 0.75)  # m
-_EYE = 0.75  # the page, whose angle of view is 75 degrees, looks from this share of the camera's distance
+_FRUSTUM_COLOUR = Rgba(0.15, 0.35, 0.75)
+# The page, whose angle of view is 75 degrees, looks from the camera's right, and from this share of its distance.
+_EYE, _EYE_TURN = 0.7, math.radians(50)
 
 
 class Seen(Protocol):
@@ -119,15 +121,16 @@ def _draw_floor(meshcat: Meshcat, path: str, height: float) -> None:
 
 
 def _draw_camera(meshcat: Meshcat, path: str, camera: Camera, X_WC: RigidTransform) -> None:
-    """Its frustum, and the page's own look, along the camera's axis, at what it sees."""
-    start, end = frustum(camera, _FRUSTUM_DEPTH)
-    meshcat.SetLineSegments(path, start, end, 2.0, _FRUSTUM_COLOUR)
-    meshcat.SetTransform(path, X_WC)
+    """Its frustum as far as what it looks at, and the page's own look at that."""
     p_WC, forward = X_WC.translation(), X_WC.rotation().matrix()[:, 2]
     # Where its axis meets the height of the world's origin, if ahead; else half a metre ahead.
     distance = -p_WC[2] / forward[2] if p_WC[2] * forward[2] < 0 else 0.5
+    start, end = frustum(camera, distance)
+    meshcat.SetLineSegments(path, start, end, 2.0, _FRUSTUM_COLOUR)
+    meshcat.SetTransform(path, X_WC)
     target = p_WC + distance * forward
-    meshcat.SetCameraPose(target + _EYE * (p_WC - target), target)
+    side = RotationMatrix.MakeZRotation(_EYE_TURN) @ (p_WC - target)
+    meshcat.SetCameraPose(target + _EYE * side, target)
 
 
 def frustum(camera: Camera, depth: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """The twin as an engine: the world model, and a plant of the same scene that lends its geometry to SceneGraph."""
 
 from pinwm_drake.systems.engine import Engine
-from pinwm_drake.systems.push_plant import AddPushBodies
+from pinwm_drake.systems.push_plant import AddPushBodies, LabelBodies, PushPlant
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.world_model import WorldModel
 from pydrake.geometry import SceneGraph
@@ -34,6 +34,7 @@ def AddTwinEngine(builder: DiagramBuilder, setup: Setup) -> Engine:
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     bodies = AddPushBodies(plant, setup, "hydroelastic")
     plant.Finalize()
+    LabelBodies(PushPlant(setup, plant, scene_graph, **bodies))
     # The world model's port has the plant's order: Drake puts a body that floats behind the joints of the others.
     assert bodies["object"].floating_positions_start() == 3
     poses = builder.AddNamedSystem("plant_poses", MultibodyPositionToGeometryPose(plant))

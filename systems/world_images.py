@@ -67,7 +67,7 @@ class WorldImages:
         X_CO = Pose(torch.from_numpy(q_CO), torch.from_numpy(p_CO))
         surfels = Surfels(self.surfels.p_OS, self.surfels.q_OS, self.surfels.log_scale, self.surfels.logit_opacity, sh)
         image = render(surfels, self.camera, X_CO, full=False, num_threads=self._threads)
-        return cut_out(image, (image.alpha.numpy() >= 0.5) & self._visible(q_CO, p_CO, p_WP))
+        return cut_out(image, (image.alpha.numpy() >= _LEAST) & self._visible(q_CO, p_CO, p_WP))
 
     def _visible(self, q_CO: np.ndarray, p_CO: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
         """(W, height, width): where the object's mesh is and the pusher does not stand before it.
