@@ -1,7 +1,9 @@
 """What the station costs beyond the bare step and render: one action of 0.1 s and one 64 x 64 image, 1 and 32 worlds.
 
-The bare loop calls `Stepper.advance` as often as the diagram updates its state, and `render` once. The station does so
-inside Drake's Simulator, and makes the image what a policy sees: 8 bits, masked, hidden where the pusher stands before.
+The bare loop calls `Stepper.rollout`, the batched API, as often as the diagram updates its state, and `render` once.
+The unchecked one calls `Stepper.advance` instead, as the station does: plain arrays, nothing looked at. The station
+does it inside Drake's Simulator, with limits on the pusher, and makes the image what a policy sees: 8 bits, masked,
+hidden where the pusher stands before.
 """
 
 from benchmarks import results, timing
@@ -15,7 +17,7 @@ from pinwm_drake.systems.setup import make_setup  # noqa: E402
 from pinwm_drake.systems.station import MakePushStation, PushStation  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 
-from pinwm_drake.physics import Stepper  # noqa: E402
+from pinwm_drake.physics import Parameters, State, Stepper  # noqa: E402
 from pinwm_drake.rendering import render  # noqa: E402
 from pinwm_drake.spatial.poses import Pose  # noqa: E402
 
@@ -80,11 +82,23 @@ class Action:
 
     def bare(self) -> None:
         """The action without it."""
+        state, V_WP = State(*(torch.from_numpy(np.ascontiguousarray(part)) for part in self.state)), self.V_WP
+        parameters = Parameters(*(torch.from_numpy(values) for values in self.theta))
+        velocities = torch.from_numpy(V_WP)
+        for _ in range(self.updates):
+            state = self.stepper.rollout(parameters, state, velocities, record_every=len(V_WP)).frame(-1)
+        self._render(state.p_WB[:, 0].numpy())
+
+    def unchecked(self) -> None:
+        """The action without it, and without any check."""
         state = self.state
         for _ in range(self.updates):
             state = self.stepper.advance(self.theta, state, self.V_WP)
-        p_CO = state[1][:, 0] @ self.R_CW.T + self.p_CW
-        render(self.surfels, self.camera, Pose(self.q_CO, torch.from_numpy(p_CO)), full=False)
+        self._render(state[1][:, 0])
+
+    def _render(self, p_WB: np.ndarray) -> None:
+        p_CO = torch.from_numpy(p_WB @ self.R_CW.T + self.p_CW)
+        render(self.surfels, self.camera, Pose(self.q_CO, p_CO), full=False)
 
 
 def measure(rounds: int) -> dict:
@@ -95,28 +109,26 @@ def measure(rounds: int) -> dict:
             action = Action(worlds, steps)
             cases[f"{worlds} {steps} station"] = timing.Case(action.in_station, action.prepare)
             cases[f"{worlds} {steps} bare"] = timing.Case(action.bare, action.prepare)
+            cases[f"{worlds} {steps} unchecked"] = timing.Case(action.unchecked, action.prepare)
     samples = timing.interleave(cases, rounds)
+    names = [f"{worlds} {steps}" for worlds in BARS for steps in (1, STEPS)]
     return {
         "milliseconds": {name: sample.summary(1e3) for name, sample in samples.items()},
-        "ratio": {
-            name.removesuffix(" station"): samples[name].over(samples[name.replace("station", "bare")])
-            for name in samples
-            if name.endswith("station")
-        },
+        "ratio": {name: samples[f"{name} station"].over(samples[f"{name} bare"]) for name in names},
+        "ratio_unchecked": {name: samples[f"{name} station"].over(samples[f"{name} unchecked"]) for name in names},
     }
 
 
 def table(data: dict) -> str:
     """The figures in Markdown."""
     lines = [
-        "| worlds | steps an update | bare step and render, ms an action | station, ms | ratio (quartiles) |",
-        "| --- | --- | --- | --- | --- |",
+        "| worlds | steps an update | bare, ms an action | unchecked, ms | station, ms | over bare | over unchecked |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name, ratio in data["ratio"].items():
-        worlds, steps = name.split()
-        bare, station = (data["milliseconds"][f"{name} {kind}"] for kind in ("bare", "station"))
-        spreads = f"{results.spread(bare, 2)} | {results.spread(station, 2)} | {results.spread(ratio, 3)}"
-        lines.append(f"| {worlds} | {steps} | {spreads} |")
+        times = [results.spread(data["milliseconds"][f"{name} {kind}"], 2) for kind in ("bare", "unchecked", "station")]
+        ratios = [results.spread(ratio, 2), results.spread(data["ratio_unchecked"][name], 2)]
+        lines.append(f"| {' | '.join([*name.split(), *times, *ratios])} |")
     lines.append("")
     for worlds, bar in BARS.items():
         for steps in (1, STEPS):

@@ -59,7 +59,12 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         self.num_worlds = W = scenario.num_worlds
         self.physics = WorldPhysics(twin, np.array(scenario.start.q_WO), scenario.physics.steps_per_update, num_threads)
         self._images = WorldImages(
-            twin.surfels, self.physics.scene.mesh, pusher_surface(twin.pusher), setup.camera, setup.X_WC, num_threads
+            twin.surfels,
+            self.physics.scene.mesh,
+            pusher_surface(twin.pusher, sections=24),
+            setup.camera,
+            setup.X_WC,
+            num_threads,
         )
         nominal = self.physics.parameters(W)
         numbers = [getattr(nominal, name).reshape(-1).numpy() for name in _FIELDS]
