@@ -10,14 +10,21 @@ README = Path(__file__).resolve().parent.parent / "README.md"
 def run_example(number):
     """The names that an example of the README defines."""
     examples = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-    assert len(examples) == 2
+    assert len(examples) == 3
     names: dict = {}
     exec(compile(examples[number], README.name, "exec"), names)
     return names
 
 
+def test_the_stations_example_runs_and_does_what_it_says(capsys):
+    names = run_example(0)
+    assert "(128, 128, 4)" in capsys.readouterr().out
+    # At 0.1 m/s for 1 s the pusher goes 100 mm, and takes the T-block with it.
+    assert names["station"].object_pose(names["context"]).translation()[0] < -0.01
+
+
 def test_the_renderers_example_runs_and_does_what_it_says(capsys):
-    names = run_example(1)
+    names = run_example(2)
     assert "torch.Size([1, 200, 200, 3])" in capsys.readouterr().out
     # The disc's radius is 50 px.
     assert names["image"].alpha[0, 80:120, 80:120].mean() > 0.9
@@ -29,7 +36,7 @@ def test_the_renderers_example_runs_and_does_what_it_says(capsys):
 
 
 def test_the_python_example_runs_and_does_what_it_says(capsys):
-    names = run_example(0)
+    names = run_example(1)
     assert "tensor" in capsys.readouterr().out
     # The pusher starts 5 mm before the face and moves 100 mm; contacts give by far less than 10 µm.
     assert names["end"].p_WB[0, 0, 0].item() == pytest.approx(0.095, abs=1e-5)
