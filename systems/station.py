@@ -79,7 +79,7 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         """Puts object and pusher into place, at rest.
 
         Args:
-            context: Of the station, or of a diagram that holds it.
+            context: Of the station, or of the outermost diagram around it, where there is one.
             place: Where.
             world: Of the twin's worlds.
         """
@@ -90,10 +90,10 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         """Draws the start of every world from `scenario.start`.
 
         Drake calls a diagram's own code only, so that `SetRandomContext` of a diagram around the station does not come
-        here: call this, with the context of either.
+        here: call this, with the context of that diagram.
 
         Args:
-            context: Of the station, or of a diagram that holds it.
+            context: Of the station, or of the outermost diagram around it, where there is one.
             generator: Drawn from once.
         """
         numbers = np.random.default_rng(generator())

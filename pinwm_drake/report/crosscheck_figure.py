@@ -101,7 +101,7 @@ def crosscheck_figure(
         axes[name].xaxis.set_major_locator(MaxNLocator(integer=True))
         axes[name].set_ylabel(f"{name} after rest [{unit}]")
         axes[name].set_xlabel("push")
-        axes[name].legend(frameon=False, fontsize=8)
+        axes[name].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2)
     _draw_paths(axes["top"], mesh, paths, p_WP)
     axes["top"].set_title(f"push {worst}, the worst one, from above", fontsize=9, color=GREY)
     tidy(axes.values())
