@@ -29,6 +29,7 @@ class Engine:
         object_state: Output (13 W): q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world, at O.
         pusher_state: Output (6 W): p_WP [m], v_WP [m/s], world.
         rgb: Output, ImageRgba8U: the object of world 0 where it is visible, alpha 255; white and alpha 0 elsewhere.
+        rgb_batch: Output, Value[array]: the same of all worlds, (W, height, width, 4) uint8.
         contact_forces: Output, Value[ContactForces].
         scene_graph: Its query output port serves Meshcat, queries and sensors.
         handle: Puts things into place.
@@ -39,6 +40,7 @@ class Engine:
     object_state: OutputPort
     pusher_state: OutputPort
     rgb: OutputPort
+    rgb_batch: OutputPort
     contact_forces: OutputPort
     scene_graph: SceneGraph
     handle: Handle

@@ -31,14 +31,14 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         pusher_velocity_W     (3 W) v_WP [m/s]     │             │─► object_state  (13 W): q_WO, p_WO [m], ω_WO, v_WO
         or, as chosen, ───────────────────────────►│ PushStation │─► pusher_state   (6 W): p_WP [m], v_WP [m/s]
         pusher_translation_W  (3 W) d [m],         │             │─► rgb       ImageRgba8U
-        over `horizon`                             │             │─► rgb_time          (1): s, when it was taken
+        over `horizon`                             │             │─► rgb_batch  Value[array]: (W, height, width, 4)
+                                                   │             │─► rgb_time          (1): s, when they were taken
                                                    │             │─► contact_forces  Value[ContactForces]
                                                    └─────────────┘─► query_object    of SceneGraph
 
     World frame throughout. A velocity is sampled every `setup.period`, limited in speed and to the pusher's box, and
-    held; a translation is sampled every `horizon`. `rgb` shows world 0: the object where it is visible with alpha
-    255, white with alpha 0 elsewhere. W is 1 but for the twin, whose port `rgb_batch` (Value[(W, H, W, 4) uint8]) and
-    whose LeafSystem `world` other engines do not have.
+    held; a translation is sampled every `horizon`. `rgb` shows world 0, `rgb_batch` (uint8) all: the object where it is
+    visible with alpha 255, white with alpha 0 elsewhere. W is 1 but for the twin.
 
     Attributes:
         setup: What it was made from.
@@ -62,12 +62,11 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
             "object_state": parts.object_state,
             "pusher_state": parts.pusher_state,
             "rgb": parts.rgb,
+            "rgb_batch": parts.rgb_batch,
             "rgb_time": builder.AddNamedSystem("rgb_clock", Clock()).get_output_port(),
             "contact_forces": parts.contact_forces,
             "query_object": parts.scene_graph.get_query_output_port(),
         }
-        if self.world is not None:
-            outputs["rgb_batch"] = self.world.GetOutputPort("rgb_batch")
         for name, port in outputs.items():
             builder.ExportOutput(port, name)
         if meshcat is not None:

@@ -47,6 +47,7 @@ def AddTwinEngine(builder: DiagramBuilder, setup: Setup) -> Engine:
         object_state=world.GetOutputPort("object_state"),
         pusher_state=world.GetOutputPort("pusher_state"),
         rgb=world.GetOutputPort("rgb"),
+        rgb_batch=world.GetOutputPort("rgb_batch"),
         contact_forces=world.GetOutputPort("contact_forces"),
         scene_graph=scene_graph,
         handle=world,

@@ -69,7 +69,7 @@ def station(
     state = builder.AddSystem(ConstantVectorSource(np.concatenate([world, np.zeros(13)])))
     contact = builder.AddSystem(ConstantValueSource(AbstractValue.Make(forces or ContactForces.none())))
     port = state.get_output_port()
-    engine = Engine(name, None, port, port, port, contact.get_output_port(), scene_graph, None)
+    engine = Engine(name, None, port, port, port, port, contact.get_output_port(), scene_graph, None)
     AddSceneView(builder, engine, meshcat, setup, **options)
     return builder.Build()
 

@@ -27,7 +27,10 @@ class Ramp(LeafSystem):
     def __init__(self):
         super().__init__()
         self.DeclareVectorOutputPort(
-            "velocity", 3, lambda context, output: output.SetFromVector([context.get_time(), 0, 0]), {self.time_ticket()}
+            "velocity",
+            3,
+            lambda context, output: output.SetFromVector([context.get_time(), 0, 0]),
+            {self.time_ticket()},
         )
 
 
