@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from pinwm_drake.systems.push_choice import choose_push
+from pinwm_drake.systems.push_choice import choose_push, pushing_height, upright_shape
 from pinwm_drake.systems.pusher_motion import StraightPush
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.start import StartDistribution
 from pydrake.math import RigidTransform
 
-from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.scene import resting_height
 from pinwm_drake.twin.rollout import twin_scene
@@ -21,7 +20,6 @@ SPEEDS = (0.08, 0.5)  # m/s
 _VARIATION = (0.85, 1.15)  # of speed
 _DISTANCES = (0.04, 0.10)  # m, that the pusher goes on after it has met the object
 _DELAY = 0.05  # s, in which the object settles
-_CLEARANCE = 0.004  # m, between floor and pusher
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +58,9 @@ def draw_trials(setup: Setup, reference: Setup, number: int, seed: int) -> list[
         ParameterError: The pusher meets no side of the object at its height.
     """
     start, twin = StartDistribution(setup), setup.twin
-    mesh, shape = load_mesh(twin.mesh_path), _round_shape(setup)
+    mesh, shape = load_mesh(twin.mesh_path), upright_shape(twin.pusher)
     p_OB = mass_properties(mesh, mass=1.0).p_com
     speed = coasting_speed(reference.twin.theta["friction_floor"].value, reference.twin.gravity)
-    half = 0.5 * shape.length + (0.0 if shape.kind == "cylinder" else shape.radius)
-    lowest = twin.floor_height + half + _CLEARANCE
     # The physics tells which face carries the object by the orientation that the scenario names.
     scene = twin_scene(twin, torch.as_tensor(setup.scenario.start.q_WO, dtype=torch.float64))
     trials = []
@@ -80,7 +76,7 @@ def draw_trials(setup: Setup, reference: Setup, number: int, seed: int) -> list[
             p_WB,
             shape,
             generator,
-            height=max(lowest, p_WB[2]),
+            height=pushing_height(shape, twin.floor_height, p_WB[2]),
             speed=speed * generator.uniform(*_VARIATION),
             distance=generator.uniform(*_DISTANCES),
         )
@@ -90,13 +86,3 @@ def draw_trials(setup: Setup, reference: Setup, number: int, seed: int) -> list[
 
 def _delayed(push: StraightPush) -> StraightPush:
     return StraightPush(push.p_WP, push.direction_W, push.speed, push.distance, push.acceleration, _DELAY)
-
-
-def _round_shape(setup: Setup) -> PusherShape:
-    """The pusher's shape; an upright cylinder around one that is a mesh."""
-    pusher = setup.twin.pusher
-    if pusher.shape is not None:
-        return pusher.shape
-    corners = load_mesh(pusher.mesh_path).vertices
-    radius = float(np.linalg.norm(corners[:, :2], axis=1).max())
-    return PusherShape("cylinder", radius, 2 * float(np.abs(corners[:, 2]).max()))

@@ -6,7 +6,8 @@ import numpy as np
 import trimesh
 from pinwm_drake.systems.pusher_motion import StraightPush
 
-from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import ParameterError
 
 _GAP = 0.012  # m, between pusher and object at the start
@@ -17,6 +18,7 @@ _FLAT = 0.010  # m, around the first contact, without an edge
 _EDGE = math.radians(45)  # between normals
 _SIDEWAYS = 0.6  # of half the width that the object shows the pusher
 _ATTEMPTS = 1000
+_CLEARANCE = 0.004  # m, between floor and pusher
 
 
 def choose_push(
@@ -88,3 +90,22 @@ def _points(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
         mesh.vertices, mesh.faces, _SPACING, max_iter=20, return_index=True
     )
     return vertices[faces].mean(axis=1), mesh.face_normals[index]
+
+
+def upright_shape(pusher: PusherGeometry) -> PusherShape:
+    """A pusher's shape; an upright cylinder around one that is a mesh.
+
+    Raises:
+        InputError: The mesh cannot be used.
+    """
+    if pusher.shape is not None:
+        return pusher.shape
+    corners = pusher_surface(pusher).vertices
+    radius = float(np.linalg.norm(corners[:, :2], axis=1).max())
+    return PusherShape("cylinder", radius, 2 * float(np.abs(corners[:, 2]).max()))
+
+
+def pushing_height(shape: PusherShape, floor_height: float, wanted: float) -> float:
+    """Height z of a pusher's middle [m, world]: as wanted, or as near to that as the floor allows."""
+    half = 0.5 * shape.length + (0.0 if shape.kind == "cylinder" else shape.radius)
+    return max(floor_height + half + _CLEARANCE, wanted)

@@ -2,18 +2,16 @@
 
 import numpy as np
 from pinwm_drake.systems.crosscheck_pushes import coasting_speed
-from pinwm_drake.systems.push_choice import choose_push
+from pinwm_drake.systems.push_choice import choose_push, pushing_height, upright_shape
 from pinwm_drake.systems.pusher_motion import StraightPush
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.start import StartDistribution
 from pydrake.math import RigidTransform
 
-from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 
 _DISTANCE = 0.10  # m, that the pusher goes on after it has met the object
-_CLEARANCE = 0.004  # m, between floor and pusher
 _ATTEMPTS = 20
 
 
@@ -35,7 +33,7 @@ def random_push(setup: Setup, X_WO: RigidTransform, generator: np.random.Generat
     limits, theta = setup.scenario.pusher, setup.twin.theta
     mesh_W = load_mesh(setup.twin.mesh_path)
     mesh_W.apply_transform(X_WO.GetAsMatrix4())
-    p_WB, shape = mass_properties(mesh_W, mass=1.0).p_com, upright_shape(setup)
+    p_WB, shape = mass_properties(mesh_W, mass=1.0).p_com, upright_shape(setup.twin.pusher)
     speed = min(coasting_speed(theta["friction_floor"].value, setup.twin.gravity), limits.max_speed)
     for _ in range(_ATTEMPTS):
         push = choose_push(
@@ -65,17 +63,6 @@ def level_height(setup: Setup) -> float:
     Raises:
         InputError: A mesh cannot be used.
     """
-    mesh, shape = load_mesh(setup.twin.mesh_path), upright_shape(setup)
+    mesh, shape = load_mesh(setup.twin.mesh_path), upright_shape(setup.twin.pusher)
     p_OB_z = (StartDistribution(setup).middle().X_WO @ mass_properties(mesh, mass=1.0).p_com)[2]
-    half = 0.5 * shape.length + (0.0 if shape.kind == "cylinder" else shape.radius)
-    return max(setup.twin.floor_height + half + _CLEARANCE, float(p_OB_z))
-
-
-def upright_shape(setup: Setup) -> PusherShape:
-    """The pusher's shape; an upright cylinder around one that is a mesh."""
-    pusher = setup.twin.pusher
-    if pusher.shape is not None:
-        return pusher.shape
-    corners = load_mesh(pusher.mesh_path).vertices
-    radius = float(np.linalg.norm(corners[:, :2], axis=1).max())
-    return PusherShape("cylinder", radius, 2 * float(np.abs(corners[:, 2]).max()))
+    return pushing_height(shape, setup.twin.floor_height, float(p_OB_z))

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from pinwm_drake.systems.push_choice import upright_shape
 from pinwm_drake.systems.setup import Setup
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
@@ -33,12 +34,7 @@ class StartDistribution:
         self._start = setup.scenario.start
         self._floor = setup.twin.floor_height
         self._vertices = load_mesh(setup.twin.mesh_path).vertices
-        shape = setup.twin.pusher.shape
-        if shape is not None:
-            self._pusher_reach = shape.radius
-        else:
-            corners = load_mesh(setup.twin.pusher.mesh_path).vertices
-            self._pusher_reach = float(np.linalg.norm(corners[:, :2], axis=1).max())
+        self._pusher_reach = upright_shape(setup.twin.pusher).radius
         q_WO = np.array(self._start.q_WO)
         self._R = RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO)))
 

@@ -22,14 +22,13 @@ from pinwm_drake.files import appearing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.systems.push_choice import choose_push
+from pinwm_drake.systems.push_choice import choose_push, pushing_height
 from pinwm_drake.systems.push_recorder import MakePushRecorder, PushRecorder
 from pinwm_drake.systems.setup import make_setup
 from pinwm_drake.systems.viewpoints import around, framed
 
 _FIELD_OF_VIEW = math.radians(40)
 _STATIC_MARGIN, _EPISODE_MARGIN = 0.12, 0.12  # of the image, free on each side of the object
-_CLEARANCE = 0.004  # m, between floor and pusher
 
 
 def run_simulate(out: Path, options: SimulateOptions) -> None:
@@ -132,13 +131,12 @@ class _Capture:
         options, generator = self.options, np.random.default_rng([self.options.seed, 1, number])
         p_WO, mesh_W = self.X_WO.translation(), self.mesh.copy()
         mesh_W.apply_transform(self.X_WO.GetAsMatrix4())
-        half = 0.5 * self.shape.length + (0 if self.shape.kind == "cylinder" else self.shape.radius)
         push = choose_push(
             mesh_W,
             p_WO,
             self.shape,
             generator,
-            height=max(half + _CLEARANCE, p_WO[2]),
+            height=pushing_height(self.shape, 0.0, p_WO[2]),
             speed=options.speed * generator.uniform(0.85, 1.15),
             distance=options.distance * generator.uniform(0.85, 1.15),
         )
