@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-NAMES = ("step", "accuracy", "scaling", "worlds", "memory", "render", "cuda")
+NAMES = ("step", "accuracy", "scaling", "worlds", "memory", "render", "station", "cuda", "hydroelastic")
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ def crosscheck(
         str, typer.Argument(metavar="TWIN", help="Folder that `pinwm identify` wrote, or a .scenario.yaml file.")
     ],
     more: Annotated[
-        list[str] | None, typer.Argument(metavar="[ENGINE]...", help="Further engines: --engine hydroelastic point.")
+        list[str] | None, typer.Argument(metavar="ENGINE", help="Further engines: --engine hydroelastic point.")
     ] = None,
     engine: Annotated[
         list[str] | None,
@@ -35,7 +35,7 @@ def crosscheck(
     ] = 0.003,
     threshold_rotation: Annotated[float, typer.Option(help="In degrees, likewise of its orientation.")] = 2.0,
     processes: Annotated[
-        int | None, typer.Option(help="That share the pushes.", show_default="2, or one core's")
+        int | None, typer.Option(help="That share the pushes.", show_default="2, or 1 on one core")
     ] = None,
 ) -> None:
     """Sends the same pushes through a twin and Drake's own contact; exits with 0 for PASS and with 1 for FAIL."""

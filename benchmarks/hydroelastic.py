@@ -1,0 +1,203 @@
+"""What the settings of Drake's hydroelastic contact do to a push: the tables of docs/hydroelastic.md.
+
+One setting at a time is changed by a factor; the same pushes of the T-block then end elsewhere, by as much as the
+table says. Beside it stand what a contact without bounce ought to have (the object leaves an impact no faster than the
+pusher), how deep the object sinks into the floor, how fast it creeps, and what a second of it costs. `--agreement`
+measures how far the twin is from both of Drake's contact models; that takes half an hour.
+"""
+
+import dataclasses
+import datetime
+import math
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmarks import results, timing
+
+timing.limit_threads(1, cpus=os.cpu_count())  # before numba and torch are imported
+
+import numpy as np  # noqa: E402
+from pinwm_drake.systems.crosscheck import CrossCheckOptions, cross_check  # noqa: E402
+from pinwm_drake.systems.crosscheck_difference import Difference, difference_of  # noqa: E402
+from pinwm_drake.systems.crosscheck_motion import Motion, PushRig  # noqa: E402
+from pinwm_drake.systems.crosscheck_pushes import draw_trials  # noqa: E402
+from pinwm_drake.systems.scenario import Physics  # noqa: E402
+
+from benchmarks.hydroelastic_scene import Findings, measure, scene  # noqa: E402
+from benchmarks.hydroelastic_settings import applied, variants  # noqa: E402
+
+PAGE = Path(__file__).resolve().parent.parent / "docs/hydroelastic.md"
+
+_FRICTION, _PUSHES, _SEED = 0.1, 4, 0
+_AGREEMENT = (("t_block", 0.03), ("t_block", 0.1), ("t_block", 0.3), ("cube", 0.3), ("mug", 0.5))
+# Of the T-block at a friction of 0.3: the pushes after which both contact models are farthest from the twin.
+_HARD_FRICTION, _HARD = 0.3, (0, 8, 12, 17, 18)
+_STEPS = (("hydroelastic", 3840), ("hydroelastic", 15360), ("point", 3840), ("point", 15360), ("point", 61440))
+_TWINS = {
+    "as it is: patch, 32 directions, 1/240 s": Physics(),
+    "8 directions": Physics(friction_directions=8),
+    "64 directions": Physics(friction_directions=64),
+    "steps of 1/960 s": Physics(time_step=1 / 960, steps_per_update=4),
+    "on its corners": Physics(support="corners"),
+}
+
+
+def study() -> str:
+    """The table of the settings, in Markdown."""
+    shipped = scene("t_block", _FRICTION)
+    trials = draw_trials(shipped, shipped, _PUSHES, _SEED)
+    # The meshes of a twin are made afresh, those of a shipped object are not.
+    fresh = dataclasses.replace(shipped, scenario=dataclasses.replace(shipped.scenario, object=None))
+    twin = measure(shipped, "twin", trials)
+    lines = [
+        "| setting | value | end of a push moves: median, most | from the twin: median | bounce at 0.2 m/s "
+        "| sinks | creeps | core seconds a second |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    usual: Findings | None = None
+    for variant in variants():
+        with applied(variant):
+            setup = dataclasses.replace(fresh, plant_time_step=variant.time_step or fresh.plant_time_step)
+            found = _attempt(lambda setup=setup: measure(setup, "hydroelastic", trials))
+        if isinstance(found, str):
+            lines.append(f"| {variant.name} | {variant.value} | {found} | | | | | |")
+        else:
+            usual = usual or found
+            lines.append(_row(variant.name, variant.value, found, usual, twin))
+        print(lines[-1], flush=True)
+    lines.append(_row("twin", "", twin, usual or twin, twin))
+    return "\n".join(lines)
+
+
+def _attempt(work: Callable[[], Findings]) -> Findings | str:
+    try:
+        return work()
+    except RuntimeError as error:
+        return str(error).splitlines()[0]
+
+
+def _row(name: str, value: str, found: Findings, usual: Findings, twin: Findings) -> str:
+    failed = sum(bool(motion.failure) or motion.rest is None for motion in found.motions)
+    if failed:
+        return f"| {name} | {value} | {failed} of {len(found.motions)} pushes fail | | | | | |"
+    cells = [
+        name,
+        value,
+        "" if found is usual else _apart(found.motions, usual.motions, most=True),
+        "" if found is twin else _apart(found.motions, twin.motions, most=False),
+        f"{1e3 * found.bounce:+.1f} mm/s",
+        f"{1e6 * found.sinking:.1f} µm",
+        f"{1e3 * found.creep:.1g} mm/s",
+        f"{found.cost:.1f}",
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def _apart(motions: list[Motion], others: list[Motion], *, most: bool) -> str:
+    ways, angles = _ends([difference_of(one, other) for one, other in zip(motions, others, strict=True)])
+    text = f"{np.median(ways):.2f} mm, {np.median(angles):.2f}°"
+    return text + (f"; {ways.max():.2f} mm, {angles.max():.2f}°" if most else "")
+
+
+def _ends(differences: list[Difference]) -> tuple[np.ndarray, np.ndarray]:
+    """Of translation [mm] and rotation [degrees] after rest."""
+    ways, angles = np.array([[1e3 * one.translation, math.degrees(one.rotation)] for one in differences]).T
+    return ways, angles
+
+
+def agreement() -> str:
+    """How far the twin is from both contact models and, for comparison, from itself, in Markdown."""
+    lines = [
+        "| object | friction | compared with | after rest: median | most | pushes above 3 mm or 2° |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for name, friction in _AGREEMENT:
+        setup = scene(name, friction)
+        found = cross_check(setup, CrossCheckOptions(pushes=20))
+        rig = PushRig(setup.with_theta(friction_floor=1.01 * friction), "twin")
+        ends = {engine: [push.differences[engine] for push in found.pushes] for engine in ("hydroelastic", "point")}
+        ends["itself with 1 % more friction on the floor"] = [
+            difference_of(push.motions["twin"], rig.run(push.trial)) for push in found.pushes
+        ]
+        for other, differences in ends.items():
+            lines.append(_agreement_row(name, friction, other, *_ends(differences)))
+            print(lines[-1], flush=True)
+    return "\n".join(lines)
+
+
+def _agreement_row(name: str, friction: float, other: str, ways: np.ndarray, angles: np.ndarray) -> str:
+    """Of differences in mm and degrees; what failed is counted and left out of the largest."""
+    above, ended = int(((ways > 3) | (angles > 2)).sum()), np.isfinite(ways)
+    medians = f"{np.median(ways):.2f} mm, {np.median(angles):.2f}°"
+    most = f"{ways[ended].max():.1f} mm, {angles[ended].max():.1f}°"
+    failed = "" if ended.all() else f", {int((~ended).sum())} failed"
+    return f"| {name} | {friction:g} | {other} | {medians} | {most} | {above} of {len(ways)}{failed} |"
+
+
+def twins() -> str:
+    """Settings of the twin, against hydroelastic contact, in Markdown."""
+    usual = scene("t_block", _FRICTION)
+    trials = draw_trials(usual, usual, 2 * _PUSHES, _SEED)
+    rig = PushRig(usual, "hydroelastic")
+    drake = [rig.run(trial) for trial in trials]
+    lines = ["| twin | from hydroelastic contact: median; most |", "| --- | --- |"]
+    for name, physics in _TWINS.items():
+        rig = PushRig(scene("t_block", _FRICTION, physics), "twin")
+        lines.append(f"| {name} | {_apart([rig.run(trial) for trial in trials], drake, most=True)} |")
+        print(lines[-1], flush=True)
+    return "\n".join(lines)
+
+
+def steps() -> str:
+    """The hardest pushes with shorter and shorter steps of Drake's plants, against the twin, in Markdown."""
+    usual = scene("t_block", _HARD_FRICTION)
+    drawn = draw_trials(usual, usual, max(_HARD) + 1, _SEED)
+    trials = [drawn[k] for k in _HARD]
+    fine = scene("t_block", _HARD_FRICTION, Physics(time_step=1 / 1920, steps_per_update=8, friction_directions=64))
+    twin_motions = [[PushRig(setup, "twin").run(trial) for trial in trials] for setup in (usual, fine)]
+    lines = [
+        "| contact | step of the plant | from the twin: median; most | from one with 1/1920 s and 64 directions |",
+        "| --- | --- | --- | --- |",
+    ]
+    for engine, number in _STEPS:
+        rig = PushRig(dataclasses.replace(usual, plant_time_step=1 / number), engine)
+        motions = [rig.run(trial) for trial in trials]
+        cells = [_apart(motions, others, most=True) for others in twin_motions]
+        lines.append(f"| {engine} | 1/{number} s | {' | '.join(cells)} |")
+        print(lines[-1], flush=True)
+    return "\n".join(lines)
+
+
+def publish(name: str, table: str, command: str, write: bool) -> None:
+    """Prints a table and, if asked, puts it between its markers on the page."""
+    print(table, flush=True)
+    if not write:
+        return
+    where, date = results.machine(), datetime.date.today().isoformat()
+    note = f"`{command}`, {date}, commit {where['commit']}, on {where['processor']} ({where['versions']})."
+    begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
+    text, found = re.subn(
+        f"{begin}.*?{end}", lambda _: f"{begin}\n{table}\n\n{note}\n{end}", PAGE.read_text(), flags=re.DOTALL
+    )
+    if not found:
+        raise ValueError(f"{PAGE}: the markers '{begin}' and '{end}' are missing")
+    PAGE.write_text(text)
+
+
+def main() -> None:
+    """Measures and reports."""
+    parser = results.arguments(__doc__ or "")
+    parser.add_argument("--agreement", action="store_true", help="measure the twin against both contact models too")
+    given = parser.parse_args()
+    command = "python -m benchmarks.hydroelastic"
+    publish("settings", study(), command, given.write)
+    publish("twins", twins(), command, given.write)
+    publish("steps", steps(), command, given.write)
+    if given.agreement:
+        publish("agreement", agreement(), f"{command} --agreement", given.write)
+
+
+if __name__ == "__main__":
+    main()

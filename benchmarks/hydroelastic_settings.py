@@ -1,0 +1,66 @@
+"""The settings of hydroelastic contact that the study changes, one at a time."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from types import SimpleNamespace
+from unittest import mock
+
+from pinwm_drake.systems import contact, contact_settings, push_plant, twin_model
+from pydrake.multibody.plant import DiscreteContactApproximation
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A change of one setting.
+
+    Attributes:
+        name: What is changed.
+        value: Of a setting, for the table.
+        patches: Module and name of a constant, and its value.
+        time_step: s, of the plant; None for its own.
+    """
+
+    name: str
+    value: str
+    patches: tuple[tuple[object, str, object], ...] = ()
+    time_step: float | None = None
+
+
+def _scaled(name: str, module: object, constant: str, unit: str, factors: tuple[float, ...]) -> Iterator[Variant]:
+    for factor in factors:
+        value = factor * getattr(module, constant)
+        patches = [(module, constant, value)]
+        if hasattr(contact_settings, constant) and module is not contact_settings:
+            patches.append((contact_settings, constant, value))
+        yield Variant(f"{name} × {factor:g}", f"{value:g} {unit}", tuple(patches))
+
+
+def _approximation(name: str) -> Variant:
+    stand_in = SimpleNamespace(kLagged=getattr(DiscreteContactApproximation, f"k{name}"))
+    return Variant(f"approximation: {name}", "", ((push_plant, "DiscreteContactApproximation", stand_in),))
+
+
+def variants() -> list[Variant]:
+    """All of them; the first one changes nothing."""
+    settings, tenfold, twofold = contact_settings, (0.1, 10.0), (0.5, 2.0)
+    return [
+        Variant("as it is", ""),
+        *_scaled("modulus of the floor", settings, "FLOOR_MODULUS", "Pa", tenfold),
+        *_scaled("modulus of the pusher", settings, "PUSHER_MODULUS", "Pa", tenfold),
+        *_scaled("dissipation of the floor", settings, "FLOOR_DISSIPATION", "s/m", tenfold),
+        *_scaled("dissipation of the pusher", contact, "_NO_BOUNCE", "s/m", tenfold),
+        *_scaled("resolution hint of the pusher", settings, "PUSHER_RESOLUTION", "m", twofold),
+        *_scaled("triangles of the object", twin_model, "LONGEST_EDGE", "of its least extent", twofold),
+        *(Variant(f"time step 1/{n} s", "", time_step=1 / n) for n in (960, 1920, 7680)),
+        *(_approximation(name) for name in ("Similar", "Sap")),
+    ]
+
+
+@contextmanager
+def applied(variant: Variant) -> Iterator[None]:
+    """Has the plants that are made within the block the setting of a variant."""
+    with ExitStack() as stack:
+        for module, name, value in variant.patches:
+            stack.enter_context(mock.patch.object(module, name, value))
+        yield
