@@ -13,7 +13,8 @@ LONG = ("hydroelastic",)  # a quarter of an hour or more: by name only
 def main() -> None:
     """Runs the named benchmarks, by default all that are not long; exits with 1 when one fails."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="name", help=f"any of {', '.join(NAMES + LONG)}; default: all but {', '.join(LONG)}")
+    words = f"any of {', '.join(NAMES + LONG)}; default: all but {', '.join(LONG)}"
+    parser.add_argument("names", nargs="*", metavar="name", help=words)
     parser.add_argument("--dry", action="store_true", help="print only; change no file")
     given = parser.parse_args()
     unknown = [name for name in given.names if name not in NAMES + LONG]
