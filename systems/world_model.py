@@ -163,17 +163,23 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         parameters: Parameters = self._checked.Eval(context)[0]
         return parameters
 
-    def SetColors(self, context: Context, sh: torch.Tensor) -> None:
-        """Sets the harmonics of the surfels, (N, K, 3), or (W, N, K, 3) where worlds differ.
+    def SetColors(self, context: Context, sh: torch.Tensor, world: int | None = None) -> None:
+        """Sets the harmonics of the surfels, (N, K, 3), of one world or all, or (W, N, K, 3); they are copied.
 
         Raises:
-            ParameterError: The shape is another one.
+            PinwmError: The shape is another one, or there is no such world.
         """
-        N, K, _ = self._images.surfels.sh.shape
-        if tuple(sh.shape) not in ((N, K, 3), (self.num_worlds, N, K, 3)):
-            allowed = f"({N}, {K}, 3) or ({self.num_worlds}, {N}, {K}, 3)"
-            raise ParameterError(f"sh: got {tuple(sh.shape)}; allowed: {allowed}")
-        context.get_mutable_abstract_parameter(self._sh).set_value(sh.to(torch.float32).contiguous())
+        worlds, one = self._worlds(world), tuple(self._images.surfels.sh.shape)
+        fits = [one] if world is not None else [one, (self.num_worlds, *one)]
+        if tuple(sh.shape) not in fits:
+            raise ParameterError(f"sh: got {tuple(sh.shape)}; allowed: {' or '.join(map(str, fits))}")
+        parameter = context.get_mutable_abstract_parameter(self._sh)
+        if world is None:
+            parameter.set_value(sh.detach().to(torch.float32, copy=True).contiguous())
+        else:
+            if parameter.get_value().ndim == 3:
+                parameter.set_value(parameter.get_value().repeat(self.num_worlds, 1, 1, 1))
+            parameter.get_value()[worlds] = sh.detach()  # in place: the Context alone has this tensor
 
     def _worlds(self, world: int | None) -> slice:
         if world is None:

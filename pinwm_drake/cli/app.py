@@ -13,6 +13,7 @@ from rich.markup import escape
 import pinwm_drake
 from pinwm_drake.cli.align import align
 from pinwm_drake.cli.capture import capture_app
+from pinwm_drake.cli.cousins import cousins
 from pinwm_drake.cli.crosscheck import crosscheck
 from pinwm_drake.cli.identify import identify
 from pinwm_drake.cli.model import model
@@ -35,6 +36,7 @@ app = typer.Typer(
 app.command(epilog="Example: pinwm push --friction 0.1 --pusher capsule --out out/push")(push)
 app.command(epilog="Example: pinwm align capture out/align; then: pinwm view out/align")(align)
 app.add_typer(capture_app, name="capture")
+app.command(epilog="Example: pinwm cousins out/twin -o out/cousins --from-intervals")(cousins)
 app.command(epilog="Example: pinwm crosscheck out/twin --truth capture/ground_truth.yaml -o out/check")(crosscheck)
 app.command(epilog="Example: pinwm identify capture out/twin; then: pinwm report out/twin")(identify)
 app.command(epilog="Example: pinwm model out/twin out/model")(model)

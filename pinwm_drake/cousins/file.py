@@ -1,0 +1,161 @@
+"""Cousins in a file: an npz without pickles that holds their values, and of which twin and draw they are."""
+
+import hashlib
+import json
+import zipfile
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from pinwm_drake.checkpoints import write_arrays
+from pinwm_drake.cousins.cousin import Cousin, CousinDraw, Cousins
+from pinwm_drake.cousins.theta import KEYS
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.twin.twin import Twin
+
+_VERSION = 1
+_KEYS = ("version", "twin", "delta", "from_intervals", "seed", "ranges", "theta_keys", "sha256")
+_ARRAYS = ("theta", "sh", "moved")
+# What broken archives, members and texts lead to.
+_UNREADABLE = (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile)
+_ALLOWED = "cousins, as `pinwm cousins` writes them"
+
+
+def write_cousins(path: Path, cousins: Cousins) -> None:
+    """Writes cousins, whole or not at all.
+
+    Args:
+        path: The file, which ends in .npz; its folder exists.
+        cousins: About 1 MB each with 5000 surfels of degree 3.
+
+    Raises:
+        InputError: The file cannot be written, or a mesh of the twin cannot be read.
+    """
+    draw = cousins.draw
+    arrays = {
+        "theta": np.array([[cousin.theta[key] for key in KEYS] for cousin in cousins.members]),
+        "sh": cousins.sh().numpy(),
+        "moved": np.array([cousin.moved for cousin in cousins.members]),
+    }
+    about: dict[str, Any] = {
+        "version": _VERSION,
+        "twin": hash_twin(draw.twin),
+        "delta": draw.delta,
+        "from_intervals": draw.from_intervals,
+        "seed": draw.seed,
+        "ranges": {key: [one.low, one.high, one.source] for key, one in draw.ranges.items()},
+        "theta_keys": list(KEYS),
+    }
+    write_arrays(path, about | {"sha256": _hash(about, arrays)}, arrays)
+
+
+def read_cousins(path: Path, twin: Twin) -> Cousins:
+    """Reads cousins.
+
+    Args:
+        path: A file that `write_cousins` wrote.
+        twin: The twin that they are of.
+
+    Returns:
+        The very cousins that were written, and the draw that gives further ones.
+
+    Raises:
+        InputError: The file is missing, is something else, was changed, or its cousins are another twin's.
+    """
+    if not path.is_file():
+        raise InputError(path, value="no such file", allowed=_ALLOWED)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = {name: file[name] for name in file.files}
+        about = dict(json.loads(str(found.pop("about"))))
+        if not all(isinstance(value, np.ndarray) for value in found.values()):
+            raise ValueError("a member that is no array")
+    except _UNREADABLE as error:
+        raise InputError(path, value=f"unreadable contents ({error})", allowed=_ALLOWED) from error
+    _check(path, about, found, twin)
+    try:
+        draw = CousinDraw(twin, delta=about["delta"], from_intervals=bool(about["from_intervals"]), seed=about["seed"])
+    except (ParameterError, TypeError) as error:
+        raise InputError(path, value=str(error), allowed=_ALLOWED) from error
+    thetas = [dict(zip(KEYS, row, strict=True)) for row in found["theta"].tolist()]
+    looks = zip(torch.from_numpy(found["sh"]), found["moved"].tolist(), strict=True)
+    return Cousins(
+        draw,
+        tuple(
+            Cousin(twin, number, theta, partial(tuple, own))
+            for number, (theta, own) in enumerate(zip(thetas, looks, strict=True))
+        ),
+    )
+
+
+def _check(path: Path, about: dict[str, Any], arrays: dict[str, np.ndarray], twin: Twin) -> None:
+    """Raises InputError unless a file is whole and of this twin."""
+    if about.get("version") != _VERSION or set(about) != set(_KEYS) or set(arrays) != set(_ARRAYS):
+        raise InputError(path, value=f"version {about.get('version')} of something", allowed=_ALLOWED)
+    if about["sha256"] != _hash({key: value for key, value in about.items() if key != "sha256"}, arrays):
+        raise InputError(path, value="contents that were changed", allowed=_ALLOWED)
+    expected = hash_twin(twin)
+    if about["twin"] != expected:
+        raise InputError(
+            path,
+            value=f"cousins of the twin {str(about['twin'])[:12]}...",
+            allowed=f"of {expected[:12]}..., the one at hand ({twin.name})",
+        )
+    n, wanted = arrays["moved"].size, {"theta": np.float64, "sh": np.float32, "moved": np.float64}
+    shapes = {"theta": (n, len(KEYS)), "sh": (n, *twin.surfels.sh.shape), "moved": (n,)}
+    for name, array in arrays.items():
+        if n == 0 or array.shape != shapes[name] or array.dtype != wanted[name] or not np.isfinite(array).all():
+            allowed = f"finite {np.dtype(wanted[name])} of shape {shapes[name]}, 1 cousin or more"
+            raise InputError(path, value=f"{name} of {array.dtype}, {array.shape}", allowed=allowed)
+
+
+def hash_twin(twin: Twin) -> str:
+    """SHA-256 of what a twin's motion and looks depend on: not of its name, nuisances, provenance or place on disk.
+
+    Args:
+        twin: Read or in memory; writing and reading does not change it.
+
+    Returns:
+        64 hexadecimal digits.
+
+    Raises:
+        InputError: A mesh cannot be read.
+    """
+    shape = twin.pusher.shape
+    plain = {
+        "gravity": float(twin.gravity),
+        "floor_height": float(twin.floor_height),
+        "time_step": float(twin.time_step),
+        "friction_directions": int(twin.friction_directions),
+        "support": twin.support,
+        "pusher": None if shape is None else [shape.kind, float(shape.radius), float(shape.length)],
+        "theta": {
+            key: [float(one.value), None if one.interval is None else [float(end) for end in one.interval]]
+            for key, one in twin.theta.items()
+        },
+    }
+    digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
+    meshes = [twin.mesh_path]
+    if twin.pusher.mesh_path is not None and shape is None:
+        meshes.append(twin.pusher.mesh_path)
+    for path in meshes:
+        try:
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+        except OSError as error:
+            raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+    for name, tensor in twin.surfels.tensors().items():
+        digest.update(f"{name} {tuple(tensor.shape)}".encode())
+        digest.update(np.ascontiguousarray(tensor.detach().numpy()).tobytes())
+    return digest.hexdigest()
+
+
+def _hash(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> str:
+    """SHA-256 of everything that a file holds."""
+    digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
+    for name in _ARRAYS:
+        digest.update(f"{name} {arrays[name].dtype} {arrays[name].shape}".encode())
+        digest.update(np.ascontiguousarray(arrays[name]).tobytes())
+    return digest.hexdigest()

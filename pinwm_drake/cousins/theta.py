@@ -1,0 +1,63 @@
+"""Draws the physical parameters of a cousin."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pinwm_drake.cousins.ranges import MOMENTS, Range
+from pinwm_drake.twin.twin import THETA
+
+KEYS = tuple(THETA)
+_MASS, _AT = KEYS.index("mass"), [KEYS.index(key) for key in MOMENTS]
+_TRIES = 64
+_ROUNDING = 1e-9  # relative, of the triangle inequality: what the physics allows
+
+
+def draw_theta(generator: np.random.Generator, twin: np.ndarray, ranges: Mapping[str, Range]) -> np.ndarray:
+    """Parameters, each drawn evenly from its range, of a body that can be.
+
+    Moments of inertia are drawn together until no two of them are less than the third. Of a body so thin that none of
+    64 draws has this, the last one is taken and moved back towards the twin's, as far as needed.
+
+    Where both mass and inertia come from identified intervals, the moments are for the twin's mass, and are scaled to
+    the drawn one: a video shows their ratio, and the interval of the mass is that of one's guess at it.
+
+    Args:
+        generator: Drawn from a fixed number of times.
+        twin: (8,), the twin's, in the order of `THETA`.
+        ranges: By name.
+
+    Returns:
+        (8,), in the order and the units of `THETA`.
+    """
+    low, high = (np.array([getattr(ranges[key], end) for key in KEYS]) for end in ("low", "high"))
+    theta = _between(low, high, generator.random(len(KEYS)))
+    moments = _between(low[_AT], high[_AT], generator.random((_TRIES, len(_AT))))
+    theta[_AT] = _of_a_body(twin[_AT], moments)
+    if all(ranges[key].source != "delta" for key in ("mass", *MOMENTS)):
+        theta[_AT] *= theta[_MASS] / twin[_MASS]
+    return theta
+
+
+def _between(low: np.ndarray, high: np.ndarray, share: np.ndarray) -> np.ndarray:
+    found: np.ndarray = np.minimum(low + (high - low) * share, high)
+    return found
+
+
+def _of_a_body(twin: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """The first of moments (n, 3) that a body can have, else the last, moved towards the twin's."""
+    fits = (_excess(moments) >= -_ROUNDING * moments).all(axis=1)
+    if fits.any():
+        first: np.ndarray = moments[int(fits.argmax())]
+        return first
+    last, room = moments[-1], np.maximum(_excess(twin), 0.0)
+    missing = np.minimum(_excess(last), 0.0)
+    share = np.where(missing < 0.0, room / np.where(missing < 0.0, room - missing, 1.0), 1.0).min()
+    moved: np.ndarray = twin + share * (last - twin)
+    return moved
+
+
+def _excess(moments: np.ndarray) -> np.ndarray:
+    """By how much the other two moments of (..., 3) are more than each: twice the second moments of mass."""
+    excess: np.ndarray = moments.sum(axis=-1, keepdims=True) - 2.0 * moments
+    return excess
