@@ -179,7 +179,8 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         else:
             if parameter.get_value().ndim == 3:
                 parameter.set_value(parameter.get_value().repeat(self.num_worlds, 1, 1, 1))
-            parameter.get_value()[worlds] = sh.detach()  # in place: the Context alone has this tensor
+            # In place, as the Context alone has this tensor; through numpy, since torch would wake all its threads.
+            parameter.get_value().numpy()[worlds] = sh.detach().numpy()
 
     def _worlds(self, world: int | None) -> slice:
         if world is None:

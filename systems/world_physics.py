@@ -87,7 +87,12 @@ class WorldPhysics:
             for part, again in ((failed, halving + 1), (~failed, halving)):
                 if part.any():
                     some = tuple([values[part] for values in theta])
-                    after[part], p_WP_after[part] = self._advance(some, state[part], p_WP[part], v_WP[part], again)
+                    try:
+                        after[part], p_WP_after[part] = self._advance(some, state[part], p_WP[part], v_WP[part], again)
+                    except SolverError as last:
+                        # Counted within the part.
+                        worlds = tuple(np.flatnonzero(part)[list(last.worlds)].tolist())
+                        raise SolverError(f"{last} (worlds {worlds} of all)", worlds=worlds) from last
             return after, p_WP_after
         after = np.concatenate([q[:, 0], p[:, 0], V[:, 0]], axis=1)
         return (_moved(after, -self._p_OB) if self._offset else after), p_P

@@ -274,6 +274,24 @@ def test_a_world_without_a_solution_takes_shorter_steps(one, monkeypatch):
         physics.advance(*given)
 
 
+def test_worlds_without_any_solution_are_named_among_all(one, monkeypatch):
+    theta = tuple(np.repeat(values, 4, axis=0) for values in one._checked.Eval(one.CreateDefaultContext())[1])
+    state = np.tile(one.CreateDefaultContext().get_discrete_state(0).value(), (4, 1))
+    v_WP = np.array([[0.1, 0, 0], [0.15, 0, 0], [0.2, 0, 0], [0.15, 0, 0]])
+    advance = Stepper.advance
+
+    def refuse(self, theta, state, V_WP):
+        bad = np.flatnonzero(V_WP[0, :, 3] == 0.15)
+        if len(bad):
+            raise SolverError("world", worlds=tuple(bad))
+        return advance(self, theta, state, V_WP)
+
+    monkeypatch.setattr(Stepper, "advance", refuse)
+    with pytest.raises(SolverError) as failure:
+        one.physics.advance(theta, state, np.tile([0.0, 0, 10], (4, 1)), v_WP)
+    assert failure.value.worlds == (1, 3)
+
+
 def test_forces_of_a_world_without_a_solution_are_those_of_a_shorter_step(one, monkeypatch):
     context = one.CreateDefaultContext()
     one.get_input_port().FixValue(context, np.zeros(3))

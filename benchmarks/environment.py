@@ -1,0 +1,184 @@
+"""Steps a second of the push environments: 32 worlds of one twin, and Drake's point contact in SubprocVecEnv.
+
+Ours is `PushVecEnv`, 12 steps of 1/120 s an action; the other is `PushEnv` over the station's "point" engine, in
+Stable-Baselines3's SubprocVecEnv with a process for each of two CPUs. Task, observations and the policy that acts are
+the same: it heads for the object, so that most steps are in contact. A round is one episode of 100 actions of ours and
+a few actions of the others, mostly without a reset.
+"""
+
+import functools
+import os
+import time
+from pathlib import Path
+
+from benchmarks import results, timing
+
+timing.limit_threads(2)  # before numba and torch are imported
+
+import numpy as np  # noqa: E402
+from pinwm_drake.systems.push_env import PushEnv  # noqa: E402
+from pinwm_drake.systems.push_vector_env import PushVecEnv  # noqa: E402
+from pinwm_drake.systems.scenario import Physics, Plant, Scenario, load_scenario  # noqa: E402
+from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv  # noqa: E402
+
+from pinwm_drake.cousins import CousinDraw  # noqa: E402
+
+SCENE = "package://pinwm_models/scenarios/push_t.scenario.yaml"
+WORLDS, PROCESSES, ACTIONS, OTHERS_ACTIONS = 32, 2, 100, 5
+TIME_STEP, SIZE = 1 / 120, 64
+BARS = {"state": 8000, "rgb": 2000}
+DIRECTIONS = (8, 32)
+KINDS = {"state": "state", "rgb": "rgb_state"}  # the policy that acts needs the state
+PLANT_STEPS = {"384": None, "12": TIME_STEP}
+GROWTH = 5.0  # MB
+
+
+class Player:
+    """A policy that heads for the object, with some noise, in an environment."""
+
+    def __init__(self, env: VecEnv) -> None:
+        """Begins the first episodes."""
+        self.env, self._random = env, np.random.default_rng(0)
+        env.seed(0)
+        self._seen = env.reset()
+
+    def play(self, actions: int) -> None:
+        """Acts."""
+        for _ in range(actions):
+            self._seen = self.env.step(self._action())[0]
+
+    def _action(self) -> np.ndarray:
+        state = self._seen["state"] if isinstance(self._seen, dict) else self._seen
+        # Entries 7 and 8 are the pusher in the axes of the object, 2 and 3 cosine and sine of its yaw.
+        c, s, x, y = state[:, 2], state[:, 3], -state[:, 7], -state[:, 8]
+        ahead = np.stack([c * x - s * y, s * x + c * y], axis=1)
+        ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 0.1)
+        return np.clip(ahead + 0.3 * self._random.normal(size=ahead.shape), -1, 1).astype(np.float32)
+
+
+def scene(plant_step: float | None = None) -> Scenario:
+    """The T-block."""
+    scenario = load_scenario(SCENE)
+    scenario.physics, scenario.plant = Physics(time_step=TIME_STEP), Plant(time_step=plant_step)
+    return scenario
+
+
+def ours(kind: str, directions: int, *, cousins: bool = False) -> Player:
+    """32 worlds, each one a new cousin for every episode where that is asked for."""
+    env = PushVecEnv(
+        scene(),
+        WORLDS,
+        observation=KINDS[kind],
+        reward="shaped",
+        friction_directions=directions,
+        image_size=SIZE,
+    )
+    if cousins:
+        draw, numbers = CousinDraw(env.worlds.setup.twin, delta=0.1), iter(range(1 << 30))
+        env.worlds.on_reset = lambda _: draw.cousin(next(numbers))
+    return Player(env)
+
+
+def one_of_point(kind: str, plant_step: float | None) -> PushEnv:
+    """What a process of SubprocVecEnv holds."""
+    return PushEnv(scene(plant_step), "point", observation=KINDS[kind], reward="shaped", image_size=SIZE)
+
+
+def point(kind: str, plant_step: float | None) -> Player:
+    """Two processes."""
+    makers = [functools.partial(one_of_point, kind, plant_step) for _ in range(PROCESSES)]
+    return Player(SubprocVecEnv(makers, start_method="spawn"))
+
+
+def measure(rounds: int) -> dict:
+    """Times all in turn."""
+    players: dict[str, tuple[Player, int, int]] = {}
+    for kind in KINDS:
+        for directions in DIRECTIONS:
+            players[f"{kind} {directions}"] = ours(kind, directions), ACTIONS, WORLDS
+        players[f"{kind} cousins"] = ours(kind, DIRECTIONS[0], cousins=True), ACTIONS, WORLDS
+        for name, step in PLANT_STEPS.items():
+            players[f"{kind} point {name}"] = point(kind, step), OTHERS_ACTIONS, PROCESSES
+    cases = {
+        name: timing.Case(functools.partial(player.play, actions), units=actions * worlds)
+        for name, (player, actions, worlds) in players.items()
+    }
+    samples = timing.interleave(cases, rounds, warmup=1)
+    for player, _, _ in players.values():
+        player.env.close()
+    return {
+        "steps_per_second": {name: timing.Samples(1 / each.seconds).summary(1.0) for name, each in samples.items()},
+        "ratio": {
+            f"{kind} {name}": samples[f"{kind} point {name}"].over(samples[f"{kind} {DIRECTIONS[0]}"])
+            for kind in KINDS
+            for name in PLANT_STEPS
+        },
+    }
+
+
+def resident() -> float:
+    """Resident memory of this process, MB."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith("VmRSS"):
+            return int(line.split()[1]) / 1024
+    return float("nan")
+
+
+def memory(steps: int) -> dict:
+    """Resident memory over many steps with cousins and resets, after one episode of each world."""
+    player = ours("state", DIRECTIONS[0], cousins=True)
+    player.play(2 * ACTIONS)
+    found = [resident()]
+    for _ in range(10):
+        player.play(max(steps // WORLDS // 10, 1))
+        found.append(resident())
+    return {"steps": steps, "megabytes": [round(value, 1) for value in found]}
+
+
+def table(data: dict) -> str:
+    """The figures in Markdown."""
+    figures = data["steps_per_second"]
+    lines = [
+        "| environment | state, steps/s | 64 x 64 image, steps/s |",
+        "| --- | --- | --- |",
+    ]
+    names = {f"{directions}": f"32 worlds, {directions} friction directions" for directions in DIRECTIONS}
+    names["cousins"] = f"32 worlds, {DIRECTIONS[0]} friction directions, a new cousin an episode"
+    names |= {f"point {steps}": f"SubprocVecEnv, point contact, {steps} steps an action" for steps in PLANT_STEPS}
+    for name, words in names.items():
+        lines.append(f"| {words} | {' | '.join(results.spread(figures[f'{kind} {name}'], 0) for kind in KINDS)} |")
+    for steps in PLANT_STEPS:
+        ratios = [results.spread(data["ratio"][f"{kind} {steps}"], 0) for kind in KINDS]
+        lines.append(f"| ratio, 8 directions to point contact, {steps} steps an action | {' | '.join(ratios)} |")
+    lines.append("")
+    for kind, bar in BARS.items():
+        for directions in DIRECTIONS:
+            speed = figures[f"{kind} {directions}"]["median"]
+            lines.append(f"- {kind}, {directions} directions: steps/s {results.verdict(speed, bar, at_most=False)}.")
+    grown = data["memory"]["megabytes"]
+    lines.append(
+        f"- Resident memory over {data['memory']['steps']:,} state steps with cousins: {grown[0]} to {grown[-1]} MB; "
+        f"growth in the last nine tenths, MB: {results.verdict(grown[-1] - grown[1], GROWTH)}."
+    )
+    tail = f"{data['rounds']} rounds on two CPUs; other processes took {data['load']:.0f} % of the CPUs."
+    return "\n".join([*lines, "", tail])
+
+
+def main() -> None:
+    """Measures and reports."""
+    parser = results.arguments(__doc__ or "")
+    parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--memory-steps", type=int, default=1_000_000)
+    given = parser.parse_args()
+    began = time.perf_counter()
+    with timing.CompetingLoad() as load:
+        measured = measure(given.rounds)
+    # SubprocVecEnv's processes, which have ended, are not competitors.
+    own = os.times().children_user + os.times().children_system
+    percent = max(0.0, load.percent - 100.0 * own / ((time.perf_counter() - began) * (os.cpu_count() or 1)))
+    data = {"rounds": given.rounds, "load": percent, **measured, "memory": memory(given.memory_steps)}
+    results.publish("environment", data, table(data), given.write)
+
+
+if __name__ == "__main__":
+    main()

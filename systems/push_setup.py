@@ -1,0 +1,115 @@
+"""The setup of an environment: a scene whose state is updated once an action."""
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import TypeAlias
+
+from pinwm_drake.models import model_names
+from pinwm_drake.systems.crosscheck_setup import read_setup
+from pinwm_drake.systems.random_push import level_height
+from pinwm_drake.systems.sampling import whole_multiple
+from pinwm_drake.systems.scenario import Scenario, load_scenario
+from pinwm_drake.systems.setup import Setup, make_setup
+
+from pinwm_drake.errors import InputError
+from pinwm_drake.rendering.camera import Camera
+
+Scene: TypeAlias = Scenario | Setup | str | Path
+_FOLDER, _SUFFIX = "scenarios/", ".scenario.yaml"
+_USUAL = f"package://pinwm_models/{_FOLDER}push_t{_SUFFIX}"
+
+
+def environment_setup(
+    scene: Scene,
+    *,
+    num_worlds: int = 1,
+    time_step: float | None = None,
+    friction_directions: int | None = None,
+    image_size: int | None = None,
+) -> Setup:
+    """Loads a scene for an environment.
+
+    The velocity of the pusher is constant in an action, so that state and sample are taken once an action, whatever
+    the scenario says: the steps of the physics are the same, and the diagram is run less often.
+
+    Args:
+        scene: A scenario, a setup, the name of a scenario that ships, the path of one, or the folder of a twin: the
+            scene of push_t with the twin's object and pusher.
+        num_worlds: 1 or more.
+        time_step: s, of the twin's physics; None for that of the scene. It divides the horizon of an action.
+        friction_directions: Of the twin's physics; None for those of the scene.
+        image_size: px, both width and height; None for the camera's.
+
+    Raises:
+        InputError: A file cannot be used, or there is none of that name.
+        ParameterError: The horizon is no whole multiple of the time step.
+    """
+    setup = scene if isinstance(scene, Setup) else make_setup(_scenario(scene))
+    scenario, twin, camera = setup.scenario, setup.twin, setup.camera
+    settings = {"time_step": time_step, "friction_directions": friction_directions}
+    given = {name: value for name, value in settings.items() if value is not None}
+    twin = dataclasses.replace(twin, **given)
+    view = scenario.camera
+    if image_size is not None:
+        view = dataclasses.replace(view, width=image_size, height=image_size)
+        camera = Camera.from_field_of_view(image_size, image_size, view.fov_y)
+    steps = whole_multiple("pusher.horizon", scenario.pusher.horizon, twin.time_step, "the time step")
+    physics = dataclasses.replace(scenario.physics, steps_per_update=steps, **given)
+    pusher = dataclasses.replace(scenario.pusher, period=None)
+    scenario = dataclasses.replace(scenario, num_worlds=num_worlds, physics=physics, pusher=pusher, camera=view)
+    period = twin.time_step * steps
+    whole_multiple("pusher.horizon", period, setup.plant_time_step, "plant.time_step")
+    return dataclasses.replace(setup, scenario=scenario, twin=twin, camera=camera, period=period)
+
+
+def _scenario(scene: Scenario | str | Path) -> Scenario:
+    if isinstance(scene, Scenario):
+        return dataclasses.replace(scene, num_worlds=1)
+    text = str(scene)
+    if Path(text).is_dir():
+        return _twin_scenario(text)
+    shipped = [
+        name.removeprefix(_FOLDER).removesuffix(_SUFFIX)
+        for name in model_names()
+        if name.startswith(_FOLDER) and name.endswith(_SUFFIX)
+    ]
+    if text in shipped:
+        text = _USUAL.replace("push_t", text)
+    elif "://" not in text and not Path(text).exists():
+        raise InputError(text, allowed=f"a scenario's file, a twin's folder, or one of {', '.join(shipped)}")
+    return dataclasses.replace(load_scenario(text), num_worlds=1)
+
+
+def _twin_scenario(folder: str) -> Scenario:
+    """The usual scene, with a twin in the place of the object."""
+    usual, own = load_scenario(_USUAL), read_setup(folder)
+    floor = own.twin.floor_height
+    high = [*usual.pusher.high[:2], usual.pusher.high[2] + floor]
+    pusher = dataclasses.replace(
+        usual.pusher, shape=None, low=[*usual.pusher.low[:2], usual.pusher.low[2] + floor], high=high
+    )
+    p_WC, p_WT = ([*point[:2], point[2] + floor] for point in (usual.camera.p_WC, usual.camera.p_WT))
+    return dataclasses.replace(
+        usual,
+        name=own.twin.name,
+        object=None,
+        theta=None,
+        twin=folder,
+        pusher=pusher,
+        camera=dataclasses.replace(usual.camera, p_WC=p_WC, p_WT=p_WT),
+        start=dataclasses.replace(
+            usual.start, q_WO=_without_yaw(own.scenario.start.q_WO), pusher_height=level_height(own)
+        ),
+    )
+
+
+def _without_yaw(q: list[float]) -> list[float]:
+    """The orientation q (4,) wxyz less its turn about z: a capture's yaw is of no concern to the task."""
+    w, x, y, z = q
+    length = math.hypot(w, z)
+    if length < 1e-9:  # upside down: no turn about z to tell
+        return q
+    c, s = w / length, z / length
+    # (c, 0, 0, -s) times q.
+    return [length, c * x + s * y, c * y - s * x, 0.0]
