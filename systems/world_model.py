@@ -58,10 +58,12 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         scenario, twin = setup.scenario, setup.twin
         self.num_worlds = W = scenario.num_worlds
         self.physics = WorldPhysics(twin, np.array(scenario.start.q_WO), scenario.physics.steps_per_update, num_threads)
+        # Of a pusher that is a few pixels wide, a tenth of its radius cannot be seen.
+        sections = 12 if setup.camera.height <= 64 else 24
         self._images = WorldImages(
             twin.surfels,
             self.physics.scene.mesh,
-            pusher_surface(twin.pusher, sections=24),
+            pusher_surface(twin.pusher, sections=sections),
             setup.camera,
             setup.X_WC,
             num_threads,
