@@ -146,7 +146,7 @@ class PushRig:
             forces = self.station.GetOutputPort("contact_forces").Eval(mine)
             floor, touching = contact_modes(forces, state, pusher[3:])
         except SolverError:
-            # The twin's update halves a step whose contacts it cannot solve, the port of the forces does not.
+            # No shorter step has a solution either: the next update will say so.
             floor, touching = before.floor, before.pusher
         return _Row(
             p_WO=p_WO,

@@ -1,7 +1,6 @@
 """A station that is driven action by action."""
 
 import numpy as np
-import torch
 from pinwm_drake.systems.cousin_contexts import SetCousin
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.start import Place
@@ -88,20 +87,7 @@ class PushRun:
         Raises:
             PinwmError: A value is out of range, or the surfels are not those of the twin.
         """
-        model = self._world_model
-        if colours:
-            SetCousin(model, self._context, cousin, world)
-        else:
-            mine = model.GetMyMutableContextFromRoot(self._context)
-            model.SetParameters(mine, cousin.parameters(model.physics.scene), world)
-
-    def colors(self, worlds: np.ndarray) -> torch.Tensor:
-        """The harmonics of some of the twin's worlds (m,): (m, N, K, 3), or (N, K, 3) where worlds do not differ."""
-        model = self._world_model
-        # WorldModel has one abstract parameter.
-        sh = model.GetMyContextFromRoot(self._context).get_abstract_parameter(0).get_value()
-        # By numpy, as torch would wake its threads for it.
-        return sh if sh.ndim == 3 else torch.from_numpy(sh.numpy()[worlds])
+        SetCousin(self._world_model, self._context, cousin, world, colors=colours)
 
     @property
     def _world_model(self) -> WorldModel:
@@ -129,23 +115,6 @@ class PushRun:
         self._simulator.AdvanceTo((self._actions + 1) * self.setup.period)
         self._actions += 1
 
-    def failing(self) -> np.ndarray:
-        """Which of the twin's worlds (W,) bool have no solution, after `advance` failed."""
-        model = self._world_model
-        mine = model.GetMyContextFromRoot(self._context)
-        parameters = model.GetParameters(mine)
-        theta = tuple(getattr(parameters, name).numpy() for name in ("mass", "inertia", "friction", "restitution"))
-        v_WP = model.get_input_port().Eval(mine).reshape(-1, 3)
-        state, p_WP = self.object_state.copy(), self.p_WP.copy()
-        failed = np.zeros(self.num_worlds, bool)
-        for world in range(self.num_worlds):
-            one = np.s_[world : world + 1]
-            try:
-                model.physics.advance(tuple(values[one] for values in theta), state[one], p_WP[one], v_WP[one])
-            except SolverError:
-                failed[world] = True
-        return failed
-
     @property
     def object_state(self) -> np.ndarray:
         """(W, 13)."""
@@ -160,3 +129,8 @@ class PushRun:
         """(W, height, width, 4) uint8, as the station's port has them."""
         images: np.ndarray = self._rgb.Eval(self._context)
         return images
+
+    def images_of(self, worlds: np.ndarray) -> np.ndarray:
+        """(m, height, width, 4) uint8 of some of the twin's worlds (m,), without rendering the others."""
+        model = self._world_model
+        return model.TakePictures(model.GetMyContextFromRoot(self._context), worlds)

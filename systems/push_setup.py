@@ -5,19 +5,17 @@ import math
 from pathlib import Path
 from typing import TypeAlias
 
-from pinwm_drake.models import model_names
 from pinwm_drake.systems.crosscheck_setup import read_setup
 from pinwm_drake.systems.random_push import level_height
 from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario import Scenario, load_scenario
+from pinwm_drake.systems.scenario_names import scenario_path
 from pinwm_drake.systems.setup import Setup, make_setup
 
-from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 
 Scene: TypeAlias = Scenario | Setup | str | Path
-_FOLDER, _SUFFIX = "scenarios/", ".scenario.yaml"
-_USUAL = f"package://pinwm_models/{_FOLDER}push_t{_SUFFIX}"
+_USUAL = "push_t"
 
 
 def environment_setup(
@@ -69,21 +67,12 @@ def _scenario(scene: Scenario | str | Path) -> Scenario:
     text = str(scene)
     if Path(text).is_dir():
         return _twin_scenario(text)
-    shipped = [
-        name.removeprefix(_FOLDER).removesuffix(_SUFFIX)
-        for name in model_names()
-        if name.startswith(_FOLDER) and name.endswith(_SUFFIX)
-    ]
-    if text in shipped:
-        text = _USUAL.replace("push_t", text)
-    elif "://" not in text and not Path(text).exists():
-        raise InputError(text, allowed=f"a scenario's file, a twin's folder, or one of {', '.join(shipped)}")
-    return dataclasses.replace(load_scenario(text), num_worlds=1)
+    return dataclasses.replace(load_scenario(scenario_path(text)), num_worlds=1)
 
 
 def _twin_scenario(folder: str) -> Scenario:
     """The usual scene, with a twin in the place of the object."""
-    usual, own = load_scenario(_USUAL), read_setup(folder)
+    usual, own = load_scenario(scenario_path(_USUAL)), read_setup(folder)
     floor = own.twin.floor_height
     high = [*usual.pusher.high[:2], usual.pusher.high[2] + floor]
     pusher = dataclasses.replace(

@@ -12,9 +12,7 @@ from pinwm_drake.systems.push_run import FAILURES, PushRun
 from pinwm_drake.systems.push_setup import Scene, environment_setup
 from pinwm_drake.systems.push_task import Progress, Reward
 from pinwm_drake.systems.start import StartDistribution
-from pinwm_drake.systems.world_images import WorldImages
 
-from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.cousins import Cousin
 from pinwm_drake.errors import ParameterError
 
@@ -100,16 +98,6 @@ class PushWorlds:
         self._observer = PushObserver(self.setup, self.task, observation, frames)
         self.observation_space = self._observer.space
         self._start = StartDistribution(self.setup)
-        twin, model = self.setup.twin, self.run.station.world
-        assert model is not None
-        # The port renders all worlds; at the start of an episode one of them is enough.
-        self._camera = WorldImages(
-            twin.surfels,
-            model.physics.scene.mesh,
-            pusher_surface(twin.pusher, sections=24),
-            self.setup.camera,
-            self.setup.X_WC,
-        )
         self._steps = np.zeros(num_worlds, int)
         self._random = [seeding.np_random(None)[0] for _ in range(num_worlds)]
         self._progress = self._measure()
@@ -173,7 +161,7 @@ class PushWorlds:
         try:
             self.run.advance(actions)
         except FAILURES as error:
-            failures = dict.fromkeys(np.flatnonzero(self.run.failing()).tolist(), str(error))
+            failures = dict.fromkeys(getattr(error, "worlds", ()), str(error))
             if not failures:
                 raise
             middle = self._start.middle()
@@ -199,8 +187,8 @@ class PushWorlds:
         self._steps[worlds] = 0
         self._progress = self._measure()
         if self._observer.needs_images:
-            state, p_WP = self.run.object_state[worlds], self.run.p_WP[worlds]
-            self._observer.begin(worlds, self._camera.take(state, p_WP, self.run.colors(worlds)))
+            # The port renders all worlds; at the start of an episode those that begin are enough.
+            self._observer.begin(worlds, self.run.images_of(worlds))
 
     def _measure(self) -> Progress:
         return self.task.measure(self.run.object_state, self.run.p_WP)

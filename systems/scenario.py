@@ -184,8 +184,8 @@ class Scenario:
         num_worlds: How many worlds the twin engine holds.
         seed: Of the start, and of whatever else is drawn.
 
-    `check()` raises InputError where something is out of range; a scenario made in Python is checked by
-    `make_setup`, one from a file by `load_scenario`.
+    `load_scenario` checks one from a file, `make_setup` one that was made in Python, and both raise InputError where
+    something is out of range.
     """
 
     units: Units = field(default_factory=Units)

@@ -51,8 +51,21 @@ class StartDistribution:
         ranges = (start.x, start.y, start.yaw, start.pusher_angle, start.pusher_gap)
         x, y, yaw, angle, gap = (pick(ends) for ends in ranges)
         R_WO = RotationMatrix.MakeZRotation(yaw) @ self._R
-        turned = self._vertices @ R_WO.matrix().T
-        p_WO = np.array([x, y, self._floor - turned[:, 2].min()])
-        distance = np.linalg.norm(turned[:, :2], axis=1).max() + gap + self._pusher_reach
-        along = np.array([math.cos(angle), math.sin(angle)])
-        return Place(RigidTransform(R_WO, p_WO), np.array([*(p_WO[:2] + distance * along), start.pusher_height]))
+        X_WO = on_floor(self._vertices, R_WO, x, y, self._floor)
+        turned = self._vertices @ R_WO.matrix()[:2].T
+        distance = np.linalg.norm(turned, axis=1).max() + gap + self._pusher_reach
+        p_WP = [x + distance * math.cos(angle), y + distance * math.sin(angle), start.pusher_height]
+        return Place(X_WO, np.array(p_WP))
+
+
+def on_floor(vertices: np.ndarray, R_WO: RotationMatrix, x: float, y: float, floor_height: float) -> RigidTransform:
+    """The pose X_WO of an object that touches the floor.
+
+    Args:
+        vertices: (n, 3) m, frame O.
+        R_WO: How it lies.
+        x: m, world, of its origin O.
+        y: m, world, of O.
+        floor_height: m, world.
+    """
+    return RigidTransform(R_WO, [x, y, floor_height - (vertices @ R_WO.matrix()[2]).min()])

@@ -184,6 +184,14 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
             # In place, as the Context alone has this tensor; through numpy, since torch would wake all its threads.
             parameter.get_value().numpy()[worlds] = sh.detach().numpy()
 
+    def TakePictures(self, context: Context, worlds: np.ndarray) -> np.ndarray:
+        """Pictures of some worlds (m,) int, as the ports have them: (m, height, width, 4) uint8; not kept."""
+        state, p_WP = self._state(context)
+        sh = context.get_abstract_parameter(self._sh).get_value()
+        if sh.ndim == 4 and len(worlds) < self.num_worlds:
+            sh = torch.from_numpy(sh.numpy()[worlds])  # torch would wake all its threads for it
+        return self._images.take(state[worlds], p_WP[worlds], sh)
+
     def _worlds(self, world: int | None) -> slice:
         if world is None:
             return slice(0, self.num_worlds)
@@ -217,11 +225,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         value.set_value((parameters, tuple(getattr(parameters, name).numpy() for name in _FIELDS)))
 
     def _CalcImages(self, worlds: int, context: Context, value: AbstractValue) -> None:
-        state, p_WP = self._state(context)
-        sh = context.get_abstract_parameter(self._sh).get_value()
-        if sh.ndim == 4:
-            sh = sh[:worlds]
-        value.set_value(self._images.take(state[:worlds], p_WP[:worlds], sh))
+        value.set_value(self.TakePictures(context, np.arange(worlds)))
 
     def _CalcPlantPositions(self, context: Context, output: BasicVector) -> None:
         state, p_WP = self._state(context)

@@ -25,6 +25,7 @@ from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.systems.push_choice import choose_push, pushing_height
 from pinwm_drake.systems.push_recorder import MakePushRecorder, PushRecorder
 from pinwm_drake.systems.setup import make_setup
+from pinwm_drake.systems.start import on_floor
 from pinwm_drake.systems.viewpoints import around, framed
 
 _FIELD_OF_VIEW = math.radians(40)
@@ -109,8 +110,7 @@ class _Capture:
         if self.options.lying:
             # Turned by half a facet, the mug lies on a face and not on an edge.
             R_WO = R_WO @ RotationMatrix.MakeYRotation(math.pi / 2) @ RotationMatrix.MakeZRotation(math.pi / 64)
-        heights = self.mesh.vertices @ R_WO.matrix()[2]
-        return RigidTransform(R_WO, [x, y, -heights.min()])
+        return on_floor(self.mesh.vertices, R_WO, x, y, 0.0)
 
     def _write_static_views(self, advance: Callable[[], None]) -> None:
         folder = self.folder / "static"

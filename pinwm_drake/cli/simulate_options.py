@@ -9,14 +9,13 @@ import numpy as np
 from pinwm_drake.capture.episode_tables import TRAJECTORY_FILE
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.models import PACKAGE_NAME, model_names
 from pinwm_drake.systems.crosscheck_setup import read_setup
 from pinwm_drake.systems.random_push import level_height
 from pinwm_drake.systems.scenario import ENGINES, Scenario, View, load_scenario
+from pinwm_drake.systems.scenario_names import scenario_path, shipped_scenarios
 from pinwm_drake.systems.setup import Setup, make_setup
 
 STRAIGHT = "straight"
-_SHIPPED, _SUFFIX = "scenarios/", ".scenario.yaml"
 _USUAL_REACH = 0.085  # m, of the T-block, which the default camera sees well
 
 
@@ -80,30 +79,18 @@ def find_setup(scenario: str | None, twin: Path | None) -> Setup:
     """
     if scenario is None:
         if twin is None:
-            raise ParameterError(f"SCENARIO: got none, and no --twin; allowed: a file, {', '.join(shipped())}")
+            raise ParameterError(
+                f"SCENARIO: got none, and no --twin; allowed: a file, {', '.join(shipped_scenarios())}"
+            )
         return _twin_setup(twin)
     if Path(scenario).is_dir():
         if twin is not None:
             raise ParameterError(f"--twin: got {twin} beside the folder {scenario}; allowed: one of the two")
         return _twin_setup(Path(scenario))
-    found = load_scenario(_path_of(scenario))
+    found = load_scenario(scenario_path(scenario))
     if twin is not None:
         found = dataclasses.replace(found, object=None, theta=None, twin=str(twin))
     return make_setup(dataclasses.replace(found, num_worlds=1))
-
-
-def shipped() -> list[str]:
-    """The names of the scenarios that ship with pinwm_drake."""
-    names = (name for name in model_names() if name.startswith(_SHIPPED) and name.endswith(_SUFFIX))
-    return [name.removeprefix(_SHIPPED).removesuffix(_SUFFIX) for name in names]
-
-
-def _path_of(scenario: str) -> str:
-    if scenario in shipped() and not Path(scenario).exists():
-        return f"package://{PACKAGE_NAME}/{_SHIPPED}{scenario}{_SUFFIX}"
-    if "://" not in scenario and not Path(scenario).exists():
-        raise InputError(scenario, allowed=f"a file, a twin's folder, or one of {', '.join(shipped())}")
-    return scenario
 
 
 def _twin_setup(folder: Path) -> Setup:

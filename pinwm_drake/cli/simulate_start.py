@@ -4,13 +4,14 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.capture.episode_tables import read_object_poses
 from pinwm_drake.capture.objects import CAPTURE_FILE
 from pinwm_drake.capture.scene import EPISODES, read_capture
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.start import on_floor
 
 
 def start_of_log(folder: Path, setup: Setup) -> RigidTransform | None:
@@ -35,6 +36,5 @@ def start_of_log(folder: Path, setup: Setup) -> RigidTransform | None:
         if poses is None:
             return None
         q_WO, p_WO = poses.q_WO[0], poses.p_WO[0]
-    X_WO = RigidTransform(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO)), p_WO)
-    lowest = (load_mesh(setup.twin.mesh_path).vertices @ X_WO.rotation().matrix()[2]).min()
-    return RigidTransform(X_WO.rotation(), [p_WO[0], p_WO[1], setup.twin.floor_height - lowest])
+    R_WO = RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO)))
+    return on_floor(load_mesh(setup.twin.mesh_path).vertices, R_WO, p_WO[0], p_WO[1], setup.twin.floor_height)

@@ -138,8 +138,10 @@ def test_a_world_without_a_solution_is_truncated_and_the_others_go_on(monkeypatc
     bad = env.worlds.run.object_state[1, 4:6].copy()
 
     def fail(theta, state, p_WP, v_WP):
-        if (np.abs(state[:, 4:6] - bad).max(axis=1) < 1e-3).any():
-            raise SolverError("world 0, step 1: the contact LCP found no solution", worlds=(0,))
+        failed = np.abs(state[:, 4:6] - bad).max(axis=1) < 1e-3
+        if failed.any():
+            worlds = tuple(np.flatnonzero(failed).tolist())
+            raise SolverError(f"world {worlds[0]}, step 1: the contact LCP found no solution", worlds=worlds)
         return solve(theta, state, p_WP, v_WP)
 
     steps = actions(3)
