@@ -15,7 +15,8 @@ class ContactForces:
         worlds: (n,) int, the world of each; 0 where there is one world only.
         pairs: n times "object-floor" or "object-pusher".
         p_WC: (n, 3) m, where each acts, world.
-        f_W: (n, 3) N, on the object, world. Of the last time step that was made.
+        f_W: (n, 3) N, on the object, world. In the twin they are of the time step that begins now; in Drake's plants,
+            whose ports are sampled, of the last one that was made.
     """
 
     worlds: np.ndarray
