@@ -11,19 +11,23 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.files import replacing
 
 
-def write_arrays(path: Path, about: Mapping[str, object], arrays: Mapping[str, np.ndarray]) -> None:
+def write_arrays(
+    path: Path, about: Mapping[str, object], arrays: Mapping[str, np.ndarray], *, compressed: bool = False
+) -> None:
     """Writes a checkpoint over the earlier one.
 
     Args:
         path: Its file; the folder exists.
         about: What the work depends on, as JSON takes it.
         arrays: To keep, by name; not called "about".
+        compressed: Whether to write less and take longer.
 
     Raises:
         InputError: It cannot be written; the earlier one stays.
     """
     with replacing(path) as temporary:
-        np.savez(temporary, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+        save = np.savez_compressed if compressed else np.savez
+        save(temporary, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
 
 
 def read_arrays(

@@ -1,0 +1,76 @@
+"""`pinwm train`: its options. The work is in `train_run`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def train(
+    scene: Annotated[
+        str, typer.Argument(metavar="TWIN", help="Folder that `pinwm identify` wrote, or a scenario such as push_t.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; the policy is there at the end.")],
+    task: Annotated[str, typer.Option(help="What is to be learned: push.")] = "push",
+    method: Annotated[
+        str,
+        typer.Option(
+            help="distil: a teacher that sees the state, and a student of images that learns from it; "
+            "ppo: from images at once; state: the teacher alone."
+        ),
+    ] = "distil",
+    delta: Annotated[float, typer.Option(help="Of the cousins; 0 trains in the twin alone.")] = 0.1,
+    from_intervals: Annotated[
+        bool, typer.Option("--from-intervals", help="Draw the cousins' θ from the identified 95 % intervals.")
+    ] = False,
+    yaw: Annotated[
+        float | None, typer.Option(help="rad, by which the object is turned at the start, at most.", show_default="π/2")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of networks, worlds and cousins.")] = 0,
+    worlds: Annotated[int, typer.Option(help="That are trained in at once.")] = 64,
+    image_size: Annotated[int, typer.Option(help="px.")] = 64,
+    frames: Annotated[int, typer.Option(help="Images that the policy sees, one an action.")] = 3,
+    max_translation: Annotated[float, typer.Option(help="m, of the pusher in an action of 0.1 s.")] = 0.02,
+    steps: Annotated[
+        int | None, typer.Option(help="Of PPO, all worlds together.", show_default="as the method needs")
+    ] = None,
+    round_steps: Annotated[
+        int | None, typer.Option(help="Of PPO between two evaluations.", show_default="as the method needs")
+    ] = None,
+    rounds: Annotated[int | None, typer.Option(help="Of the distillation.", show_default="as needed")] = None,
+    images: Annotated[
+        int | None, typer.Option(help="That a round of the distillation collects.", show_default="as needed")
+    ] = None,
+    shift: Annotated[int | None, typer.Option(help="px, random shift of the student's images.")] = None,
+    teacher: Annotated[
+        Path | None, typer.Option(help="A policy of the state to learn from, instead of training one.")
+    ] = None,
+    threads: Annotated[int | None, typer.Option(help="Of torch.", show_default="one on each core")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run ended.")] = False,
+) -> None:
+    """Trains a policy in cousins of a twin, with progress, checkpoints and TensorBoard."""
+    from pinwm_drake.cli.train_run import TrainRequest, run_train
+
+    request = TrainRequest(
+        scene=scene,
+        out=out,
+        task=task,
+        method=method,
+        delta=delta,
+        from_intervals=from_intervals,
+        yaw=yaw,
+        seed=seed,
+        worlds=worlds,
+        image_size=image_size,
+        frames=frames,
+        max_translation=max_translation,
+        steps=steps,
+        round_steps=round_steps,
+        rounds=rounds,
+        images=images,
+        shift=shift,
+        teacher=teacher,
+        threads=threads,
+        resume=resume,
+    )
+    run_train(request)

@@ -1,0 +1,116 @@
+"""An actor and a critic as SB3's PPO wants them; the critic may see more than the actor."""
+
+from collections.abc import Mapping
+from typing import Any, cast
+
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.type_aliases import GymEnv
+from stable_baselines3.common.vec_env import VecEnv
+from torch import Tensor, nn
+
+from pinwm_drake.learning.actors import STATE_SIZE, Seen
+
+
+class _AsSeen(BaseFeaturesExtractor):
+    """Hands the observation on: actor and critic have extractors of their own."""
+
+    def __init__(self, observation_space: Any) -> None:
+        super().__init__(observation_space, features_dim=1)  # One that is not asked for.
+
+    def forward(self, seen: Tensor) -> Tensor:
+        return seen
+
+
+class _Latents(nn.Module):
+    """Last hidden layers of the actor, and of a critic that sees the state."""
+
+    def __init__(self, actor: nn.Module, width: int) -> None:
+        super().__init__()
+        self.actor: Any = actor
+        self.critic = nn.Sequential(nn.Linear(STATE_SIZE, width), nn.Tanh(), nn.Linear(width, width), nn.Tanh())
+        self.latent_dim_pi, self.latent_dim_vf = self.actor.latent_size, width
+
+    def forward(self, seen: Seen) -> tuple[Tensor, Tensor]:
+        return self.forward_actor(seen), self.forward_critic(seen)
+
+    def forward_actor(self, seen: Seen) -> Tensor:
+        latent: Tensor = self.actor.latent(seen)
+        return latent
+
+    def forward_critic(self, seen: Seen) -> Tensor:
+        latent: Tensor = self.critic(seen["state"] if isinstance(seen, Mapping) else seen)
+        return latent
+
+
+class ActorCritic(ActorCriticPolicy):
+    """`StateActor` or `ImageActor` with a Gaussian around its action, and a critic of the state.
+
+    Source: Pinto et al., "Asymmetric actor critic for image-based robot learning" (RSS 2018), for images.
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Space,
+        action_space: spaces.Space,
+        lr_schedule: Any,
+        *,
+        actor: nn.Module,
+        from_scratch: bool = True,
+        critic_width: int = 256,
+        log_std_init: float = 0.0,
+        **unused: Any,
+    ) -> None:
+        """Takes over an actor.
+
+        Args:
+            observation_space: Of the worlds.
+            action_space: Of the worlds.
+            lr_schedule: Of Adam.
+            actor: The network; trained in place.
+            from_scratch: Whether the actor's weights are drawn anew (orthogonal); otherwise they are kept.
+            critic_width: Of the critic's hidden layers.
+            log_std_init: Of the actions at first, as a logarithm.
+            unused: What PPO passes to every policy.
+        """
+        # In a list, as nn.Module takes no module before it is initialised.
+        self._given, self._width = [actor], critic_width
+        kept = {name: value.clone() for name, value in actor.state_dict().items()}
+        super().__init__(
+            observation_space,
+            action_space,
+            lr_schedule,
+            features_extractor_class=_AsSeen,
+            normalize_images=False,
+            log_std_init=log_std_init,
+        )
+        if from_scratch:
+            self.pull()
+        else:
+            actor.load_state_dict(kept)
+            head: Any = self.action_net
+            head.load_state_dict(self._actor.head.state_dict())
+
+    def _build_mlp_extractor(self) -> None:
+        self.mlp_extractor = _Latents(self._given[0], self._width)  # type: ignore[assignment]
+
+    @property
+    def _actor(self) -> Any:
+        return self._given[0]
+
+    def pull(self) -> nn.Module:
+        """The actor, its head as it is now: SB3 keeps that as `action_net`."""
+        head: Any = self.action_net
+        self._actor.head.load_state_dict(head.state_dict())
+        return self._actor
+
+
+class Ppo(PPO):
+    """SB3's PPO, which leaves images as they come: `ImageActor` takes them with the channels last."""
+
+    @staticmethod
+    def _wrap_env(env: GymEnv, verbose: int = 0, monitor_wrapper: bool = True) -> VecEnv:
+        """The worlds themselves."""
+        return cast(VecEnv, env)

@@ -1,0 +1,100 @@
+"""What a student learns from: single images, in the order in which worlds gave them, and stacks of them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.errors import InputError
+
+_NAMES = ("image", "start", "pusher", "pose", "action")
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """What W worlds gave in T actions, one after another: row t W + w is world w's at action t.
+
+    Attributes:
+        image: (T W, 3, height, width) uint8, the last image.
+        start: (T W,) bool, where an episode begins; the first W do.
+        pusher: (T W, 2) float32, across its box.
+        pose: (T W, 4) float32: x, y of the object from the goal in 0.1 m, cos and sin of its yaw.
+        action: (T W, 2) float32, what the teacher would do.
+    """
+
+    image: np.ndarray
+    start: np.ndarray
+    pusher: np.ndarray
+    pose: np.ndarray
+    action: np.ndarray
+
+    def write(self, path: Path) -> None:
+        """Writes it, compressed: most of an image is white."""
+        write_arrays(path, {}, {name: getattr(self, name) for name in _NAMES}, compressed=True)
+
+    @staticmethod
+    def read(path: Path) -> "Chunk":
+        """Reads what `write` wrote.
+
+        Raises:
+            InputError: There is no such file, or it cannot be read.
+        """
+        arrays = read_arrays(path, {}, "distil", _NAMES)
+        if arrays is None:
+            raise InputError(path, value="no such file", allowed="the images beside a checkpoint; start anew")
+        return Chunk(**arrays)
+
+
+class Frames:
+    """Chunks of W worlds, from which batches are drawn; the oldest chunk goes when there are more than fit."""
+
+    def __init__(self, worlds: int, frames: int, most: int) -> None:
+        """Empty.
+
+        Args:
+            worlds: W.
+            frames: k, how many images make a stack.
+            most: Images that are kept.
+        """
+        self._worlds, self._frames, self._most = worlds, frames, most
+        self._chunks: list[Chunk] = []
+        self._ends = np.zeros(0, int)
+
+    def __len__(self) -> int:
+        return int(self._ends[-1]) if len(self._ends) else 0
+
+    def add(self, chunk: Chunk) -> None:
+        """Takes a chunk over."""
+        self._chunks.append(chunk)
+        while len(self._chunks) > 1 and sum(len(one.start) for one in self._chunks) > self._most:
+            self._chunks.pop(0)
+        self._ends = np.cumsum([len(one.start) for one in self._chunks])
+
+    def draw(self, size: int, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """A batch.
+
+        Args:
+            size: B.
+            generator: Of the draw.
+
+        Returns:
+            Images (B, 3 k, height, width) uint8, the oldest first; pusher (B, 2), pose (B, 4), action (B, 2).
+        """
+        rows = np.sort(generator.integers(len(self), size=size))
+        parts = np.split(rows, np.searchsorted(rows, self._ends[:-1]))
+        begins = [0, *self._ends[:-1]]
+        batches = [
+            self._stacks(chunk, part - begin) for chunk, part, begin in zip(self._chunks, parts, begins, strict=True)
+        ]
+        images, pusher, pose, action = (np.concatenate(one) for one in zip(*batches, strict=True))
+        return images, pusher, pose, action
+
+    def _stacks(self, chunk: Chunk, rows: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Of some rows of a chunk."""
+        before, newest_first = rows, []
+        for _ in range(self._frames):
+            newest_first.append(chunk.image[before])
+            before = np.where(chunk.start[before], before, before - self._worlds)
+        images = np.concatenate(newest_first[::-1], axis=1)
+        return images, chunk.pusher[rows], chunk.pose[rows], chunk.action[rows]

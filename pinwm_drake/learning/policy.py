@@ -1,0 +1,127 @@
+"""A policy: a network with its specification, on disk as a folder of YAML and npz."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import yaml
+from torch import nn
+
+from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.learning.actors import ImageActor, StateActor
+from pinwm_drake.learning.spec import PolicySpec
+
+POLICY_FILE, WEIGHTS_FILE = "policy.yaml", "weights.npz"
+_VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """A network that acts, and what its numbers mean.
+
+    Attributes:
+        spec: What it sees and does.
+        actor: `ImageActor` where it observes "rgb", `StateActor` where it observes "state".
+        provenance: Twin, seeds, settings, versions and results of its training; plain data.
+    """
+
+    spec: PolicySpec
+    actor: nn.Module
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def predict(
+        self, observation: Any, state: None = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, None]:
+        """Actions (2,) or (B, 2) in [-1, 1]^2, with the signature of SB3's `predict`; the policy has no state.
+
+        Args:
+            observation: Of one world or of B, as the environment gives it: an array (11) where it observes "state";
+                otherwise a dict of which `image` and `pusher` are used.
+            state: Not used.
+            episode_start: Not used.
+            deterministic: Not used: it always is.
+        """
+        with torch.inference_mode():
+            if self.spec.observes == "state":
+                seen = observation["state"] if isinstance(observation, Mapping) else observation
+                rows = np.asarray(seen, np.float32)
+                actions = self.actor(torch.from_numpy(np.atleast_2d(rows)))
+                single = rows.ndim == 1
+            else:
+                image, pusher = np.asarray(observation["image"]), np.asarray(observation["pusher"], np.float32)
+                single = image.ndim == 3
+                actions = self.actor(
+                    torch.from_numpy(image[None] if single else image), torch.from_numpy(np.atleast_2d(pusher))
+                )
+        values = np.clip(actions.numpy(), -1.0, 1.0)
+        return (values[0] if single else values), None
+
+
+def make_actor(spec: PolicySpec) -> nn.Module:
+    """An untrained network for a specification."""
+    return StateActor() if spec.observes == "state" else ImageActor(*spec.image_shape)
+
+
+def weights_digest(policy: Policy) -> str:
+    """SHA-256 of the weights, which tells policies apart."""
+    digest = hashlib.sha256()
+    for name, value in sorted(policy.actor.state_dict().items()):
+        digest.update(name.encode())
+        digest.update(value.detach().cpu().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def write_policy(folder: Path, policy: Policy) -> None:
+    """Writes a policy over an earlier one of the folder; each file appears whole or not at all.
+
+    Args:
+        folder: Made if need be.
+        policy: The policy.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    prepare_folder(folder)
+    arrays = {name: value.detach().cpu().numpy() for name, value in policy.actor.state_dict().items()}
+    write_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, arrays)
+    document = {"schema_version": _VERSION, "spec": policy.spec.to_document(), "provenance": policy.provenance}
+    with replacing(folder / POLICY_FILE) as path:
+        path.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
+
+
+def read_policy(folder: Path) -> Policy:
+    """Reads what `write_policy` wrote.
+
+    Raises:
+        InputError: A file is missing, cannot be read, or does not fit the other.
+    """
+    path = folder / POLICY_FILE
+    try:
+        document = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(path, value=error, allowed="policy.yaml that `pinwm train` wrote") from error
+    if not isinstance(document, dict) or document.get("schema_version") != _VERSION:
+        raise InputError(path, value="another document", allowed=f"a policy with schema_version {_VERSION}")
+    try:
+        spec = PolicySpec.from_document(document.get("spec"))
+    except ParameterError as error:
+        raise InputError(path, value=error, allowed="a specification that `pinwm train` wrote") from error
+    arrays = read_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, "policy")
+    if arrays is None:
+        raise InputError(folder / WEIGHTS_FILE, value="no such file", allowed="the weights beside policy.yaml")
+    actor = make_actor(spec)
+    try:
+        actor.load_state_dict({name: torch.from_numpy(value) for name, value in arrays.items()})
+    except (RuntimeError, TypeError) as error:
+        message = " ".join(str(error).split())[:300]
+        raise InputError(
+            folder / WEIGHTS_FILE, value=message, allowed="weights of the network in policy.yaml"
+        ) from error
+    actor.eval()
+    return Policy(spec, actor, dict(document.get("provenance") or {}))

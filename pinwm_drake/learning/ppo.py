@@ -1,0 +1,169 @@
+"""PPO of SB3 on the push task, from the state or from images, in rounds."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.learning.actor_critic import ActorCritic, Ppo
+from pinwm_drake.learning.actors import ImageActor
+from pinwm_drake.learning.augment import Augment
+from pinwm_drake.learning.memory import pack, unpack
+from pinwm_drake.learning.policy import Policy, make_actor
+from pinwm_drake.learning.progress import Report, silent
+from pinwm_drake.learning.rounds import EVALUATION_SEED, OnRound, Rounds
+from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.learning.world_evaluation import evaluate_worlds
+
+_NEVER = 1 << 30
+
+
+@dataclass(frozen=True)
+class PpoOptions:
+    """Settings of PPO, as SB3 names them.
+
+    Attributes:
+        steps: Of all worlds together; rounded up to whole rounds.
+        round_steps: Of a round; rounded up to whole rollouts. An evaluation follows.
+        n_steps: Of each world in a rollout.
+        batch_size: Of an update.
+        n_epochs: Of a rollout.
+        learning_rate: Of Adam at first.
+        last_share: Of the learning rate that is left at the end; it falls evenly.
+        gamma: Discount of an action.
+        gae_lambda: Of the advantages.
+        clip_range: Of PPO's ratio.
+        shift: px, by which images are moved at random while they are learned from, at most.
+        gain: Relative half-width of the random factors of their colours.
+        log_std: Of the actions at first, as a logarithm.
+        episodes: Of an evaluation.
+
+    Raises:
+        ParameterError: A number is out of range.
+    """
+
+    steps: int = 6_000_000
+    round_steps: int = 200_000
+    n_steps: int = 64
+    batch_size: int = 1024
+    n_epochs: int = 5
+    learning_rate: float = 5e-4
+    last_share: float = 0.1
+    gamma: float = 0.98
+    gae_lambda: float = 0.95
+    clip_range: float = 0.2
+    shift: int = 0
+    gain: float = 0.0
+    log_std: float = 0.0
+    episodes: int = 128
+
+    @classmethod
+    def for_images(cls) -> "PpoOptions":
+        """What is used from images: there are fewer steps in the same time."""
+        return cls(
+            steps=2_000_000, round_steps=100_000, n_epochs=3, learning_rate=3e-4, batch_size=512, shift=1, gain=0.2
+        )
+
+    def __post_init__(self) -> None:
+        """Checks the values."""
+        for name, value in asdict(self).items():
+            least = {"log_std": -math.inf, "shift": 0, "gain": 0}.get(name, 1e-12)
+            if not (math.isfinite(value) and value >= least):
+                allowed = "0 or more" if least == 0 else "more than 0" if least > 0 else "a finite number"
+                raise ParameterError(f"{name}: got {value}; allowed: {allowed}")
+
+
+def train_ppo(
+    env: VecEnv,
+    spec: PolicySpec,
+    folder: Path,
+    options: PpoOptions,
+    *,
+    stage: str,
+    seed: int = 0,
+    actor: nn.Module | None = None,
+    about: Mapping[str, object] | None = None,
+    on_round: OnRound | None = None,
+    resume: bool = False,
+    report: Report = silent,
+) -> Policy:
+    """Trains a policy, and keeps the best by its evaluations in `folder/best`.
+
+    Args:
+        env: Worlds; observation "state" for a policy of the state, "rgb_state" for one of images: the critic sees the
+            state in any case.
+        spec: Of the policy.
+        folder: For checkpoints, `history.csv` and TensorBoard's events.
+        options: Of PPO.
+        stage: What progress and messages call it.
+        seed: 0 or more.
+        actor: To begin with; None for one of random weights.
+        about: What the worlds are, as JSON takes it: a checkpoint with another one is refused.
+        on_round: Called with a seed before worlds are reset at the beginning of a round, to draw new cousins.
+        resume: Whether to go on from a checkpoint.
+        report: Is told where the training stands.
+
+    Returns:
+        The best.
+
+    Raises:
+        InputError: A checkpoint cannot be used, or a file cannot be written.
+    """
+    told = {"options": asdict(options), "seed": seed, "spec": spec.to_document(), "worlds": env.num_envs}
+    rounds = Rounds(folder, stage, {**told, **(about or {})}, seed, resume=resume)
+    model = _model(env, spec, actor, options, seed)
+    model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
+    if rounds.number:
+        unpack(rounds.arrays, model.policy, model.policy.optimizer)
+    rollout = options.n_steps * env.num_envs
+    size = rollout * math.ceil(min(options.round_steps, options.steps) / rollout)
+    total = math.ceil(options.steps / size)
+    while rounds.number < total:
+        rounds.begin(env, on_round)
+        share = 1.0 - rounds.number / total
+        rate = options.learning_rate * (options.last_share + (1.0 - options.last_share) * share)
+        model.lr_schedule = partial(_constant, rate)
+        model._last_obs = None  # So that SB3 resets the worlds.
+        model.num_timesteps = rounds.steps
+        model.learn(size, reset_num_timesteps=False, log_interval=_NEVER)
+        loss = float(model.logger.name_to_value.get("train/value_loss", math.nan))
+        now = _policy(model).pull().eval()
+        found = evaluate_worlds(env, Policy(spec, now), options.episodes, seed=EVALUATION_SEED)
+        rounds.end(pack(model.policy, model.policy.optimizer), now, found, steps=size, loss=loss, logger=model.logger)
+        report(rounds.told(total))
+    return Policy(spec, rounds.best_actor(spec))
+
+
+def _policy(model: Ppo) -> ActorCritic:
+    assert isinstance(model.policy, ActorCritic)
+    return model.policy
+
+
+def _constant(rate: float, _: float) -> float:
+    return rate
+
+
+def _model(env: VecEnv, spec: PolicySpec, actor: nn.Module | None, options: PpoOptions, seed: int) -> Ppo:
+    given = make_actor(spec) if actor is None else actor
+    if isinstance(given, ImageActor):
+        given.augment = Augment(options.shift, options.gain)
+    return Ppo(
+        ActorCritic,
+        env,
+        n_steps=options.n_steps,
+        batch_size=options.batch_size,
+        n_epochs=options.n_epochs,
+        learning_rate=options.learning_rate,
+        gamma=options.gamma,
+        gae_lambda=options.gae_lambda,
+        clip_range=options.clip_range,
+        seed=seed,
+        device="cpu",
+        policy_kwargs={"actor": given, "from_scratch": actor is None, "log_std_init": options.log_std},
+    )

@@ -1,0 +1,141 @@
+"""What a policy sees and does, as plain numbers: without these a network's inputs and outputs mean nothing."""
+
+import math
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Literal
+
+import numpy as np
+
+from pinwm_drake.errors import ParameterError
+
+Observes = Literal["rgb", "state"]
+OBSERVES = ("rgb", "state")
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """A pinhole camera without distortion; its pixels' centres lie at half-integers.
+
+    Attributes:
+        width, height: px.
+        fx, fy: px, focal lengths.
+        cx, cy: px, principal point.
+        p_WC: (3,) m.
+        q_WC: (4,) wxyz; OpenCV axes: x right, y down, z forward.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    p_WC: tuple[float, float, float]
+    q_WC: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class PolicySpec:
+    """What a policy of the push task sees and does.
+
+    Attributes:
+        observes: "rgb": images and the pusher's position; "state": `PushObserver`'s eleven numbers.
+        frames: k, how many of the last images it sees, the oldest first, one an action; the first image of an episode
+            stands for those before it.
+        camera: That takes them: sRGB of the object where it is seen, white elsewhere.
+        horizon: s, how long an action lasts.
+        max_translation: m, of the pusher in an action; what stands for 1.
+        pusher_low, pusher_high: (2,) m, x and y of the box that the pusher may be in; what stands for -1 and 1.
+        pusher_height: m, of the pusher's frame P while it pushes.
+        goal: x [m], y [m], yaw [rad] of the object's frame O in the world.
+        q_WO: (4,) wxyz, how the object lies at yaw 0.
+        tolerance: m, within which the object is to come to rest.
+        turn_tolerance: rad.
+        max_steps: Actions in an episode.
+
+    Raises:
+        ParameterError: A value is not finite, not positive, or not among those allowed.
+    """
+
+    observes: Observes
+    frames: int
+    camera: CameraSpec
+    horizon: float
+    max_translation: float
+    pusher_low: tuple[float, float]
+    pusher_high: tuple[float, float]
+    pusher_height: float
+    goal: tuple[float, float, float]
+    q_WO: tuple[float, float, float, float]
+    tolerance: float
+    turn_tolerance: float
+    max_steps: int
+
+    def __post_init__(self) -> None:
+        """Checks the values."""
+        if self.observes not in OBSERVES:
+            raise ParameterError(f"observes: got {self.observes!r}; allowed: {', '.join(OBSERVES)}")
+        for name in ("frames", "max_steps"):
+            if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
+                raise ParameterError(f"{name}: got {getattr(self, name)!r}; allowed: a whole number, 1 or more")
+        for name in ("horizon", "max_translation", "tolerance", "turn_tolerance"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ParameterError(f"{name}: got {getattr(self, name)}; allowed: more than 0")
+        low, high = np.array(self.pusher_low), np.array(self.pusher_high)
+        if low.shape != (2,) or high.shape != (2,) or not (low < high).all() or not np.isfinite([low, high]).all():
+            raise ParameterError(f"pusher_low, pusher_high: got {low} and {high}; allowed: x and y, m, low below high")
+        if self.camera.width < 1 or self.camera.height < 1:
+            raise ParameterError(f"camera: got {self.camera.width} by {self.camera.height} px; allowed: 1 or more")
+
+    @property
+    def image_shape(self) -> tuple[int, int, int]:
+        """(height, width, 3 k) of what the policy sees."""
+        return (self.camera.height, self.camera.width, 3 * self.frames)
+
+    def to_document(self) -> dict[str, Any]:
+        """Plain data, for YAML."""
+        return {name: _plain(value) for name, value in asdict(self).items()}
+
+    @classmethod
+    def from_document(cls, document: Any) -> "PolicySpec":
+        """Of what `to_document` gave.
+
+        Raises:
+            ParameterError: A key is missing or unknown, or a value is out of range.
+        """
+        values = _values(cls, document, "spec")
+        values["camera"] = CameraSpec(**_values(CameraSpec, values["camera"], "camera"))
+        return cls(**values)
+
+
+def _values(kind: type, document: Any, name: str) -> dict[str, Any]:
+    """The fields of a dataclass, lists as tuples; raises ParameterError."""
+    names = [field.name for field in fields(kind)]
+    if not isinstance(document, dict) or set(document) != set(names):
+        given = sorted(document) if isinstance(document, dict) else document
+        raise ParameterError(f"{name}: got {given}; allowed: the keys {', '.join(names)}")
+    values = {}
+    for field in fields(kind):
+        value = document[field.name]
+        form = str(field.type)
+        if form.startswith("tuple"):
+            length = form.count("float")
+            if not isinstance(value, list | tuple) or len(value) != length or not all(_number(item) for item in value):
+                raise ParameterError(f"{name}.{field.name}: got {value!r}; allowed: {length} finite numbers")
+            value = tuple(float(item) for item in value)
+        elif field.type is float and not _number(value):
+            raise ParameterError(f"{name}.{field.name}: got {value!r}; allowed: a finite number")
+        elif field.type is int and (not isinstance(value, int) or isinstance(value, bool)):
+            raise ParameterError(f"{name}.{field.name}: got {value!r}; allowed: a whole number")
+        values[field.name] = value
+    return values
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
+    return [float(item) for item in value] if isinstance(value, tuple) else value

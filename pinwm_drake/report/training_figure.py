@@ -1,0 +1,55 @@
+"""How a training went: success and length of episodes over the time it took."""
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from pinwm_drake.errors import InputError
+from pinwm_drake.files import replacing
+from pinwm_drake.report.style import new_figure, tidy
+
+_COLUMNS = ("steps", "success", "length", "loss", "seconds")
+
+
+def training_figure(path: Path, stages: Mapping[str, Path]) -> Path:
+    """Draws success, number of actions and loss of each stage, one after the other.
+
+    Args:
+        path: Of the picture.
+        stages: `history.csv` of each, by name, in their order.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: A table cannot be read, or the picture cannot be written.
+    """
+    figure = new_figure(9, 3.0)
+    panels = figure.subplots(1, 3)
+    begin = 0.0
+    for name, table in stages.items():
+        columns = _read(table)
+        minutes = begin + columns["seconds"] / 60
+        for axes, values in zip(panels, (100 * columns["success"], columns["length"], columns["loss"]), strict=True):
+            axes.plot(minutes, values, marker=".", label=name)
+        begin = float(minutes[-1])
+    for axes, title in zip(panels, ("success [%]", "actions of a success", "loss"), strict=True):
+        axes.set_title(title, fontsize=9)
+        axes.set_xlabel("minutes")
+    panels[0].set_ylim(-2, 102)
+    panels[2].set_yscale("log")
+    panels[0].legend(frameon=False, fontsize=8)
+    tidy(panels)
+    with replacing(path) as temporary:
+        figure.savefig(temporary)
+    return path
+
+
+def _read(table: Path) -> dict[str, np.ndarray]:
+    try:
+        rows = list(csv.DictReader(table.read_text().splitlines()))
+        return {name: np.array([float(row[name]) for row in rows]) for name in _COLUMNS}
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise InputError(table, value=error, allowed=f"a table with {', '.join(_COLUMNS)}") from error

@@ -1,0 +1,89 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from pinwm_drake.systems.training_worlds import TrainingWorlds
+from typer.testing import CliRunner
+
+from pinwm_drake.cli.app import app
+from pinwm_drake.cli.train_run import TrainRequest
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.learning.policy import read_policy
+
+SHORT = ["--worlds", "4", "--image-size", "32", "--threads", "1"]
+
+
+def train(*arguments):
+    return CliRunner().invoke(app, ["train", *map(str, arguments)])
+
+
+def weights(folder):
+    with np.load(folder / "weights.npz") as file:
+        return {name: file[name] for name in file.files if name != "about"}
+
+
+def test_a_teacher_is_trained_and_kept(tmp_path):
+    out = train("push_t", "-o", tmp_path / "run", "--method", "state", "--steps", 512, *SHORT)
+    assert out.exit_code == 0, out.output
+    policy = read_policy(tmp_path / "run")
+    assert policy.spec.observes == "state"
+    assert policy.provenance["trained_in"]["delta"] == 0.1
+    assert policy.provenance["seed"] == 0
+    assert (tmp_path / "run" / "training.png").stat().st_size > 1000
+    assert list((tmp_path / "run" / "teacher" / "tensorboard").iterdir())
+    # What it acts in is what it was trained in.
+    worlds = TrainingWorlds("push_t", num_worlds=4, image_size=32)
+    assert worlds.spec(worlds.worlds("state"), "state") == policy.spec
+
+
+def test_a_student_learns_from_a_given_teacher(tmp_path):
+    assert train("push_t", "-o", tmp_path / "t", "--method", "state", "--steps", 256, *SHORT).exit_code == 0
+    out = train("push_t", "-o", tmp_path / "s", "--teacher", tmp_path / "t", "--rounds", 1, "--images", 400, *SHORT)
+    assert out.exit_code == 0, out.output
+    policy = read_policy(tmp_path / "s")
+    assert policy.spec.observes == "rgb"
+    assert policy.spec.image_shape == (32, 32, 9)
+    again = train("push_t", "-o", tmp_path / "s2", "--teacher", tmp_path / "s", *SHORT)
+    assert again.exit_code != 0
+    assert isinstance(again.exception, InputError)
+
+
+def test_a_run_that_was_killed_goes_on_with_the_same_result(tmp_path):
+    arguments = ["push_t", "--method", "state", "--steps", "2048", "--round-steps", "512", *SHORT]
+    assert train(*arguments, "-o", tmp_path / "whole").exit_code == 0
+    command = [sys.executable, "-c", "from pinwm_drake.cli import main; main()", "train", *arguments]
+    command += ["-o", str(tmp_path / "killed")]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    table = tmp_path / "killed" / "teacher" / "history.csv"
+    deadline = time.monotonic() + 300
+    while not table.exists() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert table.exists()
+    refused = train(*arguments, "-o", tmp_path / "killed")
+    assert isinstance(refused.exception, InputError)
+    assert "--resume" in str(refused.exception)
+    assert train(*arguments, "-o", tmp_path / "killed", "--resume").exit_code == 0
+    whole, rest = weights(tmp_path / "whole"), weights(tmp_path / "killed")
+    assert all(np.array_equal(whole[name], rest[name]) for name in whole)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"task": "flip"},
+        {"method": "dreams"},
+        {"worlds": 0},
+        {"seed": -1},
+        {"yaw": 4.0},
+        {"teacher": "x", "method": "ppo"},
+    ],
+)
+def test_options_that_make_no_sense_are_refused(tmp_path, values):
+    with pytest.raises(ParameterError, match=next(iter(values))):
+        TrainRequest(scene="push_t", out=tmp_path, **values)

@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.learning.policy import Policy, make_actor, read_policy, weights_digest, write_policy
+from pinwm_drake.learning.spec import PolicySpec
+from tests.learning.toy_worlds import ToyWorlds, toy_spec
+
+
+@pytest.fixture
+def policy():
+    torch.manual_seed(0)
+    spec = toy_spec("rgb")
+    return Policy(spec, make_actor(spec), {"seed": 3})
+
+
+def test_a_policy_is_read_as_it_was_written(tmp_path, policy):
+    write_policy(tmp_path, policy)
+    again = read_policy(tmp_path)
+    assert again.spec == policy.spec
+    assert again.provenance == {"seed": 3}
+    assert weights_digest(again) == weights_digest(policy)
+    env = ToyWorlds()
+    env.seed(0)
+    seen = env.reset()
+    actions = policy.predict(seen)[0]
+    assert np.array_equal(actions, again.predict(seen)[0])
+    one = {name: values[3] for name, values in seen.items()}
+    assert np.allclose(again.predict(one)[0], actions[3], atol=1e-6)
+    assert again.predict(one)[0].shape == (2,)
+
+
+def test_actions_are_cut_to_what_is_allowed(policy):
+    with torch.no_grad():
+        policy.actor.head.bias += 5.0
+    env = ToyWorlds()
+    env.seed(0)
+    assert policy.predict(env.reset())[0].max() == 1.0
+
+
+def test_a_policy_of_the_state_takes_the_state_alone_or_among_others():
+    spec = toy_spec("state")
+    policy = Policy(spec, make_actor(spec))
+    state = np.random.default_rng(0).normal(size=(5, 11)).astype(np.float32)
+    assert np.array_equal(policy.predict(state)[0], policy.predict({"state": state})[0])
+    assert policy.predict(state[0])[0].shape == (2,)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(schema_version=2), "schema_version"),
+        (lambda d: d["spec"].update(frames=0), "frames"),
+        (lambda d: d["spec"].update(colour=1), "colour"),
+        (lambda d: d["spec"].update(horizon=float("nan")), "horizon"),
+        (lambda d: d["spec"].update(goal=[0.0, 1.0]), "goal"),
+        (lambda d: d["spec"].update(frames=1), "weights"),
+    ],
+)
+def test_a_document_that_was_changed_is_refused(tmp_path, policy, change, message):
+    write_policy(tmp_path, policy)
+    path = tmp_path / "policy.yaml"
+    document = yaml.safe_load(path.read_text())
+    change(document)
+    path.write_text(yaml.safe_dump(document))
+    with pytest.raises(InputError, match=message):
+        read_policy(tmp_path)
+
+
+def test_files_that_are_missing_or_broken_are_named(tmp_path, policy):
+    with pytest.raises(InputError, match=r"policy\.yaml"):
+        read_policy(tmp_path)
+    write_policy(tmp_path, policy)
+    whole = (tmp_path / "weights.npz").read_bytes()
+    (tmp_path / "weights.npz").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"weights\.npz"):
+        read_policy(tmp_path)
+    (tmp_path / "weights.npz").unlink()
+    with pytest.raises(InputError, match=r"weights\.npz"):
+        read_policy(tmp_path)
+
+
+def test_a_specification_survives_its_document():
+    spec = toy_spec("rgb")
+    assert PolicySpec.from_document(yaml.safe_load(yaml.safe_dump(spec.to_document()))) == spec
+
+
+@pytest.mark.parametrize(
+    "changes", [{"observes": "smell"}, {"horizon": 0.0}, {"pusher_low": (1.0, 1.0)}, {"frames": 0}]
+)
+def test_a_specification_that_makes_no_sense_is_refused(changes):
+    with pytest.raises(ParameterError):
+        toy_spec(**changes)

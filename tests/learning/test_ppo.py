@@ -1,0 +1,122 @@
+import csv
+
+import numpy as np
+import pytest
+import torch
+
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.learning.actor_critic import ActorCritic, Ppo
+from pinwm_drake.learning.actors import ImageActor, StateActor
+from pinwm_drake.learning.policy import make_actor
+from pinwm_drake.learning.ppo import PpoOptions, train_ppo
+from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from tests.learning.toy_worlds import ToyWorlds, toy_spec
+
+SHORT = PpoOptions(steps=1024, round_steps=256, n_steps=16, batch_size=64, n_epochs=2, episodes=8)
+
+
+class Killed(Exception):
+    pass
+
+
+def weights(policy):
+    return {name: value.numpy().copy() for name, value in policy.actor.state_dict().items()}
+
+
+def same(a, b):
+    return all(np.array_equal(a[name], b[name]) for name in a)
+
+
+def test_it_learns_from_the_state(tmp_path):
+    spec = toy_spec("state")
+    options = PpoOptions(steps=12_000, round_steps=4_000, n_steps=32, batch_size=128, episodes=64, log_std=-1.0)
+    policy = train_ppo(ToyWorlds(images=False), spec, tmp_path, options, stage="teacher")
+    before = evaluate_worlds(ToyWorlds(images=False), untrained(spec), 64, seed=5)
+    after = evaluate_worlds(ToyWorlds(images=False), policy, 64, seed=5)
+    assert before.success_rate < 0.5
+    assert after.success_rate > 0.9
+    assert isinstance(policy.actor, StateActor)
+
+
+def untrained(spec):
+    from pinwm_drake.learning.policy import Policy
+
+    torch.manual_seed(0)
+    return Policy(spec, make_actor(spec))
+
+
+@pytest.mark.parametrize(("observes", "images"), [("state", False), ("rgb", True)])
+def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, observes, images):
+    spec, begun = toy_spec(observes), []
+    whole = train_ppo(ToyWorlds(images=images), spec, tmp_path / "a", SHORT, stage="ppo", on_round=begun.append)
+
+    def kill(step):
+        if step.done > 0.4:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train_ppo(ToyWorlds(images=images), spec, tmp_path / "b", SHORT, stage="ppo", report=kill)
+    again = []
+    rest = train_ppo(
+        ToyWorlds(images=images), spec, tmp_path / "b", SHORT, stage="ppo", resume=True, on_round=again.append
+    )
+    assert same(weights(whole), weights(rest))
+    assert len(begun) == 4
+    assert begun[2:] == again
+    rows = list(csv.DictReader((tmp_path / "b" / "history.csv").read_text().splitlines()))
+    assert [int(row["steps"]) for row in rows] == [256, 512, 768, 1024]
+
+
+def test_another_seed_gives_another_policy(tmp_path):
+    spec = toy_spec("state")
+    a, b = (train_ppo(ToyWorlds(images=False), spec, tmp_path / str(s), SHORT, stage="p", seed=s) for s in (0, 1))
+    assert not same(weights(a), weights(b))
+
+
+def test_a_checkpoint_of_other_settings_is_refused(tmp_path):
+    spec = toy_spec("state")
+    train_ppo(ToyWorlds(images=False), spec, tmp_path, SHORT, stage="teacher")
+    with pytest.raises(InputError, match="seed = 0"):
+        train_ppo(ToyWorlds(images=False), spec, tmp_path, SHORT, stage="teacher", seed=1, resume=True)
+
+
+def test_the_actor_sees_images_alone_and_the_critic_the_state():
+    env, actor = ToyWorlds(images=True), ImageActor(16, 16, 6)
+    model = Ppo(ActorCritic, env, n_steps=4, policy_kwargs={"actor": actor}, device="cpu")
+    env.seed(0)
+    seen = {name: torch.from_numpy(values) for name, values in env.reset().items()}
+    action, value, _ = model.policy(seen, deterministic=True)
+    blind = seen | {"state": torch.zeros_like(seen["state"])}
+    action_, value_, _ = model.policy(blind, deterministic=True)
+    assert torch.equal(action, action_)
+    assert not torch.allclose(value, value_)
+    dark = seen | {"image": torch.zeros_like(seen["image"])}
+    action_, value_, _ = model.policy(dark, deterministic=True)
+    assert not torch.equal(action, action_)
+    assert torch.equal(value, value_)
+
+
+def test_the_actor_acts_as_sb3s_policy_does():
+    env, actor = ToyWorlds(images=True), ImageActor(16, 16, 6)
+    model = Ppo(ActorCritic, env, n_steps=4, policy_kwargs={"actor": actor}, device="cpu")
+    env.seed(0)
+    observation = env.reset()
+    actor = model.policy.pull().eval()
+    seen = {name: torch.from_numpy(values) for name, values in observation.items()}
+    with torch.no_grad():
+        expected = model.policy(seen, deterministic=True)[0]
+        assert torch.equal(actor(seen["image"], seen["pusher"]), expected)
+
+
+def test_weights_that_are_given_are_kept():
+    env, actor = ToyWorlds(images=True), ImageActor(16, 16, 6)
+    before = {name: value.clone() for name, value in actor.state_dict().items()}
+    model = Ppo(ActorCritic, env, n_steps=4, policy_kwargs={"actor": actor, "from_scratch": False}, device="cpu")
+    after = model.policy.pull().state_dict()
+    assert all(torch.equal(before[name], after[name]) for name in before)
+
+
+@pytest.mark.parametrize("values", [{"steps": 0}, {"gamma": float("nan")}, {"shift": -1}, {"learning_rate": -1.0}])
+def test_options_that_make_no_sense_are_refused(values):
+    with pytest.raises(ParameterError, match=next(iter(values))):
+        PpoOptions(**values)
