@@ -13,7 +13,7 @@ from pathlib import Path
 _FOLDER = Path(__file__).resolve().parent
 RESULTS = _FOLDER / "results.json"
 README = _FOLDER / "README.md"
-_PACKAGES = ("numpy", "numba", "torch", "drake", "mujoco", "pybullet")
+_PACKAGES = ("numpy", "numba", "torch", "onnxruntime", "drake", "mujoco", "pybullet")
 
 
 def arguments(description: str) -> argparse.ArgumentParser:

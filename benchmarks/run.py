@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-NAMES = ("step", "accuracy", "scaling", "worlds", "memory", "render", "station", "environment", "cuda")
+NAMES = ("step", "accuracy", "scaling", "worlds", "memory", "render", "station", "environment", "policy", "cuda")
 LONG = ("hydroelastic",)  # a quarter of an hour or more: by name only
 
 

@@ -39,7 +39,7 @@ class StateActor(nn.Module):
 class ImageEncoder(nn.Module):
     """Features of a stack of images; strides of 4, 2 and 1, so that what is left tells where things are."""
 
-    def __init__(self, height: int, width: int, channels: int, features: int = 256) -> None:
+    def __init__(self, height: int, width: int, channels: int, features: int = 192) -> None:
         """Makes the layers.
 
         Args:
@@ -79,7 +79,7 @@ class ImageActor(nn.Module):
         augment: Changes images (B, channels, height, width), 0 for white, at random while `training`; None for nothing.
     """
 
-    def __init__(self, height: int, width: int, channels: int, features: int = 256) -> None:
+    def __init__(self, height: int, width: int, channels: int, features: int = 192) -> None:
         """Makes the layers; see `ImageEncoder`."""
         super().__init__()
         self.latent_size = features

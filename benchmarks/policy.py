@@ -1,0 +1,134 @@
+"""Milliseconds a call of a policy on one core: the bundle in onnxruntime, and the same network in torch.
+
+The policy sees three images of 64 x 64 px; it is untrained, which makes no difference to its price. `Bundle.act` goes
+from the image and the pusher's position in metres to a translation in metres, checks included, as a controller calls
+it; so does the torch module that it was exported from. `Policy.predict` is what an environment calls.
+"""
+
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks import results, timing
+
+timing.limit_threads(1)  # before torch and onnxruntime are imported
+
+import numpy as np  # noqa: E402
+import torch  # noqa: E402
+
+from pinwm_drake.learning.bundle import Bundle, read_bundle  # noqa: E402
+from pinwm_drake.learning.export import InMetres, export_policy  # noqa: E402
+from pinwm_drake.learning.policy import Policy, make_actor  # noqa: E402
+from pinwm_drake.learning.safety import default_limits  # noqa: E402
+from pinwm_drake.learning.spec import CameraSpec, PolicySpec  # noqa: E402
+
+SIZE, FRAMES = 64, 3
+BAR = 1.0  # ms
+CALLS, LOADS = 100, 10
+BUNDLE, MODULE, PREDICT = "onnxruntime, Bundle.act", "torch, the same in metres", "torch, Policy.predict"
+
+
+def make_policy() -> Policy:
+    """An untrained policy."""
+    camera = CameraSpec(SIZE, SIZE, 88.0, 88.0, SIZE / 2, SIZE / 2, (0.0, 0.0, 0.7), (0.0, 1.0, 0.0, 0.0))
+    spec = PolicySpec(
+        observes="rgb",
+        frames=FRAMES,
+        camera=camera,
+        horizon=0.1,
+        max_translation=0.02,
+        pusher_low=(-0.35, -0.35),
+        pusher_high=(0.35, 0.35),
+        pusher_height=0.025,
+        goal=(0.0, 0.0, 0.0),
+        q_WO=(1.0, 0.0, 0.0, 0.0),
+        tolerance=0.02,
+        turn_tolerance=0.2,
+        max_steps=100,
+    )
+    torch.manual_seed(0)
+    return Policy(spec, make_actor(spec).eval())
+
+
+def repeated(call, calls: int = CALLS):
+    """The call, as often as that."""
+
+    def run() -> None:
+        for _ in range(calls):
+            call()
+
+    return run
+
+
+def measure(policy: Policy, bundle: Bundle, image: np.ndarray, p_WP: np.ndarray, rounds: int) -> dict:
+    """Times all in turn."""
+    module = InMetres(policy.spec, policy.actor)
+
+    def in_torch() -> np.ndarray:
+        with torch.inference_mode():
+            return module(torch.from_numpy(image), torch.from_numpy(p_WP.astype(np.float32))).numpy()
+
+    seen = {"image": image, "pusher": np.zeros(2, np.float32)}
+    calls = {
+        BUNDLE: lambda: bundle.act(image, p_WP),
+        MODULE: in_torch,
+        PREDICT: lambda: policy.predict(seen),
+    }
+    cases = {name: timing.Case(repeated(call), units=CALLS) for name, call in calls.items()}
+    samples = timing.interleave(cases, rounds, clock=time.process_time)
+    return {
+        "milliseconds": {name: each.summary(1e3) for name, each in samples.items()},
+        "ratio": {name: samples[BUNDLE].over(samples[name]) for name in (MODULE, PREDICT)},
+        "deviation": float(np.abs(bundle.act(image, p_WP) - in_torch()).max()),
+    }
+
+
+def table(data: dict) -> str:
+    """The figures in Markdown."""
+    lines = ["| policy, 64 x 64 px, three images | ms a call | onnxruntime / torch |", "| --- | --- | --- |"]
+    for name, each in data["milliseconds"].items():
+        ratio = results.spread(data["ratio"][name], 2) if name in data["ratio"] else ""
+        lines.append(f"| {name} | {results.spread(each, 3)} | {ratio} |")
+    rounds, others = f"{data['rounds']} rounds of {CALLS} calls", f"{data['competing']:.0f} %"
+    lines += [
+        "",
+        f"- ms a call in onnxruntime: {results.verdict(data['milliseconds'][BUNDLE]['median'], BAR)}.",
+        f"- `read_bundle`, with SHA-256 and golden samples: {results.spread(data['load'], 0)} ms; the bundle takes "
+        f"{data['bytes'] / 1e6:.2f} MB.",
+        f"- Largest difference from torch in these calls, m: {data['deviation']:.1e}.",
+        "",
+        f"{rounds} on one CPU; other processes took {others} of the CPUs.",
+    ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measures and reports."""
+    parser = results.arguments(__doc__ or "")
+    parser.add_argument("--rounds", type=int, default=30)
+    given = parser.parse_args()
+    torch.set_num_threads(1)
+    policy = make_policy()
+    blocks = np.random.default_rng(0).integers(0, 256, (SIZE // 8, SIZE // 8, 3 * FRAMES), np.uint8)
+    image, p_WP = np.kron(blocks, np.ones((8, 8, 1), np.uint8)), np.array([0.1, -0.2])
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary) / "bundle"
+        export_policy(policy, folder, limits=default_limits(policy.spec), samples=(image[None], p_WP[None]))
+        with timing.CompetingLoad() as load:
+            loading = timing.interleave(
+                {"load": timing.Case(lambda: read_bundle(folder))}, LOADS, clock=time.process_time
+            )
+            measured = measure(policy, read_bundle(folder), image, p_WP, given.rounds)
+        size = sum(path.stat().st_size for path in folder.iterdir())
+    data = {
+        "rounds": given.rounds,
+        "competing": load.percent,
+        "load": loading["load"].summary(1e3),
+        "bytes": size,
+        **measured,
+    }
+    results.publish("policy", data, table(data), given.write)
+
+
+if __name__ == "__main__":
+    main()

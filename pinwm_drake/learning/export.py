@@ -1,0 +1,202 @@
+"""From a policy to a bundle: torch to ONNX, with the contract, golden samples and the SHA-256 of each."""
+
+import contextlib
+import copy
+import hashlib
+import json
+import logging
+import platform
+import time
+import warnings
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import torch
+import yaml
+from torch import Tensor, nn
+
+import pinwm_drake
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.files import appearing
+from pinwm_drake.learning.bundle import (
+    CONTRACT_FILE,
+    GOLDEN_FILE,
+    ONNX_FILE,
+    PROVENANCE_FILE,
+    check_golden,
+    provenance_hash,
+    read_bundle,
+)
+from pinwm_drake.learning.contract import IMAGE, OPSET, POSITION, SCHEMA_VERSION, TRANSLATION, make_contract
+from pinwm_drake.learning.golden import Golden
+from pinwm_drake.learning.policy import Policy
+from pinwm_drake.learning.runtime import Network
+from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.learning.spec import PolicySpec
+
+_LIBRARIES = ("torch", "onnx", "onnxscript", "onnxruntime", "numpy")
+
+
+class InMetres(nn.Module):
+    """An actor with everything that its numbers mean: one image stack and position in, a translation in metres out."""
+
+    low: Tensor
+    size: Tensor
+
+    def __init__(self, spec: PolicySpec, actor: nn.Module) -> None:
+        """Takes a copy of the actor, on the CPU.
+
+        Args:
+            spec: Of the policy.
+            actor: Takes images and positions in [-1, 1].
+        """
+        super().__init__()
+        self.actor = copy.deepcopy(actor).cpu()
+        low, high = torch.tensor(spec.pusher_low), torch.tensor(spec.pusher_high)
+        self.register_buffer("low", low)
+        self.register_buffer("size", high - low)
+        self.max_translation = spec.max_translation
+        self.eval()
+
+    def forward(self, image: Tensor, p_WP: Tensor) -> Tensor:
+        """d_W (2,) m of an image (height, width, 3 k) uint8 and a position (2,) m."""
+        pusher = (2.0 * (p_WP - self.low) / self.size - 1.0).clamp(-1.0, 1.0)
+        action: Tensor = self.actor(image[None], pusher[None])[0].clamp(-1.0, 1.0)
+        length = (action * action).sum().sqrt().clamp(min=1.0)
+        return self.max_translation * action / length
+
+
+def export_policy(
+    policy: Policy, folder: Path, *, limits: SafetyLimits, samples: tuple[np.ndarray, np.ndarray]
+) -> None:
+    """Writes a bundle, which appears whole or not at all, and reads it back.
+
+    Args:
+        policy: One that observes "rgb".
+        folder: New or empty.
+        limits: That a controller is to keep.
+        samples: Images (n, height, width, 3 k) uint8 and positions p_WP (n, 2) m of a run of the policy, n of 1 or
+            more. A few that no run has, with positions beyond the box, are added.
+
+    Raises:
+        ParameterError: It does not observe images, or the samples do not fit it.
+        InputError: The folder holds something or cannot be written to, or the network in ONNX answers otherwise.
+    """
+    require_images(policy)
+    spec, golden = policy.spec, golden_samples(policy, *samples)
+    files = {
+        ONNX_FILE: onnx_bytes(policy),
+        CONTRACT_FILE: yaml.safe_dump(make_contract(spec, limits), sort_keys=False, width=120).encode(),
+        GOLDEN_FILE: golden.to_bytes(),
+    }
+    network = Network(files[ONNX_FILE], Path(ONNX_FILE), make_contract(spec, limits))
+    provenance = {
+        "schema_version": SCHEMA_VERSION,
+        "made": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "versions": _versions(),
+        "files": {name: hashlib.sha256(content).hexdigest() for name, content in files.items()},
+        "golden": {
+            "samples": len(golden.d_W),
+            "deviation_from_torch": check_golden(folder / GOLDEN_FILE, network, golden),
+            "unit": "m",
+        },
+        "policy": policy.provenance,
+    }
+    # As it will be read.
+    provenance = json.loads(json.dumps(provenance, default=str))
+    provenance["sha256"] = provenance_hash(provenance)
+    files[PROVENANCE_FILE] = (json.dumps(provenance, indent=1, ensure_ascii=False) + "\n").encode()
+    with appearing(folder) as temporary:
+        for name, content in files.items():
+            (temporary / name).write_bytes(content)
+        read_bundle(temporary)
+
+
+def require_images(policy: Policy) -> None:
+    """Raises ParameterError where a policy does not observe images."""
+    if policy.spec.observes != "rgb":
+        raise ParameterError(f"policy: got one that observes {policy.spec.observes}; allowed: rgb, as bundles do")
+
+
+def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray) -> Golden:
+    """Samples with what the policy does, worked out as its environment does it and not as `InMetres`.
+
+    Beside those given there are four: an empty image and one of random blocks, each with the pusher in the upper corner
+    of its box and beyond the lower one.
+
+    Args:
+        policy: Of images.
+        images: (n, height, width, 3 k) uint8.
+        p_WP: (n, 2) m.
+
+    Raises:
+        ParameterError: A shape or type is another, a number is not finite, or there is no sample.
+    """
+    spec = policy.spec
+    images, p_WP = np.asarray(images), np.asarray(p_WP, np.float32)
+    if images.dtype != np.uint8 or images.shape[1:] != spec.image_shape or len(images) < 1:
+        wanted = f"uint8 (n, {', '.join(map(str, spec.image_shape))}) with n of 1 or more"
+        raise ParameterError(f"samples: got images of {images.dtype} {images.shape}; allowed: {wanted}")
+    if p_WP.shape != (len(images), 2) or not np.isfinite(p_WP).all():
+        raise ParameterError(f"samples: got positions {p_WP.shape}; allowed: ({len(images)}, 2) finite numbers, m")
+    low, high = np.array(spec.pusher_low, np.float32), np.array(spec.pusher_high, np.float32)
+    height, width, channels = spec.image_shape
+    blocks = np.random.default_rng(0).integers(0, 256, (-(-height // 8), -(-width // 8), channels), np.uint8)
+    noise = np.kron(blocks, np.ones((8, 8, 1), np.uint8))[:height, :width]
+    empty = np.full(spec.image_shape, 255, np.uint8)
+    beyond = low - 0.5 * (high - low)
+    images = np.concatenate([images, np.stack([empty, noise, empty, noise])])
+    p_WP = np.concatenate([p_WP, np.stack([high, high, beyond, beyond])])
+    pusher = np.clip((p_WP - 0.5 * (low + high)) / (0.5 * (high - low)), -1.0, 1.0)
+    action = policy.predict({"image": images, "pusher": pusher})[0].astype(float)
+    if not np.isfinite(action).all():
+        raise ParameterError("policy: got actions that are not finite numbers; allowed: a policy that acts")
+    d_W = spec.max_translation * action / np.maximum(np.linalg.norm(action, axis=1, keepdims=True), 1.0)
+    return Golden(images, p_WP, d_W.astype(np.float32))
+
+
+def onnx_bytes(policy: Policy) -> bytes:
+    """The network of a policy of images as an ONNX file that holds its weights."""
+    images = torch.full(policy.spec.image_shape, 255, dtype=torch.uint8)
+    with _quiet():
+        program = torch.onnx.export(
+            InMetres(policy.spec, policy.actor),
+            (images, torch.zeros(2)),
+            input_names=[IMAGE, POSITION],
+            output_names=[TRANSLATION],
+            opset_version=OPSET,
+            dynamo=True,
+            verbose=False,
+        )
+    if program is None:
+        raise ParameterError("policy: got none from torch.onnx.export; allowed: a network that it can trace")
+    model = program.model_proto
+    # Of each node torch notes the lines of the source that it is from, with their paths on this machine.
+    del model.metadata_props[:]
+    for item in (model.graph, *model.graph.node, *model.graph.value_info, *model.graph.input, *model.graph.output):
+        del item.metadata_props[:]
+        item.doc_string = ""
+    content: bytes = model.SerializeToString()
+    return content
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keeps back what torch.onnx has to say of torchvision, and of functions of its own that it should not call."""
+    logger = logging.getLogger("torch.onnx")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)
+
+
+def _versions() -> dict[str, str]:
+    """Of this package, of Python and of what the bundle was made and checked with."""
+    own = {"pinwm_drake": pinwm_drake.__version__, "python": platform.python_version()}
+    return own | {name: version(name) for name in _LIBRARIES}

@@ -1,0 +1,71 @@
+"""Golden samples of a bundle: inputs, and what the policy answered to them when it was exported."""
+
+import io
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pinwm_drake.errors import InputError
+from pinwm_drake.learning.contract import IMAGE, POSITION, TRANSLATION
+from pinwm_drake.learning.spec import PolicySpec
+
+TOLERANCE = 1e-5  # m, of each component of a translation
+_AS_WRITTEN = "golden samples that `pinwm export` wrote"
+
+
+@dataclass(frozen=True, eq=False)
+class Golden:
+    """n samples.
+
+    Attributes:
+        images: (n, height, width, 3 k) uint8.
+        p_WP: (n, 2) float32, m.
+        d_W: (n, 2) float32, m.
+    """
+
+    images: np.ndarray
+    p_WP: np.ndarray
+    d_W: np.ndarray
+
+    def to_bytes(self) -> bytes:
+        """A compressed npz file; most of an image is white."""
+        file = io.BytesIO()
+        arrays = {IMAGE: self.images, POSITION: self.p_WP, TRANSLATION: self.d_W}
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+        return file.getvalue()
+
+    @classmethod
+    def from_bytes(cls, content: bytes, path: Path, spec: PolicySpec) -> "Golden":
+        """Reads what `to_bytes` made.
+
+        Args:
+            content: Of the file.
+            path: That messages name.
+            spec: Of the policy.
+
+        Raises:
+            InputError: It is no such file, or its arrays are not of the shapes and types of the contract.
+        """
+        try:
+            with np.load(io.BytesIO(content), allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
+        kinds = {IMAGE: (np.uint8, spec.image_shape), POSITION: (np.float32, (2,)), TRANSLATION: (np.float32, (2,))}
+        if set(arrays) != set(kinds):
+            raise InputError(path, value=f"arrays {sorted(arrays)}", allowed=f"arrays {sorted(kinds)}")
+        number = len(arrays[IMAGE]) if arrays[IMAGE].ndim else 0
+        for name, (dtype, shape) in kinds.items():
+            array = arrays[name]
+            if array.dtype != dtype or array.shape != (number, *shape) or number < 1:
+                given = f"{name} of {array.dtype} {array.shape}"
+                wanted = f"{np.dtype(dtype)} (n, {', '.join(map(str, shape))}), n of 1 or more, as the contract says"
+                raise InputError(path, value=given, allowed=wanted)
+        return cls(arrays[IMAGE], arrays[POSITION], arrays[TRANSLATION])
+
+
+def deviation(found: np.ndarray, expected: np.ndarray) -> float:
+    """The largest difference of a component of translations (..., 2), m; not a number where one of them is none."""
+    return float(np.abs(np.asarray(found, float) - np.asarray(expected, float)).max())

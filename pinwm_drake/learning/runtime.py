@@ -1,0 +1,71 @@
+"""The network of a bundle in onnxruntime: one thread, on the CPU."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+
+from pinwm_drake.errors import InputError, StateError
+from pinwm_drake.learning.contract import IMAGE, POSITION, TRANSLATION
+
+_TYPES = {"tensor(uint8)": "uint8", "tensor(float)": "float32"}
+
+
+class Network:
+    """What policy.onnx answers."""
+
+    def __init__(self, content: bytes, path: Path, contract: dict[str, Any]) -> None:
+        """Loads it, and compares its inputs and outputs with the contract.
+
+        Args:
+            content: Of the file.
+            path: That messages name.
+            contract: Of `make_contract`.
+
+        Raises:
+            InputError: onnxruntime cannot load it, or inputs and outputs are others.
+        """
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 4  # errors are raised
+        try:
+            self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime's errors have no base of their own
+            message = " ".join(str(error).split())[:200]
+            allowed = "a network in ONNX, weights included, that onnxruntime loads"
+            raise InputError(path, value=f"unreadable contents ({message})", allowed=allowed) from error
+        kinds = (
+            ("inputs", self._session.get_inputs(), contract["inputs"]),
+            ("outputs", self._session.get_outputs(), contract["outputs"]),
+        )
+        for what, nodes, entries in kinds:
+            found = [(node.name, _TYPES.get(node.type, node.type), list(node.shape)) for node in nodes]
+            wanted = [(entry["name"], entry["dtype"], entry["shape"]) for entry in entries]
+            if found != wanted:
+                allowed = f"{_listed(wanted)}, as the contract says"
+                raise InputError(path, value=f"{what} {_listed(found)}", allowed=allowed)
+        self._shape = tuple(contract["inputs"][0]["shape"])
+
+    def run(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
+        """d_W (2,) float32, m, over the horizon; not a number where the position is none.
+
+        Args:
+            image: (height, width, 3 k) uint8.
+            p_WP: (2,) m, x and y.
+
+        Raises:
+            StateError: A shape, or the image's type, is another.
+        """
+        image, position = np.asarray(image), np.asarray(p_WP, np.float32)
+        if image.dtype != np.uint8 or image.shape != self._shape:
+            raise StateError(f"image: got {image.dtype} {image.shape}; allowed: uint8 {self._shape}")
+        if position.shape != (2,):
+            raise StateError(f"p_WP: got the shape {position.shape}; allowed: (2,), x and y, m")
+        inputs = {IMAGE: np.ascontiguousarray(image), POSITION: np.ascontiguousarray(position)}
+        d_W: np.ndarray = self._session.run([TRANSLATION], inputs)[0]
+        return d_W
+
+
+def _listed(nodes: list[tuple[str, str, list[Any]]]) -> str:
+    return ", ".join(f"{name} {kind} {shape}" for name, kind, shape in nodes)

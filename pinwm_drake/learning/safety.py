@@ -1,0 +1,108 @@
+"""How far and how fast a controller may move the pusher: the part of a policy's contract that keeps a robot whole."""
+
+import math
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.learning.spec import PolicySpec
+
+_CORNERS = ("box_low", "box_high")
+_COMMAND_AGE = 0.25  # s, two actions of 0.1 s and a half
+_HALF_HEIGHT = 0.01  # m, of the default box
+
+
+@dataclass(frozen=True)
+class SafetyLimits:
+    """Limits of a pusher's motion; all of them finite, so that there is no controller without.
+
+    Attributes:
+        box_low, box_high: (3,) m, world: corners of the box that the pusher's point P stays in.
+        max_speed: m/s, of the norm of the commanded velocity.
+        max_acceleration: m/s^2, of the norm of its change per time. Only a fault, and a pusher that something else took
+            to the edge of its box, may be stopped in less.
+        max_image_age: s; an image that was taken longer ago is stale.
+        box_tolerance: m, by which the pusher may be found outside of the box before that is a fault.
+        max_command_age: s; when no velocity has come for longer, what streams them to a robot slows down to rest.
+        max_lag: m, how far a robot may be from where it is to be; beyond it, it is led no farther away.
+
+    Raises:
+        ParameterError: A value is not finite, or not positive, or the box is empty.
+    """
+
+    box_low: tuple[float, float, float]
+    box_high: tuple[float, float, float]
+    max_speed: float
+    max_acceleration: float
+    max_image_age: float
+    box_tolerance: float = 0.005
+    max_command_age: float = _COMMAND_AGE
+    max_lag: float = 0.03
+
+    def __post_init__(self) -> None:
+        """Checks the values, and makes plain numbers of them."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in _CORNERS:
+                object.__setattr__(self, field.name, _corner(field.name, value))
+            elif not _is_number(value) or not 0 < value < math.inf:
+                raise ParameterError(f"{field.name}: got {value!r}; allowed: a finite number, more than 0")
+            else:
+                object.__setattr__(self, field.name, float(value))
+        if not all(low < high for low, high in zip(self.box_low, self.box_high, strict=True)):
+            raise ParameterError(
+                f"box_low, box_high: got {list(self.box_low)}, {list(self.box_high)} m; allowed: low below high"
+            )
+
+    def to_document(self) -> dict[str, Any]:
+        """Plain data, for YAML."""
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+    @classmethod
+    def from_document(cls, document: Any) -> "SafetyLimits":
+        """Of what `to_document` gave; every limit is to be there, so that none is taken for granted.
+
+        Raises:
+            ParameterError: A key is missing or unknown, or a value is out of range.
+        """
+        names = [field.name for field in fields(cls)]
+        if not isinstance(document, dict) or set(document) != set(names):
+            given = sorted(map(str, document)) if isinstance(document, dict) else repr(document)
+            raise ParameterError(f"limits: got {given}; allowed: the keys {', '.join(names)}")
+        return cls(**document)
+
+
+def default_limits(spec: PolicySpec) -> SafetyLimits:
+    """Limits that let a policy do what it did in training: its own speed and box, and to turn round between actions.
+
+    The box is that of the policy in x and y, and 10 mm to either side of the pusher's height; the velocity may change
+    from one way at full speed to the other within an action; an image is stale after an action.
+
+    Args:
+        spec: Of the policy.
+    """
+    low, high, speed = spec.pusher_low, spec.pusher_high, spec.max_translation / spec.horizon
+    return SafetyLimits(
+        box_low=(low[0], low[1], spec.pusher_height - _HALF_HEIGHT),
+        box_high=(high[0], high[1], spec.pusher_height + _HALF_HEIGHT),
+        max_speed=speed,
+        max_acceleration=2 * speed / spec.horizon,
+        max_image_age=spec.horizon,
+        max_command_age=max(_COMMAND_AGE, 2.5 * spec.horizon),
+    )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def _corner(name: str, value: Any) -> tuple[float, float, float]:
+    """Three finite numbers, as a tuple."""
+    items = value.tolist() if isinstance(value, np.ndarray) else value
+    good = isinstance(items, list | tuple) and len(items) == 3
+    if not good or not all(_is_number(item) and math.isfinite(item) for item in items):
+        raise ParameterError(f"{name}: got {value!r}; allowed: three finite numbers, m")
+    x, y, z = (float(item) for item in items)
+    return (x, y, z)

@@ -1,0 +1,86 @@
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from pinwm_drake.systems.policy_spec import policy_spec
+from pinwm_drake.systems.push_env import make_task
+from pinwm_drake.systems.push_setup import environment_setup
+
+from pinwm_drake.learning.bundle import HASHED, PROVENANCE_FILE, read_bundle
+from pinwm_drake.learning.policy import Policy, make_actor, write_policy
+from pinwm_drake.learning.safety import default_limits
+
+SIZE = 32
+
+
+@pytest.fixture(scope="module")
+def policy() -> Policy:
+    """An untrained one of the shipped scene."""
+    setup = environment_setup("push_t", image_size=SIZE)
+    task = make_task(setup.scenario.start.q_WO, (0.0, 0.0, 0.0), "shaped")
+    spec = policy_spec(setup, task, observes="rgb", frames=2, max_translation=0.02, max_steps=100)
+    torch.manual_seed(0)
+    return Policy(spec, make_actor(spec), {"twin": "push_t", "note": "untrained"})
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, policy) -> Path:
+    path = tmp_path_factory.mktemp("policy") / "best"
+    write_policy(path, policy)
+    return path
+
+
+def test_a_bundle_is_written_with_what_the_policy_sees(pinwm, folder, policy, tmp_path):
+    out = tmp_path / "new/bundle"
+    options = ["--max-speed", "0.1", "--box-low", "-0.2", "-0.25", "0.02", "--seed", "3"]
+    code, output, errors = pinwm("export", str(folder), str(out), *options)
+    assert (code, errors) == (0, "")
+    assert sorted(path.name for path in out.iterdir()) == sorted((*HASHED, PROVENANCE_FILE))
+    bundle = read_bundle(out)
+    assert bundle.spec == policy.spec
+    assert bundle.limits == dataclasses.replace(default_limits(policy.spec), max_speed=0.1, box_low=(-0.2, -0.25, 0.02))
+    assert bundle.provenance["policy"] == policy.provenance
+    with np.load(out / "golden.npz") as golden:
+        images, p_WP = golden["image"][:-4], golden["pusher_position"][:-4]
+    assert images.shape == (12, SIZE, SIZE, 6)
+    seen = (images.min(axis=3) < 250).mean(axis=(1, 2))
+    assert ((seen > 0.01) & (seen < 0.5)).all()  # a block on white
+    # Three starts, in each of which first both images are the same and then the pusher moves.
+    assert [np.array_equal(image[..., :3], image[..., 3:]) for image in images[::4]] == [True] * 3
+    assert len(np.unique(p_WP.round(4), axis=0)) == 12
+    lines = output.splitlines()
+    assert lines[0].startswith(
+        "limits: 0.1 m/s, 4 m/s^2, image no older than 0.1 s, pusher within -0.2 -0.25 0.02 to 0.35"
+    )
+    assert lines[1].startswith("16 golden samples; onnxruntime is ")
+    assert lines[2].endswith(" ms a call on one core")
+    assert [line.split()[1] for line in lines[3:7]] == [str(path) for path in sorted(out.iterdir())]
+    assert lines[7] == f"SHA-256 of the bundle: {bundle.sha256}"
+
+
+def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, policy, tmp_path):
+    out, state, other = tmp_path / "out", tmp_path / "state", tmp_path / "other"
+    spec = dataclasses.replace(policy.spec, observes="state")
+    write_policy(state, Policy(spec, make_actor(spec)))
+    write_policy(other, Policy(dataclasses.replace(policy.spec, horizon=0.2), policy.actor))
+    for arguments, message in (
+        ([str(folder), "--seed", "-1"], "--seed: got -1; allowed: 0 or more"),
+        ([str(folder), "--max-speed", "0"], "max_speed: got 0.0; allowed: a finite number, more than 0"),
+        ([str(folder), "--max-image-age", "inf"], "max_image_age: got inf; allowed: a finite number, more than 0"),
+        ([str(folder), "--box-high", "-1", "0", "1"], "box_low, box_high: got [-0.35, -0.35, "),
+        ([str(state)], "policy: got one that observes state; allowed: rgb"),
+        ([str(tmp_path)], f"{tmp_path / 'policy.yaml'}: got "),
+        ([str(other)], "horizon: got 0.1 s; allowed: 0.2 s, the policy's"),
+        ([str(folder), "--scene", "nowhere"], ""),
+    ):
+        code, output, errors = pinwm("export", arguments[0], str(out), *arguments[1:])
+        assert (code, output, errors.count("\n")) == (1, "", 1)
+        assert errors.startswith(f"pinwm: {message}")
+    assert not out.exists()
+    out.mkdir()
+    (out / "mine").write_text("")
+    code, _, errors = pinwm("export", str(folder), str(out))
+    assert (code, errors) == (1, f"pinwm: {out}: got something there already; allowed: a new or empty folder\n")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["other", "out", "state"]
