@@ -14,6 +14,7 @@ contact, with NAME_contact.obj; and NAME_point.sdf: the same for point contact, 
 
     floor/floor.sdf       top at z = 0
     pusher/KIND.sdf       sphere, capsule or cylinder of 20 mm on three driven slides along x, y and z of the world
+    policies/NAME/        bundles of trained policies, which `policy_path` finds
 
 In SDFormat every pair has friction 0.1. `systems/model_files.py` writes these files.
 """
@@ -26,8 +27,7 @@ from pinwm_drake.errors import InputError
 
 PACKAGE_NAME = "pinwm_models"
 _ROOT = Path(__file__).resolve().parent
-_SCHEME = "package://"
-
+_SCHEME, _POLICIES = "package://", "policies"
 
 OBJECT_NAMES = ("t_block", "large_t", "cube", "mug")
 PUSHER_NAMES = ("sphere", "capsule", "cylinder")
@@ -66,6 +66,28 @@ def object_model(name: str) -> ObjectModel:
         raise InputError(_ROOT, value=f"object {name!r}", allowed=", ".join(OBJECT_NAMES))
     ends = (".obj", "_visual.obj", ".sdf", "_point.sdf")
     return ObjectModel(name, *(model_path(f"{name}/{name}{end}") for end in ends))
+
+
+def shipped_policies() -> list[str]:
+    """Names of the policies that ship with pinwm_drake, sorted."""
+    folder = _ROOT / _POLICIES
+    return sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
+
+
+def policy_path(text: str) -> Path:
+    """The folder of a policy that a user names.
+
+    Args:
+        text: A folder, or the name of a policy that ships; a folder of that name goes first.
+
+    Raises:
+        InputError: There is no such folder, and no policy of that name.
+    """
+    if not Path(text).exists() and text in shipped_policies():
+        return _ROOT / _POLICIES / text
+    if not Path(text).is_dir():
+        raise InputError(text, allowed=f"a folder, or one of {', '.join(shipped_policies()) or 'none that ship'}")
+    return Path(text)
 
 
 def model_names() -> list[str]:
