@@ -24,7 +24,7 @@ class Engine:
     """The ports of an engine inside a diagram, W worlds after one another in each vector.
 
     Attributes:
-        name: "twin", "hydroelastic" or "point".
+        name: "twin", "hydroelastic", "point" or "lcm".
         pusher_velocity: Input (3 W): v_WP [m/s], world; sampled every `Setup.period` and held.
         object_state: Output (13 W): q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world, at O.
         pusher_state: Output (6 W): p_WP [m], v_WP [m/s], world.
@@ -33,6 +33,7 @@ class Engine:
         contact_forces: Output, Value[ContactForces].
         scene_graph: Its query output port serves Meshcat, queries and sensors.
         handle: Puts things into place.
+        rgb_time: Output (1): s, when `rgb` was taken; None where it shows the present.
     """
 
     name: str
@@ -44,3 +45,4 @@ class Engine:
     contact_forces: OutputPort
     scene_graph: SceneGraph
     handle: Handle
+    rgb_time: OutputPort | None = None

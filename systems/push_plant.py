@@ -38,6 +38,7 @@ on its plane to the last bit, so that the floor is a box.
 
 import shutil
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.util import Finalize
 from pathlib import Path
@@ -85,7 +86,7 @@ class PushPlant:
         object: Free body; frame O is its body frame.
         object_instance: Its model instance: positions q_WO (4) wxyz, p_WO (3) [m], velocities w_WO (3) [rad/s],
             v_WO (3) [m/s] of O.
-        pusher: Body whose frame is P; translates along three axes of the world.
+        pusher: Body whose frame is P; translates along three axes of the world, unless something else holds it.
         pusher_instance: Its model instance: positions p_WP (3) [m], velocities v_WP (3) [m/s].
     """
 
@@ -98,13 +99,20 @@ class PushPlant:
     pusher_instance: ModelInstanceIndex
 
 
-def MakePushPlant(builder: DiagramBuilder, setup: Setup, contact: ContactName = "hydroelastic") -> PushPlant:
+def MakePushPlant(
+    builder: DiagramBuilder,
+    setup: Setup,
+    contact: ContactName = "hydroelastic",
+    hold: Callable[[MultibodyPlant, RigidBody], None] | None = None,
+) -> PushPlant:
     """Adds a finalized plant and its scene graph to a diagram.
 
     Args:
         builder: Of the diagram.
         setup: What there is.
         contact: The contact model.
+        hold: Called with the plant, before it is finalized, and the pusher, which then has no joints of its own: adds
+            what holds it. None for a pusher with drives.
 
     Returns:
         The parts.
@@ -116,7 +124,9 @@ def MakePushPlant(builder: DiagramBuilder, setup: Setup, contact: ContactName = 
     plant.set_contact_model(_MODELS[contact])
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     plant.set_stiction_tolerance(_STICTION_SPEED)
-    bodies = AddPushBodies(plant, setup, contact)
+    bodies = AddPushBodies(plant, setup, contact, driven=hold is None)
+    if hold is not None:
+        hold(plant, bodies["pusher"])
     plant.Finalize()
     parts = PushPlant(setup, plant, scene_graph, **bodies)
     _keep_apart(parts, plant.GetBodyByName("floor"))
@@ -124,13 +134,14 @@ def MakePushPlant(builder: DiagramBuilder, setup: Setup, contact: ContactName = 
     return parts
 
 
-def AddPushBodies(plant: MultibodyPlant, setup: Setup, contact: ContactName) -> dict[str, Any]:
+def AddPushBodies(plant: MultibodyPlant, setup: Setup, contact: ContactName, *, driven: bool = True) -> dict[str, Any]:
     """Adds object, pusher and floor, in this order, to a plant that is not finalized, and sets its gravity.
 
     Args:
         plant: Registered with a SceneGraph.
         setup: What there is.
         contact: Which geometries the object has.
+        driven: Whether the pusher has joints and drives of its own.
 
     Returns:
         The attributes of `PushPlant` that are bodies and model instances, by name. Drake puts floating bodies last:
@@ -143,7 +154,8 @@ def AddPushBodies(plant: MultibodyPlant, setup: Setup, contact: ContactName) -> 
     parser = Parser(plant=plant)
     parser.SetStrictParsing()
     parser.package_map().AddPackageXml(str(model_path("package.xml")))
-    pushed, pusher, _ = (parser.AddModelsFromString(text, "sdf")[0] for text in scene_texts(setup, contact))
+    texts = scene_texts(setup, contact, driven=driven)
+    pushed, pusher, _ = (parser.AddModelsFromString(text, "sdf")[0] for text in texts)
     plant.set_gravity_enabled(pusher, False)
     return {
         "object": plant.GetBodyByName("object", pushed),
@@ -153,8 +165,13 @@ def AddPushBodies(plant: MultibodyPlant, setup: Setup, contact: ContactName) -> 
     }
 
 
-def scene_texts(setup: Setup, contact: ContactName) -> tuple[str, str, str]:
+def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> tuple[str, str, str]:
     """The SDFormat of object, pusher and floor; meshes that do not ship are written to a folder of this process.
+
+    Args:
+        setup: What there is.
+        contact: Which geometries the object has.
+        driven: Whether the pusher has joints and drives of its own.
 
     Raises:
         InputError: A mesh cannot be used.
@@ -173,7 +190,7 @@ def scene_texts(setup: Setup, contact: ContactName) -> tuple[str, str, str]:
         pieces = [shipped_uri(file) for file in piece_names(name, len(shipped_pieces(name)))]
         supports = shipped_supports(name)
         pushed = object_point_sdf(name, twin_solid(twin), str(visual), pieces, supports, surfaces, "Object.")
-    pusher = pusher_text(twin, surfaces, folder, prefix, "Pusher.")
+    pusher = pusher_text(twin, surfaces, folder, prefix, "Pusher.", driven=driven)
     return pushed, pusher, floor_sdf(surfaces, twin.floor_height, "Floor.")
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import yaml
 from pinwm_drake.models import OBJECT_NAMES
+from pinwm_drake.systems.lcm_link import LcmLink
 from pinwm_drake.systems.scenario_check import check_scenario
 from pydrake.common.yaml import yaml_load_typed
 
@@ -181,6 +182,7 @@ class Scenario:
         camera: Of the `rgb` port.
         start: Where things are at first.
         gravity: m/s^2, downwards; null for that of the twin, or 9.81.
+        lcm: How to find a robot, for a station with the engine "lcm".
         num_worlds: How many worlds the twin engine holds.
         seed: Of the start, and of whatever else is drawn.
 
@@ -200,6 +202,7 @@ class Scenario:
     camera: View = field(default_factory=View)
     start: Start = field(default_factory=Start)
     gravity: float | None = _quantity(None, 1e-3, 1e3, "m/s^2")
+    lcm: LcmLink = field(default_factory=LcmLink)
     num_worlds: int = _quantity(1, 1, 65536, "1")
     seed: int = _quantity(0, 0, 2**63 - 1, "1")
 

@@ -4,7 +4,6 @@ import math
 from typing import Protocol
 
 import numpy as np
-from pinwm_drake.systems.engine import Engine
 from pinwm_drake.systems.meshcat_forces import MeshcatForces
 from pinwm_drake.systems.meshcat_page import make_meshcat, recorded, recorded_html
 from pinwm_drake.systems.meshcat_sliders import AddThetaSliders, ReadThetaSliders
@@ -19,7 +18,7 @@ from pydrake.geometry import (
     SceneGraph,
 )
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.twin import Twin
@@ -41,6 +40,26 @@ _FRUSTUM_COLOUR = Rgba(0.15, 0.35, 0.75)
 _EYE, _EYE_TURN = 0.7, math.radians(50)
 
 
+class Shown(Protocol):
+    """What is read of an Engine."""
+
+    @property
+    def name(self) -> str:
+        """Of the engine."""
+
+    @property
+    def object_state(self) -> OutputPort:
+        """(13 W)."""
+
+    @property
+    def contact_forces(self) -> OutputPort:
+        """Value[ContactForces]."""
+
+    @property
+    def scene_graph(self) -> SceneGraph:
+        """What is seen."""
+
+
 class Seen(Protocol):
     """What is read of a Setup."""
 
@@ -59,7 +78,7 @@ class Seen(Protocol):
 
 def AddSceneView(
     builder: DiagramBuilder,
-    engine: Engine,
+    engine: Shown,
     meshcat: Meshcat,
     setup: Seen,
     *,
@@ -69,7 +88,8 @@ def AddSceneView(
     """Adds to a diagram what shows an engine in Meshcat.
 
     The surfels are shown with the twin, in place of the object's mesh, and hidden with other engines; the page's
-    controls show either. Everything is published every `period`, and when a publish is forced.
+    controls show either. With "lcm" there are none, as nobody knows where the object is. Everything is published every
+    `period`, and when a publish is forced.
 
     Args:
         builder: Of the diagram that holds the engine.
@@ -89,12 +109,13 @@ def AddSceneView(
         publish_period=period, role=Role.kPerception, prefix=f"{prefix}/scene", delete_on_initialization_event=False
     )
     visualizer = MeshcatVisualizer.AddToBuilder(builder, engine.scene_graph, meshcat, params)
-    W = engine.object_state.size() // 13
-    surfels = builder.AddNamedSystem(
-        "meshcat_surfels",
-        MeshcatSurfels(setup.twin.surfels, meshcat, num_worlds=W, period=period, path=f"{prefix}/surfels"),
-    )
-    builder.Connect(engine.object_state, surfels.get_input_port())
+    if engine.name != "lcm":
+        W = engine.object_state.size() // 13
+        surfels = builder.AddNamedSystem(
+            "meshcat_surfels",
+            MeshcatSurfels(setup.twin.surfels, meshcat, num_worlds=W, period=period, path=f"{prefix}/surfels"),
+        )
+        builder.Connect(engine.object_state, surfels.get_input_port())
     forces = builder.AddNamedSystem("meshcat_forces", MeshcatForces(meshcat, period=period, path=f"{prefix}/forces"))
     builder.Connect(engine.contact_forces, forces.get_input_port())
     shows_surfels = engine.name == "twin"

@@ -135,7 +135,12 @@ def floor_sdf(surfaces: settings.Surfaces, height: float, comment: str) -> str:
 
 
 def pusher_sdf(
-    shape: PusherShape | Sequence[str], visual: str | None, surfaces: settings.Surfaces, comment: str
+    shape: PusherShape | Sequence[str],
+    visual: str | None,
+    surfaces: settings.Surfaces,
+    comment: str,
+    *,
+    driven: bool = True,
 ) -> str:
     """A body that translates along three axes of the world, each with a stiff drive to a desired state.
 
@@ -144,6 +149,7 @@ def pusher_sdf(
         visual: URI of the mesh that is seen; None where it has a shape.
         surfaces: Coefficients.
         comment: First line of the file.
+        driven: Whether it has the three joints and their drives; without, something else has to hold it.
 
     Returns:
         The text of the file; the link is called "pusher", the joints "pusher_x", "pusher_y", "pusher_z".
@@ -164,13 +170,13 @@ def pusher_sdf(
         seen = _mesh(str(visual))
         touching = [_collision(f"pusher_{k}", _mesh(uri, convex=True), surface) for k, uri in enumerate(shape)]
         extent = 0.01
-    moment = 0.4 * settings.PUSHER_MASS * extent**2
-    solid = Solid(settings.PUSHER_MASS, np.zeros(3), moment * np.eye(3))
-    still = Solid(0.0, np.zeros(3), np.zeros((3, 3)))
-    slides = ["pusher_slide_x", "pusher_slide_y"]
-    links = [_link(slide, _inertial(still)) for slide in slides]
-    links.append(_link("pusher", _inertial(solid), _visual(seen, _GREY), *touching))
-    chain = ["world", *slides, "pusher"]
+    solid = Solid(settings.PUSHER_MASS, np.zeros(3), 0.4 * settings.PUSHER_MASS * extent**2 * np.eye(3))
+    links = [_link("pusher", _inertial(solid), _visual(seen, _GREY), *touching)]
+    if not driven:
+        return _file(comment, _model("pusher", *links))
+    still = _inertial(Solid(0.0, np.zeros(3), np.zeros((3, 3))))
+    chain = ["world", "pusher_slide_x", "pusher_slide_y", "pusher"]
+    links = [*(_link(slide, still) for slide in chain[1:3]), *links]
     joints = [_drive(axis, chain[k], chain[k + 1], np.eye(3)[k]) for k, axis in enumerate("xyz")]
     return _file(comment, _model("pusher", *links, *joints))
 

@@ -4,6 +4,7 @@ from typing import Literal
 
 import numpy as np
 from pinwm_drake.systems.engine import Engine
+from pinwm_drake.systems.lcm_engine import AddLcmEngine
 from pinwm_drake.systems.plant_engine import AddPlantEngine
 from pinwm_drake.systems.pusher_limits import PusherLimits
 from pinwm_drake.systems.pusher_translation import PusherTranslation
@@ -16,12 +17,14 @@ from pinwm_drake.systems.world_model import WorldModel
 from pydrake.common import RandomGenerator
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Meshcat
+from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
 
 from pinwm_drake.errors import ParameterError
 
 Command = Literal["velocity", "translation"]
+STATION_ENGINES = (*ENGINES, "lcm")
 
 
 class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
@@ -38,7 +41,8 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
 
     World frame throughout. A velocity is sampled every `setup.period`, limited in speed and to the pusher's box, and
     held; a translation is sampled every `horizon`. `rgb` shows world 0, `rgb_batch` (uint8) all: the object where it is
-    visible with alpha 255, white with alpha 0 elsewhere. W is 1 but for the twin.
+    visible with alpha 255, white with alpha 0 elsewhere. W is 1 but for the twin. With the engine "lcm" a robot is
+    behind the ports, and NaN stands for what it does not know: see `AddLcmEngine`.
 
     Attributes:
         setup: What it was made from.
@@ -47,14 +51,24 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
     """
 
     def __init__(
-        self, setup: Setup, engine: str, *, command: Command = "velocity", meshcat: Meshcat | None = None
+        self,
+        setup: Setup,
+        engine: str,
+        *,
+        command: Command = "velocity",
+        meshcat: Meshcat | None = None,
+        lcm: DrakeLcmInterface | None = None,
+        armed: bool = False,
     ) -> None:
         """See `MakePushStation`."""
         super().__init__()
         self.setup = setup
         self._start = StartDistribution(setup)
         builder = DiagramBuilder()
-        parts = AddTwinEngine(builder, setup) if engine == "twin" else AddPlantEngine(builder, setup, engine)
+        if engine == "lcm":
+            parts = AddLcmEngine(builder, setup, lcm, armed)
+        else:
+            parts = AddTwinEngine(builder, setup) if engine == "twin" else AddPlantEngine(builder, setup, engine)
         self.engine = parts
         self.world = parts.handle if isinstance(parts.handle, WorldModel) else None
         _add_command(builder, parts, setup, command)
@@ -63,7 +77,7 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
             "pusher_state": parts.pusher_state,
             "rgb": parts.rgb,
             "rgb_batch": parts.rgb_batch,
-            "rgb_time": builder.AddNamedSystem("rgb_clock", Clock()).get_output_port(),
+            "rgb_time": parts.rgb_time or builder.AddNamedSystem("rgb_clock", Clock()).get_output_port(),
             "contact_forces": parts.contact_forces,
             "query_object": parts.scene_graph.get_query_output_port(),
         }
@@ -144,28 +158,33 @@ def MakePushStation(
     *,
     command: Command = "velocity",
     meshcat: Meshcat | None = None,
+    lcm: DrakeLcmInterface | None = None,
+    armed: bool = False,
 ) -> PushStation:
     """Assembles a station.
 
     Args:
         scenario: What there is; a Setup of it where that has been loaded already.
-        engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
+        engine: "twin", "hydroelastic", "point" or "lcm"; None for that of the scenario.
         command: Whether the input is `pusher_velocity_W` or `pusher_translation_W`.
         meshcat: Shows everything, if given.
+        lcm: What the messages of "lcm" go through; None to open the address that the scenario has.
+        armed: Whether "lcm" sends commands: the robot does not move otherwise.
 
     Returns:
         The station, a Diagram.
 
     Raises:
         InputError: The scenario, or one of its files, cannot be used.
-        ParameterError: There is no such engine or command, or a plant is to hold several worlds.
+        ParameterError: There is no such engine or command, one that is not the twin is to hold several worlds, or an
+            address of LCM cannot be used.
     """
     setup = scenario if isinstance(scenario, Setup) else make_setup(scenario)
     engine = engine or setup.scenario.engine
-    if engine not in ENGINES:
-        raise ParameterError(f"engine: got {engine!r}; allowed: {', '.join(ENGINES)}")
+    if engine not in STATION_ENGINES:
+        raise ParameterError(f"engine: got {engine!r}; allowed: {', '.join(STATION_ENGINES)}")
     if command not in ("velocity", "translation"):
         raise ParameterError(f"command: got {command!r}; allowed: velocity, translation")
     if engine != "twin" and setup.scenario.num_worlds != 1:
         raise ParameterError(f"num_worlds: got {setup.scenario.num_worlds} with {engine}; allowed: 1, or the twin")
-    return PushStation(setup, engine, command=command, meshcat=meshcat)
+    return PushStation(setup, engine, command=command, meshcat=meshcat, lcm=lcm, armed=armed)

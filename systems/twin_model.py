@@ -119,7 +119,7 @@ def object_text(
     return object_point_sdf("object", solid, visual, pieces, support_spheres(mesh), surfaces, comment)
 
 
-def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comment: str) -> str:
+def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comment: str, *, driven: bool = True) -> str:
     """The SDFormat of a twin's pusher; the meshes of one without a shape are written.
 
     Args:
@@ -128,6 +128,7 @@ def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comme
         folder: In whose subfolder `meshes` they are written.
         prefix: Of the names of meshes in the text.
         comment: First line of the text.
+        driven: See `pusher_sdf`.
 
     Returns:
         The text.
@@ -137,11 +138,11 @@ def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comme
     """
     pusher = twin.pusher
     if pusher.shape is not None or pusher.mesh_path is None:
-        return pusher_sdf(pusher.shape or [], None, surfaces, comment)
+        return pusher_sdf(pusher.shape or [], None, surfaces, comment, driven=driven)
     texts = _piece_meshes(pusher.mesh_path)
     pieces = [prefix + _mesh_file(folder, f"pusher_{k}", text) for k, text in enumerate(texts)]
     visual = prefix + _mesh_file(folder, "pusher_visual", seen_mesh(load_mesh(pusher.mesh_path)))
-    return pusher_sdf(pieces, visual, surfaces, comment)
+    return pusher_sdf(pieces, visual, surfaces, comment, driven=driven)
 
 
 def _piece_meshes(path: Path) -> list[str]:

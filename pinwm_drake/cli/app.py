@@ -13,14 +13,18 @@ from rich.markup import escape
 import pinwm_drake
 from pinwm_drake.cli.align import align
 from pinwm_drake.cli.capture import capture_app
+from pinwm_drake.cli.control import arm, control
 from pinwm_drake.cli.cousins import cousins
 from pinwm_drake.cli.crosscheck import crosscheck
+from pinwm_drake.cli.evaluate import evaluate
+from pinwm_drake.cli.export import export
 from pinwm_drake.cli.identify import identify
 from pinwm_drake.cli.model import model
 from pinwm_drake.cli.predict import predict
 from pinwm_drake.cli.push import push
 from pinwm_drake.cli.report import report
 from pinwm_drake.cli.simulate import simulate
+from pinwm_drake.cli.train import train
 from pinwm_drake.cli.view import view
 from pinwm_drake.errors import PinwmError
 
@@ -36,13 +40,18 @@ app = typer.Typer(
 app.command(epilog="Example: pinwm push --friction 0.1 --pusher capsule --out out/push")(push)
 app.command(epilog="Example: pinwm align capture out/align; then: pinwm view out/align")(align)
 app.add_typer(capture_app, name="capture")
+app.command(epilog="Example: pinwm arm; then, in another terminal: pinwm control out/bundle --engine lcm --arm")(arm)
+app.command(epilog="Example: pinwm control out/bundle --simulate-arm --arm --meshcat")(control)
 app.command(epilog="Example: pinwm cousins out/twin -o out/cousins --from-intervals")(cousins)
 app.command(epilog="Example: pinwm crosscheck out/twin --truth capture/ground_truth.yaml -o out/check")(crosscheck)
+app.command(epilog="Example: pinwm evaluate out/policy --engine hydroelastic -o out/evaluation")(evaluate)
+app.command(epilog="Example: pinwm export runs/push/best out/bundle --max-speed 0.1")(export)
 app.command(epilog="Example: pinwm identify capture out/twin; then: pinwm report out/twin")(identify)
 app.command(epilog="Example: pinwm model out/twin out/model")(model)
 app.command(epilog="Example: pinwm predict out/twin capture/episodes/0001 -o out/poses.csv")(predict)
 app.command(epilog="Example: pinwm report out/twin -o out/report.html")(report)
 app.command(epilog="Example: pinwm simulate push_t --engine hydroelastic --video out/push.mp4")(simulate)
+app.command(epilog="Example: pinwm train out/twin -o out/policy; then: pinwm evaluate out/policy")(train)
 app.command(epilog="Example: pinwm view out/align --html out/object.html --video out/object.mp4")(view)
 
 

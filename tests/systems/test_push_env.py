@@ -11,7 +11,7 @@ from pinwm_drake.systems.push_env import PushEnv
 from pinwm_drake.systems.push_gym import PUSH
 from pinwm_drake.systems.scenario import ENGINES
 from pinwm_drake.systems.start import Place
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 
 from pinwm_drake.errors import InputError, ParameterError, SolverError
@@ -87,6 +87,19 @@ def test_another_goal():
     assert env.step(NOWHERE)[2]
 
 
+def test_tolerances_are_those_that_were_asked_for():
+    here = {"X_WO": RigidTransform(RollPitchYaw(0.0, 0.0, 0.15), [0.015, 0.0, 0.025]), "p_WP": FAR}
+    for options, success in (
+        ({}, True),
+        ({"tolerance": 0.01}, False),
+        ({"turn_tolerance": 0.1}, False),
+        ({"tolerance": 0.016, "turn_tolerance": 0.16}, True),
+    ):
+        env = environment(**options)
+        env.reset(options=here)
+        assert env.step(NOWHERE)[2] == success, options
+
+
 def test_the_time_limit_truncates():
     env = environment(max_steps=3)
     env.reset(seed=1, options={"X_WO": RigidTransform([0.1, 0.0, 0.025])})
@@ -149,6 +162,8 @@ def test_the_picture_shows_goal_and_pusher():
         ({"observation": "depth"}, "state, rgb, rgb_state"),
         ({"reward": "sparse"}, "paper, shaped"),
         ({"max_steps": 0}, "max_steps: got 0"),
+        ({"tolerance": 0.0}, "tolerance: got 0.0"),
+        ({"turn_tolerance": -0.1}, "turn_tolerance: got -0.1"),
         ({"max_translation": 0.06}, "at most 0.05 m"),
         ({"time_step": 0.03}, "whole multiple"),
         ({"render_mode": "human"}, "rgb_array"),

@@ -201,6 +201,14 @@ def test_options_of_stable_baselines():
     assert env.worlds.max_steps == 5
 
 
+def test_tolerances_are_those_that_were_asked_for():
+    here = {"X_WO": RigidTransform([0.015, 0.0, 0.025]), "p_WP": FAR}
+    for tolerance, success in ((0.01, False), (0.02, True)):
+        env = vector(tolerance=tolerance)
+        env.reset(options=here)
+        assert env.step(np.zeros((W, 2)))[2].tolist() == [success] * W
+
+
 def test_no_world_is_refused():
     with pytest.raises(ParameterError, match="num_envs: got 0"):
         vector(0)

@@ -1,0 +1,110 @@
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+from pinwm_drake.systems.policy_spec import policy_spec
+from pinwm_drake.systems.push_env import make_task
+from pinwm_drake.systems.push_setup import environment_setup
+
+from pinwm_drake.learning.export import export_policy
+from pinwm_drake.learning.policy import Policy
+from pinwm_drake.learning.safety import default_limits
+from tests.learning.bundles import exported, pictures, untrained_policy
+
+SIZE = 32
+
+
+@pytest.fixture(scope="module")
+def policy() -> Policy:
+    setup = environment_setup("push_t", image_size=SIZE)
+    task = make_task(setup.scenario.start.q_WO, (0.0, 0.0, 0.0), "shaped")
+    spec = policy_spec(setup, task, observes="rgb", frames=2, max_translation=0.02, max_steps=100)
+    return untrained_policy(spec)
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory, policy) -> str:
+    return str(exported(tmp_path_factory.mktemp("control") / "bundle", policy))
+
+
+def places(output: str) -> list[tuple[float, float]]:
+    """Of the pusher, mm, in every line."""
+    return [(float(x), float(y)) for x, y in re.findall(r"pusher \((\S+), (\S+)\) mm", output)]
+
+
+def test_a_dry_run_is_the_default(pinwm, bundle):
+    code, output, errors = pinwm("control", bundle, "--engine", "twin", "--duration", "1")
+    assert (code, errors) == (0, "")
+    lines = output.splitlines()
+    assert lines[0] == "twin, dry run: nothing moves (--arm does)"
+    assert lines[1].startswith(
+        "limits: 0.2 m/s, 4 m/s², images 0.1 s old, (-0.35, -0.35, 0.015) to (0.35, 0.35, 0.035)"
+    )
+    assert all("disarmed" in line for line in lines[2:-1])
+    assert len(set(places(output))) == 1
+    assert "action (" in lines[-2]
+    assert lines[-1] == "dry run: nothing was moved"
+
+
+def test_an_armed_one_moves_the_pusher(pinwm, bundle):
+    code, output, _ = pinwm("control", bundle, "--engine", "twin", "--arm", "--duration", "1")
+    assert code == 0
+    assert output.startswith("twin, armed: the pusher moves")
+    assert "running" in output
+    assert len(set(places(output))) > 1
+    assert "° from the goal" in output
+
+
+def test_a_simulated_arm(pinwm, bundle):
+    options = ("--simulate-arm", "--contact", "point", "--duration", "0.5")
+    code, output, errors = pinwm("control", bundle, "--arm", *options)
+    assert (code, errors) == (0, "")
+    assert output.startswith("a simulated arm, armed: the pusher moves")
+    moved = places(output)
+    assert len(set(moved)) > 1
+    code, output, _ = pinwm("control", bundle, *options)
+    assert code == 0
+    assert set(places(output)) == {moved[0]}
+
+
+def test_a_fault_ends_it(pinwm, policy, tmp_path):
+    away = dataclasses.replace(default_limits(policy.spec), box_low=(0.2, 0.2, 0.0), box_high=(0.3, 0.3, 0.1))
+    export_policy(policy, tmp_path / "away", limits=away, samples=pictures(policy.spec))
+    code, output, errors = pinwm("control", str(tmp_path / "away"), "--engine", "twin", "--arm")
+    assert code == 1
+    assert "latched" in output
+    assert re.search(r"the pusher was stopped: pusher is \S+ mm outside of its box", errors)
+
+
+def test_the_arm_alone(pinwm):
+    code, output, errors = pinwm(
+        "arm", "--image-size", "16", "--contact", "point", "--duration", "0.2", "--lcm-url", "memq://"
+    )
+    assert (code, errors) == (0, "")
+    assert output.startswith("a simulated arm listens at memq://")
+    assert re.search(r"0\.2 s  tool \(.*\) mm, 0 mm/s  object", output)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--engine", "robot"], "--engine: got robot; allowed: twin, hydroelastic, point, lcm"),
+        (["--duration", "601"], "--duration: got 601.0; allowed: 0.1 to 600 s"),
+        (["--contact", "soft"], "--contact: got soft; allowed: hydroelastic, point"),
+        (["--seed", "-1"], "--seed: got -1; allowed: 0 to"),
+        (["--engine", "twin", "--lcm-url", "memq://"], "--lcm-url: got memq://; allowed: none, but for a robot"),
+        (["--engine", "lcm", "--lcm-url", "udpm://239.255.76.67:7667?ttl=1"], "?ttl=0"),
+        (["--engine", "lcm", "--meshcat"], "--meshcat: got True; allowed: none for a robot"),
+    ],
+)
+def test_what_is_refused(pinwm, bundle, options, message):
+    code, output, errors = pinwm("control", bundle, *options)
+    assert (code, output) == (1, "")
+    assert message in errors
+
+
+def test_a_folder_that_is_no_bundle(pinwm, tmp_path):
+    code, _, errors = pinwm("control", str(tmp_path))
+    assert code == 1
+    assert str(Path(tmp_path)) in errors
