@@ -45,6 +45,8 @@ class PushEnv(gymnasium.Env[Observation, np.ndarray]):
         frames: int = 1,
         reward: Reward = "paper",
         goal: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        tolerance: float = PushTask.tolerance,
+        turn_tolerance: float = PushTask.turn_tolerance,
         max_steps: int = 100,
         max_translation: float | None = None,
         time_step: float | None = None,
@@ -61,6 +63,8 @@ class PushEnv(gymnasium.Env[Observation, np.ndarray]):
             frames: How many of the last images are seen.
             reward: "paper" or "shaped".
             goal: x [m], y [m], yaw [rad] of the object.
+            tolerance: m, how near to the goal is success.
+            turn_tolerance: rad, likewise of the orientation.
             max_steps: After which an episode is truncated.
             max_translation: m, in an action; None for what the pusher's speed allows.
             time_step: s, of the twin's physics; None for that of the scene.
@@ -78,7 +82,7 @@ class PushEnv(gymnasium.Env[Observation, np.ndarray]):
         self.setup = environment_setup(
             scenario, time_step=time_step, friction_directions=friction_directions, image_size=image_size
         )
-        self.task = make_task(self.setup.scenario.start.q_WO, goal, reward)
+        self.task = make_task(self.setup.scenario.start.q_WO, goal, reward, tolerance, turn_tolerance)
         self.run = PushRun(self.setup, engine, max_translation)
         self.engine = self.run.station.engine.name
         self._observer = PushObserver(self.setup, self.task, observation, frames)
@@ -170,11 +174,17 @@ class PushEnv(gymnasium.Env[Observation, np.ndarray]):
         }
 
 
-def make_task(q_WO: list[float], goal: tuple[float, float, float], reward: Reward) -> PushTask:
-    """The task of an object that lies as q_WO (4,) says."""
+def make_task(
+    q_WO: list[float],
+    goal: tuple[float, float, float],
+    reward: Reward,
+    tolerance: float = PushTask.tolerance,
+    turn_tolerance: float = PushTask.turn_tolerance,
+) -> PushTask:
+    """The task of an object that lies as q_WO (4,) says; the rest as `PushTask` has it."""
     w, x, y, z = (float(value) for value in q_WO)
     a, b, yaw = (float(value) for value in goal)
-    return PushTask(goal=(a, b, yaw), q_WO=(w, x, y, z), reward=reward)
+    return PushTask((a, b, yaw), (w, x, y, z), reward, float(tolerance), float(turn_tolerance))
 
 
 def whole_steps(max_steps: int) -> int:

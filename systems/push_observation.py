@@ -13,7 +13,7 @@ from pinwm_drake.errors import ParameterError
 Kind = Literal["state", "rgb", "rgb_state"]
 KINDS = ("state", "rgb", "rgb_state")
 STATE_SIZE = 11
-_LENGTH, _SPEED, _TURN = 0.1, 0.3, 3.0  # m, m/s, rad/s: what stands for 1
+LENGTH, SPEED, TURN = 0.1, 0.3, 3.0  # m, m/s, rad/s: what stands for 1
 _BOUND = 20.0  # of `state`; what lies beyond is cut off
 
 Observation = Any  # an array, or a dict of arrays; W worlds lead
@@ -112,12 +112,12 @@ class PushObserver:
         yaw = _yaw(object_state[:, :4], self._lying)
         turn = yaw - self._goal[2]
         p_WO = object_state[:, 4:6]
-        values[:, 0:2] = _turned(p_WO - self._goal[:2], self._goal[2]) / _LENGTH
+        values[:, 0:2] = _turned(p_WO - self._goal[:2], self._goal[2]) / LENGTH
         values[:, 2], values[:, 3] = np.cos(turn), np.sin(turn)
-        values[:, 4:6] = _turned(object_state[:, 10:12], self._goal[2]) / _SPEED
-        values[:, 6] = object_state[:, 9] / _TURN
-        values[:, 7:9] = _turned(p_WP[:, :2] - p_WO, yaw) / _LENGTH
-        values[:, 9:11] = _turned(p_WP[:, :2] - self._goal[:2], self._goal[2]) / _LENGTH
+        values[:, 4:6] = _turned(object_state[:, 10:12], self._goal[2]) / SPEED
+        values[:, 6] = object_state[:, 9] / TURN
+        values[:, 7:9] = _turned(p_WP[:, :2] - p_WO, yaw) / LENGTH
+        values[:, 9:11] = _turned(p_WP[:, :2] - self._goal[:2], self._goal[2]) / LENGTH
         return np.clip(np.nan_to_num(values), -_BOUND, _BOUND).astype(np.float32)
 
 

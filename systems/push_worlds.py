@@ -10,7 +10,7 @@ from pinwm_drake.systems.push_env import chosen_place, make_task, whole_steps
 from pinwm_drake.systems.push_observation import Kind, Observation, PushObserver
 from pinwm_drake.systems.push_run import FAILURES, PushRun
 from pinwm_drake.systems.push_setup import Scene, environment_setup
-from pinwm_drake.systems.push_task import Progress, Reward
+from pinwm_drake.systems.push_task import Progress, PushTask, Reward
 from pinwm_drake.systems.start import StartDistribution
 
 from pinwm_drake.cousins import Cousin
@@ -70,6 +70,8 @@ class PushWorlds:
         frames: int = 1,
         reward: Reward = "paper",
         goal: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        tolerance: float = PushTask.tolerance,
+        turn_tolerance: float = PushTask.turn_tolerance,
         max_steps: int = 100,
         max_translation: float | None = None,
         time_step: float | None = None,
@@ -93,7 +95,7 @@ class PushWorlds:
             friction_directions=friction_directions,
             image_size=image_size,
         )
-        self.task = make_task(self.setup.scenario.start.q_WO, goal, reward)
+        self.task = make_task(self.setup.scenario.start.q_WO, goal, reward, tolerance, turn_tolerance)
         self.run = PushRun(self.setup, "twin", max_translation)
         self._observer = PushObserver(self.setup, self.task, observation, frames)
         self.observation_space = self._observer.space

@@ -60,7 +60,6 @@ class ActorCritic(ActorCriticPolicy):
         actor: nn.Module,
         from_scratch: bool = True,
         critic_width: int = 256,
-        log_std_init: float = 0.0,
         **unused: Any,
     ) -> None:
         """Takes over an actor.
@@ -72,7 +71,6 @@ class ActorCritic(ActorCriticPolicy):
             actor: The network; trained in place.
             from_scratch: Whether the actor's weights are drawn anew (orthogonal); otherwise they are kept.
             critic_width: Of the critic's hidden layers.
-            log_std_init: Of the actions at first, as a logarithm.
             unused: What PPO passes to every policy.
         """
         # In a list, as nn.Module takes no module before it is initialised.
@@ -84,7 +82,6 @@ class ActorCritic(ActorCriticPolicy):
             lr_schedule,
             features_extractor_class=_AsSeen,
             normalize_images=False,
-            log_std_init=log_std_init,
         )
         if from_scratch:
             self.pull()
@@ -95,6 +92,11 @@ class ActorCritic(ActorCriticPolicy):
 
     def _build_mlp_extractor(self) -> None:
         self.mlp_extractor = _Latents(self._given[0], self._width)  # type: ignore[assignment]
+
+    def set_noise(self, log_std: float) -> None:
+        """Sets the natural logarithm of the actions' standard deviation, which is not learned."""
+        spread: Any = self.log_std
+        spread.requires_grad_(False).fill_(log_std)
 
     @property
     def _actor(self) -> Any:

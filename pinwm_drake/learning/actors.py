@@ -90,6 +90,8 @@ class ImageActor(nn.Module):
         )
         self.head = nn.Linear(features, ACTION_SIZE)
         self.pose = nn.Linear(features, POSE_SIZE)
+        # As images come; convolutions take two thirds of the time with it.
+        self.to(memory_format=torch.channels_last)
 
     @staticmethod
     def darken(image: Tensor) -> Tensor:

@@ -156,7 +156,7 @@ def _collect(
     height, width = seen["image"].shape[1:3]
     rows = W * length
     chunk = Chunk(
-        np.empty((rows, 3, height, width), np.uint8),
+        np.empty((rows, height, width, 3), np.uint8),
         np.empty(rows, bool),
         np.empty((rows, 2), np.float32),
         np.empty((rows, POSE_SIZE), np.float32),
@@ -165,7 +165,7 @@ def _collect(
     starts = np.ones(W, bool)
     for t in range(length):
         at = slice(t * W, (t + 1) * W)
-        chunk.image[at] = np.moveaxis(seen["image"][..., -3:], 3, 1)
+        chunk.image[at] = seen["image"][..., -3:]
         chunk.start[at], chunk.pusher[at], chunk.pose[at] = starts, seen["pusher"], seen["state"][:, :POSE_SIZE]
         chunk.action[at] = teacher.predict(seen)[0]
         actions = chunk.action[at] if actor is teacher else actor.predict(seen)[0]
@@ -192,7 +192,7 @@ def _learn(
         for group in optimizer.param_groups:
             group["lr"] = rate
         images, pusher, pose, action = frames.draw(options.batch_size, generator)
-        dark = augment(1.0 - torch.from_numpy(images).float() / 255.0)
+        dark = augment(student.darken(torch.from_numpy(images)))
         actions, poses = student.with_pose(dark, torch.from_numpy(pusher))
         loss = mse_loss(actions, torch.from_numpy(action))
         loss = loss + options.pose_weight * mse_loss(poses, torch.from_numpy(pose))

@@ -16,7 +16,7 @@ class Chunk:
     """What W worlds gave in T actions, one after another: row t W + w is world w's at action t.
 
     Attributes:
-        image: (T W, 3, height, width) uint8, the last image.
+        image: (T W, height, width, 3) uint8, the last image.
         start: (T W,) bool, where an episode begins; the first W do.
         pusher: (T W, 2) float32, across its box.
         pose: (T W, 4) float32: x, y of the object from the goal in 0.1 m, cos and sin of its yaw.
@@ -79,7 +79,7 @@ class Frames:
             generator: Of the draw.
 
         Returns:
-            Images (B, 3 k, height, width) uint8, the oldest first; pusher (B, 2), pose (B, 4), action (B, 2).
+            Images (B, height, width, 3 k) uint8, the oldest first; pusher (B, 2), pose (B, 4), action (B, 2).
         """
         rows = np.sort(generator.integers(len(self), size=size))
         parts = np.split(rows, np.searchsorted(rows, self._ends[:-1]))
@@ -96,5 +96,5 @@ class Frames:
         for _ in range(self._frames):
             newest_first.append(chunk.image[before])
             before = np.where(chunk.start[before], before, before - self._worlds)
-        images = np.concatenate(newest_first[::-1], axis=1)
+        images = np.concatenate(newest_first[::-1], axis=3)
         return images, chunk.pusher[rows], chunk.pose[rows], chunk.action[rows]

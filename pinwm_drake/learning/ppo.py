@@ -41,7 +41,10 @@ class PpoOptions:
         clip_range: Of PPO's ratio.
         shift: px, by which images are moved at random while they are learned from, at most.
         gain: Relative half-width of the random factors of their colours.
-        log_std: Of the actions at first, as a logarithm.
+        log_std: Natural logarithm of the actions' standard deviation at first.
+        last_log_std: The same at the end; it changes evenly. A policy that is to act without noise has to have been
+            trained with little of it: otherwise it leaves to chance what it is to do where two ways are as good, and
+            without chance it stands still there.
         episodes: Of an evaluation.
 
     Raises:
@@ -60,7 +63,8 @@ class PpoOptions:
     clip_range: float = 0.2
     shift: int = 0
     gain: float = 0.0
-    log_std: float = 0.0
+    log_std: float = -0.3
+    last_log_std: float = -2.5
     episodes: int = 128
 
     @classmethod
@@ -73,7 +77,7 @@ class PpoOptions:
     def __post_init__(self) -> None:
         """Checks the values."""
         for name, value in asdict(self).items():
-            least = {"log_std": -math.inf, "shift": 0, "gain": 0}.get(name, 1e-12)
+            least = {"log_std": -math.inf, "last_log_std": -math.inf, "shift": 0, "gain": 0}.get(name, 1e-12)
             if not (math.isfinite(value) and value >= least):
                 allowed = "0 or more" if least == 0 else "more than 0" if least > 0 else "a finite number"
                 raise ParameterError(f"{name}: got {value}; allowed: {allowed}")
@@ -126,8 +130,9 @@ def train_ppo(
     total = math.ceil(options.steps / size)
     while rounds.number < total:
         rounds.begin(env, on_round)
-        share = 1.0 - rounds.number / total
-        rate = options.learning_rate * (options.last_share + (1.0 - options.last_share) * share)
+        left = 1.0 - rounds.number / total
+        rate = options.learning_rate * (options.last_share + (1.0 - options.last_share) * left)
+        _policy(model).set_noise(options.last_log_std + (options.log_std - options.last_log_std) * left)
         model.lr_schedule = partial(_constant, rate)
         model._last_obs = None  # So that SB3 resets the worlds.
         model.num_timesteps = rounds.steps
@@ -165,5 +170,5 @@ def _model(env: VecEnv, spec: PolicySpec, actor: nn.Module | None, options: PpoO
         clip_range=options.clip_range,
         seed=seed,
         device="cpu",
-        policy_kwargs={"actor": given, "from_scratch": actor is None, "log_std_init": options.log_std},
+        policy_kwargs={"actor": given, "from_scratch": actor is None},
     )

@@ -1,6 +1,7 @@
 """The identified episode on a page: a player that needs no codec, and strips of a few frames."""
 
 import json
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,19 +16,27 @@ _SPEEDS = (1.0, 0.5, 0.25, 0.125)
 
 
 def player(shots: list[Shot], errors: PoseErrors | None) -> str:
-    """A film of all frames, drawn by a few lines of script; played again and again."""
-    frames = [
-        {"t": round(shot.t, 6), "src": picture_uri(shot.joined()), "words": _words(shot, errors)} for shot in shots
-    ]
+    """A film of all frames, with the names of its panels."""
+    names = "".join(f"<span>{name}</span>" for name in PANELS)
+    return film_player([(shot.t, shot.joined(), _words(shot, errors)) for shot in shots], names)
+
+
+def film_player(pictures: Sequence[tuple[float, np.ndarray, str]], names: str = "") -> str:
+    """A film, drawn by a few lines of script; played again and again.
+
+    Args:
+        pictures: When [s], what (height, width, 3) uint8 sRGB, and words for it; one or more.
+        names: HTML above it.
+    """
+    frames = [{"t": round(t, 6), "src": picture_uri(picture), "words": words} for t, picture, words in pictures]
     # A "<" could end the script.
     data = json.dumps(frames).replace("<", "\\u003c")
-    names = "".join(f"<span>{name}</span>" for name in PANELS)
     return f"""<div class="player">
 <div class="names">{names}</div>
 <img src="{frames[0]["src"]}" alt="{text(frames[0]["words"])}">
 <div class="controls" hidden><button type="button">Play</button>
 <input type="range" min="0" max="{len(frames) - 1}" value="0" aria-label="frame">
-<select aria-label="speed">{_speeds(shots[-1].t - shots[0].t)}</select></div>
+<select aria-label="speed">{_speeds(pictures[-1][0] - pictures[0][0])}</select></div>
 <p class="caption">{text(frames[0]["words"])}</p>
 <script type="application/json">{data}</script>
 </div>"""

@@ -1,15 +1,5 @@
-import csv
-import json
-import math
-import os
-import signal
-import subprocess
-import sys
-import time
-from multiprocessing import active_children
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import torch
@@ -17,32 +7,13 @@ from pinwm_drake.systems.policy_spec import policy_spec
 from pinwm_drake.systems.push_env import make_task
 from pinwm_drake.systems.push_setup import environment_setup
 
-from pinwm_drake.cli.evaluate_contestant import read_contestant
-from pinwm_drake.cli.evaluate_episodes import EpisodeRunner, _run, run_episodes
-from pinwm_drake.cli.evaluate_request import EvaluateRequest
-from pinwm_drake.cli.evaluate_store import EpisodeStore
-from pinwm_drake.errors import ParameterError, SolverError
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
-
-ROOT = Path(__file__).parents[2]
-SCENARIO = """
-units: {length: m, mass: kg, time: s, angle: rad}
-name: small push
-object: t_block
-theta: {mass: 1.0, friction_floor: 0.1, friction_pusher: 0.1, restitution: 0.0}
-pusher: {max_speed: 0.3, low: [-0.3, -0.3, 0.01], high: [0.3, 0.3, 0.2]}
-physics: {friction_directions: 8, time_step: 0.008333333333333333}
-camera: {width: 32, height: 32}
-start: {x: [-0.02, 0.02], y: [-0.02, 0.02], yaw: [-0.3, 0.3]}
-"""
-SHORT = ["--engine", "twin", "--episodes", "3", "--max-steps", "4", "--workers", "1"]
+from tests.cli.evaluations import document, rows, write_scenario
 
 
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory) -> str:
-    path = tmp_path_factory.mktemp("scenario") / "small.scenario.yaml"
-    path.write_text(SCENARIO)
-    return str(path)
+    return write_scenario(tmp_path_factory.mktemp("scenario"))
 
 
 @pytest.fixture(scope="module")
@@ -56,14 +27,6 @@ def policies(scenario, tmp_path_factory) -> dict[str, str]:
         write_policy(folder / observes, Policy(spec, make_actor(spec), {"trained": "never"}))
         found[observes] = str(folder / observes)
     return found
-
-
-def rows(out: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader((out / "episodes.csv").open()))
-
-
-def document(out: Path) -> dict:
-    return json.loads((out / "evaluation.json").read_text())
 
 
 @pytest.mark.parametrize(
@@ -103,159 +66,6 @@ def test_what_is_no_policy_is_refused(pinwm, policies, tmp_path):
     code, _, errors = pinwm("evaluate", policies["rgb"], "--scene", "push_t", "--engine", "twin")
     assert code == 1
     assert "pusher's box" in errors
-
-
-@pytest.fixture(scope="module")
-def evaluated(scenario, tmp_path_factory) -> Path:
-    """What one process makes of it, in three episodes."""
-    out = tmp_path_factory.mktemp("evaluate") / "new/out"
-    command = [sys.executable, "-c", "from pinwm_drake.cli import main; main()", "evaluate", "random"]
-    options = [*SHORT, "--scene", scenario, "--seed", "5", "-o", str(out)]
-    end = subprocess.run([*command, *options], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (end.returncode, end.stderr) == (0, "")
-    (out.parent / "output.txt").write_text(end.stdout)
-    return out
-
-
-def test_what_it_writes(evaluated):
-    names = ["episodes", "episodes.csv", "episodes.mp4", "evaluation.json", "report.html"]
-    assert sorted(path.name for path in evaluated.iterdir()) == names
-    table, found = rows(evaluated), document(evaluated)
-    assert [row["seed"] for row in table] == ["5", "6", "7"]
-    won = sum(int(row["success"]) for row in table)
-    assert found["results"]["successes"] == won
-    assert found["results"]["episodes"] == 3
-    assert found["seeds"] == [5, 7]
-    settings = found["settings"]
-    assert (settings["policy"], settings["engine"], settings["tolerance"], settings["max_steps"]) == (
-        *("random", "twin", 0.02, 4),
-    )
-    assert set(found["provenance"]["versions"]) >= {"pinwm_drake", "drake", "torch", "python"}
-    for row in table:
-        assert math.hypot(float(row["start_x"]), float(row["start_y"])) == pytest.approx(float(row["start_distance"]))
-        assert abs(float(row["start_yaw"])) == pytest.approx(float(row["start_angle"]), abs=1e-9)
-        assert abs(float(row["start_yaw"])) <= 0.3
-        assert row["failure"] == ""
-    output = (evaluated.parent / "output.txt").read_text()
-    assert f"{won} of 3 episodes succeeded" in output
-    assert f"wrote {evaluated / 'report.html'}" in output
-    assert f"{won} of 3 episodes succeeded" in (evaluated / "report.html").read_text()
-    longest = max(int(row["steps"]) for row in table)
-    reader = cv2.VideoCapture(str(evaluated / "episodes.mp4"))
-    assert reader.get(cv2.CAP_PROP_FRAME_COUNT) == longest + 1 + 8
-    assert reader.get(cv2.CAP_PROP_FPS) == pytest.approx(10)
-
-
-def test_a_run_that_was_killed_goes_on_in_other_processes_with_the_same_result(scenario, tmp_path, evaluated):
-    out, episodes = tmp_path / "out", tmp_path / "out/episodes"
-    command = [sys.executable, "-c", "from pinwm_drake.cli import main; main()", "evaluate", "random"]
-    options = [*SHORT[:-1], "2", "--scene", scenario, "--seed", "5", "-o", str(out)]
-    process = subprocess.Popen([*command, *options], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while not list(episodes.glob("0*.npz")) and process.poll() is None:
-        time.sleep(0.01)
-    workers = children(process.pid)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert process.returncode == -signal.SIGKILL
-    assert len(workers) >= 2
-    deadline = time.monotonic() + 60
-    while any(running(worker) for worker in workers):
-        assert time.monotonic() < deadline, "workers outlive the process that started them"
-        time.sleep(0.05)
-    end = subprocess.run([*command, *options, "--resume"], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert end.returncode == 0, end.stderr
-    assert "of 3 episodes are done already" in end.stdout
-    assert (out / "episodes.csv").read_bytes() == (evaluated / "episodes.csv").read_bytes()
-    assert document(out)["results"] == document(evaluated)["results"]
-    assert (out / "report.html").exists()
-
-
-def children(pid: int) -> list[int]:
-    """Processes that a process has started."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = path.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(fields[1]) == pid:
-            found.append(int(path.parent.name))
-    return found
-
-
-def running(pid: int) -> bool:
-    """Whether a process is there and has not ended; those of a killed process may not be waited for by anyone."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-def test_resuming_asks_for_the_same_settings(pinwm, scenario, evaluated):
-    base = ["evaluate", "random", "--scene", scenario, "--seed", "5", *SHORT, "-o", str(evaluated)]
-    code, _, errors = pinwm(*base)
-    assert code == 1
-    assert "got episodes of an evaluation; allowed: a new folder, or --resume" in errors
-    code, _, errors = pinwm(*base, "--resume", "--tolerance", "0.01")
-    assert code == 1
-    assert "got a test with tolerance = 0.02; allowed: one with tolerance = 0.01" in errors
-    code, _, errors = pinwm(*base, "--resume", "--yaw", "0.2")
-    assert code == 1
-    assert "scene_sha256" in errors
-
-
-def test_an_evaluation_can_be_made_longer(pinwm, scenario, tmp_path, evaluated):
-    base = ["evaluate", "random", "--scene", scenario, *SHORT, "-o", str(tmp_path)]
-    assert pinwm(*base, "--seed", "5", "--episodes", "1")[0] == 0
-    assert len(rows(tmp_path)) == 1
-    kept = (tmp_path / "episodes/000005.npz").stat().st_mtime_ns
-    (tmp_path / "episodes/.000006.1234.npz").write_bytes(b"half")
-    code, output, _ = pinwm(*base, "--seed", "5", "--episodes", "3", "--resume")
-    assert code == 0
-    assert "1 of 3 episodes are done already" in output
-    assert (tmp_path / "episodes/000005.npz").stat().st_mtime_ns == kept
-    assert (tmp_path / "episodes.csv").read_bytes() == (evaluated / "episodes.csv").read_bytes()
-    assert len(list((tmp_path / "episodes").iterdir())) == 3
-
-
-def test_an_interrupted_run_says_how_to_go_on(pinwm, scenario, tmp_path, monkeypatch, evaluated):
-    base = ["evaluate", "random", "--scene", scenario, "--seed", "5", *SHORT, "-o", str(tmp_path)]
-
-    def interrupted(runner, request, seeds, workers):
-        yield from run_episodes(runner, request, seeds[:2], workers)
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr("pinwm_drake.cli.evaluate_run.run_episodes", interrupted)
-        code, output, _ = pinwm(*base)
-    assert code == 1
-    assert "interrupted after 2 episodes; go on with --resume" in output
-    assert not (tmp_path / "evaluation.json").exists()
-    assert pinwm(*base, "--resume")[0] == 0
-    assert (tmp_path / "episodes.csv").read_bytes() == (evaluated / "episodes.csv").read_bytes()
-
-
-def test_an_episode_whose_physics_fails_is_kept(scenario, tmp_path, monkeypatch):
-    request = EvaluateRequest("random", scenario, "twin", episodes=1, max_steps=9)
-    runner = EpisodeRunner(read_contestant(request), request)
-    advance, calls = runner.env.run.advance, []
-
-    def fails(action):
-        calls.append(action)
-        if len(calls) == 3:
-            raise SolverError("no solution")
-        advance(action)
-
-    monkeypatch.setattr(runner.env.run, "advance", fails)
-    record = runner.run(4)
-    assert (record.result.outcome, record.result.failure, record.result.steps) == ("failure", "no solution", 3)
-    assert record.p_WO.shape == (4, 3)
-    store = EpisodeStore(tmp_path, {"a": 1}, resume=False)
-    store.write(record)
-    (kept,) = store.read([3, 4, 5]).values()
-    assert kept.result == record.result
-    for name in ("q_WO", "p_WO", "p_WP", "views", "at", "seconds", "cpu_seconds"):
-        np.testing.assert_array_equal(getattr(kept, name), getattr(record, name))
 
 
 @pytest.mark.parametrize("observes", ["rgb", "state"])
@@ -312,20 +122,3 @@ def test_the_controller_that_plans_is_evaluated_too(pinwm, tmp_path):
     assert (code, errors) == (0, "")
     assert rows(tmp_path)[0]["outcome"] == "success"
     assert document(tmp_path)["provenance"]["policy_provenance"]["theta"]["friction_floor"] == 0.03
-
-
-def test_a_worker_that_is_killed_is_told_of(scenario):
-    request = EvaluateRequest("random", scenario, "twin", episodes=200, max_steps=20)
-    runner = EpisodeRunner(read_contestant(request), request)
-    before = set(active_children())
-    episodes = run_episodes(runner, request, request.seeds, 2)
-    next(episodes)
-    (first, *_) = set(active_children()) - before
-    os.kill(first.pid, signal.SIGKILL)
-    with pytest.raises(ParameterError, match=r"--workers: got 2, of which one ended by itself.*--resume"):
-        list(episodes)
-
-
-def test_a_policy_that_changes_meanwhile_is_told_of(scenario):
-    with pytest.raises(ParameterError, match="got another policy than a moment ago"):
-        _run(EvaluateRequest("random", scenario, "twin"), "something else", 0)

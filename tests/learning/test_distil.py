@@ -70,7 +70,7 @@ def chunk(worlds, length, first=0):
     start[0] = True
     start[2, 1] = True
     numbers = np.arange(first, first + rows)
-    image = np.broadcast_to(numbers[:, None, None, None], (rows, 3, 4, 4)).astype(np.uint8)
+    image = np.broadcast_to(numbers[:, None, None, None], (rows, 4, 4, 3)).astype(np.uint8)
     column = np.tile(numbers[:, None], (1, 4)).astype(np.float32)
     return Chunk(image, start.ravel(), column[:, :2], column, column[:, :2])
 
@@ -79,7 +79,7 @@ def test_stacks_hold_images_of_the_same_episode_the_oldest_first():
     frames = Frames(2, 3, 1000)
     frames.add(chunk(2, 4))
     images, pusher, pose, action = frames.draw(400, np.random.default_rng(0))
-    stacks = {int(row[0]): stack[::3, 0, 0].tolist() for row, stack in zip(pose, images, strict=True)}
+    stacks = {int(row[0]): stack[0, 0, ::3].tolist() for row, stack in zip(pose, images, strict=True)}
     assert stacks == {
         0: [0, 0, 0],
         1: [1, 1, 1],

@@ -132,6 +132,16 @@ def test_an_episode_that_ended_stays(film):
     assert right[6][0, 0].tolist() == [200, 67, 47]
 
 
+def test_pictures_that_are_kept_are_those_that_would_be_drawn(film):
+    records = [record(0, steps=2), record(1, steps=9)]
+    grid = FilmGrid(film, records, keep=4)
+    assert grid.kept == [0, 3, 6, 9]
+    for step in (3, 4):
+        once, again = grid.picture(step), grid.picture(step)
+        assert (once is again) == (step == 3)
+        np.testing.assert_array_equal(again, FilmGrid(film, records).picture(step))
+
+
 def test_the_film_is_a_video(film, tmp_path):
     grid = FilmGrid(film, [record(k, steps=2 + k) for k in range(5)])
     assert grid.size == (256, 96)
