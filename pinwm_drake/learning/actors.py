@@ -91,7 +91,7 @@ class ImageActor(nn.Module):
         self.head = nn.Linear(features, ACTION_SIZE)
         self.pose = nn.Linear(features, POSE_SIZE)
         # As images come; convolutions take two thirds of the time with it.
-        self.to(memory_format=torch.channels_last)
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # its stub lacks that
 
     @staticmethod
     def darken(image: Tensor) -> Tensor:
