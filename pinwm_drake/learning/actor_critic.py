@@ -1,5 +1,6 @@
 """An actor and a critic as SB3's PPO wants them; the critic may see more than the actor."""
 
+import math
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -60,6 +61,7 @@ class ActorCritic(ActorCriticPolicy):
         actor: nn.Module,
         from_scratch: bool = True,
         critic_width: int = 256,
+        use_sde: bool = False,
         **unused: Any,
     ) -> None:
         """Takes over an actor.
@@ -71,6 +73,7 @@ class ActorCritic(ActorCriticPolicy):
             actor: The network; trained in place.
             from_scratch: Whether the actor's weights are drawn anew (orthogonal); otherwise they are kept.
             critic_width: Of the critic's hidden layers.
+            use_sde: Whether noise is a function of the state that stays for some actions, and not drawn anew in each.
             unused: What PPO passes to every policy.
         """
         # In a list, as nn.Module takes no module before it is initialised.
@@ -82,6 +85,7 @@ class ActorCritic(ActorCriticPolicy):
             lr_schedule,
             features_extractor_class=_AsSeen,
             normalize_images=False,
+            use_sde=use_sde,
         )
         if from_scratch:
             self.pull()
@@ -94,9 +98,13 @@ class ActorCritic(ActorCriticPolicy):
         self.mlp_extractor = _Latents(self._given[0], self._width)  # type: ignore[assignment]
 
     def set_noise(self, log_std: float) -> None:
-        """Sets the natural logarithm of the actions' standard deviation, which is not learned."""
+        """Sets the natural logarithm of the actions' standard deviation, which is not learned.
+
+        With state-dependent noise it is that of latents whose mean square is a half, as it is about with tanh.
+        """
         spread: Any = self.log_std
-        spread.requires_grad_(False).fill_(log_std)
+        share = 0.5 * math.log(0.5 * len(spread)) if self.use_sde else 0.0
+        spread.requires_grad_(False).fill_(log_std - share)
 
     @property
     def _actor(self) -> Any:

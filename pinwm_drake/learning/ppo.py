@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -45,6 +45,8 @@ class PpoOptions:
         last_log_std: The same at the end; it changes evenly. A policy that is to act without noise has to have been
             trained with little of it: otherwise it leaves to chance what it is to do where two ways are as good, and
             without chance it stands still there.
+        hold: Actions for which exploration stays the same function of the state (gSDE); 0 for noise that is drawn
+            anew in each. How to go around an object is not found out in one action.
         episodes: Of an evaluation.
 
     Raises:
@@ -58,26 +60,34 @@ class PpoOptions:
     n_epochs: int = 5
     learning_rate: float = 5e-4
     last_share: float = 0.1
-    gamma: float = 0.98
+    gamma: float = 0.99
     gae_lambda: float = 0.95
     clip_range: float = 0.2
     shift: int = 0
     gain: float = 0.0
     log_std: float = -0.3
     last_log_std: float = -2.5
+    hold: int = 8
     episodes: int = 128
 
     @classmethod
     def for_images(cls) -> "PpoOptions":
         """What is used from images: there are fewer steps in the same time."""
         return cls(
-            steps=2_000_000, round_steps=100_000, n_epochs=3, learning_rate=3e-4, batch_size=512, shift=1, gain=0.2
+            steps=2_000_000,
+            round_steps=100_000,
+            n_epochs=3,
+            learning_rate=3e-4,
+            batch_size=512,
+            shift=1,
+            gain=0.2,
+            hold=0,
         )
 
     def __post_init__(self) -> None:
         """Checks the values."""
         for name, value in asdict(self).items():
-            least = {"log_std": -math.inf, "last_log_std": -math.inf, "shift": 0, "gain": 0}.get(name, 1e-12)
+            least = {"log_std": -math.inf, "last_log_std": -math.inf, "shift": 0, "gain": 0, "hold": 0}.get(name, 1e-12)
             if not (math.isfinite(value) and value >= least):
                 allowed = "0 or more" if least == 0 else "more than 0" if least > 0 else "a finite number"
                 raise ParameterError(f"{name}: got {value}; allowed: {allowed}")
@@ -168,6 +178,8 @@ def _model(env: VecEnv, spec: PolicySpec, actor: nn.Module | None, options: PpoO
         gamma=options.gamma,
         gae_lambda=options.gae_lambda,
         clip_range=options.clip_range,
+        use_sde=options.hold > 0,
+        sde_sample_freq=options.hold if options.hold > 0 else -1,
         seed=seed,
         device="cpu",
         policy_kwargs={"actor": given, "from_scratch": actor is None},
