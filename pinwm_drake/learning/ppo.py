@@ -73,16 +73,8 @@ class PpoOptions:
     @classmethod
     def for_images(cls) -> "PpoOptions":
         """What is used from images: there are fewer steps in the same time."""
-        return cls(
-            steps=2_000_000,
-            round_steps=100_000,
-            n_epochs=3,
-            learning_rate=3e-4,
-            batch_size=512,
-            shift=1,
-            gain=0.2,
-            hold=0,
-        )
+        slow = cls(steps=2_000_000, round_steps=100_000, n_epochs=3, learning_rate=3e-4, batch_size=512)
+        return replace(slow, shift=1, gain=0.2, hold=0)
 
     def __post_init__(self) -> None:
         """Checks the values."""
