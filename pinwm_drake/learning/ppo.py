@@ -32,7 +32,7 @@ class PpoOptions:
         steps: Of all worlds together; rounded up to whole rounds.
         round_steps: Of a round; rounded up to whole rollouts. An evaluation follows.
         n_steps: Of each world in a rollout.
-        batch_size: Of an update.
+        batch_size: Of an update; all of a rollout where that is less.
         n_epochs: Of a rollout.
         learning_rate: Of Adam at first.
         last_share: Of the learning rate that is left at the end; it falls evenly.
@@ -164,7 +164,7 @@ def _model(env: VecEnv, spec: PolicySpec, actor: nn.Module | None, options: PpoO
         ActorCritic,
         env,
         n_steps=options.n_steps,
-        batch_size=options.batch_size,
+        batch_size=min(options.batch_size, options.n_steps * env.num_envs),
         n_epochs=options.n_epochs,
         learning_rate=options.learning_rate,
         gamma=options.gamma,

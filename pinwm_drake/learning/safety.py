@@ -83,7 +83,7 @@ def default_limits(spec: PolicySpec) -> SafetyLimits:
     Args:
         spec: Of the policy.
     """
-    low, high, speed = spec.pusher_low, spec.pusher_high, spec.max_translation / spec.horizon
+    low, high, speed = spec.pusher_low, spec.pusher_high, round(spec.max_translation / spec.horizon, 9)
     return SafetyLimits(
         box_low=(low[0], low[1], spec.pusher_height - _HALF_HEIGHT),
         box_high=(high[0], high[1], spec.pusher_height + _HALF_HEIGHT),
