@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -110,3 +111,13 @@ print([name for name in heavy if name in sys.modules], "onnxruntime" in sys.modu
     d_W = bundle.act(np.full(SPEC.image_shape, 200, np.uint8), np.zeros(2))
     assert answer == f"{d_W[0]} {d_W[1]} (2,)"
     assert done.stderr == ""
+
+
+def test_onnxruntime_tells_nobody_what_it_runs(tmp_path):
+    # Its telemetry begins with a file of the session in the folder for temporary files.
+    environment = {name: value for name, value in os.environ.items() if name not in ("ORT_DISABLE_TELEMETRY", "CI")}
+    environment["TMPDIR"] = str(tmp_path)
+
+    code = "import sys, pinwm_drake.learning.bundle; assert 'onnxruntime' in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
+    assert list(tmp_path.iterdir()) == []
