@@ -10,6 +10,7 @@ from pinwm_drake.systems.push_picture import PushPicture
 from pinwm_drake.systems.push_run import FAILURES, PushRun
 from pinwm_drake.systems.push_setup import Scene, environment_setup
 from pinwm_drake.systems.push_task import Progress, PushTask, Reward
+from pinwm_drake.systems.scenario import ENGINES
 from pinwm_drake.systems.start import Place, StartDistribution
 from pydrake.math import RigidTransform
 
@@ -78,6 +79,8 @@ class PushEnv(gymnasium.Env[Observation, np.ndarray]):
         """
         if render_mode not in (None, "rgb_array"):
             raise ParameterError(f"render_mode: got {render_mode!r}; allowed: rgb_array, or None")
+        if engine is not None and engine not in ENGINES:
+            raise ParameterError(f"engine: got {engine!r}; allowed: {', '.join(ENGINES)}")
         self.max_steps = whole_steps(max_steps)
         self.setup = environment_setup(
             scenario, time_step=time_step, friction_directions=friction_directions, image_size=image_size

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, cast
 
+import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
@@ -77,8 +78,11 @@ class ActorCritic(ActorCriticPolicy):
             unused: What PPO passes to every policy.
         """
         # In a list, as nn.Module takes no module before it is initialised.
-        self._given, self._width = [actor], critic_width
+        self._given: list[Any] = [actor]
+        self._width = critic_width
         kept = {name: value.clone() for name, value in actor.state_dict().items()}
+        # SB3's initial values need weights that lie as they are numbered.
+        self._given[0].to(memory_format=torch.contiguous_format)
         super().__init__(
             observation_space,
             action_space,
@@ -87,6 +91,7 @@ class ActorCritic(ActorCriticPolicy):
             normalize_images=False,
             use_sde=use_sde,
         )
+        self._actor.to(memory_format=torch.channels_last)
         if from_scratch:
             self.pull()
         else:

@@ -30,7 +30,14 @@ def same(a, b):
 def test_it_learns_from_the_state(tmp_path):
     spec = toy_spec("state")
     options = PpoOptions(
-        steps=12_000, round_steps=4_000, n_steps=32, batch_size=128, episodes=64, log_std=-1.0, last_log_std=-1.5
+        steps=12_000,
+        round_steps=4_000,
+        n_steps=32,
+        batch_size=128,
+        episodes=64,
+        hold=0,
+        log_std=-1.0,
+        last_log_std=-1.5,
     )
     policy = train_ppo(ToyWorlds(images=False), spec, tmp_path, options, stage="teacher")
     before = evaluate_worlds(ToyWorlds(images=False), untrained(spec), 64, seed=5)
