@@ -1,6 +1,8 @@
 """The setup of an environment: a scene whose state is updated once an action."""
 
 import dataclasses
+import hashlib
+import json
 import math
 from pathlib import Path
 from typing import TypeAlias
@@ -59,6 +61,23 @@ def environment_setup(
     period = twin.time_step * steps
     whole_multiple("pusher.horizon", period, setup.plant_time_step, "plant.time_step")
     return dataclasses.replace(setup, scenario=scenario, twin=twin, camera=camera, period=period)
+
+
+def with_start_yaw(setup: Setup, yaw: float, goal_yaw: float = 0.0) -> Setup:
+    """A scene whose object is turned at the start by `yaw` [rad] from the goal at most, either way."""
+    start = dataclasses.replace(setup.scenario.start, yaw=[goal_yaw - yaw, goal_yaw + yaw])
+    return dataclasses.replace(setup, scenario=dataclasses.replace(setup.scenario, start=start))
+
+
+def scene_hash(setup: Setup) -> str:
+    """SHA-256 of a scenario and of its twin, which tells scenes apart wherever they lie."""
+    scenario = dataclasses.asdict(setup.scenario)
+    folder = scenario.pop("twin")
+    digest = hashlib.sha256(json.dumps(scenario, sort_keys=True).encode())
+    path = None if folder is None else Path(folder) / "twin.yaml"
+    if path is not None and path.is_file():
+        digest.update(path.read_bytes())  # it holds the hashes of the other files
+    return digest.hexdigest()
 
 
 def _scenario(scene: Scenario | str | Path) -> Scenario:

@@ -1,14 +1,11 @@
 """The worlds that a policy is trained in: cousins of a twin, or the twin alone."""
 
-import dataclasses
-import hashlib
-from pathlib import Path
 from typing import Any
 
 from pinwm_drake.systems.cousin_pool import CousinPool
 from pinwm_drake.systems.policy_spec import policy_spec
 from pinwm_drake.systems.push_observation import Kind
-from pinwm_drake.systems.push_setup import Scene, environment_setup
+from pinwm_drake.systems.push_setup import Scene, environment_setup, scene_hash, with_start_yaw
 from pinwm_drake.systems.push_vector_env import PushVecEnv
 
 from pinwm_drake.cousins import CousinDraw
@@ -62,8 +59,7 @@ class TrainingWorlds:
         """
         setup = environment_setup(scene, time_step=_TIME_STEP, friction_directions=_DIRECTIONS, image_size=image_size)
         if yaw is not None:
-            start = dataclasses.replace(setup.scenario.start, yaw=[-yaw, yaw])
-            setup = dataclasses.replace(setup, scenario=dataclasses.replace(setup.scenario, start=start))
+            setup = with_start_yaw(setup, yaw)
         self.setup, self._worlds = setup, num_worlds
         self._options: dict[str, Any] = {
             "frames": frames,
@@ -76,7 +72,7 @@ class TrainingWorlds:
         self.pool = CousinPool(draw, _POOL) if delta > 0 or from_intervals else None
         self.about: dict[str, object] = {
             "scene": setup.scenario.name,
-            "twin": _digest(scene),
+            "scene_sha256": scene_hash(setup),
             "delta": delta,
             "from_intervals": from_intervals,
             "cousin_seed": seed,
@@ -105,9 +101,3 @@ class TrainingWorlds:
         """Draws the cousins of a round."""
         if self.pool is not None:
             self.pool.begin(seed)
-
-
-def _digest(scene: Scene) -> str | None:
-    """SHA-256 of a twin's `twin.yaml`."""
-    path = Path(scene) / "twin.yaml" if isinstance(scene, str | Path) else None
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path is not None and path.is_file() else None

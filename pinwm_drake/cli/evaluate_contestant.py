@@ -17,8 +17,7 @@ from pinwm_drake.learning.policy import POLICY_FILE, read_policy, weights_digest
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.systems.policy_spec import spec_environment
 from pinwm_drake.systems.push_env import PushEnv
-from pinwm_drake.systems.push_setup import environment_setup
-from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.push_setup import environment_setup, scene_hash, with_start_yaw
 
 _MAX_TRANSLATION = 0.02  # m, as `pinwm train` has it
 
@@ -94,33 +93,15 @@ def make_environment(contestant: Contestant, request: EvaluateRequest) -> PushEn
         ParameterError: An option is out of range, or the scene is not one that the policy is made for.
     """
     spec = contestant.spec
-    setup = evaluated_setup(request, 0.0 if spec is None else spec.goal[2])
+    setup = environment_setup(request.scene)
+    if request.yaw is not None:
+        setup = with_start_yaw(setup, request.yaw, 0.0 if spec is None else spec.goal[2])
     named = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance", "max_steps")}
     given = {name: value for name, value in named.items() if value is not None}
     if spec is None:
         longest = _MAX_TRANSLATION if request.max_translation is None else request.max_translation
         return PushEnv(setup, request.engine, observation="state", max_translation=longest, **given)
     return spec_environment(spec, setup, request.engine, **given)
-
-
-def evaluated_setup(request: EvaluateRequest, goal_yaw: float) -> Setup:
-    """The scene, with the range of the start's yaw around that of the goal where one is asked for."""
-    setup = environment_setup(request.scene)
-    if request.yaw is None:
-        return setup
-    start = dataclasses.replace(setup.scenario.start, yaw=[goal_yaw - request.yaw, goal_yaw + request.yaw])
-    return dataclasses.replace(setup, scenario=dataclasses.replace(setup.scenario, start=start))
-
-
-def scene_hash(setup: Setup) -> str:
-    """SHA-256 of a scenario and of its twin, which tells scenes apart wherever they lie."""
-    scenario = dataclasses.asdict(setup.scenario)
-    folder = scenario.pop("twin")
-    digest = hashlib.sha256(json.dumps(scenario, sort_keys=True).encode())
-    path = None if folder is None else Path(folder) / "twin.yaml"
-    if path is not None and path.is_file():
-        digest.update(path.read_bytes())  # it holds the hashes of the other files
-    return digest.hexdigest()
 
 
 def _mpc(model: str) -> Contestant:

@@ -20,6 +20,7 @@ from pinwm_drake.learning.policy import POLICY_FILE, Policy, read_policy, weight
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
 from pinwm_drake.learning.progress import Report, Step
 from pinwm_drake.learning.rounds import CHECKPOINT_FILE, HISTORY_FILE
+from pinwm_drake.learning.spec import Observes
 from pinwm_drake.report.training_figure import training_figure
 from pinwm_drake.systems.training_worlds import TrainingWorlds
 
@@ -138,21 +139,7 @@ def _train(request: TrainRequest, worlds: TrainingWorlds, bar: Progress) -> Poli
     """The stages of a method, one after the other."""
     common: dict[str, Any] = {"seed": request.seed, "on_round": worlds.begin, "resume": request.resume}
     if request.method == "ppo":
-        env = worlds.worlds("rgb_state")
-        options = _with(
-            PpoOptions.for_images(), steps=request.steps, round_steps=request.round_steps, shift=request.shift
-        )
-        with _task(bar, "ppo") as report:
-            return train_ppo(
-                env,
-                worlds.spec(env, "rgb"),
-                request.out / "ppo",
-                options,
-                stage="ppo",
-                about=worlds.about,
-                report=report,
-                **common,
-            )
+        return _ppo(request, worlds, bar, "ppo", "rgb", PpoOptions.for_images(), common)
     teacher = _teacher(request, worlds, bar, common)
     if request.method == "state":
         return teacher
@@ -177,21 +164,30 @@ def _teacher(request: TrainRequest, worlds: TrainingWorlds, bar: Progress, commo
         if teacher.spec.observes != "state":
             raise InputError(request.teacher, value="a policy of images", allowed="one of the state")
         return teacher
-    env = worlds.worlds("state")
-    options = _with(PpoOptions(), steps=request.steps, round_steps=request.round_steps)
-    with _task(bar, "teacher") as report:
-        teacher = train_ppo(
-            env,
-            worlds.spec(env, "state"),
-            request.out / "teacher",
-            options,
-            stage="teacher",
-            about=worlds.about,
-            report=report,
-            **common,
-        )
+    teacher = _ppo(request, worlds, bar, "teacher", "state", PpoOptions(), common)
     write_policy(request.out / "teacher" / "policy", teacher)
     return teacher
+
+
+def _ppo(
+    request: TrainRequest,
+    worlds: TrainingWorlds,
+    bar: Progress,
+    stage: str,
+    observes: Observes,
+    options: PpoOptions,
+    common: dict[str, Any],
+) -> Policy:
+    """A stage of PPO; `shift` is of images only."""
+    env = worlds.worlds("rgb_state" if observes == "rgb" else "state")
+    options = _with(options, steps=request.steps, round_steps=request.round_steps)
+    if observes == "rgb":
+        options = _with(options, shift=request.shift)
+    spec = worlds.spec(env, observes)
+    with _task(bar, stage) as report:
+        return train_ppo(
+            env, spec, request.out / stage, options, stage=stage, about=worlds.about, report=report, **common
+        )
 
 
 def _with(options: Any, **values: Any) -> Any:

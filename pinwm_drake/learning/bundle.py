@@ -23,7 +23,7 @@ from pinwm_drake.learning.contract import SCHEMA_VERSION, difference, make_contr
 from pinwm_drake.learning.golden import TOLERANCE, Golden, deviation
 from pinwm_drake.learning.runtime import Network
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.learning.spec import PolicySpec, seen_parts
 
 ONNX_FILE, CONTRACT_FILE, GOLDEN_FILE, PROVENANCE_FILE = "policy.onnx", "contract.yaml", "golden.npz", "provenance.json"
 HASHED = (ONNX_FILE, CONTRACT_FILE, GOLDEN_FILE)
@@ -80,10 +80,7 @@ class Bundle:
             ParameterError: There is no image or pusher in the observation.
             StateError: Their shapes, or the image's type, are others.
         """
-        if not isinstance(observation, Mapping) or not {"image", "pusher"} <= set(observation):
-            given = sorted(observation) if isinstance(observation, Mapping) else type(observation).__name__
-            raise ParameterError(f"observation: got {given}; allowed: a dict with image and pusher")
-        image, pusher = np.asarray(observation["image"]), np.asarray(observation["pusher"], float)
+        image, pusher = seen_parts(observation, "image", "pusher")
         low, high = np.array(self.spec.pusher_low), np.array(self.spec.pusher_high)
         p_WP = 0.5 * (low + high) + 0.5 * (high - low) * pusher
         if image.ndim == 3:

@@ -20,12 +20,12 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn.functional import mse_loss
 
-from pinwm_drake.errors import ParameterError
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.actors import POSE_SIZE, ImageActor
 from pinwm_drake.learning.augment import Augment
 from pinwm_drake.learning.frames import Chunk, Frames
 from pinwm_drake.learning.memory import pack, unpack
+from pinwm_drake.learning.options import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
 from pinwm_drake.learning.rounds import EVALUATION_SEED, OnRound, Rounds
@@ -70,10 +70,7 @@ class DistilOptions:
 
     def __post_init__(self) -> None:
         """Checks the values."""
-        for name, value in asdict(self).items():
-            least = 0 if name in ("pose_weight", "noise", "shift", "gain") else 1e-9
-            if not (math.isfinite(value) and value >= least):
-                raise ParameterError(f"{name}: got {value}; allowed: {'0 or more' if least == 0 else 'more than 0'}")
+        check_options(self, dict.fromkeys(("pose_weight", "noise", "shift", "gain"), 0.0))
 
 
 def train_distil(

@@ -1,4 +1,4 @@
-"""Networks and their optimizers as plain arrays, for checkpoints without pickles."""
+"""Networks and their optimizers as plain arrays, for files without pickles."""
 
 from collections.abc import Mapping
 
@@ -9,9 +9,26 @@ from torch import nn
 from pinwm_drake.errors import ParameterError
 
 
+def weights(network: nn.Module) -> dict[str, np.ndarray]:
+    """All numbers of a network, copied."""
+    return {name: value.detach().cpu().numpy().copy() for name, value in network.state_dict().items()}
+
+
+def set_weights(network: nn.Module, arrays: Mapping[str, np.ndarray]) -> None:
+    """Puts what `weights` gave back.
+
+    Raises:
+        ParameterError: They are not of this network.
+    """
+    try:
+        network.load_state_dict({name: torch.from_numpy(value) for name, value in arrays.items()})
+    except (RuntimeError, TypeError) as error:
+        raise _not_of_this(error) from error
+
+
 def pack(network: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str, np.ndarray]:
     """All that both hold, copied: `net.NAME` and `adam.NUMBER.NAME`."""
-    arrays = {f"net.{name}": value.detach().cpu().numpy().copy() for name, value in network.state_dict().items()}
+    arrays = {f"net.{name}": value for name, value in weights(network).items()}
     for number, values in optimizer.state_dict()["state"].items():
         for name, value in values.items():
             arrays[f"adam.{number}.{name}"] = torch.as_tensor(value).cpu().numpy().copy()
@@ -24,16 +41,17 @@ def unpack(arrays: Mapping[str, np.ndarray], network: nn.Module, optimizer: torc
     Raises:
         ParameterError: They are not of this network.
     """
-    net = {name.removeprefix("net."): torch.from_numpy(a) for name, a in arrays.items() if name.startswith("net.")}
+    set_weights(network, {name.removeprefix("net."): a for name, a in arrays.items() if name.startswith("net.")})
     state: dict[int, dict[str, torch.Tensor]] = {}
     for name, array in arrays.items():
         if name.startswith("adam."):
             _, number, key = name.split(".")
             state.setdefault(int(number), {})[key] = torch.from_numpy(array)
     try:
-        network.load_state_dict(net)
         optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
-    except (RuntimeError, ValueError, KeyError) as error:
-        raise ParameterError(
-            f"checkpoint: {' '.join(str(error).split())[:300]}; allowed: that of this network"
-        ) from error
+    except (ValueError, KeyError) as error:
+        raise _not_of_this(error) from error
+
+
+def _not_of_this(error: Exception) -> ParameterError:
+    return ParameterError(f"weights: {' '.join(str(error).split())[:300]}; allowed: those of this network")

@@ -1,7 +1,6 @@
 """A policy: a network with its specification, on disk as a folder of YAML and npz."""
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,8 @@ from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.actors import ImageActor, StateActor
-from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.learning.memory import set_weights, weights
+from pinwm_drake.learning.spec import PolicySpec, seen_parts
 
 POLICY_FILE, WEIGHTS_FILE = "policy.yaml", "weights.npz"
 _VERSION = 1
@@ -46,18 +46,22 @@ class Policy:
             state: Not used.
             episode_start: Not used.
             deterministic: Not used: it always is.
+
+        Raises:
+            ParameterError: What the policy sees is not in the observation.
         """
         with torch.inference_mode():
             if self.spec.observes == "state":
-                seen = observation["state"] if isinstance(observation, Mapping) else observation
+                seen = observation if isinstance(observation, np.ndarray) else seen_parts(observation, "state")[0]
                 rows = np.asarray(seen, np.float32)
                 actions = self.actor(torch.from_numpy(np.atleast_2d(rows)))
                 single = rows.ndim == 1
             else:
-                image, pusher = np.asarray(observation["image"]), np.asarray(observation["pusher"], np.float32)
+                image, pusher = seen_parts(observation, "image", "pusher")
                 single = image.ndim == 3
                 actions = self.actor(
-                    torch.from_numpy(image[None] if single else image), torch.from_numpy(np.atleast_2d(pusher))
+                    torch.from_numpy(image[None] if single else image),
+                    torch.from_numpy(np.atleast_2d(pusher.astype(np.float32))),
                 )
         values = np.clip(actions.numpy(), -1.0, 1.0)
         return (values[0] if single else values), None
@@ -71,9 +75,9 @@ def make_actor(spec: PolicySpec) -> nn.Module:
 def weights_digest(policy: Policy) -> str:
     """SHA-256 of the weights, which tells policies apart."""
     digest = hashlib.sha256()
-    for name, value in sorted(policy.actor.state_dict().items()):
+    for name, value in sorted(weights(policy.actor).items()):
         digest.update(name.encode())
-        digest.update(value.detach().cpu().numpy().tobytes())
+        digest.update(value.tobytes())
     return digest.hexdigest()
 
 
@@ -88,8 +92,7 @@ def write_policy(folder: Path, policy: Policy) -> None:
         InputError: A file cannot be written.
     """
     prepare_folder(folder)
-    arrays = {name: value.detach().cpu().numpy() for name, value in policy.actor.state_dict().items()}
-    write_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, arrays)
+    write_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, weights(policy.actor))
     document = {"schema_version": _VERSION, "spec": policy.spec.to_document(), "provenance": policy.provenance}
     with replacing(folder / POLICY_FILE) as path:
         path.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
@@ -117,11 +120,8 @@ def read_policy(folder: Path) -> Policy:
         raise InputError(folder / WEIGHTS_FILE, value="no such file", allowed="the weights beside policy.yaml")
     actor = make_actor(spec)
     try:
-        actor.load_state_dict({name: torch.from_numpy(value) for name, value in arrays.items()})
-    except (RuntimeError, TypeError) as error:
-        message = " ".join(str(error).split())[:300]
-        raise InputError(
-            folder / WEIGHTS_FILE, value=message, allowed="weights of the network in policy.yaml"
-        ) from error
+        set_weights(actor, arrays)
+    except ParameterError as error:
+        raise InputError(folder / WEIGHTS_FILE, value=error, allowed="weights of the network in policy.yaml") from error
     actor.eval()
     return Policy(spec, actor, dict(document.get("provenance") or {}))

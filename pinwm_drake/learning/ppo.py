@@ -10,11 +10,11 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
-from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.actor_critic import ActorCritic, Ppo
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.augment import Augment
 from pinwm_drake.learning.memory import pack, unpack
+from pinwm_drake.learning.options import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
 from pinwm_drake.learning.rounds import EVALUATION_SEED, OnRound, Rounds
@@ -78,11 +78,8 @@ class PpoOptions:
 
     def __post_init__(self) -> None:
         """Checks the values."""
-        for name, value in asdict(self).items():
-            least = {"log_std": -math.inf, "last_log_std": -math.inf, "shift": 0, "gain": 0, "hold": 0}.get(name, 1e-12)
-            if not (math.isfinite(value) and value >= least):
-                allowed = "0 or more" if least == 0 else "more than 0" if least > 0 else "a finite number"
-                raise ParameterError(f"{name}: got {value}; allowed: {allowed}")
+        any_number = dict.fromkeys(("log_std", "last_log_std"), -math.inf)
+        check_options(self, {**any_number, **dict.fromkeys(("shift", "gain", "hold"), 0.0)})
 
 
 def train_ppo(

@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
@@ -23,6 +22,7 @@ from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.evaluation import Evaluation
+from pinwm_drake.learning.memory import set_weights, weights
 from pinwm_drake.learning.policy import make_actor
 from pinwm_drake.learning.progress import Step
 from pinwm_drake.learning.spec import PolicySpec
@@ -150,7 +150,7 @@ class Rounds:
         length = float(found.steps(successful=True).mean()) if found.successes else math.nan
         done = Round(self.number, self.steps + steps, found.success_rate, length, loss, seconds)
         if before is None or done.rank > before.rank:
-            self._weights = {name: value.detach().numpy().copy() for name, value in actor.state_dict().items()}
+            self._weights = weights(actor)
         self.history.append(done)
         rows = np.array([list(asdict(one).values()) for one in self.history], float)
         best = {f"{_BEST}{name}": value for name, value in self._weights.items()}
@@ -166,7 +166,7 @@ class Rounds:
         if not self._weights:
             raise ParameterError(f"{self.stage}: got no round; allowed: 1 or more")
         actor = make_actor(spec)
-        actor.load_state_dict({name: torch.from_numpy(value) for name, value in self._weights.items()})
+        set_weights(actor, self._weights)
         return actor.eval()
 
     def told(self, total: int) -> Step:

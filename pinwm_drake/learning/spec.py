@@ -1,6 +1,7 @@
 """What a policy sees and does, as plain numbers: without these a network's inputs and outputs mean nothing."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
@@ -139,3 +140,15 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _plain(item) for name, item in value.items()}
     return [float(item) for item in value] if isinstance(value, tuple) else value
+
+
+def seen_parts(observation: Any, *names: str) -> list[np.ndarray]:
+    """Entries of an observation, by name.
+
+    Raises:
+        ParameterError: It has not got them.
+    """
+    if not isinstance(observation, Mapping) or not set(names) <= set(observation):
+        given = sorted(observation) if isinstance(observation, Mapping) else type(observation).__name__
+        raise ParameterError(f"observation: got {given}; allowed: a dict with {' and '.join(names)}")
+    return [np.asarray(observation[name]) for name in names]

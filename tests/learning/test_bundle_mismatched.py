@@ -1,5 +1,4 @@
 import io
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,23 +8,7 @@ import pytest
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.learning.bundle import GOLDEN_FILE, ONNX_FILE, read_bundle
-from tests.learning.bundles import exported, image_spec, refused, rehash, untrained_policy
-
-SPEC = image_spec(16, 1)
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> Path:
-    return exported(tmp_path_factory.mktemp("bundle") / "bundle", untrained_policy(SPEC))
-
-
-@pytest.fixture
-def folder(whole, tmp_path) -> Path:
-    """A copy, to be spoiled; it is in order as it is, so that what is refused is what the test changed."""
-    copy = tmp_path / "bundle"
-    shutil.copytree(whole, copy)
-    read_bundle(copy)
-    return copy
+from tests.learning.bundles import refused, rehash
 
 
 def rewrite_arrays(path: Path, change: Callable[[dict], object]) -> None:

@@ -1,6 +1,5 @@
 import json
 import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,24 +8,9 @@ import yaml
 
 from pinwm_drake.learning.bundle import CONTRACT_FILE, HASHED, ONNX_FILE, PROVENANCE_FILE, read_bundle
 from pinwm_drake.learning.policy import write_policy
-from tests.learning.bundles import exported, image_spec, refused, rehash, untrained_policy
+from tests.learning.bundles import image_spec, refused, rehash, untrained_policy
 
-SPEC = image_spec(16, 1)
 FILES = (*HASHED, PROVENANCE_FILE)
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> Path:
-    return exported(tmp_path_factory.mktemp("bundle") / "bundle", untrained_policy(SPEC))
-
-
-@pytest.fixture
-def folder(whole, tmp_path) -> Path:
-    """A copy, to be spoiled; it is in order as it is, so that what is refused is what the test changed."""
-    copy = tmp_path / "bundle"
-    shutil.copytree(whole, copy)
-    read_bundle(copy)
-    return copy
 
 
 def rewrite(path: Path, change: Callable[[dict], object]) -> None:
@@ -173,5 +157,5 @@ def test_no_bundle_at_all(tmp_path):
     assert refused(tmp_path, None) == f": got none there{as_written}"
     (tmp_path / "file").write_text("")
     assert refused(tmp_path / "file", None) == f": got none there{as_written}"
-    write_policy(tmp_path / "policy", untrained_policy(SPEC))
+    write_policy(tmp_path / "policy", untrained_policy(image_spec(16, 1)))
     assert refused(tmp_path / "policy", None) == f": got a policy{as_written}"

@@ -40,6 +40,16 @@ def test_actions_are_cut_to_what_is_allowed(policy):
     assert policy.predict(env.reset())[0].max() == 1.0
 
 
+def test_an_observation_without_what_a_policy_sees_is_refused(policy):
+    with pytest.raises(ParameterError, match=r"observation: got \['pusher'\]; allowed: a dict with image and pusher"):
+        policy.predict({"pusher": np.zeros(2, np.float32)})
+    with pytest.raises(ParameterError, match="observation: got ndarray"):
+        policy.predict(np.zeros(11, np.float32))
+    spec = toy_spec("state")
+    with pytest.raises(ParameterError, match=r"\['image'\]; allowed: a dict with state"):
+        Policy(spec, make_actor(spec)).predict({"image": 0})
+
+
 def test_a_policy_of_the_state_takes_the_state_alone_or_among_others():
     spec = toy_spec("state")
     policy = Policy(spec, make_actor(spec))
