@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 from pinwm_drake.systems.push_choice import upright_shape
 from pinwm_drake.systems.push_mpc_outline import Outline, slice_outline
+from pinwm_drake.systems.push_task import turn_from
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.twin_model import twin_solid
 from pydrake.common.eigen_geometry import Quaternion
@@ -32,7 +33,7 @@ class PlanarBody:
     Attributes:
         outline: At the height of the pusher, frame B.
         p_OB: (2,) m, the centre of mass seen from the origin of the mesh, axes of B.
-        q_OL: (4,) wxyz, inverse of how the object lies at yaw 0.
+        q_WO: (4,) wxyz, how the object lies at yaw 0.
         radius: m, of the pusher.
         turning: I/m about z, m^2.
         lever: m, the mean distance of the floor's pressure from the centre of mass.
@@ -44,7 +45,7 @@ class PlanarBody:
 
     outline: Outline
     p_OB: np.ndarray
-    q_OL: np.ndarray
+    q_WO: np.ndarray
     radius: float
     turning: float
     lever: float
@@ -60,9 +61,7 @@ class PlanarBody:
 
     def planar(self, object_state: np.ndarray) -> np.ndarray:
         """The planar state (6) of an object's state (13) as the station's port has it."""
-        w, x, y, z = object_state[:4]
-        a, b, c, d = self.q_OL
-        yaw = 2.0 * math.atan2(w * d + x * c - y * b + z * a, w * a - x * b - y * c - z * d)
+        yaw = float(turn_from(self.q_WO, object_state[:4]))
         offset = rotated(self.p_OB, yaw)
         turn = float(object_state[9])
         v = object_state[10:12] + turn * np.array([-offset[1], offset[0]])
@@ -94,7 +93,7 @@ def planar_body(setup: Setup) -> PlanarBody:
     return PlanarBody(
         outline=Outline(outline.corners - p_OB[:2]),
         p_OB=p_OB[:2],
-        q_OL=q_WO * [1.0, -1.0, -1.0, -1.0],
+        q_WO=q_WO,
         radius=float(upright_shape(twin.pusher).radius),
         turning=inertia / solid.mass,
         lever=float(np.hypot(*face.T).mean()),

@@ -7,12 +7,11 @@ import numpy as np
 from pinwm_drake.systems.push_mpc_model import planar_body, rotated
 from pinwm_drake.systems.push_mpc_plan import Plan, PushPlanner
 from pinwm_drake.systems.push_observation import LENGTH, SPEED, STATE_SIZE, TURN
+from pinwm_drake.systems.push_setup import longest_translation
 from pinwm_drake.systems.push_task import PushTask
 from pinwm_drake.systems.setup import Setup
 
 from pinwm_drake.errors import ParameterError
-
-_SHARE = 1e-9  # of the longest translation, by which rounding may exceed it
 
 
 def make_planner(setup: Setup, task: PushTask, max_translation: float | None = None) -> PushPlanner:
@@ -29,10 +28,7 @@ def make_planner(setup: Setup, task: PushTask, max_translation: float | None = N
             otherwise, or it has no side that the pusher can reach.
     """
     pusher, start = setup.scenario.pusher, setup.scenario.start
-    longest = pusher.horizon * pusher.max_speed
-    length = longest if max_translation is None else float(max_translation)
-    if not 0 < length <= longest * (1 + _SHARE):
-        raise ParameterError(f"max_translation: got {length:g} m; allowed: more than 0, at most {longest:g} m")
+    length = longest_translation(setup, max_translation)
     lying, wanted = (np.asarray(q, float) / np.linalg.norm(q) for q in (start.q_WO, task.q_WO))
     if abs(float(lying @ wanted)) < 1.0 - 1e-6:
         raise ParameterError(f"q_WO of the task: got {list(task.q_WO)}; allowed: {list(start.q_WO)}, as in the scene")

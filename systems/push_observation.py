@@ -5,7 +5,7 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 from gymnasium import spaces
-from pinwm_drake.systems.push_task import PushTask
+from pinwm_drake.systems.push_task import PushTask, turn_from
 from pinwm_drake.systems.setup import Setup
 
 from pinwm_drake.errors import ParameterError
@@ -56,8 +56,7 @@ class PushObserver:
         if frames < 1:
             raise ParameterError(f"frames: got {frames}; allowed: 1 or more")
         self.kind, self._goal = kind, np.array(task.goal)
-        lying = task.q_WO / np.linalg.norm(task.q_WO)
-        self._lying = lying * [1.0, -1.0, -1.0, -1.0]
+        self._q_WO = np.array(task.q_WO)
         pusher = setup.scenario.pusher
         low, high = np.array(pusher.low[:2]), np.array(pusher.high[:2])
         self._middle, self._half = 0.5 * (low + high), 0.5 * (high - low)
@@ -109,7 +108,7 @@ class PushObserver:
     def state(self, object_state: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
         """`state` (m, 11) of m worlds."""
         values = np.empty((len(object_state), STATE_SIZE))
-        yaw = _yaw(object_state[:, :4], self._lying)
+        yaw = turn_from(self._q_WO, object_state[:, :4])
         turn = yaw - self._goal[2]
         p_WO = object_state[:, 4:6]
         values[:, 0:2] = _turned(p_WO - self._goal[:2], self._goal[2]) / LENGTH
@@ -127,15 +126,6 @@ def _without_alpha(images: np.ndarray) -> np.ndarray:
     rows = np.ascontiguousarray(images).reshape(W * height, width, 4)
     rgb: np.ndarray = cv2.cvtColor(rows, cv2.COLOR_RGBA2RGB).reshape(W, height, width, 3)
     return rgb
-
-
-def _yaw(q_WO: np.ndarray, inverse_lying: np.ndarray) -> np.ndarray:
-    """(W,) rad: the turn about z in q_WO (W, 4) after the lying orientation, whose inverse is given."""
-    w, x, y, z = q_WO.T
-    a, b, c, d = inverse_lying
-    # Of the product q_WO lying^-1, the part that turns about z.
-    yaw: np.ndarray = 2.0 * np.arctan2(w * d + x * c - y * b + z * a, w * a - x * b - y * c - z * d)
-    return yaw
 
 
 def _turned(vectors: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import numpy as np
 from pinwm_drake.systems.cousin_contexts import SetCousin
+from pinwm_drake.systems.push_setup import longest_translation
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.start import Place
 from pinwm_drake.systems.station import MakePushStation
@@ -9,7 +10,7 @@ from pinwm_drake.systems.world_model import WorldModel
 from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.cousins import Cousin
-from pinwm_drake.errors import ParameterError, SolverError
+from pinwm_drake.errors import SolverError
 
 FAILURES = (SolverError, RuntimeError)  # of the twin, and of Drake's plants
 
@@ -34,12 +35,7 @@ class PushRun:
         Raises:
             ParameterError: The translation is not positive, or longer than the pusher's speed allows.
         """
-        pusher = setup.scenario.pusher
-        longest = pusher.horizon * pusher.max_speed
-        self.max_translation = longest if max_translation is None else max_translation
-        if not 0 < self.max_translation <= longest * (1 + 1e-9):
-            allowed = f"more than 0, at most {longest:g} m, as horizon and max_speed of the pusher say"
-            raise ParameterError(f"max_translation: got {max_translation}; allowed: {allowed}")
+        self.max_translation = longest_translation(setup, max_translation)
         self.setup, self.num_worlds = setup, setup.scenario.num_worlds
         self.station = MakePushStation(setup, engine, command="translation")
         self._simulator = Simulator(self.station)

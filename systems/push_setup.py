@@ -14,10 +14,12 @@ from pinwm_drake.systems.scenario import Scenario, load_scenario
 from pinwm_drake.systems.scenario_names import scenario_path
 from pinwm_drake.systems.setup import Setup, make_setup
 
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.rendering.camera import Camera
 
 Scene: TypeAlias = Scenario | Setup | str | Path
 _USUAL = "push_t"
+_ROUNDING = 1e-9  # by which it may exceed what is allowed, relative
 
 
 def environment_setup(
@@ -67,6 +69,26 @@ def with_start_yaw(setup: Setup, yaw: float, goal_yaw: float = 0.0) -> Setup:
     """A scene whose object is turned at the start by `yaw` [rad] from the goal at most, either way."""
     start = dataclasses.replace(setup.scenario.start, yaw=[goal_yaw - yaw, goal_yaw + yaw])
     return dataclasses.replace(setup, scenario=dataclasses.replace(setup.scenario, start=start))
+
+
+def longest_translation(setup: Setup, wanted: float | None) -> float:
+    """m, of the pusher in an action.
+
+    Args:
+        setup: The scene.
+        wanted: m; None for what the pusher's speed allows.
+
+    Raises:
+        ParameterError: It is not positive, or longer than the pusher's speed allows.
+    """
+    pusher = setup.scenario.pusher
+    longest = pusher.horizon * pusher.max_speed
+    if wanted is None:
+        return longest
+    if not 0 < wanted <= longest * (1 + _ROUNDING):
+        allowed = f"more than 0, at most {longest:g} m, as horizon and max_speed of the pusher say"
+        raise ParameterError(f"max_translation: got {wanted} m; allowed: {allowed}")
+    return float(wanted)
 
 
 def scene_hash(setup: Setup) -> str:

@@ -124,6 +124,20 @@ class PushTask:
         return gain
 
 
+def turn_from(q_WO: np.ndarray, q_WB: np.ndarray) -> np.ndarray:
+    """The turn about z [rad] that leads from an orientation to others, as far as one does.
+
+    Args:
+        q_WO: (4,) wxyz, not zero.
+        q_WB: (..., 4) wxyz.
+    """
+    w, x, y, z = np.moveaxis(q_WB, -1, 0)
+    a, b, c, d = q_WO
+    # Of the product q_WB q_WO^-1, the part that turns about z.
+    turn: np.ndarray = 2.0 * np.arctan2(z * a - w * d - x * c + y * b, w * a + x * b + y * c + z * d)
+    return turn
+
+
 def _lengths(vectors: np.ndarray) -> np.ndarray:
     """(W,) of vectors (W, n); numpy's norm takes three times as long for so few."""
     lengths: np.ndarray = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))

@@ -60,7 +60,7 @@ class ActorCritic(ActorCriticPolicy):
         lr_schedule: Any,
         *,
         actor: nn.Module,
-        from_scratch: bool = True,
+        log_std: float = 0.0,
         critic_width: int = 256,
         use_sde: bool = False,
         **unused: Any,
@@ -71,8 +71,8 @@ class ActorCritic(ActorCriticPolicy):
             observation_space: Of the worlds.
             action_space: Of the worlds.
             lr_schedule: Of Adam.
-            actor: The network; trained in place.
-            from_scratch: Whether the actor's weights are drawn anew (orthogonal); otherwise they are kept.
+            actor: The network; trained in place, from weights that are drawn anew (orthogonal).
+            log_std: Natural logarithm of the actions' standard deviation at first; it is learned.
             critic_width: Of the critic's hidden layers.
             use_sde: Whether noise is a function of the state that stays for some actions, and not drawn anew in each.
             unused: What PPO passes to every policy.
@@ -80,7 +80,9 @@ class ActorCritic(ActorCriticPolicy):
         # In a list, as nn.Module takes no module before it is initialised.
         self._given: list[Any] = [actor]
         self._width = critic_width
-        kept = {name: value.clone() for name, value in actor.state_dict().items()}
+        # With noise that is a function of the last hidden layer the variances of its entries, whose mean square is a
+        # half with tanh, about, add up.
+        share = 0.5 * math.log(0.5 * self._given[0].latent_size) if use_sde else 0.0
         # SB3's initial values need weights that lie as they are numbered.
         self._given[0].to(memory_format=torch.contiguous_format)
         super().__init__(
@@ -90,26 +92,13 @@ class ActorCritic(ActorCriticPolicy):
             features_extractor_class=_AsSeen,
             normalize_images=False,
             use_sde=use_sde,
+            log_std_init=log_std - share,
         )
         self._actor.to(memory_format=torch.channels_last)
-        if from_scratch:
-            self.pull()
-        else:
-            actor.load_state_dict(kept)
-            head: Any = self.action_net
-            head.load_state_dict(self._actor.head.state_dict())
+        self.pull()
 
     def _build_mlp_extractor(self) -> None:
         self.mlp_extractor = _Latents(self._given[0], self._width)  # type: ignore[assignment]
-
-    def set_noise(self, log_std: float) -> None:
-        """Sets the natural logarithm of the actions' standard deviation, which is not learned.
-
-        With state-dependent noise it is that of latents whose mean square is a half, as it is about with tanh.
-        """
-        spread: Any = self.log_std
-        share = 0.5 * math.log(0.5 * len(spread)) if self.use_sde else 0.0
-        spread.requires_grad_(False).fill_(log_std - share)
 
     @property
     def _actor(self) -> Any:

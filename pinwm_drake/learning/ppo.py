@@ -8,7 +8,6 @@ from pathlib import Path
 
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
-from torch import nn
 
 from pinwm_drake.learning.actor_critic import ActorCritic, Ppo
 from pinwm_drake.learning.actors import ImageActor
@@ -41,10 +40,7 @@ class PpoOptions:
         clip_range: Of PPO's ratio.
         shift: px, by which images are moved at random while they are learned from, at most.
         gain: Relative half-width of the random factors of their colours.
-        log_std: Natural logarithm of the actions' standard deviation at first.
-        last_log_std: The same at the end; it changes evenly. A policy that is to act without noise has to have been
-            trained with little of it: otherwise it leaves to chance what it is to do where two ways are as good, and
-            without chance it stands still there.
+        log_std: Natural logarithm of the actions' standard deviation at first; it is learned.
         hold: Actions for which exploration stays the same function of the state (gSDE); 0 for noise that is drawn
             anew in each. How to go around an object is not found out in one action.
         episodes: Of an evaluation.
@@ -66,7 +62,6 @@ class PpoOptions:
     shift: int = 0
     gain: float = 0.0
     log_std: float = -0.3
-    last_log_std: float = -2.5
     hold: int = 8
     episodes: int = 128
 
@@ -78,8 +73,7 @@ class PpoOptions:
 
     def __post_init__(self) -> None:
         """Checks the values."""
-        any_number = dict.fromkeys(("log_std", "last_log_std"), -math.inf)
-        check_options(self, {**any_number, **dict.fromkeys(("shift", "gain", "hold"), 0.0)})
+        check_options(self, {"log_std": -math.inf, **dict.fromkeys(("shift", "gain", "hold"), 0.0)})
 
 
 def train_ppo(
@@ -90,13 +84,12 @@ def train_ppo(
     *,
     stage: str,
     seed: int = 0,
-    actor: nn.Module | None = None,
     about: Mapping[str, object] | None = None,
     on_round: OnRound | None = None,
     resume: bool = False,
     report: Report = silent,
 ) -> Policy:
-    """Trains a policy, and keeps the best by its evaluations in `folder/best`.
+    """Trains a policy; the best by its evaluations is kept in the checkpoint.
 
     Args:
         env: Worlds; observation "state" for a policy of the state, "rgb_state" for one of images: the critic sees the
@@ -106,7 +99,6 @@ def train_ppo(
         options: Of PPO.
         stage: What progress and messages call it.
         seed: 0 or more.
-        actor: To begin with; None for one of random weights.
         about: What the worlds are, as JSON takes it: a checkpoint with another one is refused.
         on_round: Called with a seed before worlds are reset at the beginning of a round, to draw new cousins.
         resume: Whether to go on from a checkpoint.
@@ -120,7 +112,7 @@ def train_ppo(
     """
     told = {"options": asdict(options), "seed": seed, "spec": spec.to_document(), "worlds": env.num_envs}
     rounds = Rounds(folder, stage, {**told, **(about or {})}, seed, resume=resume)
-    model = _model(env, spec, actor, options, seed)
+    model = _model(env, spec, options, seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     if rounds.number:
         unpack(rounds.arrays, model.policy, model.policy.optimizer)
@@ -131,32 +123,27 @@ def train_ppo(
         rounds.begin(env, on_round)
         left = 1.0 - rounds.number / total
         rate = options.learning_rate * (options.last_share + (1.0 - options.last_share) * left)
-        _policy(model).set_noise(options.last_log_std + (options.log_std - options.last_log_std) * left)
         model.lr_schedule = partial(_constant, rate)
         model._last_obs = None  # So that SB3 resets the worlds.
         model.num_timesteps = rounds.steps
         model.learn(size, reset_num_timesteps=False, log_interval=_NEVER)
         loss = float(model.logger.name_to_value.get("train/value_loss", math.nan))
-        now = _policy(model).pull().eval()
+        assert isinstance(model.policy, ActorCritic)
+        now = model.policy.pull().eval()
         found = evaluate_worlds(env, Policy(spec, now), options.episodes, seed=EVALUATION_SEED)
         rounds.end(pack(model.policy, model.policy.optimizer), now, found, steps=size, loss=loss, logger=model.logger)
         report(rounds.told(total))
     return Policy(spec, rounds.best_actor(spec))
 
 
-def _policy(model: Ppo) -> ActorCritic:
-    assert isinstance(model.policy, ActorCritic)
-    return model.policy
-
-
 def _constant(rate: float, _: float) -> float:
     return rate
 
 
-def _model(env: VecEnv, spec: PolicySpec, actor: nn.Module | None, options: PpoOptions, seed: int) -> Ppo:
-    given = make_actor(spec) if actor is None else actor
-    if isinstance(given, ImageActor):
-        given.augment = Augment(options.shift, options.gain)
+def _model(env: VecEnv, spec: PolicySpec, options: PpoOptions, seed: int) -> Ppo:
+    actor = make_actor(spec)
+    if isinstance(actor, ImageActor):
+        actor.augment = Augment(options.shift, options.gain)
     return Ppo(
         ActorCritic,
         env,
@@ -171,5 +158,5 @@ def _model(env: VecEnv, spec: PolicySpec, actor: nn.Module | None, options: PpoO
         sde_sample_freq=options.hold if options.hold > 0 else -1,
         seed=seed,
         device="cpu",
-        policy_kwargs={"actor": given, "from_scratch": actor is None},
+        policy_kwargs={"actor": actor, "log_std": options.log_std},
     )
