@@ -1,19 +1,20 @@
 """An actor and a critic as SB3's PPO wants them; the critic may see more than the actor."""
 
-import math
 from collections.abc import Mapping
 from typing import Any, cast
 
+import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import GymEnv
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor, nn
 
-from pinwm_drake.learning.actors import STATE_SIZE, Seen
+from pinwm_drake.learning.actors import ACTION_SIZE, LEVELS, STATE_SIZE, Seen
 
 
 class _AsSeen(BaseFeaturesExtractor):
@@ -48,7 +49,7 @@ class _Latents(nn.Module):
 
 
 class ActorCritic(ActorCriticPolicy):
-    """`StateActor` or `ImageActor` with a Gaussian around its action, and a critic of the state.
+    """`StateActor` or `ImageActor`, whose actions are drawn by their logits, and a critic of the state.
 
     Source: Pinto et al., "Asymmetric actor critic for image-based robot learning" (RSS 2018), for images.
     """
@@ -60,29 +61,22 @@ class ActorCritic(ActorCriticPolicy):
         lr_schedule: Any,
         *,
         actor: nn.Module,
-        log_std: float = 0.0,
         critic_width: int = 256,
-        use_sde: bool = False,
         **unused: Any,
     ) -> None:
         """Takes over an actor.
 
         Args:
             observation_space: Of the worlds.
-            action_space: Of the worlds.
+            action_space: `ByLevels.action_space`.
             lr_schedule: Of Adam.
             actor: The network; trained in place, from weights that are drawn anew (orthogonal).
-            log_std: Natural logarithm of the actions' standard deviation at first; it is learned.
             critic_width: Of the critic's hidden layers.
-            use_sde: Whether noise is a function of the state that stays for some actions, and not drawn anew in each.
             unused: What PPO passes to every policy.
         """
         # In a list, as nn.Module takes no module before it is initialised.
         self._given: list[Any] = [actor]
         self._width = critic_width
-        # With noise that is a function of the last hidden layer the variances of its entries, whose mean square is a
-        # half with tanh, about, add up.
-        share = 0.5 * math.log(0.5 * self._given[0].latent_size) if use_sde else 0.0
         # SB3's initial values need weights that lie as they are numbered.
         self._given[0].to(memory_format=torch.contiguous_format)
         super().__init__(
@@ -91,8 +85,6 @@ class ActorCritic(ActorCriticPolicy):
             lr_schedule,
             features_extractor_class=_AsSeen,
             normalize_images=False,
-            use_sde=use_sde,
-            log_std_init=log_std - share,
         )
         self._actor.to(memory_format=torch.channels_last)
         self.pull()
@@ -111,10 +103,31 @@ class ActorCritic(ActorCriticPolicy):
         return self._actor
 
 
+class ByLevels(VecEnvWrapper):
+    """Worlds that take the index of a level for each component of an action."""
+
+    def __init__(self, env: VecEnv) -> None:
+        """Takes the worlds."""
+        super().__init__(env, action_space=spaces.MultiDiscrete([len(LEVELS)] * ACTION_SIZE))
+        self._levels = np.array(LEVELS, np.float32)
+
+    def reset(self) -> Any:
+        """Begins anew."""
+        return self.venv.reset()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Goes on by an action, of indices (W, 2)."""
+        self.venv.step_async(self._levels[actions])
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """What came of it."""
+        return self.venv.step_wait()
+
+
 class Ppo(PPO):
-    """SB3's PPO, which leaves images as they come: `ImageActor` takes them with the channels last."""
+    """SB3's PPO with actions by levels; images stay as they come: `ImageActor` takes them with the channels last."""
 
     @staticmethod
     def _wrap_env(env: GymEnv, verbose: int = 0, monitor_wrapper: bool = True) -> VecEnv:
-        """The worlds themselves."""
-        return cast(VecEnv, env)
+        """The worlds, by levels."""
+        return ByLevels(cast(VecEnv, env))

@@ -1,4 +1,10 @@
-"""Networks of policies: from what is seen to an action in [-1, 1]^2."""
+"""Networks of policies: from what is seen to an action in [-1, 1]^2.
+
+Each component of an action is one of a few levels, of which the likeliest is taken. A network that gave numbers would
+give the mean of two good ways around an object, which is none, and stand still there.
+
+Source: Tang and Agrawal, "Discretizing continuous action space for on-policy optimization" (AAAI 2020).
+"""
 
 from collections.abc import Callable, Mapping
 
@@ -6,7 +12,20 @@ import torch
 from torch import Tensor, nn
 
 STATE_SIZE, ACTION_SIZE, POSE_SIZE = 11, 2, 4
+LEVELS = tuple(k / 3.0 for k in range(-3, 4))
 Seen = Tensor | Mapping[str, Tensor]
+
+
+def chosen(logits: Tensor) -> Tensor:
+    """Actions (B, 2), the likeliest levels of logits (B, 2, len(LEVELS)); not a number where logits are none."""
+    levels = torch.tensor(LEVELS, device=logits.device)[logits.argmax(-1)]
+    return torch.where(logits.isnan().any(-1), torch.nan, levels)
+
+
+def nearest_levels(actions: Tensor) -> Tensor:
+    """Indices (B, 2) of the levels that are nearest to actions (B, 2)."""
+    gaps: Tensor = (actions[..., None] - torch.tensor(LEVELS, device=actions.device)).abs()
+    return gaps.argmin(-1)
 
 
 class StateActor(nn.Module):
@@ -14,7 +33,7 @@ class StateActor(nn.Module):
 
     Attributes:
         latent_size: Width of the last hidden layer.
-        head: From there to the action.
+        head: From there to the logits of the action's levels, those of the first component first.
     """
 
     def __init__(self, width: int = 256) -> None:
@@ -22,7 +41,7 @@ class StateActor(nn.Module):
         super().__init__()
         self.latent_size = width
         self.body = nn.Sequential(nn.Linear(STATE_SIZE, width), nn.Tanh(), nn.Linear(width, width), nn.Tanh())
-        self.head = nn.Linear(width, ACTION_SIZE)
+        self.head = nn.Linear(width, ACTION_SIZE * len(LEVELS))
 
     def latent(self, seen: Seen) -> Tensor:
         """(B, latent_size) of an observation: the state, or a dict with `state`."""
@@ -30,10 +49,14 @@ class StateActor(nn.Module):
         latent: Tensor = self.body(state)
         return latent
 
+    def logits(self, seen: Seen) -> Tensor:
+        """(B, 2, len(LEVELS)) of an observation."""
+        logits: Tensor = self.head(self.latent(seen)).unflatten(1, (ACTION_SIZE, -1))
+        return logits
+
     def forward(self, state: Tensor) -> Tensor:
-        """Actions (B, 2) of states (B, 11) float32; not yet cut to [-1, 1]."""
-        actions: Tensor = self.head(self.latent(state))
-        return actions
+        """Actions (B, 2) of states (B, 11) float32."""
+        return chosen(self.logits(state))
 
 
 class ImageEncoder(nn.Module):
@@ -73,7 +96,7 @@ class ImageActor(nn.Module):
 
     Attributes:
         latent_size: Width of the last hidden layer.
-        head: From there to the action.
+        head: From there to the logits of the action's levels, those of the first component first.
         pose: From the images' features to x, y [0.1 m], cos and sin of the yaw from the goal: asked for in training, so
             that the features tell where the object is.
         augment: Changes images (B, channels, height, width), 0 for white, at random while `training`; None for nothing.
@@ -88,7 +111,7 @@ class ImageActor(nn.Module):
         self.body = nn.Sequential(
             nn.Linear(features + 2, features), nn.ReLU(), nn.Linear(features, features), nn.ReLU()
         )
-        self.head = nn.Linear(features, ACTION_SIZE)
+        self.head = nn.Linear(features, ACTION_SIZE * len(LEVELS))
         self.pose = nn.Linear(features, POSE_SIZE)
         # As images come; convolutions take two thirds of the time with it.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # its stub lacks that
@@ -111,22 +134,27 @@ class ImageActor(nn.Module):
         latent: Tensor = self.body(torch.cat([self.encoder(dark), seen["pusher"]], 1))
         return latent
 
+    def logits(self, seen: Seen) -> Tensor:
+        """(B, 2, len(LEVELS)) of an observation."""
+        logits: Tensor = self.head(self.latent(seen)).unflatten(1, (ACTION_SIZE, -1))
+        return logits
+
     def forward(self, image: Tensor, pusher: Tensor) -> Tensor:
-        """Actions (B, 2); not yet cut to [-1, 1].
+        """Actions (B, 2).
 
         Args:
             image: (B, height, width, channels) uint8.
             pusher: (B, 2) float32, x and y across the pusher's box, -1 to 1.
         """
-        actions: Tensor = self.head(self.latent({"image": image, "pusher": pusher}))
-        return actions
+        return chosen(self.logits({"image": image, "pusher": pusher}))
 
     def with_pose(self, dark: Tensor, pusher: Tensor) -> tuple[Tensor, Tensor]:
-        """Actions (B, 2) and poses (B, 4), for training.
+        """Logits (B, 2, len(LEVELS)) and poses (B, 4), for training.
 
         Args:
             dark: (B, channels, height, width), as `darken` has it.
             pusher: (B, 2).
         """
         features = self.encoder(dark)
-        return self.head(self.body(torch.cat([features, pusher], 1))), self.pose(features)
+        logits: Tensor = self.head(self.body(torch.cat([features, pusher], 1))).unflatten(1, (ACTION_SIZE, -1))
+        return logits, self.pose(features)

@@ -18,10 +18,10 @@ import numpy as np
 import torch
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
-from torch.nn.functional import mse_loss
+from torch.nn.functional import cross_entropy, mse_loss
 
 from pinwm_drake.files import prepare_folder
-from pinwm_drake.learning.actors import POSE_SIZE, ImageActor
+from pinwm_drake.learning.actors import POSE_SIZE, ImageActor, nearest_levels
 from pinwm_drake.learning.augment import Augment
 from pinwm_drake.learning.frames import Chunk, Frames
 from pinwm_drake.learning.memory import pack, unpack
@@ -45,7 +45,7 @@ class DistilOptions:
         updates: Of the network in a round.
         batch_size: Images in an update.
         learning_rate: Of Adam at first; it falls to a hundredth along half a cosine.
-        pose_weight: Of the pose's error beside the action's, both mean squares.
+        pose_weight: Of the pose's mean squared error beside the actions' cross-entropy.
         noise: Standard deviation of what is added to the student's actions while it collects.
         keep: Images; older ones are forgotten.
         shift: px, by which images are moved at random, at most.
@@ -70,7 +70,7 @@ class DistilOptions:
 
     def __post_init__(self) -> None:
         """Checks the values."""
-        check_options(self, dict.fromkeys(("pose_weight", "noise", "shift", "gain"), 0.0))
+        check_options(self, ("pose_weight", "noise", "shift", "gain"))
 
 
 def train_distil(
@@ -190,8 +190,8 @@ def _learn(
             group["lr"] = rate
         images, pusher, pose, action = frames.draw(options.batch_size, generator)
         dark = augment(student.darken(torch.from_numpy(images)))
-        actions, poses = student.with_pose(dark, torch.from_numpy(pusher))
-        loss = mse_loss(actions, torch.from_numpy(action))
+        logits, poses = student.with_pose(dark, torch.from_numpy(pusher))
+        loss = cross_entropy(logits.flatten(0, 1), nearest_levels(torch.from_numpy(action)).flatten())
         loss = loss + options.pose_weight * mse_loss(poses, torch.from_numpy(pose))
         optimizer.zero_grad()
         loss.backward()

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -36,6 +37,7 @@ from pinwm_drake.learning.runtime import Network
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.learning.spec import PolicySpec
 
+_MARGIN = 1e-3  # in logits, beyond what rounding does
 _LIBRARIES = ("torch", "onnx", "onnxscript", "onnxruntime", "numpy")
 
 
@@ -63,7 +65,7 @@ class InMetres(nn.Module):
     def forward(self, image: Tensor, p_WP: Tensor) -> Tensor:
         """d_W (2,) m of an image (height, width, 3 k) uint8 and a position (2,) m."""
         pusher = (2.0 * (p_WP - self.low) / self.size - 1.0).clamp(-1.0, 1.0)
-        action: Tensor = self.actor(image[None], pusher[None])[0].clamp(-1.0, 1.0)
+        action: Tensor = self.actor(image[None], pusher[None])[0]
         length = (action * action).sum().sqrt().clamp(min=1.0)
         return self.max_translation * action / length
 
@@ -124,7 +126,7 @@ def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray) -> Gold
     """Samples with what the policy does, worked out as its environment does it and not as `InMetres`.
 
     Beside those given there are four: an empty image and one of random blocks, each with the pusher in the upper corner
-    of its box and beyond the lower one.
+    of its box and beyond the lower one. Samples in which rounding decides between two levels are left out.
 
     Args:
         policy: Of images.
@@ -153,8 +155,22 @@ def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray) -> Gold
     action = policy.predict({"image": images, "pusher": pusher})[0].astype(float)
     if not np.isfinite(action).all():
         raise ParameterError("policy: got actions that are not finite numbers; allowed: a policy that acts")
+    decided = _margin(policy, images, pusher) > _MARGIN
+    if not decided.any():
+        raise ParameterError("policy: got one that is undecided in all samples; allowed: a policy that was trained")
+    images, p_WP, action = images[decided], p_WP[decided], action[decided]
     d_W = spec.max_translation * action / np.maximum(np.linalg.norm(action, axis=1, keepdims=True), 1.0)
     return Golden(images, p_WP, d_W.astype(np.float32))
+
+
+def _margin(policy: Policy, images: np.ndarray, pusher: np.ndarray) -> np.ndarray:
+    """By how much the likeliest levels lead, the least of both components, (n,) in logits."""
+    actor: Any = policy.actor
+    with torch.inference_mode():
+        logits: Tensor = actor.logits({"image": torch.from_numpy(images), "pusher": torch.from_numpy(pusher)})
+    best = logits.topk(2, dim=-1).values
+    margin: np.ndarray = (best[..., 0] - best[..., 1]).amin(-1).numpy()
+    return margin
 
 
 def onnx_bytes(policy: Policy) -> bytes:

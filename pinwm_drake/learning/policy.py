@@ -63,7 +63,7 @@ class Policy:
                     torch.from_numpy(image[None] if single else image),
                     torch.from_numpy(np.atleast_2d(pusher.astype(np.float32))),
                 )
-        values = np.clip(actions.numpy(), -1.0, 1.0)
+        values = actions.numpy()
         return (values[0] if single else values), None
 
 

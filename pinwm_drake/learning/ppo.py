@@ -40,9 +40,7 @@ class PpoOptions:
         clip_range: Of PPO's ratio.
         shift: px, by which images are moved at random while they are learned from, at most.
         gain: Relative half-width of the random factors of their colours.
-        log_std: Natural logarithm of the actions' standard deviation at first; it is learned.
-        hold: Actions for which exploration stays the same function of the state (gSDE); 0 for noise that is drawn
-            anew in each. How to go around an object is not found out in one action.
+        entropy: Of the actions, how much it counts in the objective.
         episodes: Of an evaluation.
 
     Raises:
@@ -61,19 +59,18 @@ class PpoOptions:
     clip_range: float = 0.2
     shift: int = 0
     gain: float = 0.0
-    log_std: float = -0.3
-    hold: int = 8
+    entropy: float = 0.0
     episodes: int = 128
 
     @classmethod
     def for_images(cls) -> "PpoOptions":
         """What is used from images: there are fewer steps in the same time."""
         slow = cls(steps=2_000_000, round_steps=100_000, n_epochs=3, learning_rate=3e-4, batch_size=512)
-        return replace(slow, shift=1, gain=0.2, hold=0)
+        return replace(slow, shift=1, gain=0.2)
 
     def __post_init__(self) -> None:
         """Checks the values."""
-        check_options(self, {"log_std": -math.inf, **dict.fromkeys(("shift", "gain", "hold"), 0.0)})
+        check_options(self, ("shift", "gain", "entropy"))
 
 
 def train_ppo(
@@ -154,9 +151,8 @@ def _model(env: VecEnv, spec: PolicySpec, options: PpoOptions, seed: int) -> Ppo
         gamma=options.gamma,
         gae_lambda=options.gae_lambda,
         clip_range=options.clip_range,
-        use_sde=options.hold > 0,
-        sde_sample_freq=options.hold if options.hold > 0 else -1,
+        ent_coef=options.entropy,
         seed=seed,
         device="cpu",
-        policy_kwargs={"actor": actor, "log_std": options.log_std},
+        policy_kwargs={"actor": actor},
     )

@@ -40,16 +40,15 @@ def image_spec(size: int = 32, frames: int = 2, **changes: Any) -> PolicySpec:
 
 
 def untrained_policy(spec: PolicySpec, gain: float = 1.5) -> Policy:
-    """A policy whose actions at `pictures` spread by `gain` about 0: some are cut, some shortened, some neither."""
+    """A policy whose logits spread by `gain` about 0 at `pictures`, so that all levels are taken somewhere."""
     torch.manual_seed(0)
     actor = make_actor(spec).eval()
-    last = [layer for layer in actor.modules() if isinstance(layer, torch.nn.Linear) and layer.out_features == 2][-1]
     images, _ = pictures(spec, 40)
     with torch.no_grad():
-        actions = actor(torch.from_numpy(images), torch.rand(40, 2) * 2 - 1)
-        scale = gain / actions.std(0)
-        last.bias.copy_((last.bias - actions.mean(0)) * scale)
-        last.weight.mul_(scale[:, None])
+        logits = actor.logits({"image": torch.from_numpy(images), "pusher": torch.rand(40, 2) * 2 - 1}).flatten(1)
+        scale = gain / logits.std(0)
+        actor.head.bias.copy_((actor.head.bias - logits.mean(0)) * scale)
+        actor.head.weight.mul_(scale[:, None])
     return Policy(spec, actor, {"twin": "of a test", "seed": 0})
 
 

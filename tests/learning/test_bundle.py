@@ -87,7 +87,7 @@ def test_one_thread_is_used(bundle):
 
 
 def test_bundles_are_told_from_each_other_and_from_policies(bundle, folder, policy, tmp_path):
-    other = read_bundle(exported(tmp_path / "other", untrained_policy(SPEC, gain=1.0)))
+    other = read_bundle(exported(tmp_path / "other", untrained_policy(SPEC, gain=-1.0)))
     assert other.sha256 != bundle.sha256 == read_bundle(folder).sha256
     write_policy(tmp_path / "policy", policy)
     assert [is_bundle(path) for path in (folder, tmp_path / "policy", tmp_path / "nothing")] == [True, False, False]

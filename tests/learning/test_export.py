@@ -103,7 +103,7 @@ def test_contract_and_provenance_say_what_there_is(policy, bundle):
     assert contract["safety"]["max_speed"] == pytest.approx(0.2)
     assert provenance["policy"] == policy.provenance
     assert provenance["golden"]["samples"] == 6 + 4
-    assert 0 < provenance["golden"]["deviation_from_torch"] < TOLERANCE
+    assert 0 <= provenance["golden"]["deviation_from_torch"] < TOLERANCE
     assert {"torch", "onnx", "onnxscript", "onnxruntime", "pinwm_drake"} < set(provenance["versions"])
 
 
@@ -139,7 +139,7 @@ def test_what_cannot_be_exported_is_refused(policy, tmp_path):
 
 def test_a_bundle_appears_whole_or_not_at_all(policy, tmp_path, monkeypatch):
     out = tmp_path / "bundle"
-    wrong = untrained_policy(SPEC, gain=1.4)
+    wrong = untrained_policy(SPEC, gain=-1.4)
     content = export.onnx_bytes(wrong)
     with monkeypatch.context() as patch:
         patch.setattr(export, "onnx_bytes", lambda _: content)

@@ -4,6 +4,7 @@ import torch
 import yaml
 
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.learning.actors import LEVELS, chosen, nearest_levels
 from pinwm_drake.learning.policy import Policy, make_actor, read_policy, weights_digest, write_policy
 from pinwm_drake.learning.spec import PolicySpec
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
@@ -32,12 +33,20 @@ def test_a_policy_is_read_as_it_was_written(tmp_path, policy):
     assert again.predict(one)[0].shape == (2,)
 
 
-def test_actions_are_cut_to_what_is_allowed(policy):
-    with torch.no_grad():
-        policy.actor.head.bias += 5.0
+def test_the_likeliest_level_of_each_component_is_taken():
+    logits = torch.zeros(3, 2, len(LEVELS))
+    logits[0, 0, 0] = logits[0, 1, -1] = logits[1, 0, 3] = logits[1, 1, 5] = 1.0
+    logits[2, 0, 1] = torch.nan
+    actions = chosen(logits)
+    assert actions[:2].tolist() == [[-1.0, 1.0], [0.0, pytest.approx(2 / 3)]]
+    assert actions[2].isnan().tolist() == [True, False]
+    assert nearest_levels(torch.tensor([[-1.4, 1.0], [0.1, 0.6]])).tolist() == [[0, 6], [3, 5]]
+
+
+def test_a_policy_acts_by_levels(policy):
     env = ToyWorlds()
     env.seed(0)
-    assert policy.predict(env.reset())[0].max() == 1.0
+    assert set(policy.predict(env.reset())[0].ravel()) <= set(np.float32(LEVELS))
 
 
 def test_an_observation_without_what_a_policy_sees_is_refused(policy):
