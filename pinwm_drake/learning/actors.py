@@ -1,7 +1,8 @@
 """Networks of policies: from what is seen to an action in [-1, 1]^2.
 
-Each component of an action is one of a few levels, of which the likeliest is taken. A network that gave numbers would
-give the mean of two good ways around an object, which is none, and stand still there.
+Each component of an action is one of a few levels. The likeliest is taken, and what it and its neighbours are likely by
+settles where between them the action is. A network that gave numbers would give the mean of two good ways around an
+object, which is none, and stand still there.
 
 Source: Tang and Agrawal, "Discretizing continuous action space for on-policy optimization" (AAAI 2020).
 """
@@ -17,15 +18,22 @@ Seen = Tensor | Mapping[str, Tensor]
 
 
 def chosen(logits: Tensor) -> Tensor:
-    """Actions (B, 2), the likeliest levels of logits (B, 2, len(LEVELS)); not a number where logits are none."""
-    levels = torch.tensor(LEVELS, device=logits.device)[logits.argmax(-1)]
-    return torch.where(logits.isnan().any(-1), torch.nan, levels)
+    """Actions (B, 2) of logits (B, 2, len(LEVELS)): the mean of the likeliest level and its neighbours.
+
+    Not a number where logits are none.
+    """
+    levels = torch.tensor(LEVELS, device=logits.device)
+    numbers = torch.arange(len(LEVELS), device=logits.device)
+    far = (numbers - logits.argmax(-1, keepdim=True)).abs() > 1
+    actions: Tensor = logits.masked_fill(far, -torch.inf).softmax(-1) @ levels
+    return actions
 
 
-def nearest_levels(actions: Tensor) -> Tensor:
-    """Indices (B, 2) of the levels that are nearest to actions (B, 2)."""
-    gaps: Tensor = (actions[..., None] - torch.tensor(LEVELS, device=actions.device)).abs()
-    return gaps.argmin(-1)
+def shares(actions: Tensor) -> Tensor:
+    """What `chosen` makes actions (B, 2) of: shares (B, 2, len(LEVELS)) of the two levels that they lie between."""
+    levels = torch.tensor(LEVELS, device=actions.device)
+    gaps = (actions.clamp(LEVELS[0], LEVELS[-1])[..., None] - levels).abs()
+    return (1.0 - gaps / (LEVELS[1] - LEVELS[0])).clamp(min=0.0)
 
 
 class StateActor(nn.Module):

@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch.nn.functional import cross_entropy, mse_loss
 
 from pinwm_drake.files import prepare_folder
-from pinwm_drake.learning.actors import POSE_SIZE, ImageActor, nearest_levels
+from pinwm_drake.learning.actors import POSE_SIZE, ImageActor, shares
 from pinwm_drake.learning.augment import Augment
 from pinwm_drake.learning.frames import Chunk, Frames
 from pinwm_drake.learning.memory import pack, unpack
@@ -191,7 +191,7 @@ def _learn(
         images, pusher, pose, action = frames.draw(options.batch_size, generator)
         dark = augment(student.darken(torch.from_numpy(images)))
         logits, poses = student.with_pose(dark, torch.from_numpy(pusher))
-        loss = cross_entropy(logits.flatten(0, 1), nearest_levels(torch.from_numpy(action)).flatten())
+        loss = cross_entropy(logits.flatten(0, 1), shares(torch.from_numpy(action)).flatten(0, 1))
         loss = loss + options.pose_weight * mse_loss(poses, torch.from_numpy(pose))
         optimizer.zero_grad()
         loss.backward()

@@ -4,7 +4,7 @@ import torch
 import yaml
 
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.learning.actors import LEVELS, chosen, nearest_levels
+from pinwm_drake.learning.actors import LEVELS, chosen, shares
 from pinwm_drake.learning.policy import Policy, make_actor, read_policy, weights_digest, write_policy
 from pinwm_drake.learning.spec import PolicySpec
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
@@ -33,20 +33,25 @@ def test_a_policy_is_read_as_it_was_written(tmp_path, policy):
     assert again.predict(one)[0].shape == (2,)
 
 
-def test_the_likeliest_level_of_each_component_is_taken():
-    logits = torch.zeros(3, 2, len(LEVELS))
-    logits[0, 0, 0] = logits[0, 1, -1] = logits[1, 0, 3] = logits[1, 1, 5] = 1.0
-    logits[2, 0, 1] = torch.nan
+def test_the_likeliest_level_is_taken_and_its_neighbours_are_heard():
+    logits = torch.full((4, 2, len(LEVELS)), -50.0)
+    logits[0, 0, 0] = logits[0, 1, -1] = 0.0
+    logits[1, 0, 3] = logits[1, 0, 4] = 0.0  # between two
+    logits[1, 1, 0], logits[1, 1, -1] = 0.1, 0.0  # two ways: one of them, and not their mean
+    logits[2] = 0.0
+    logits[2, :, 1] = 1e-6
+    logits[3, 0, 1] = torch.nan
     actions = chosen(logits)
-    assert actions[:2].tolist() == [[-1.0, 1.0], [0.0, pytest.approx(2 / 3)]]
-    assert actions[2].isnan().tolist() == [True, False]
-    assert nearest_levels(torch.tensor([[-1.4, 1.0], [0.1, 0.6]])).tolist() == [[0, 6], [3, 5]]
+    assert actions[:3].numpy() == pytest.approx(np.array([[-1.0, 1.0], [1 / 6, -1.0], [-2 / 3, -2 / 3]]), abs=1e-6)
+    assert actions[3].isnan().tolist() == [True, False]
 
 
-def test_a_policy_acts_by_levels(policy):
-    env = ToyWorlds()
-    env.seed(0)
-    assert set(policy.predict(env.reset())[0].ravel()) <= set(np.float32(LEVELS))
+def test_shares_are_those_that_make_the_action():
+    actions = torch.tensor([[-1.4, 1.0], [0.1, -0.6]])
+    found = shares(actions)
+    assert found.sum(-1).numpy() == pytest.approx(1.0, abs=1e-6)
+    assert (found > 1e-6).sum(-1).tolist() == [[1, 1], [2, 2]]
+    assert chosen(found.clamp(1e-9).log()).numpy() == pytest.approx(actions.clamp(-1.0, 1.0).numpy(), abs=1e-6)
 
 
 def test_an_observation_without_what_a_policy_sees_is_refused(policy):
