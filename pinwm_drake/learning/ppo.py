@@ -54,7 +54,7 @@ class PpoOptions:
     n_epochs: int = 5
     learning_rate: float = 5e-4
     last_share: float = 0.1
-    gamma: float = 0.99
+    gamma: float = 0.98
     gae_lambda: float = 0.95
     clip_range: float = 0.2
     shift: int = 0
