@@ -12,7 +12,7 @@ def evaluate(
         typer.Argument(
             metavar="POLICY",
             help="Folder of a policy that `pinwm train` wrote, or of a bundle that `pinwm export` wrote; "
-            "or mpc, or random.",
+            "or push_t, the bundle that ships; or mpc, or random.",
         ),
     ],
     out: Annotated[

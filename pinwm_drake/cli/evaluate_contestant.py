@@ -15,6 +15,7 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.learning.evaluation import Acts
 from pinwm_drake.learning.policy import POLICY_FILE, read_policy, weights_digest
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.models import policy_path, shipped_policies
 from pinwm_drake.systems.policy_spec import spec_environment
 from pinwm_drake.systems.push_env import PushEnv
 from pinwm_drake.systems.push_setup import environment_setup, scene_hash, with_start_yaw
@@ -72,7 +73,8 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
         return _mpc(request.model or request.scene)
     from pinwm_drake.learning.bundle import is_bundle, read_bundle
 
-    folder = Path(request.policy)
+    ships = request.policy in shipped_policies()
+    folder = policy_path(request.policy) if ships else Path(request.policy)
     if (folder / POLICY_FILE).is_file():
         policy = read_policy(folder)
         spec = json.dumps(policy.spec.to_document(), sort_keys=True)
@@ -82,7 +84,9 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
         bundle = read_bundle(folder)
         return Contestant("bundle", bundle.sha256, bundle.spec, bundle.provenance, lambda env: bundle)
     found = f"a folder without {POLICY_FILE}" if folder.is_dir() else "no such folder"
-    raise InputError(folder, value=found, allowed=f"a policy, a bundle, {MPC} or {RANDOM}")
+    raise InputError(
+        folder, value=found, allowed=f"a policy, a bundle, {', '.join([*shipped_policies(), MPC])} or {RANDOM}"
+    )
 
 
 def make_environment(contestant: Contestant, request: EvaluateRequest) -> PushEnv:

@@ -7,6 +7,8 @@ from pinwm_drake.systems.policy_spec import policy_spec
 from pinwm_drake.systems.push_env import make_task
 from pinwm_drake.systems.push_setup import environment_setup
 
+from pinwm_drake.cli.evaluate_contestant import read_contestant
+from pinwm_drake.cli.evaluate_request import EvaluateRequest
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
 from tests.cli.evaluations import document, rows, write_scenario
 
@@ -40,7 +42,7 @@ def policies(scenario, tmp_path_factory) -> dict[str, str]:
         (["--engine", "bullet"], "--engine: got 'bullet'; allowed: twin, hydroelastic, point"),
         (["--engine", "lcm"], "--engine: got 'lcm'"),
         (["--tolerance", "0"], "tolerance: got 0.0; allowed: more than 0"),
-        (["--max-translation", "1"], "max_translation: got 1.0; allowed: more than 0"),
+        (["--max-translation", "1"], "max_translation: got 1.0 m; allowed: more than 0"),
         (["--scene", "push_tea"], "push_tea: allowed: a file"),
     ],
 )
@@ -51,11 +53,16 @@ def test_what_makes_no_sense_is_refused(pinwm, tmp_path, arguments, message):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_policy_that_ships_goes_by_its_name():
+    contestant = read_contestant(EvaluateRequest("push_t"))
+    assert (contestant.kind, contestant.observes) == ("bundle", "rgb")
+
+
 def test_what_is_no_policy_is_refused(pinwm, policies, tmp_path):
     code, _, errors = pinwm("evaluate", str(tmp_path / "none"))
     assert (code, errors) == (
         1,
-        f"pinwm: {tmp_path}/none: got no such folder; allowed: a policy, a bundle, mpc or random\n",
+        f"pinwm: {tmp_path}/none: got no such folder; allowed: a policy, a bundle, push_t, mpc or random\n",
     )
     code, _, errors = pinwm("evaluate", str(tmp_path))
     assert code == 1
