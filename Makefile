@@ -10,8 +10,9 @@ OUT ?= out
 demo: $(VENV)/.installed
 	$(BIN)/pinwm push --out $(OUT)/push
 
+# Most tests keep one core busy; those of a file share what they set up.
 test: lint
-	$(BIN)/pytest
+	$(BIN)/pytest --numprocesses auto --dist loadfile
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check

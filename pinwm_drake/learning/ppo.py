@@ -47,11 +47,11 @@ class PpoOptions:
         ParameterError: A number is out of range.
     """
 
-    steps: int = 6_000_000
+    steps: int = 4_000_000
     round_steps: int = 200_000
     n_steps: int = 64
-    batch_size: int = 1024
-    n_epochs: int = 5
+    batch_size: int = 512
+    n_epochs: int = 10
     learning_rate: float = 5e-4
     last_share: float = 0.1
     gamma: float = 0.98
