@@ -29,13 +29,6 @@ def chosen(logits: Tensor) -> Tensor:
     return actions
 
 
-def shares(actions: Tensor) -> Tensor:
-    """What `chosen` makes actions (B, 2) of: shares (B, 2, len(LEVELS)) of the two levels that they lie between."""
-    levels = torch.tensor(LEVELS, device=actions.device)
-    gaps = (actions.clamp(LEVELS[0], LEVELS[-1])[..., None] - levels).abs()
-    return (1.0 - gaps / (LEVELS[1] - LEVELS[0])).clamp(min=0.0)
-
-
 class StateActor(nn.Module):
     """An action from the state (B, 11): two hidden layers of tanh.
 

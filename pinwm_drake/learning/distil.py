@@ -1,7 +1,7 @@
 """Distillation of a policy of the state into one of images, by DAgger.
 
-The student acts, the teacher, who sees the state, says what it would have done, and the student learns that from all
-images so far.
+The student acts, the teacher, who sees the state, says how likely it would have done what, and the student learns that
+from all images so far.
 
 Source: Ross, Gordon and Bagnell, "A reduction of imitation learning and structured prediction to no-regret online
 learning" (AISTATS 2011); the teacher's privilege as in Chen et al., "Learning by cheating" (CoRL 2019). The student
@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch.nn.functional import cross_entropy, mse_loss
 
 from pinwm_drake.files import prepare_folder
-from pinwm_drake.learning.actors import POSE_SIZE, ImageActor, shares
+from pinwm_drake.learning.actors import ACTION_SIZE, LEVELS, POSE_SIZE, ImageActor
 from pinwm_drake.learning.augment import Augment
 from pinwm_drake.learning.frames import Chunk, Frames
 from pinwm_drake.learning.memory import pack, unpack
@@ -157,15 +157,15 @@ def _collect(
         np.empty(rows, bool),
         np.empty((rows, 2), np.float32),
         np.empty((rows, POSE_SIZE), np.float32),
-        np.empty((rows, 2), np.float32),
+        np.empty((rows, ACTION_SIZE, len(LEVELS)), np.float32),
     )
     starts = np.ones(W, bool)
     for t in range(length):
         at = slice(t * W, (t + 1) * W)
         chunk.image[at] = seen["image"][..., -3:]
         chunk.start[at], chunk.pusher[at], chunk.pose[at] = starts, seen["pusher"], seen["state"][:, :POSE_SIZE]
-        chunk.action[at] = teacher.predict(seen)[0]
-        actions = chunk.action[at] if actor is teacher else actor.predict(seen)[0]
+        chunk.shares[at] = teacher.shares(seen)
+        actions = actor.predict(seen)[0]
         noise = options.noise * generator.standard_normal((W, 2))
         seen, _, starts, _ = env.step(np.clip(actions + noise, -1.0, 1.0).astype(np.float32))
     return chunk
@@ -188,10 +188,10 @@ def _learn(
         rate = options.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * share)))
         for group in optimizer.param_groups:
             group["lr"] = rate
-        images, pusher, pose, action = frames.draw(options.batch_size, generator)
+        images, pusher, pose, shares = frames.draw(options.batch_size, generator)
         dark = augment(student.darken(torch.from_numpy(images)))
         logits, poses = student.with_pose(dark, torch.from_numpy(pusher))
-        loss = cross_entropy(logits.flatten(0, 1), shares(torch.from_numpy(action)).flatten(0, 1))
+        loss = cross_entropy(logits.flatten(0, 1), torch.from_numpy(shares).flatten(0, 1))
         loss = loss + options.pose_weight * mse_loss(poses, torch.from_numpy(pose))
         optimizer.zero_grad()
         loss.backward()

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import torch
 import yaml
-from torch import nn
+from torch import Tensor, nn
 
 from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
-from pinwm_drake.learning.actors import ImageActor, StateActor
+from pinwm_drake.learning.actors import ImageActor, StateActor, chosen
 from pinwm_drake.learning.memory import set_weights, weights
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
 
@@ -50,21 +50,32 @@ class Policy:
         Raises:
             ParameterError: What the policy sees is not in the observation.
         """
+        logits, single = self._logits(observation)
+        actions: np.ndarray = chosen(logits).numpy()
+        return (actions[0] if single else actions), None
+
+    def shares(self, observation: Any) -> np.ndarray:
+        """How likely each level of each component is, (B, 2, len(LEVELS)), of an observation of B worlds.
+
+        Raises:
+            ParameterError: What the policy sees is not in the observation.
+        """
+        shares: np.ndarray = self._logits(observation)[0].softmax(-1).numpy()
+        return shares
+
+    def _logits(self, observation: Any) -> tuple[Tensor, bool]:
+        """(B, 2, len(LEVELS)), and whether the observation is of one world."""
+        if self.spec.observes == "state":
+            seen = observation if isinstance(observation, np.ndarray) else seen_parts(observation, "state")[0]
+            single = seen.ndim == 1
+            given = {"state": np.atleast_2d(seen.astype(np.float32))}
+        else:
+            image, pusher = seen_parts(observation, "image", "pusher")
+            single = image.ndim == 3
+            given = {"image": image[None] if single else image, "pusher": np.atleast_2d(pusher.astype(np.float32))}
+        actor: Any = self.actor
         with torch.inference_mode():
-            if self.spec.observes == "state":
-                seen = observation if isinstance(observation, np.ndarray) else seen_parts(observation, "state")[0]
-                rows = np.asarray(seen, np.float32)
-                actions = self.actor(torch.from_numpy(np.atleast_2d(rows)))
-                single = rows.ndim == 1
-            else:
-                image, pusher = seen_parts(observation, "image", "pusher")
-                single = image.ndim == 3
-                actions = self.actor(
-                    torch.from_numpy(image[None] if single else image),
-                    torch.from_numpy(np.atleast_2d(pusher.astype(np.float32))),
-                )
-        values = actions.numpy()
-        return (values[0] if single else values), None
+            return actor.logits({name: torch.from_numpy(value) for name, value in given.items()}), single
 
 
 def make_actor(spec: PolicySpec) -> nn.Module:

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.learning.actors import ImageActor
+from pinwm_drake.learning.actors import LEVELS, ImageActor
 from pinwm_drake.learning.distil import DistilOptions, train_distil
 from pinwm_drake.learning.frames import Chunk, Frames
 from pinwm_drake.learning.policy import Policy
@@ -18,6 +18,10 @@ class Teacher:
 
     def predict(self, observation):
         return np.clip(-5.0 * observation["state"][:, :2], -1.0, 1.0).astype(np.float32), None
+
+    def shares(self, observation):
+        gaps = np.abs(self.predict(observation)[0][..., None] - np.array(LEVELS))
+        return np.maximum(1.0 - 3.0 * gaps, 0.0)  # of the two levels beside the action
 
 
 class Killed(Exception):
@@ -72,13 +76,13 @@ def chunk(worlds, length, first=0):
     numbers = np.arange(first, first + rows)
     image = np.broadcast_to(numbers[:, None, None, None], (rows, 4, 4, 3)).astype(np.uint8)
     column = np.tile(numbers[:, None], (1, 4)).astype(np.float32)
-    return Chunk(image, start.ravel(), column[:, :2], column, column[:, :2])
+    return Chunk(image, start.ravel(), column[:, :2], column, np.tile(column[:, :2, None], (1, 1, len(LEVELS))))
 
 
 def test_stacks_hold_images_of_the_same_episode_the_oldest_first():
     frames = Frames(2, 3, 1000)
     frames.add(chunk(2, 4))
-    images, pusher, pose, action = frames.draw(400, np.random.default_rng(0))
+    images, pusher, pose, shares = frames.draw(400, np.random.default_rng(0))
     stacks = {int(row[0]): stack[0, 0, ::3].tolist() for row, stack in zip(pose, images, strict=True)}
     assert stacks == {
         0: [0, 0, 0],
@@ -91,7 +95,7 @@ def test_stacks_hold_images_of_the_same_episode_the_oldest_first():
         7: [5, 5, 7],
     }
     assert np.array_equal(pusher[:, 0], pose[:, 0])
-    assert np.array_equal(action[:, 0], pose[:, 0])
+    assert np.array_equal(shares[:, 0, 0], pose[:, 0])
 
 
 def test_the_oldest_images_are_forgotten():
@@ -106,7 +110,7 @@ def test_a_chunk_is_read_as_it_was_written(tmp_path):
     one = chunk(2, 4)
     one.write(tmp_path / "0.npz")
     again = Chunk.read(tmp_path / "0.npz")
-    for name in ("image", "start", "pusher", "pose", "action"):
+    for name in ("image", "start", "pusher", "pose", "shares"):
         assert np.array_equal(getattr(one, name), getattr(again, name))
 
 

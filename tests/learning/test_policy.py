@@ -4,7 +4,7 @@ import torch
 import yaml
 
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.learning.actors import LEVELS, chosen, shares
+from pinwm_drake.learning.actors import LEVELS, chosen
 from pinwm_drake.learning.policy import Policy, make_actor, read_policy, weights_digest, write_policy
 from pinwm_drake.learning.spec import PolicySpec
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
@@ -46,12 +46,14 @@ def test_the_likeliest_level_is_taken_and_its_neighbours_are_heard():
     assert actions[3].isnan().tolist() == [True, False]
 
 
-def test_shares_are_those_that_make_the_action():
-    actions = torch.tensor([[-1.4, 1.0], [0.1, -0.6]])
-    found = shares(actions)
-    assert found.sum(-1).numpy() == pytest.approx(1.0, abs=1e-6)
-    assert (found > 1e-6).sum(-1).tolist() == [[1, 1], [2, 2]]
-    assert chosen(found.clamp(1e-9).log()).numpy() == pytest.approx(actions.clamp(-1.0, 1.0).numpy(), abs=1e-6)
+def test_shares_add_up_and_the_action_follows_from_them(policy):
+    env = ToyWorlds()
+    env.seed(0)
+    seen = env.reset()
+    shares = policy.shares(seen)
+    assert shares.shape == (env.num_envs, 2, len(LEVELS))
+    assert shares.sum(-1) == pytest.approx(1.0, abs=1e-6)
+    assert chosen(torch.from_numpy(shares).log()).numpy() == pytest.approx(policy.predict(seen)[0], abs=1e-6)
 
 
 def test_an_observation_without_what_a_policy_sees_is_refused(policy):
