@@ -9,11 +9,12 @@ from pinwm_drake.systems.push_task import PushTask, turn_from
 from pinwm_drake.systems.setup import Setup
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.learning.spec import LENGTH
 
 Kind = Literal["state", "rgb", "rgb_state"]
 KINDS = ("state", "rgb", "rgb_state")
 STATE_SIZE = 11
-LENGTH, SPEED, TURN = 0.1, 0.3, 3.0  # m, m/s, rad/s: what stands for 1
+SPEED, TURN = 0.3, 3.0  # m/s, rad/s: what stands for 1
 _BOUND = 20.0  # of `state`; what lies beyond is cut off
 
 Observation = Any  # an array, or a dict of arrays; W worlds lead

@@ -7,12 +7,16 @@ object, which is none, and stand still there.
 Source: Tang and Agrawal, "Discretizing continuous action space for on-policy optimization" (AAAI 2020).
 """
 
+import math
 from collections.abc import Callable, Mapping
 
 import torch
 from torch import Tensor, nn
 
-STATE_SIZE, ACTION_SIZE, POSE_SIZE = 11, 2, 4
+from pinwm_drake.learning.spec import LENGTH, PolicySpec
+
+STATE_SIZE, ACTION_SIZE = 11, 2
+_MOTION_SIZE = 7  # of the state, without the pusher
 LEVELS = tuple(k / 3.0 for k in range(-3, 4))
 Seen = Tensor | Mapping[str, Tensor]
 
@@ -60,19 +64,30 @@ class StateActor(nn.Module):
         return chosen(self.logits(state))
 
 
-class ImageEncoder(nn.Module):
-    """Features of a stack of images; strides of 4, 2 and 1, so that what is left tells where things are."""
+class ImageActor(nn.Module):
+    """An action from images and the pusher's position: where the object is and how it moves, and what to do then.
 
-    def __init__(self, height: int, width: int, channels: int, features: int = 192) -> None:
+    Between the two stands a state as `StateActor` takes it, so that what was learned from the state can be taken over.
+    The convolutions have strides of 4, 2 and 1, so that what is left tells where things are.
+
+    Attributes:
+        actor: From the state to the action.
+        augment: Changes images (B, channels, height, width), 0 for white, at random while `training`; None for nothing.
+    """
+
+    placing: Tensor
+    origin: Tensor
+
+    def __init__(self, spec: PolicySpec, features: int = 192) -> None:
         """Makes the layers.
 
         Args:
-            height: px.
-            width: px.
-            channels: 3 for each image.
-            features: How many come out.
+            spec: Of a policy that observes "rgb".
+            features: Of the images, how many.
         """
         super().__init__()
+        height, width, channels = spec.image_shape
+        self.augment: Callable[[Tensor], Tensor] | None = None
         self.convolutions = nn.Sequential(
             nn.Conv2d(channels, 32, 4, 4),
             nn.ReLU(),
@@ -85,46 +100,50 @@ class ImageEncoder(nn.Module):
         with torch.no_grad():
             size = self.convolutions(torch.zeros(1, channels, height, width)).shape[1]
         self.features = nn.Sequential(nn.Linear(size, features), nn.ReLU())
-
-    def forward(self, dark: Tensor) -> Tensor:
-        """(B, features) of images (B, channels, height, width), 0 for white and 1 for black."""
-        features: Tensor = self.features(self.convolutions(dark))
-        return features
-
-
-class ImageActor(nn.Module):
-    """An action from images and the pusher's position.
-
-    Attributes:
-        latent_size: Width of the last hidden layer.
-        head: From there to the logits of the action's levels, those of the first component first.
-        pose: From the images' features to x, y [0.1 m], cos and sin of the yaw from the goal: asked for in training, so
-            that the features tell where the object is.
-        augment: Changes images (B, channels, height, width), 0 for white, at random while `training`; None for nothing.
-    """
-
-    def __init__(self, height: int, width: int, channels: int, features: int = 192) -> None:
-        """Makes the layers; see `ImageEncoder`."""
-        super().__init__()
-        self.latent_size = features
-        self.augment: Callable[[Tensor], Tensor] | None = None
-        self.encoder = ImageEncoder(height, width, channels, features)
-        self.body = nn.Sequential(
-            nn.Linear(features + 2, features), nn.ReLU(), nn.Linear(features, features), nn.ReLU()
-        )
-        self.head = nn.Linear(features, ACTION_SIZE * len(LEVELS))
-        self.pose = nn.Linear(features, POSE_SIZE)
+        self.estimate = nn.Sequential(nn.Linear(features + 2, features), nn.ReLU(), nn.Linear(features, _MOTION_SIZE))
+        self.actor = StateActor()
+        # From the pusher's position across its box to that from the goal, in units of the state.
+        low, high = torch.tensor(spec.pusher_low), torch.tensor(spec.pusher_high)
+        c, s = math.cos(spec.goal[2]), math.sin(spec.goal[2])
+        R_GW = torch.tensor([[c, s], [-s, c]]) / LENGTH
+        self.register_buffer("placing", 0.5 * R_GW * (high - low), persistent=False)
+        self.register_buffer("origin", R_GW @ (0.5 * (low + high) - torch.tensor(spec.goal[:2])), persistent=False)
         # As images come; convolutions take two thirds of the time with it.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # its stub lacks that
 
+    @property
+    def latent_size(self) -> int:
+        """Width of the last hidden layer."""
+        return self.actor.latent_size
+
+    @property
+    def head(self) -> nn.Module:
+        """From there to the logits."""
+        return self.actor.head
+
     @staticmethod
     def darken(image: Tensor) -> Tensor:
-        """(B, channels, height, width) float32, 0 for white: what the encoder takes, of images as the policy sees them.
+        """(B, channels, height, width) float32, 0 for white, of images as the policy sees them.
 
         Args:
             image: (B, height, width, channels), uint8 or floats of the same range.
         """
         return 1.0 - image.permute(0, 3, 1, 2).float() / 255.0
+
+    def state(self, dark: Tensor, pusher: Tensor) -> Tensor:
+        """The state (B, 11), as far as images tell.
+
+        Args:
+            dark: (B, channels, height, width), as `darken` has it.
+            pusher: (B, 2), across its box.
+        """
+        motion = self.estimate(torch.cat([self.features(self.convolutions(dark)), pusher], 1))
+        heading = nn.functional.normalize(motion[:, 2:4])
+        c, s = heading.unbind(1)
+        p = pusher @ self.placing.T + self.origin
+        x, y = (p - motion[:, :2]).unbind(1)
+        seen_from_object = torch.stack([c * x + s * y, c * y - s * x], 1)
+        return torch.cat([motion[:, :2], heading, motion[:, 4:], seen_from_object, p], 1)
 
     def latent(self, seen: Seen) -> Tensor:
         """(B, latent_size) of an observation with `image` and `pusher`."""
@@ -132,8 +151,7 @@ class ImageActor(nn.Module):
         dark = self.darken(seen["image"])
         if self.training and self.augment is not None:
             dark = self.augment(dark)
-        latent: Tensor = self.body(torch.cat([self.encoder(dark), seen["pusher"]], 1))
-        return latent
+        return self.actor.latent(self.state(dark, seen["pusher"]))
 
     def logits(self, seen: Seen) -> Tensor:
         """(B, 2, len(LEVELS)) of an observation."""
@@ -148,14 +166,3 @@ class ImageActor(nn.Module):
             pusher: (B, 2) float32, x and y across the pusher's box, -1 to 1.
         """
         return chosen(self.logits({"image": image, "pusher": pusher}))
-
-    def with_pose(self, dark: Tensor, pusher: Tensor) -> tuple[Tensor, Tensor]:
-        """Logits (B, 2, len(LEVELS)) and poses (B, 4), for training.
-
-        Args:
-            dark: (B, channels, height, width), as `darken` has it.
-            pusher: (B, 2).
-        """
-        features = self.encoder(dark)
-        logits: Tensor = self.head(self.body(torch.cat([features, pusher], 1))).unflatten(1, (ACTION_SIZE, -1))
-        return logits, self.pose(features)

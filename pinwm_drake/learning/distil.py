@@ -1,11 +1,11 @@
 """Distillation of a policy of the state into one of images, by DAgger.
 
 The student acts, the teacher, who sees the state, says how likely it would have done what, and the student learns that
-from all images so far.
+from all images so far. What the student does in a state is what the teacher does, with the same weights; it learns to
+see the state.
 
 Source: Ross, Gordon and Bagnell, "A reduction of imitation learning and structured prediction to no-regret online
-learning" (AISTATS 2011); the teacher's privilege as in Chen et al., "Learning by cheating" (CoRL 2019). The student
-learns the object's pose on the side.
+learning" (AISTATS 2011); the teacher's privilege as in Chen et al., "Learning by cheating" (CoRL 2019).
 """
 
 import math
@@ -21,10 +21,10 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch.nn.functional import cross_entropy, mse_loss
 
 from pinwm_drake.files import prepare_folder
-from pinwm_drake.learning.actors import ACTION_SIZE, LEVELS, POSE_SIZE, ImageActor
+from pinwm_drake.learning.actors import STATE_SIZE, ImageActor
 from pinwm_drake.learning.augment import Augment
 from pinwm_drake.learning.frames import Chunk, Frames
-from pinwm_drake.learning.memory import pack, unpack
+from pinwm_drake.learning.memory import pack, set_weights, unpack, weights
 from pinwm_drake.learning.options import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
@@ -45,7 +45,7 @@ class DistilOptions:
         updates: Of the network in a round.
         batch_size: Images in an update.
         learning_rate: Of Adam at first; it falls to a hundredth along half a cosine.
-        pose_weight: Of the pose's mean squared error beside the actions' cross-entropy.
+        action_weight: Of the actions' cross-entropy beside the state's mean squared error.
         noise: Standard deviation of what is added to the student's actions while it collects.
         keep: Images; older ones are forgotten.
         shift: px, by which images are moved at random, at most.
@@ -61,7 +61,7 @@ class DistilOptions:
     updates: int = 600
     batch_size: int = 256
     learning_rate: float = 1e-3
-    pose_weight: float = 1.0
+    action_weight: float = 0.1
     noise: float = 0.1
     keep: int = 300_000
     shift: int = 0
@@ -70,7 +70,7 @@ class DistilOptions:
 
     def __post_init__(self) -> None:
         """Checks the values."""
-        check_options(self, ("pose_weight", "noise", "shift", "gain"))
+        check_options(self, ("action_weight", "noise", "shift", "gain"))
 
 
 def train_distil(
@@ -108,9 +108,7 @@ def train_distil(
     """
     told = {"options": asdict(options), "seed": seed, "spec": spec.to_document(), "worlds": env.num_envs}
     rounds = Rounds(folder, STAGE, {**told, **(about or {})}, seed, resume=resume)
-    student = make_actor(spec)
-    assert isinstance(student, ImageActor)
-    optimizer = torch.optim.Adam(student.parameters(), options.learning_rate)
+    student, optimizer = _begin(spec, teacher, options)
     logger = configure(str(folder / "tensorboard"), ["tensorboard"])
     frames, images = Frames(env.num_envs, spec.frames, options.keep), prepare_folder(folder / "images")
     if rounds.number:
@@ -122,11 +120,10 @@ def train_distil(
         rounds.begin(env, on_round)
         generator = np.random.default_rng(np.random.randint(1 << 31))  # noqa: NPY002  # seeded by `begin`
         if rounds.number == 0:
-            student = _fresh(spec)
-            optimizer = torch.optim.Adam(student.parameters(), options.learning_rate)
+            student, optimizer = _begin(spec, teacher, options)
         # In the first round the teacher acts: an untrained student would see little that matters.
         actor = teacher if rounds.number == 0 else Policy(spec, student)
-        chunk = _collect(env, actor, teacher, options, generator)
+        chunk = _collect(env, actor, options, generator)
         chunk.write(images / f"{rounds.number:04}.npz")
         frames.add(chunk)
         loss = _learn(student, optimizer, frames, augment, options, rounds.number, generator)
@@ -136,17 +133,18 @@ def train_distil(
     return Policy(spec, rounds.best_actor(spec))
 
 
-def _fresh(spec: PolicySpec) -> ImageActor:
-    """A network whose weights follow from the round's seed."""
+def _begin(spec: PolicySpec, teacher: Policy, options: DistilOptions) -> tuple[ImageActor, torch.optim.Optimizer]:
+    """A network that sees nothing yet and acts as the teacher does; its weights follow from the round's seed."""
     student = make_actor(spec)
     assert isinstance(student, ImageActor)
-    return student
+    set_weights(student.actor, weights(teacher.actor))
+    student.actor.requires_grad_(False)
+    learned = [one for one in student.parameters() if one.requires_grad]
+    return student, torch.optim.Adam(learned, options.learning_rate)
 
 
-def _collect(
-    env: VecEnv, actor: Policy, teacher: Policy, options: DistilOptions, generator: np.random.Generator
-) -> Chunk:
-    """Episodes of one policy, with the teacher's actions."""
+def _collect(env: VecEnv, actor: Policy, options: DistilOptions, generator: np.random.Generator) -> Chunk:
+    """Episodes of a policy."""
     W = env.num_envs
     length = math.ceil(options.round_images / W)
     seen: Any = env.reset()
@@ -156,15 +154,13 @@ def _collect(
         np.empty((rows, height, width, 3), np.uint8),
         np.empty(rows, bool),
         np.empty((rows, 2), np.float32),
-        np.empty((rows, POSE_SIZE), np.float32),
-        np.empty((rows, ACTION_SIZE, len(LEVELS)), np.float32),
+        np.empty((rows, STATE_SIZE), np.float32),
     )
     starts = np.ones(W, bool)
     for t in range(length):
         at = slice(t * W, (t + 1) * W)
         chunk.image[at] = seen["image"][..., -3:]
-        chunk.start[at], chunk.pusher[at], chunk.pose[at] = starts, seen["pusher"], seen["state"][:, :POSE_SIZE]
-        chunk.shares[at] = teacher.shares(seen)
+        chunk.start[at], chunk.pusher[at], chunk.state[at] = starts, seen["pusher"], seen["state"]
         actions = actor.predict(seen)[0]
         noise = options.noise * generator.standard_normal((W, 2))
         seen, _, starts, _ = env.step(np.clip(actions + noise, -1.0, 1.0).astype(np.float32))
@@ -188,11 +184,14 @@ def _learn(
         rate = options.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * share)))
         for group in optimizer.param_groups:
             group["lr"] = rate
-        images, pusher, pose, shares = frames.draw(options.batch_size, generator)
-        dark = augment(student.darken(torch.from_numpy(images)))
-        logits, poses = student.with_pose(dark, torch.from_numpy(pusher))
-        loss = cross_entropy(logits.flatten(0, 1), torch.from_numpy(shares).flatten(0, 1))
-        loss = loss + options.pose_weight * mse_loss(poses, torch.from_numpy(pose))
+        images, pusher, given = frames.draw(options.batch_size, generator)
+        state = torch.from_numpy(given)
+        found = student.state(augment(student.darken(torch.from_numpy(images))), torch.from_numpy(pusher))
+        loss = mse_loss(found, state)
+        with torch.no_grad():
+            shares = student.actor.logits(state).softmax(-1)
+        logits = student.actor.logits(found)
+        loss = loss + options.action_weight * cross_entropy(logits.flatten(0, 1), shares.flatten(0, 1))
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

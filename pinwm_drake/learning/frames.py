@@ -8,7 +8,7 @@ import numpy as np
 from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError
 
-_NAMES = ("image", "start", "pusher", "pose", "shares")
+_NAMES = ("image", "start", "pusher", "state")
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,15 +19,13 @@ class Chunk:
         image: (T W, height, width, 3) uint8, the last image.
         start: (T W,) bool, where an episode begins; the first W do.
         pusher: (T W, 2) float32, across its box.
-        pose: (T W, 4) float32: x, y of the object from the goal in 0.1 m, cos and sin of its yaw.
-        shares: (T W, 2, levels) float32, how likely the teacher holds each level of an action's components.
+        state: (T W, 11) float32, as `StateActor` takes it.
     """
 
     image: np.ndarray
     start: np.ndarray
     pusher: np.ndarray
-    pose: np.ndarray
-    shares: np.ndarray
+    state: np.ndarray
 
     def write(self, path: Path) -> None:
         """Writes it, compressed: most of an image is white."""
@@ -71,7 +69,7 @@ class Frames:
             self._chunks.pop(0)
         self._ends = np.cumsum([len(one.start) for one in self._chunks])
 
-    def draw(self, size: int, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def draw(self, size: int, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A batch.
 
         Args:
@@ -79,7 +77,7 @@ class Frames:
             generator: Of the draw.
 
         Returns:
-            Images (B, height, width, 3 k) uint8, the oldest first; pusher (B, 2), pose (B, 4), shares (B, 2, levels).
+            Images (B, height, width, 3 k) uint8, the oldest first; pusher (B, 2), state (B, 11).
         """
         rows = np.sort(generator.integers(len(self), size=size))
         parts = np.split(rows, np.searchsorted(rows, self._ends[:-1]))
@@ -87,8 +85,8 @@ class Frames:
         batches = [
             self._stacks(chunk, part - begin) for chunk, part, begin in zip(self._chunks, parts, begins, strict=True)
         ]
-        images, pusher, pose, shares = (np.concatenate(one) for one in zip(*batches, strict=True))
-        return images, pusher, pose, shares
+        images, pusher, state = (np.concatenate(one) for one in zip(*batches, strict=True))
+        return images, pusher, state
 
     def _stacks(self, chunk: Chunk, rows: np.ndarray) -> tuple[np.ndarray, ...]:
         """Of some rows of a chunk."""
@@ -97,4 +95,4 @@ class Frames:
             newest_first.append(chunk.image[before])
             before = np.where(chunk.start[before], before, before - self._worlds)
         images = np.concatenate(newest_first[::-1], axis=3)
-        return images, chunk.pusher[rows], chunk.pose[rows], chunk.shares[rows]
+        return images, chunk.pusher[rows], chunk.state[rows]

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import torch
 import yaml
-from torch import Tensor, nn
+from torch import nn
 
 from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
-from pinwm_drake.learning.actors import ImageActor, StateActor, chosen
+from pinwm_drake.learning.actors import ImageActor, StateActor
 from pinwm_drake.learning.memory import set_weights, weights
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
 
@@ -50,37 +50,22 @@ class Policy:
         Raises:
             ParameterError: What the policy sees is not in the observation.
         """
-        logits, single = self._logits(observation)
-        actions: np.ndarray = chosen(logits).numpy()
-        return (actions[0] if single else actions), None
-
-    def shares(self, observation: Any) -> np.ndarray:
-        """How likely each level of each component is, (B, 2, len(LEVELS)), of an observation of B worlds.
-
-        Raises:
-            ParameterError: What the policy sees is not in the observation.
-        """
-        shares: np.ndarray = self._logits(observation)[0].softmax(-1).numpy()
-        return shares
-
-    def _logits(self, observation: Any) -> tuple[Tensor, bool]:
-        """(B, 2, len(LEVELS)), and whether the observation is of one world."""
         if self.spec.observes == "state":
             seen = observation if isinstance(observation, np.ndarray) else seen_parts(observation, "state")[0]
             single = seen.ndim == 1
-            given = {"state": np.atleast_2d(seen.astype(np.float32))}
+            given = [np.atleast_2d(seen.astype(np.float32))]
         else:
             image, pusher = seen_parts(observation, "image", "pusher")
             single = image.ndim == 3
-            given = {"image": image[None] if single else image, "pusher": np.atleast_2d(pusher.astype(np.float32))}
-        actor: Any = self.actor
+            given = [image[None] if single else image, np.atleast_2d(pusher.astype(np.float32))]
         with torch.inference_mode():
-            return actor.logits({name: torch.from_numpy(value) for name, value in given.items()}), single
+            actions: np.ndarray = self.actor(*(torch.from_numpy(one) for one in given)).numpy()
+        return (actions[0] if single else actions), None
 
 
 def make_actor(spec: PolicySpec) -> nn.Module:
     """An untrained network for a specification."""
-    return StateActor() if spec.observes == "state" else ImageActor(*spec.image_shape)
+    return StateActor() if spec.observes == "state" else ImageActor(spec)
 
 
 def weights_digest(policy: Policy) -> str:

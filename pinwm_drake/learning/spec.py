@@ -11,6 +11,7 @@ from pinwm_drake.errors import ParameterError
 
 Observes = Literal["rgb", "state"]
 OBSERVES = ("rgb", "state")
+LENGTH = 0.1  # m, what stands for 1 in the state
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 import torch
+from torch.nn.functional import cross_entropy
 
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.learning.actors import LEVELS, ImageActor
+from pinwm_drake.learning.actors import ImageActor, StateActor
 from pinwm_drake.learning.distil import DistilOptions, train_distil
 from pinwm_drake.learning.frames import Chunk, Frames
 from pinwm_drake.learning.policy import Policy
@@ -13,15 +14,22 @@ from tests.learning.toy_worlds import ToyWorlds, toy_spec
 SHORT = DistilOptions(rounds=4, round_images=160, updates=8, batch_size=32, episodes=8)
 
 
-class Teacher:
+@pytest.fixture(scope="module")
+def teacher():
     """Moves the square to the middle."""
-
-    def predict(self, observation):
-        return np.clip(-5.0 * observation["state"][:, :2], -1.0, 1.0).astype(np.float32), None
-
-    def shares(self, observation):
-        gaps = np.abs(self.predict(observation)[0][..., None] - np.array(LEVELS))
-        return np.maximum(1.0 - 3.0 * gaps, 0.0)  # of the two levels beside the action
+    torch.manual_seed(0)
+    actor = StateActor()
+    optimizer = torch.optim.Adam(actor.parameters(), 3e-3)
+    for _ in range(300):
+        state = torch.zeros(256, 11)
+        state[:, :2], state[:, 2] = 2.0 * torch.rand(256, 2) - 1.0, 1.0
+        state[:, 7:] = torch.randn(256, 4)  # where the pusher is does not matter
+        wanted = (-15.0 * state[:, :2]).clamp(-3.0, 3.0).round().long() + 3
+        loss = cross_entropy(actor.logits(state).flatten(0, 1), wanted.flatten())
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    return Policy(toy_spec("state"), actor.eval())
 
 
 class Killed(Exception):
@@ -32,39 +40,39 @@ def weights(policy):
     return {name: value.numpy().copy() for name, value in policy.actor.state_dict().items()}
 
 
-def test_the_student_learns_to_act_from_images(tmp_path):
+def test_the_student_learns_to_act_from_images(tmp_path, teacher):
     spec = toy_spec("rgb")
     options = DistilOptions(rounds=4, round_images=1600, updates=120, batch_size=64, episodes=32)
-    policy = train_distil(ToyWorlds(), Teacher(), spec, tmp_path, options)
+    policy = train_distil(ToyWorlds(), teacher, spec, tmp_path, options)
     assert isinstance(policy.actor, ImageActor)
     found = evaluate_worlds(ToyWorlds(), policy, 64, seed=5)
     torch.manual_seed(0)
-    before = evaluate_worlds(ToyWorlds(), Policy(spec, ImageActor(*spec.image_shape)), 64, seed=5)
+    before = evaluate_worlds(ToyWorlds(), Policy(spec, ImageActor(spec)), 64, seed=5)
     assert before.success_rate < 0.5
     assert found.success_rate > 0.9
 
 
-def test_a_distillation_that_was_killed_goes_on_with_the_same_result(tmp_path):
+def test_a_distillation_that_was_killed_goes_on_with_the_same_result(tmp_path, teacher):
     spec = toy_spec("rgb")
-    whole = train_distil(ToyWorlds(), Teacher(), spec, tmp_path / "a", SHORT)
+    whole = train_distil(ToyWorlds(), teacher, spec, tmp_path / "a", SHORT)
 
     def kill(step):
         if step.done > 0.4:
             raise Killed
 
     with pytest.raises(Killed):
-        train_distil(ToyWorlds(), Teacher(), spec, tmp_path / "b", SHORT, report=kill)
-    rest = train_distil(ToyWorlds(), Teacher(), spec, tmp_path / "b", SHORT, resume=True)
+        train_distil(ToyWorlds(), teacher, spec, tmp_path / "b", SHORT, report=kill)
+    rest = train_distil(ToyWorlds(), teacher, spec, tmp_path / "b", SHORT, resume=True)
     a, b = weights(whole), weights(rest)
     assert all(np.array_equal(a[name], b[name]) for name in a)
 
 
-def test_images_that_are_missing_are_named(tmp_path):
+def test_images_that_are_missing_are_named(tmp_path, teacher):
     spec = toy_spec("rgb")
-    train_distil(ToyWorlds(), Teacher(), spec, tmp_path, SHORT)
+    train_distil(ToyWorlds(), teacher, spec, tmp_path, SHORT)
     (tmp_path / "images" / "0001.npz").unlink()
     with pytest.raises(InputError, match=r"0001\.npz"):
-        train_distil(ToyWorlds(), Teacher(), spec, tmp_path, SHORT, resume=True)
+        train_distil(ToyWorlds(), teacher, spec, tmp_path, SHORT, resume=True)
 
 
 def chunk(worlds, length, first=0):
@@ -75,15 +83,15 @@ def chunk(worlds, length, first=0):
     start[2, 1] = True
     numbers = np.arange(first, first + rows)
     image = np.broadcast_to(numbers[:, None, None, None], (rows, 4, 4, 3)).astype(np.uint8)
-    column = np.tile(numbers[:, None], (1, 4)).astype(np.float32)
-    return Chunk(image, start.ravel(), column[:, :2], column, np.tile(column[:, :2, None], (1, 1, len(LEVELS))))
+    columns = np.tile(numbers[:, None], (1, 11)).astype(np.float32)
+    return Chunk(image, start.ravel(), columns[:, :2], columns)
 
 
 def test_stacks_hold_images_of_the_same_episode_the_oldest_first():
     frames = Frames(2, 3, 1000)
     frames.add(chunk(2, 4))
-    images, pusher, pose, shares = frames.draw(400, np.random.default_rng(0))
-    stacks = {int(row[0]): stack[0, 0, ::3].tolist() for row, stack in zip(pose, images, strict=True)}
+    images, pusher, state = frames.draw(400, np.random.default_rng(0))
+    stacks = {int(row[0]): stack[0, 0, ::3].tolist() for row, stack in zip(state, images, strict=True)}
     assert stacks == {
         0: [0, 0, 0],
         1: [1, 1, 1],
@@ -94,8 +102,7 @@ def test_stacks_hold_images_of_the_same_episode_the_oldest_first():
         6: [2, 4, 6],
         7: [5, 5, 7],
     }
-    assert np.array_equal(pusher[:, 0], pose[:, 0])
-    assert np.array_equal(shares[:, 0, 0], pose[:, 0])
+    assert np.array_equal(pusher[:, 0], state[:, 0])
 
 
 def test_the_oldest_images_are_forgotten():
@@ -110,7 +117,7 @@ def test_a_chunk_is_read_as_it_was_written(tmp_path):
     one = chunk(2, 4)
     one.write(tmp_path / "0.npz")
     again = Chunk.read(tmp_path / "0.npz")
-    for name in ("image", "start", "pusher", "pose", "shares"):
+    for name in ("image", "start", "pusher", "state"):
         assert np.array_equal(getattr(one, name), getattr(again, name))
 
 

@@ -46,14 +46,20 @@ def test_the_likeliest_level_is_taken_and_its_neighbours_are_heard():
     assert actions[3].isnan().tolist() == [True, False]
 
 
-def test_shares_add_up_and_the_action_follows_from_them(policy):
-    env = ToyWorlds()
-    env.seed(0)
-    seen = env.reset()
-    shares = policy.shares(seen)
-    assert shares.shape == (env.num_envs, 2, len(LEVELS))
-    assert shares.sum(-1) == pytest.approx(1.0, abs=1e-6)
-    assert chosen(torch.from_numpy(shares).log()).numpy() == pytest.approx(policy.predict(seen)[0], abs=1e-6)
+def test_the_pusher_stands_in_the_state_of_images_where_it_does_in_that_of_worlds():
+    spec = toy_spec("rgb", goal=(0.05, -0.1, 0.7))
+    actor = make_actor(spec)
+    state = actor.state(torch.rand(3, 6, 16, 16), torch.tensor([[-1.0, 1.0], [0.2, -0.4], [0.0, 0.0]])).detach().numpy()
+    x, y, c, s = state[:, :4].T
+    assert np.hypot(c, s) == pytest.approx(1.0, abs=1e-6)
+    # From the box's corners to the world, from there to the goal's axes, by hand.
+    p_WP = np.array([0.0, 0.1]) + np.array([0.3, 0.3]) * [[-1.0, 1.0], [0.2, -0.4], [0.0, 0.0]]
+    turned = np.array([[np.cos(0.7), np.sin(0.7)], [-np.sin(0.7), np.cos(0.7)]])
+    p = (p_WP - [0.05, -0.1]) @ turned.T / 0.1
+    assert state[:, 9:] == pytest.approx(p, abs=1e-5)
+    away = p - np.stack([x, y], 1)
+    from_object = np.stack([c * away[:, 0] + s * away[:, 1], -s * away[:, 0] + c * away[:, 1]], 1)
+    assert state[:, 7:9] == pytest.approx(from_object, abs=1e-5)
 
 
 def test_an_observation_without_what_a_policy_sees_is_refused(policy):

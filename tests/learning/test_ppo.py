@@ -87,7 +87,7 @@ def test_a_checkpoint_of_other_settings_is_refused(tmp_path):
 
 
 def test_the_actor_sees_images_alone_and_the_critic_the_state():
-    env, actor = ToyWorlds(images=True), ImageActor(16, 16, 6)
+    env, actor = ToyWorlds(images=True), ImageActor(toy_spec("rgb"))
     model = Ppo(ActorCritic, env, n_steps=4, policy_kwargs={"actor": actor}, device="cpu")
     env.seed(0)
     seen = {name: torch.from_numpy(values) for name, values in env.reset().items()}
@@ -103,7 +103,7 @@ def test_the_actor_sees_images_alone_and_the_critic_the_state():
 
 
 def test_the_actor_acts_as_sb3s_policy_does():
-    env, actor = ToyWorlds(images=True), ImageActor(16, 16, 6)
+    env, actor = ToyWorlds(images=True), ImageActor(toy_spec("rgb"))
     model = Ppo(ActorCritic, env, n_steps=4, policy_kwargs={"actor": actor}, device="cpu")
     env.seed(0)
     observation = env.reset()
