@@ -13,7 +13,7 @@ class Step:
         done: Share of the stage's work, 0 to 1.
         steps: Of the worlds so far, in this stage.
         success: Share of the episodes of the last round's evaluation that succeeded; NaN before the first.
-        length: Mean number of their actions, of those that succeeded.
+        length: Mean number of actions, of all of them.
         loss: Of the last update; of PPO its value loss.
         best: Success of the best round so far.
         seconds: Time taken, all runs of the stage together.

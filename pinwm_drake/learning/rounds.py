@@ -6,7 +6,6 @@ anew. A checkpoint at the end of a round is therefore all that there is to keep.
 
 import csv
 import io
-import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -41,7 +40,7 @@ class Round:
         number: From 0.
         steps: Of the worlds, all rounds together.
         success: Share of the episodes of its evaluation that succeeded.
-        length: Mean number of actions of those; NaN where there are none.
+        length: Mean number of actions, of all of them: one that failed counts what it took, as a rule the limit.
         loss: Of its last update.
         seconds: Since the stage began, all runs together.
     """
@@ -52,11 +51,6 @@ class Round:
     length: float
     loss: float
     seconds: float
-
-    @property
-    def rank(self) -> tuple[float, float]:
-        """The higher, the better: successes in whole percents first, then short episodes."""
-        return round(self.success, 2), -self.length if math.isfinite(self.length) else -math.inf
 
 
 class Rounds:
@@ -107,8 +101,8 @@ class Rounds:
 
     @property
     def best(self) -> Round | None:
-        """The best round so far, the earliest of several."""
-        return max(self.history, key=lambda one: one.rank, default=None)
+        """The round with the shortest episodes so far, the earliest of several."""
+        return min(self.history, key=lambda one: one.length, default=None)
 
     def begin(self, env: VecEnv, on_round: OnRound | None = None) -> None:
         """Seeds the generators of python, numpy and torch, and the worlds, for the round to come.
@@ -147,9 +141,8 @@ class Rounds:
             InputError: A file cannot be written.
         """
         before, seconds = self.best, time.monotonic() - self._begun
-        length = float(found.steps(successful=True).mean()) if found.successes else math.nan
-        done = Round(self.number, self.steps + steps, found.success_rate, length, loss, seconds)
-        if before is None or done.rank > before.rank:
+        done = Round(self.number, self.steps + steps, found.success_rate, found.mean_steps, loss, seconds)
+        if before is None or done.length < before.length:
             self._weights = weights(actor)
         self.history.append(done)
         rows = np.array([list(asdict(one).values()) for one in self.history], float)
