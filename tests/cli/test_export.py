@@ -17,12 +17,15 @@ SIZE = 32
 
 @pytest.fixture(scope="module")
 def policy() -> Policy:
-    """An untrained one of the shipped scene."""
+    """An untrained one of the shipped scene, which is decided all the same."""
     setup = environment_setup("push_t", image_size=SIZE)
     task = make_task(setup.scenario.start.q_WO, (0.0, 0.0, 0.0), "shaped")
     spec = policy_spec(setup, task, observes="rgb", frames=2, max_translation=0.02, max_steps=100)
     torch.manual_seed(0)
-    return Policy(spec, make_actor(spec), {"twin": "push_t", "note": "untrained"})
+    actor = make_actor(spec)
+    with torch.no_grad():
+        actor.head.weight.mul_(20.0)
+    return Policy(spec, actor, {"twin": "push_t", "note": "untrained"})
 
 
 @pytest.fixture(scope="module")
