@@ -51,7 +51,7 @@ def variants() -> list[Variant]:
         *_scaled("dissipation of the floor", settings, "FLOOR_DISSIPATION", "s/m", tenfold),
         *_scaled("dissipation of the pusher", contact, "_NO_BOUNCE", "s/m", tenfold),
         *_scaled("resolution hint of the pusher", settings, "PUSHER_RESOLUTION", "m", twofold),
-        *_scaled("triangles of the object", twin_model, "LONGEST_EDGE", "of its least extent", twofold),
+        *_scaled("triangles of the object", twin_model, "LONGEST_EDGE", "of its mean extent", twofold),
         *(Variant(f"time step 1/{n} s", "", time_step=1 / n) for n in (960, 1920, 7680)),
         *(_approximation(name) for name in ("Similar", "Sap")),
     ]

@@ -14,12 +14,12 @@ def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> str:
 
     Args:
         mesh: Metres, watertight.
-        longest_edge: Of a triangle, m.
+        longest_edge: Of a triangle, for each metre of the mesh's mean extent.
 
     Returns:
         The OBJ file.
     """
-    triangles = divided(mesh.triangles, longest_edge)
+    triangles = divided(mesh.triangles, longest_edge * float(mesh.extents.mean()))
     # Corners in the order in which they come, each once.
     lines = [f"v {' '.join(f'{x + 0.0:.12g}' for x in corner)}" for corner in triangles.reshape(-1, 3).round(15)]
     number = {line: k for k, line in enumerate(dict.fromkeys(lines), start=1)}

@@ -90,7 +90,7 @@ def _object_texts(name: str) -> dict[str, str]:
     comment = f"{name}, hydroelastic contact. {_about()}"
     point = f"{name}, point contact: pieces are for the pusher, supports for the floor. {_about()}"
     return {
-        contact: fine_mesh(mesh, LONGEST_EDGE * float(mesh.extents.min())),
+        contact: fine_mesh(mesh, LONGEST_EDGE),
         **{file: piece_mesh(piece) for file, piece in zip(files, pieces, strict=True)},
         f"{name}/{name}.sdf": object_sdf(name, solid, shipped_uri(visual), shipped_uri(contact), surfaces, comment),
         f"{name}/{name}_point.sdf": object_point_sdf(name, solid, shipped_uri(visual), uris, spheres, surfaces, point),

@@ -10,7 +10,7 @@ In hydroelastic contact the object is rigid, floor and pusher are compliant and 
 - objects sink by 0.4 to 0.9 µm and creep by less than 1e-6 mm/s, or 0.006 mm/s where they lean on the pusher; a mug
   that lies on a facet sinks by 11 µm and creeps by 0.001 mm/s;
 - one that slides stops after v²/(2 μ g) to 0.2 % at μ = 0.03 and 1 % at μ = 0.5 (half of it the step's v h / 2);
-- one that spins is slowed by the torque of uniform pressure on its base to 0.7 %;
+- one that spins is slowed by the torque of uniform pressure on its base to 0.9 %;
 - the pusher overlaps the object by 0.05 to 0.09 mm in a push and 0.1 mm in an impact;
 - restitution 0: the object leaves an impact at 1 % to 1.9 % more than the pusher's speed, 2.3 mm/s at most;
 - restitution above 0 is approximate: 0.5 came out as 0.45 at the reference speed with steps of 1/7680 s, and lower at

@@ -113,7 +113,7 @@ def object_text(
         _write(folder / _VISUAL, seen)
         _write((folder / _VISUAL).with_suffix(".mtl"), colours)
     if contact == "hydroelastic":
-        fine = _mesh_file(folder, "contact", fine_mesh(mesh, LONGEST_EDGE * float(mesh.extents.min())))
+        fine = _mesh_file(folder, "contact", fine_mesh(mesh, LONGEST_EDGE))
         return object_sdf("object", solid, visual, prefix + fine, surfaces, comment)
     pieces = [prefix + _mesh_file(folder, f"piece_{k}", text) for k, text in enumerate(_piece_meshes(twin.mesh_path))]
     return object_point_sdf("object", solid, visual, pieces, support_spheres(mesh), surfaces, comment)
