@@ -14,8 +14,8 @@ FLOOR_MODULUS = 3e7  # Pa, reached half-way down: 3e9 Pa/m
 FLOOR_DISSIPATION = 20.0
 PUSHER_MODULUS = 1e9  # Pa, at its middle
 PUSHER_RESOLUTION = 0.002  # m, edges of its tetrahedra
-# Of the object's triangles, for each metre of its mean extent. A face's friction torque is up to 0.9 % too small with it
-# (T-block); half of it takes more than twice as long.
+# Of the object's triangles, for each metre of its mean extent. A face's friction torque is up to 0.9 % too small
+# with it (T-block); half of it takes more than twice as long.
 LONGEST_EDGE = 0.28
 
 # Point contact, N/m, of a pair: a small sphere on the floor, and a convex piece at the pusher.
