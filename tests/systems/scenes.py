@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import trimesh
 from pinwm_drake.models import object_model
 from pinwm_drake.systems.collision_mesh import divided
 from pinwm_drake.systems.push_plant import MakePushPlant, PushPlant
@@ -95,8 +96,18 @@ def bench_of(setup: Setup, contact: str, time_step: float) -> Bench:
 def base_of(name: str) -> tuple[float, float, float]:
     """Height of the centre of mass above the base [m], mean distance of the base from the axis [m], I_zz/m [m²]."""
     mesh = load_mesh(object_model(name).mesh_path)
-    low = mesh.bounds[0, 2]
-    triangles = divided(mesh.triangles[np.abs(mesh.triangles[:, :, 2] - low).max(axis=1) < 1e-9], 0.002)
+    radius = mean_radius(divided(base_triangles(mesh), 0.002))
+    return -mesh.bounds[0, 2], radius, float(mass_properties(mesh, mass=1.0).inertia[2, 2])
+
+
+def base_triangles(mesh: trimesh.Trimesh) -> np.ndarray:
+    """Those (n, 3, 3) on which it stands [m]."""
+    found: np.ndarray = mesh.triangles[np.abs(mesh.triangles[:, :, 2] - mesh.bounds[0, 2]).max(axis=1) < 1e-9]
+    return found
+
+
+def mean_radius(triangles: np.ndarray) -> float:
+    """Mean distance of triangles (n, 3, 3) from the axis [m], each taken as a point in its centroid."""
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
     radius = np.linalg.norm(triangles.mean(axis=1)[:, :2], axis=1)
-    return -low, float(area @ radius / area.sum()), float(mass_properties(mesh, mass=1.0).inertia[2, 2])
+    return float(area @ radius / area.sum())
