@@ -79,7 +79,6 @@ def measure(policy: Policy, bundle: Bundle, image: np.ndarray, p_WP: np.ndarray,
     return {
         "milliseconds": {name: each.summary(1e3) for name, each in samples.items()},
         "ratio": {name: samples[BUNDLE].over(samples[name]) for name in (MODULE, PREDICT)},
-        "deviation": float(np.abs(bundle.act(image, p_WP) - in_torch()).max()),
     }
 
 
@@ -95,7 +94,6 @@ def table(data: dict) -> str:
         f"- ms a call in onnxruntime: {results.verdict(data['milliseconds'][BUNDLE]['median'], BAR)}.",
         f"- `read_bundle`, with SHA-256 and golden samples: {results.spread(data['load'], 0)} ms; the bundle takes "
         f"{data['bytes'] / 1e6:.2f} MB.",
-        f"- Largest difference from torch in these calls, m: {data['deviation']:.1e}.",
         "",
         f"{rounds} on one CPU; other processes took {others} of the CPUs.",
     ]
