@@ -6,6 +6,7 @@ from pinwm_drake.systems.cousin_pool import CousinPool
 from pinwm_drake.systems.policy_spec import policy_spec
 from pinwm_drake.systems.push_observation import Kind
 from pinwm_drake.systems.push_setup import Scene, environment_setup, scene_hash, with_start_yaw
+from pinwm_drake.systems.push_task import PushTask
 from pinwm_drake.systems.push_vector_env import PushVecEnv
 
 from pinwm_drake.cousins import CousinDraw
@@ -38,6 +39,8 @@ class TrainingWorlds:
         from_intervals: bool = False,
         seed: int = 0,
         yaw: float | None = None,
+        tolerance: float = PushTask.tolerance,
+        turn_tolerance: float = PushTask.turn_tolerance,
     ) -> None:
         """Loads the scene.
 
@@ -52,6 +55,8 @@ class TrainingWorlds:
             from_intervals: Whether cousins' theta is drawn from identified intervals.
             seed: Of the cousins.
             yaw: rad, by which the object is turned at the start at most, either way; None for the scene's range.
+            tolerance: m, how near to the goal is success.
+            turn_tolerance: rad, likewise of the orientation.
 
         Raises:
             InputError: The scene, or one of its files, cannot be used.
@@ -65,6 +70,8 @@ class TrainingWorlds:
             "frames": frames,
             "max_steps": max_steps,
             "max_translation": max_translation,
+            "tolerance": tolerance,
+            "turn_tolerance": turn_tolerance,
             "time_step": _TIME_STEP,
             "friction_directions": _DIRECTIONS,
         }

@@ -26,6 +26,8 @@ def train(
     yaw: Annotated[
         float | None, typer.Option(help="rad, by which the object is turned at the start, at most.", show_default="π/2")
     ] = None,
+    tolerance: Annotated[float, typer.Option(help="m, from the goal, for success.")] = 0.02,
+    turn_tolerance: Annotated[float, typer.Option(help="rad, from the goal's, for success.")] = 0.2,
     seed: Annotated[int, typer.Option(help="Of networks, worlds and cousins.")] = 0,
     worlds: Annotated[int, typer.Option(help="That are trained in at once.")] = 64,
     image_size: Annotated[int, typer.Option(help="px.")] = 64,
@@ -59,6 +61,8 @@ def train(
         delta=delta,
         from_intervals=from_intervals,
         yaw=yaw,
+        tolerance=tolerance,
+        turn_tolerance=turn_tolerance,
         seed=seed,
         worlds=worlds,
         image_size=image_size,

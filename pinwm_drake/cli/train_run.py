@@ -43,6 +43,8 @@ class TrainRequest:
     delta: float = 0.1
     from_intervals: bool = False
     yaw: float | None = None
+    tolerance: float = 0.02
+    turn_tolerance: float = 0.2
     seed: int = 0
     worlds: int = 64
     image_size: int = 64
@@ -132,6 +134,8 @@ def _training_worlds(request: TrainRequest) -> TrainingWorlds:
         from_intervals=request.from_intervals,
         seed=request.seed,
         yaw=request.yaw,
+        tolerance=request.tolerance,
+        turn_tolerance=request.turn_tolerance,
     )
 
 

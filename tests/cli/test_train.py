@@ -27,7 +27,8 @@ def weights(folder):
 
 
 def test_a_teacher_is_trained_and_kept(tmp_path):
-    out = train("push_t", "-o", tmp_path / "run", "--method", "state", "--steps", 512, *SHORT)
+    closer = ["--tolerance", 0.01, "--turn-tolerance", 0.1]
+    out = train("push_t", "-o", tmp_path / "run", "--method", "state", "--steps", 512, *closer, *SHORT)
     assert out.exit_code == 0, out.output
     policy = read_policy(tmp_path / "run")
     assert policy.spec.observes == "state"
@@ -36,7 +37,7 @@ def test_a_teacher_is_trained_and_kept(tmp_path):
     assert (tmp_path / "run" / "training.png").stat().st_size > 1000
     assert list((tmp_path / "run" / "teacher" / "tensorboard").iterdir())
     # What it acts in is what it was trained in.
-    worlds = TrainingWorlds("push_t", num_worlds=4, image_size=32)
+    worlds = TrainingWorlds("push_t", num_worlds=4, image_size=32, tolerance=0.01, turn_tolerance=0.1)
     assert worlds.spec(worlds.worlds("state"), "state") == policy.spec
 
 

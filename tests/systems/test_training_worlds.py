@@ -77,3 +77,11 @@ def test_the_range_of_the_start_can_be_widened():
     angle = np.arctan2(*env.reset()[:, [3, 2]].T)
     assert np.abs(angle).max() > 0.8 * np.pi
     assert worlds.about["start_yaw"] == [-np.pi, np.pi]
+
+
+def test_what_success_is_can_be_narrowed():
+    worlds = TrainingWorlds("push_t", num_worlds=2, tolerance=0.01, turn_tolerance=0.1)
+    env = worlds.worlds("state")
+    assert (env.worlds.task.tolerance, env.worlds.task.turn_tolerance) == (0.01, 0.1)
+    spec = worlds.spec(env, "rgb")
+    assert (spec.tolerance, spec.turn_tolerance) == (0.01, 0.1)
