@@ -22,6 +22,7 @@ from pinwm_drake.learning.progress import Report, Step
 from pinwm_drake.learning.rounds import CHECKPOINT_FILE, HISTORY_FILE
 from pinwm_drake.learning.spec import Observes
 from pinwm_drake.report.training_figure import training_figure
+from pinwm_drake.systems.push_task import PushTask
 from pinwm_drake.systems.training_worlds import TrainingWorlds
 
 METHODS = ("distil", "ppo", "state")
@@ -43,8 +44,8 @@ class TrainRequest:
     delta: float = 0.1
     from_intervals: bool = False
     yaw: float | None = None
-    tolerance: float = 0.02
-    turn_tolerance: float = 0.2
+    tolerance: float = PushTask.tolerance
+    turn_tolerance: float = PushTask.turn_tolerance
     seed: int = 0
     worlds: int = 64
     image_size: int = 64
