@@ -89,6 +89,10 @@ class ActorCritic(ActorCriticPolicy):
         self._actor.to(memory_format=torch.channels_last)
         self.pull()
 
+    def extract_features(self, obs: Any, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
+        """The observation as it is: images stay bytes, of which SB3 would make floats."""
+        return obs
+
     def _build_mlp_extractor(self) -> None:
         self.mlp_extractor = _Latents(self._given[0], self._width)  # type: ignore[assignment]
 

@@ -72,7 +72,7 @@ class ImageActor(nn.Module):
 
     Attributes:
         actor: From the state to the action.
-        augment: Changes images (B, channels, height, width), 0 for white, at random while `training`; None for nothing.
+        augment: `darken` with changes at random, while `training`; None for none.
     """
 
     placing: Tensor
@@ -126,7 +126,7 @@ class ImageActor(nn.Module):
         """(B, channels, height, width) float32, 0 for white, of images as the policy sees them.
 
         Args:
-            image: (B, height, width, channels), uint8 or floats of the same range.
+            image: (B, height, width, channels) uint8.
         """
         return 1.0 - image.permute(0, 3, 1, 2).float() / 255.0
 
@@ -148,10 +148,8 @@ class ImageActor(nn.Module):
     def latent(self, seen: Seen) -> Tensor:
         """(B, latent_size) of an observation with `image` and `pusher`."""
         assert isinstance(seen, Mapping)
-        dark = self.darken(seen["image"])
-        if self.training and self.augment is not None:
-            dark = self.augment(dark)
-        return self.actor.latent(self.state(dark, seen["pusher"]))
+        darken = self.augment if self.training and self.augment is not None else self.darken
+        return self.actor.latent(self.state(darken(seen["image"]), seen["pusher"]))
 
     def logits(self, seen: Seen) -> Tensor:
         """(B, 2, len(LEVELS)) of an observation."""

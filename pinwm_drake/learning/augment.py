@@ -21,19 +21,24 @@ class Augment:
         """
         self._shift, self._gain = shift, gain
 
-    def __call__(self, dark: Tensor) -> Tensor:
-        """Changed images (B, 3 k, height, width), 0 for white; torch's generator draws."""
-        if self._gain > 0.0:
-            factors = 1.0 + self._gain * (2.0 * torch.rand(len(dark), 3) - 1.0)
-            dark = dark * factors.repeat(1, dark.shape[1] // 3)[:, :, None, None]
+    def __call__(self, image: Tensor) -> Tensor:
+        """Changed images (B, 3 k, height, width) float32, 0 for white and 1 for black; torch's generator draws.
+
+        Args:
+            image: (B, height, width, 3 k) uint8, RGB.
+        """
+        factors = 1.0 + self._gain * (2.0 * torch.rand(len(image), 3) - 1.0)
+        # Moved as bytes, a quarter of what floats are.
+        dark = 255 - image
         if self._shift > 0:
             dark = torch.cat([self._moved(group) for group in dark.chunk(_GROUPS)])
-        return dark
+        scale = (factors / 255.0).repeat(1, image.shape[3] // 3)
+        return dark.permute(0, 3, 1, 2).float().mul_(scale[:, :, None, None])
 
     def _moved(self, dark: Tensor) -> Tensor:
         """All by the same pixels."""
         s = self._shift
         x, y = torch.randint(2 * s + 1, (2,)).tolist()
-        padded = torch.nn.functional.pad(dark, (s, s, s, s))
-        height, width = dark.shape[2:]
-        return padded[:, :, y : y + height, x : x + width]
+        height, width = dark.shape[1:3]
+        padded = torch.nn.functional.pad(dark, (0, 0, s, s, s, s))
+        return padded[:, y : y + height, x : x + width]

@@ -186,7 +186,7 @@ def _learn(
             group["lr"] = rate
         images, pusher, given = frames.draw(options.batch_size, generator)
         state = torch.from_numpy(given)
-        found = student.state(augment(student.darken(torch.from_numpy(images))), torch.from_numpy(pusher))
+        found = student.state(augment(torch.from_numpy(images)), torch.from_numpy(pusher))
         loss = mse_loss(found, state)
         with torch.no_grad():
             shares = student.actor.logits(state).softmax(-1)

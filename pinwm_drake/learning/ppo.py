@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
@@ -65,8 +65,7 @@ class PpoOptions:
     @classmethod
     def for_images(cls) -> "PpoOptions":
         """What is used from images: there are fewer steps in the same time."""
-        slow = cls(steps=2_000_000, round_steps=100_000, n_epochs=3, learning_rate=3e-4, batch_size=512)
-        return replace(slow, shift=1, gain=0.2)
+        return cls(steps=2_000_000, round_steps=100_000, n_epochs=6, shift=1, gain=0.2)
 
     def __post_init__(self) -> None:
         """Checks the values."""

@@ -1,17 +1,18 @@
 import torch
 
+from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.augment import Augment
 
 
 def picture(batch=16):
-    """A dot in each of two frames, 0 for white."""
-    dark = torch.zeros(batch, 6, 9, 9)
-    dark[:, :, 4, 4] = 0.5
-    return dark
+    """A dot in each of two frames, on white."""
+    image = torch.full((batch, 9, 9, 6), 255, dtype=torch.uint8)
+    image[:, 4, 4] = 128
+    return image
 
 
-def test_without_ranges_nothing_changes():
-    assert torch.equal(Augment(0, 0.0)(picture()), picture())
+def test_without_ranges_images_are_darkened_alone():
+    torch.testing.assert_close(Augment(0, 0.0)(picture()), ImageActor.darken(picture()))
 
 
 def test_images_move_by_whole_pixels_at_most_the_shift_and_frames_together():
@@ -22,7 +23,7 @@ def test_images_move_by_whole_pixels_at_most_the_shift_and_frames_together():
     offsets = torch.stack([at[:, 0] // 9 - 4, at[:, 0] % 9 - 4], 1)
     assert offsets.abs().max() == 2
     assert len(set(map(tuple, offsets.tolist()))) > 3
-    assert torch.allclose(moved.sum((1, 2, 3)), picture(64).sum((1, 2, 3)))
+    assert torch.allclose(moved.sum((1, 2, 3)), ImageActor.darken(picture(64)).sum((1, 2, 3)))
 
 
 def test_colours_change_alike_in_all_frames_and_white_stays_white():
@@ -30,8 +31,9 @@ def test_colours_change_alike_in_all_frames_and_white_stays_white():
     changed = Augment(0, 0.2)(picture(200))
     values = changed[:, :, 4, 4]
     assert torch.equal(values[:, :3], values[:, 3:])
-    assert values.min() >= 0.4
-    assert values.max() <= 0.6
+    dot = 127 / 255
+    assert values.min() >= 0.8 * dot - 1e-6
+    assert values.max() <= 1.2 * dot + 1e-6
     assert values[:, 0].std() > 0.04
     changed[:, :, 4, 4] = 0.0
     assert not changed.any()
