@@ -15,6 +15,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor, nn
 
 from pinwm_drake.learning.actors import ACTION_SIZE, LEVELS, STATE_SIZE, Seen
+from pinwm_drake.learning.augment import Augment
 
 
 class _AsSeen(BaseFeaturesExtractor):
@@ -126,6 +127,30 @@ class ByLevels(VecEnvWrapper):
     def step_wait(self) -> VecEnvStepReturn:
         """What came of it."""
         return self.venv.step_wait()
+
+
+class Augmented(VecEnvWrapper):
+    """Worlds whose images are changed at random as they are seen.
+
+    PPO compares how likely an action is with how likely it was when it was taken, so that both have to see the same.
+    """
+
+    def __init__(self, env: VecEnv, augment: Augment) -> None:
+        """Takes the worlds, of images."""
+        super().__init__(env)
+        self._augment = augment
+
+    def reset(self) -> Any:
+        """Begins anew."""
+        return self._changed(self.venv.reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """What came of it."""
+        seen, rewards, ended, infos = self.venv.step_wait()
+        return self._changed(seen), rewards, ended, infos
+
+    def _changed(self, seen: Any) -> Any:
+        return {**seen, "image": self._augment.as_images(torch.from_numpy(seen["image"])).numpy()}
 
 
 class Ppo(PPO):

@@ -8,7 +8,7 @@ Source: Tang and Agrawal, "Discretizing continuous action space for on-policy op
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor, nn
@@ -72,7 +72,6 @@ class ImageActor(nn.Module):
 
     Attributes:
         actor: From the state to the action.
-        augment: `darken` with changes at random, while `training`; None for none.
     """
 
     placing: Tensor
@@ -87,7 +86,6 @@ class ImageActor(nn.Module):
         """
         super().__init__()
         height, width, channels = spec.image_shape
-        self.augment: Callable[[Tensor], Tensor] | None = None
         self.convolutions = nn.Sequential(
             nn.Conv2d(channels, 32, 4, 4),
             nn.ReLU(),
@@ -148,8 +146,7 @@ class ImageActor(nn.Module):
     def latent(self, seen: Seen) -> Tensor:
         """(B, latent_size) of an observation with `image` and `pusher`."""
         assert isinstance(seen, Mapping)
-        darken = self.augment if self.training and self.augment is not None else self.darken
-        return self.actor.latent(self.state(darken(seen["image"]), seen["pusher"]))
+        return self.actor.latent(self.state(self.darken(seen["image"]), seen["pusher"]))
 
     def logits(self, seen: Seen) -> Tensor:
         """(B, 2, len(LEVELS)) of an observation."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 
-from pinwm_drake.learning.actor_critic import ActorCritic, Ppo
+from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.augment import Augment
 from pinwm_drake.learning.memory import pack, unpack
@@ -38,7 +38,7 @@ class PpoOptions:
         gamma: Discount of an action.
         gae_lambda: Of the advantages.
         clip_range: Of PPO's ratio.
-        shift: px, by which images are moved at random while they are learned from, at most.
+        shift: px, by which images are moved at random as the policy sees them, at most.
         gain: Relative half-width of the random factors of their colours.
         entropy: Of the actions, how much it counts in the objective.
         episodes: Of an evaluation.
@@ -139,7 +139,7 @@ def _constant(rate: float, _: float) -> float:
 def _model(env: VecEnv, spec: PolicySpec, options: PpoOptions, seed: int) -> Ppo:
     actor = make_actor(spec)
     if isinstance(actor, ImageActor):
-        actor.augment = Augment(options.shift, options.gain)
+        env = Augmented(env, Augment(options.shift, options.gain))
     return Ppo(
         ActorCritic,
         env,

@@ -37,3 +37,14 @@ def test_colours_change_alike_in_all_frames_and_white_stays_white():
     assert values[:, 0].std() > 0.04
     changed[:, :, 4, 4] = 0.0
     assert not changed.any()
+
+
+def test_as_images_white_stays_white_and_the_rest_is_what_is_darkened():
+    torch.manual_seed(0)
+    changed = Augment(0, 0.2)(picture())
+    torch.manual_seed(0)
+    images = Augment(0, 0.2).as_images(picture())
+    assert images.dtype == torch.uint8
+    assert images.shape == picture().shape
+    torch.testing.assert_close(ImageActor.darken(images), changed, atol=0.5 / 255 + 1e-6, rtol=0)
+    assert (images[:, 0] == 255).all()

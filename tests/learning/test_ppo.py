@@ -5,8 +5,9 @@ import pytest
 import torch
 
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.learning.actor_critic import ActorCritic, Ppo
+from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
 from pinwm_drake.learning.actors import ImageActor, StateActor, chosen
+from pinwm_drake.learning.augment import Augment
 from pinwm_drake.learning.policy import make_actor
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
@@ -112,6 +113,16 @@ def test_the_actor_acts_as_sb3s_policy_does():
     with torch.no_grad():
         expected = torch.stack([one.logits for one in model.policy.get_distribution(seen).distribution], 1)
         assert torch.allclose(actor(seen["image"], seen["pusher"]), chosen(expected), atol=1e-6)
+
+
+def test_what_is_learned_from_is_what_was_seen_when_an_action_was_taken():
+    env, actor = Augmented(ToyWorlds(images=True), Augment(2, 0.5)), ImageActor(toy_spec("rgb"))
+    policy = {"actor": actor}
+    model = Ppo(ActorCritic, env, 1e-12, n_steps=8, batch_size=64, n_epochs=1, policy_kwargs=policy, device="cpu")
+    with torch.no_grad():
+        model.policy.action_net.weight.mul_(1000.0)
+    model.learn(64, log_interval=1000)
+    assert abs(model.logger.name_to_value["train/approx_kl"]) < 1e-9
 
 
 @pytest.mark.parametrize("values", [{"steps": 0}, {"gamma": float("nan")}, {"shift": -1}, {"learning_rate": -1.0}])
