@@ -65,7 +65,15 @@ class PpoOptions:
     @classmethod
     def for_images(cls) -> "PpoOptions":
         """What is used from images: there are fewer steps in the same time."""
-        return cls(steps=2_000_000, round_steps=100_000, n_epochs=6, shift=1, gain=0.2)
+        return cls(
+            steps=2_000_000,
+            round_steps=100_000,
+            n_steps=128,
+            n_epochs=4,
+            learning_rate=2e-4,
+            shift=1,
+            gain=0.2,
+        )
 
     def __post_init__(self) -> None:
         """Checks the values."""
