@@ -221,7 +221,9 @@ def test_no_room_to_push(pinwm, tmp_path):
 
 
 def test_meshcat_until_ctrl_c(scenario):
-    command = [sys.executable, "-u", "-c", "from pinwm_drake.cli import main; main()"]
+    # Where the tests run in the background of a script, Ctrl-C is ignored, and a child inherits that.
+    listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    command = [sys.executable, "-u", "-c", f"{listen}; from pinwm_drake.cli import main; main()"]
     arguments = ["simulate", scenario, "--meshcat", "--duration", "0.3"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     process = subprocess.Popen(
