@@ -124,7 +124,7 @@ class ImageActor(nn.Module):
         """(B, channels, height, width) float32, 0 for white, of images as the policy sees them.
 
         Args:
-            image: (B, height, width, channels) uint8.
+            image: (B, height, width, channels), uint8 or, as some of SB3's ways hand it on, floats of the same range.
         """
         return 1.0 - image.permute(0, 3, 1, 2).float() / 255.0
 

@@ -36,7 +36,7 @@ class Augment:
         return dark.permute(0, 3, 1, 2).float().mul_(scale[:, :, None, None])
 
     def as_images(self, image: Tensor) -> Tensor:
-        """The same as images: (B, height, width, 3 k) uint8 as they come, 255 for white."""
+        """The same as images again, (B, height, width, 3 k) uint8, 255 for white; `image` as for a call."""
         return (255.0 * (1.0 - self(image))).round_().clamp_(0.0, 255.0).byte().permute(0, 2, 3, 1)
 
     def _moved(self, dark: Tensor) -> Tensor:

@@ -64,7 +64,11 @@ class PpoOptions:
 
     @classmethod
     def for_images(cls) -> "PpoOptions":
-        """What is used from images: there are fewer steps in the same time."""
+        """What is used from images: fewer steps, as they take longer, and smaller updates.
+
+        With the teacher's learning rate and six epochs of a rollout half as long, the divergence (KL) of an update was
+        0.12 to 0.20, and the entropy fell while success did not grow; with these it is 0.02 to 0.04.
+        """
         return cls(
             steps=2_000_000,
             round_steps=100_000,

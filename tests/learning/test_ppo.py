@@ -1,4 +1,5 @@
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,6 +124,16 @@ def test_what_is_learned_from_is_what_was_seen_when_an_action_was_taken():
         model.policy.action_net.weight.mul_(1000.0)
     model.learn(64, log_interval=1000)
     assert abs(model.logger.name_to_value["train/approx_kl"]) < 1e-9
+
+
+def test_a_training_from_images_changes_them(tmp_path):
+    short = replace(SHORT, steps=SHORT.round_steps, episodes=1)
+    plain, changed = (
+        train_ppo(ToyWorlds(images=True), toy_spec("rgb"), tmp_path / str(gain), replace(short, gain=gain), stage="ppo")
+        for gain in (0.0, 0.5)
+    )
+    # As many random numbers are drawn in both, so that the images alone make the difference.
+    assert not same(weights(plain), weights(changed))
 
 
 @pytest.mark.parametrize("values", [{"steps": 0}, {"gamma": float("nan")}, {"shift": -1}, {"learning_rate": -1.0}])
