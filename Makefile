@@ -25,7 +25,7 @@ bench: $(VENV)/.installed-bench
 setup: $(VENV)/.installed
 
 # Work is stamped by the files that decide what gets installed.
-$(VENV)/.installed: pyproject.toml setup.py constraints.txt | $(VENV)/bin/python
+$(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[dev]"
 	touch $@
 

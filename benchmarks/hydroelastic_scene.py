@@ -5,6 +5,10 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.systems.crosscheck import unlimited
 from pinwm_drake.systems.crosscheck_motion import Motion, PushRig
 from pinwm_drake.systems.crosscheck_pushes import Trial
@@ -12,10 +16,6 @@ from pinwm_drake.systems.pusher_motion import StraightPush
 from pinwm_drake.systems.scenario import Physics, Scenario, Start, Theta
 from pinwm_drake.systems.setup import Setup, make_setup
 from pinwm_drake.systems.start import Place
-from pydrake.math import RigidTransform
-from pydrake.systems.analysis import Simulator
-
-from pinwm_drake.geometry.meshes import load_mesh
 
 _IMPACT_SPEED = 0.2  # m/s
 _REST = (0.1, 0.2)  # s, between which an object that was put down creeps

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from unittest import mock
 
-from pinwm_drake.systems import contact, contact_settings, push_plant, twin_model
 from pydrake.multibody.plant import DiscreteContactApproximation
+
+from pinwm_drake.systems import contact, contact_settings, push_plant, twin_model
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import torch
 import trimesh
-from pinwm_drake.models import model_path
 
+from pinwm_drake.models import model_path
 from pinwm_drake.rendering import Camera, Surfels
 from pinwm_drake.spatial.poses import Pose, inverse
 from pinwm_drake.spatial.rotations import matrix_to_quaternion

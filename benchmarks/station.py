@@ -12,14 +12,14 @@ timing.limit_threads(2)  # before numba and torch are imported
 
 import numpy as np  # noqa: E402
 import torch  # noqa: E402
-from pinwm_drake.systems.scenario import Physics, Scenario, Start, Theta, View  # noqa: E402
-from pinwm_drake.systems.setup import make_setup  # noqa: E402
-from pinwm_drake.systems.station import MakePushStation, PushStation  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 
 from pinwm_drake.physics import Parameters, State, Stepper  # noqa: E402
 from pinwm_drake.rendering import render  # noqa: E402
 from pinwm_drake.spatial.poses import Pose  # noqa: E402
+from pinwm_drake.systems.scenario import Physics, Scenario, Start, Theta, View  # noqa: E402
+from pinwm_drake.systems.setup import make_setup  # noqa: E402
+from pinwm_drake.systems.station import MakePushStation, PushStation  # noqa: E402
 
 BARS = {1: 0.30, 32: 0.05}
 STEPS = 24  # of 1 / 240 s, an action

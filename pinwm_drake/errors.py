@@ -4,6 +4,7 @@
 """
 
 import os
+from typing import Any
 
 
 class PinwmError(Exception):
@@ -78,3 +79,12 @@ class InputError(PinwmError):
         where = self.path if row is None else f"{self.path}, row {row}"
         found = "" if value is None else f"got {value}; "
         super().__init__(f"{where}: {found}allowed: {allowed}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """The parts, so that a process can send the error to another; a value goes as text."""
+        value = None if self.value is None else str(self.value)
+        return _input_error, (type(self), self.path, self.allowed, self.row, value)
+
+
+def _input_error(kind: type[InputError], path: str, allowed: str, row: int | None, value: str | None) -> InputError:
+    return kind(path, allowed=allowed, row=row, value=value)

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from pinwm_drake.systems.arm_model import JOINTS, ArmModel
-from pinwm_drake.systems.command_interpolator import CommandInterpolator
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.inverse_kinematics import (
@@ -17,6 +15,8 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Inpu
 from pydrake.systems.primitives import StateInterpolatorWithDiscreteDerivative
 
 from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.systems.arm_model import JOINTS, ArmModel
+from pinwm_drake.systems.command_interpolator import CommandInterpolator
 
 _MARGIN = 0.02  # rad, kept from the limits of the joints
 _SHARE = 0.95  # of the joints' greatest speeds

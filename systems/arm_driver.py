@@ -1,15 +1,6 @@
 """A robot to try things with: an arm in simulation, with its camera, behind the messages that a real one would have."""
 
 import numpy as np
-from pinwm_drake.systems.arm_control import AddArmControl, ToolState
-from pinwm_drake.systems.arm_messages import AddCamera, AddCommands, AddState
-from pinwm_drake.systems.arm_model import REACH_HIGH, REACH_LOW, ArmModel
-from pinwm_drake.systems.arm_plant import MakeArmPlant
-from pinwm_drake.systems.arm_view import AddArmView
-from pinwm_drake.systems.push_plant import ContactName
-from pinwm_drake.systems.sampling import whole_multiple
-from pinwm_drake.systems.setup import Setup
-from pinwm_drake.systems.start import Place, StartDistribution
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
@@ -18,6 +9,15 @@ from pydrake.systems.lcm import LcmInterfaceSystem
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.systems.arm_control import AddArmControl, ToolState
+from pinwm_drake.systems.arm_messages import AddCamera, AddCommands, AddState
+from pinwm_drake.systems.arm_model import REACH_HIGH, REACH_LOW, ArmModel
+from pinwm_drake.systems.arm_plant import MakeArmPlant
+from pinwm_drake.systems.arm_view import AddArmView
+from pinwm_drake.systems.sampling import whole_multiple
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.start import Place, StartDistribution
+from pinwm_drake.systems.twin_model import ContactName
 
 TIME_STEP = 0.0025  # s, of the plant
 # m/s^2: 8.6 rad/s^2 of joint A1, which the notes of Drake's model of the arm give, at half a metre.

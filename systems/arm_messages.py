@@ -1,16 +1,17 @@
 """What the simulated driver of an arm hears and says over LCM; see `LcmLink`."""
 
 from drake import lcmt_drake_signal, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
-from pinwm_drake.systems.capture_rig import AddCaptureRig
-from pinwm_drake.systems.lcm_link import LcmLink
-from pinwm_drake.systems.lcm_signal import SignalReceiver, SignalSender
-from pinwm_drake.systems.object_image import ObjectImage
-from pinwm_drake.systems.setup import Setup
 from pydrake.geometry import SceneGraph
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
 from pydrake.systems.sensors import ImageToLcmImageArrayT, PixelType
+
+from pinwm_drake.systems.capture_rig import AddCaptureRig
+from pinwm_drake.systems.lcm_link import LcmLink
+from pinwm_drake.systems.lcm_signal import SignalReceiver, SignalSender
+from pinwm_drake.systems.object_image import ObjectImage
+from pinwm_drake.systems.setup import Setup
 
 _SUPERSAMPLING = 3
 _NAMES = ("px", "py", "pz", "vx", "vy", "vz")

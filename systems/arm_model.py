@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from pinwm_drake.models import model_path
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.inverse_kinematics import InverseKinematics
 from pydrake.multibody.parsing import Parser
@@ -12,6 +11,7 @@ from pydrake.multibody.tree import FixedOffsetFrame, Frame, ModelInstanceIndex
 from pydrake.solvers import Solve
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.models import model_path
 
 JOINTS = 7
 TOOL = "tool"  # frame at the end of the rod, with the world's axes when the rod points down

@@ -3,12 +3,14 @@
 import dataclasses
 from dataclasses import dataclass
 
-from pinwm_drake.systems.arm_model import JOINTS, add_arm
-from pinwm_drake.systems.push_plant import ContactName, MakePushPlant, PushPlant
-from pinwm_drake.systems.setup import Setup
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains, RigidBody
 from pydrake.systems.framework import DiagramBuilder
+
+from pinwm_drake.systems.arm_model import JOINTS, add_arm
+from pinwm_drake.systems.push_plant import MakePushPlant, PushPlant
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.twin_model import ContactName
 
 # N m/rad and N m s/rad of each joint's servo, which Drake's discrete solvers treat implicitly: a tool that is pushed
 # with 1 N gives way by a hundredth of a millimetre.

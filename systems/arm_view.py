@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
 from pinwm_drake.systems.plant_forces import PlantForces
 from pinwm_drake.systems.push_plant import PushPlant
 from pinwm_drake.systems.scene_view import AddSceneView
-from pydrake.geometry import Meshcat, SceneGraph
-from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 _EYE, _TARGET = np.array([1.3, -1.3, 1.0]), np.array([0.0, 0.15, 0.35])  # m, world, of the page's own look
 

@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from pinwm_drake.systems.push_plant import OBJECT_LABEL
 from pydrake.geometry import (
     ClippingRange,
     ColorRenderCamera,
@@ -22,6 +21,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
 from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.systems.push_plant import OBJECT_LABEL
 
 _RENDERER = "vtk"
 _NEAR, _FAR = 0.05, 20.0  # m

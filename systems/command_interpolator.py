@@ -1,12 +1,12 @@
 """Smooth commands for a robot, from velocities that come now and then."""
 
 import numpy as np
-from pinwm_drake.systems.sampling import require_positive
-from pinwm_drake.systems.velocity_limiter import VelocityLimiter
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.systems.sampling import require_positive
+from pinwm_drake.systems.velocity_limiter import VelocityLimiter
 
 RATE = 200.0  # Hz
 _P, _V, _STAMP, _CAME, _LIVE = slice(0, 3), slice(3, 6), 6, 7, 8

@@ -5,20 +5,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from pinwm_drake.systems.arm_driver import ArmDriver, MakeArmDriver
-from pinwm_drake.systems.lcm_link import make_lcm
-from pinwm_drake.systems.policy_controller import Acting, AddPolicyController, ControlStatus
-from pinwm_drake.systems.push_plant import ContactName
-from pinwm_drake.systems.push_task import PushTask
-from pinwm_drake.systems.setup import Setup
-from pinwm_drake.systems.start import Place, StartDistribution
-from pinwm_drake.systems.station import MakePushStation
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.systems.arm_driver import ArmDriver, MakeArmDriver
+from pinwm_drake.systems.lcm_link import make_lcm
+from pinwm_drake.systems.policy_controller import Acting, AddPolicyController, ControlStatus
+from pinwm_drake.systems.push_task import PushTask
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.start import Place, StartDistribution
+from pinwm_drake.systems.station import MakePushStation
+from pinwm_drake.systems.twin_model import ContactName
 
 _LOOKS = 5  # in an action, how often a robot's faults are looked for
 

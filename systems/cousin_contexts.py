@@ -1,10 +1,10 @@
 """Cousins as Contexts: puts theta and colours of cousins into the worlds of a WorldModel."""
 
-from pinwm_drake.systems.world_model import WorldModel
 from pydrake.systems.framework import Context
 
 from pinwm_drake.cousins import Cousin, Cousins
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.world_model import WorldModel
 
 
 def SetCousin(

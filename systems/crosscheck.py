@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.crosscheck_difference import Course, Difference, course_of, difference_of
 from pinwm_drake.systems.crosscheck_motion import Motion
 from pinwm_drake.systems.crosscheck_pushes import SPEEDS, Trial, draw_trials
 from pinwm_drake.systems.crosscheck_workers import run_trials
 from pinwm_drake.systems.scenario import ENGINES
 from pinwm_drake.systems.setup import Setup
-
-from pinwm_drake.errors import ParameterError
 
 PLANTS = tuple(name for name in ENGINES if name != "twin")
 _MOST_PUSHES, _MOST_PROCESSES = 10_000, 64

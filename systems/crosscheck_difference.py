@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+
 from pinwm_drake.systems.crosscheck_modes import MODES, SEPARATED
 from pinwm_drake.systems.crosscheck_motion import Motion
 

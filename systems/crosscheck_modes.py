@@ -1,6 +1,7 @@
 """How object and floor, and object and pusher, touch: not at all, sticking or sliding."""
 
 import numpy as np
+
 from pinwm_drake.systems.contact_forces import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 
 SEPARATED, STICKING, SLIDING = 0, 1, 2

@@ -4,13 +4,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from pinwm_drake.systems.crosscheck_modes import SEPARATED, contact_modes
-from pinwm_drake.systems.crosscheck_pushes import Trial
-from pinwm_drake.systems.pusher_motion import ScriptedPush
-from pinwm_drake.systems.setup import Setup
-from pinwm_drake.systems.start import Place
-from pinwm_drake.systems.station import MakePushStation
-from pinwm_drake.systems.twin_model import twin_solid
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 from pydrake.systems.analysis import Simulator
@@ -18,6 +11,13 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from pinwm_drake.errors import SolverError
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.systems.crosscheck_modes import SEPARATED, contact_modes
+from pinwm_drake.systems.crosscheck_pushes import Trial
+from pinwm_drake.systems.pusher_motion import ScriptedPush
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.start import Place
+from pinwm_drake.systems.station import MakePushStation
+from pinwm_drake.systems.twin_model import twin_solid
 
 _REST_SPEED = 1e-3  # m/s, of the fastest point: from there an object slides on by v^2 / 2 mu g, 2 um at mu 0.03
 _REST_TIME = 0.1  # s

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from pinwm_drake.systems.push_choice import choose_push, pushing_height, upright_shape
-from pinwm_drake.systems.pusher_motion import StraightPush
-from pinwm_drake.systems.setup import Setup
-from pinwm_drake.systems.start import StartDistribution
 from pydrake.math import RigidTransform
 
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.scene import resting_height
+from pinwm_drake.systems.push_choice import choose_push, pushing_height, upright_shape
+from pinwm_drake.systems.pusher_motion import StraightPush
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.start import StartDistribution
 from pinwm_drake.twin.rollout import twin_scene
 
 COASTING = 0.022  # m, by which an object slides on that is as fast as the pusher

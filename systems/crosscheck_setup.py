@@ -3,11 +3,10 @@
 import math
 from pathlib import Path
 
-from pinwm_drake.systems.scenario import Scenario, Start, load_scenario
-from pinwm_drake.systems.setup import Setup, make_setup
-
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.errors import InputError
+from pinwm_drake.systems.scenario import Scenario, Start, load_scenario
+from pinwm_drake.systems.setup import Setup, make_setup
 from pinwm_drake.twin import Twin, read_twin
 from pinwm_drake.twin.origin import Origin
 

@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 
 import torch
+
+from pinwm_drake.errors import ParameterError, PinwmError
 from pinwm_drake.systems.crosscheck_motion import Motion, PushRig
 from pinwm_drake.systems.crosscheck_pushes import Trial
 from pinwm_drake.systems.setup import Setup
-
-from pinwm_drake.errors import ParameterError, PinwmError
 
 # What an engine is called, and the setup of its station.
 Cases = dict[str, Setup]

@@ -6,16 +6,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from pinwm_drake.systems.pusher_motion import ScriptedPush, StraightPush
-from pinwm_drake.systems.pusher_replay import TrajectoryReplay
-from pinwm_drake.systems.start import Place
-from pinwm_drake.systems.station import PushStation
 from pydrake.common import RandomGenerator
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.pusher_motion import ScriptedPush, StraightPush
+from pinwm_drake.systems.pusher_replay import TrajectoryReplay
+from pinwm_drake.systems.start import Place
+from pinwm_drake.systems.station import PushStation
 
 _REST_TIME = 0.1  # s
 _REST_SPEED, _REST_TURN = 1e-3, 0.01  # m/s, rad/s

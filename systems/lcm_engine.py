@@ -4,14 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from drake import lcmt_drake_signal, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
-from pinwm_drake.systems.contact_forces import ContactForces
-from pinwm_drake.systems.engine import Engine
-from pinwm_drake.systems.lcm_images import ImageTime, ReceivedImage
-from pinwm_drake.systems.lcm_link import LcmLink, make_lcm
-from pinwm_drake.systems.lcm_signal import SignalReceiver, SignalSender
-from pinwm_drake.systems.push_plant import scene_texts
-from pinwm_drake.systems.setup import Setup
-from pinwm_drake.systems.start import StartDistribution
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import SceneGraph
 from pydrake.lcm import DrakeLcmInterface
@@ -25,6 +17,14 @@ from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.systems.sensors import LcmImageArrayToImages
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.contact_forces import ContactForces
+from pinwm_drake.systems.engine import Engine
+from pinwm_drake.systems.lcm_images import ImageTime, ReceivedImage
+from pinwm_drake.systems.lcm_link import LcmLink, make_lcm
+from pinwm_drake.systems.lcm_signal import SignalReceiver, SignalSender
+from pinwm_drake.systems.push_plant import scene_texts
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.start import StartDistribution
 
 _COMMAND = ("vx", "vy", "vz")
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 from drake import lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
-from pinwm_drake.systems.lcm_clock import Heard
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, ValueProducer
 from pydrake.systems.sensors import ImageRgba8U
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.systems.lcm_clock import Heard
 
 
 class ReceivedImage(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types

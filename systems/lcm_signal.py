@@ -2,9 +2,10 @@
 
 import numpy as np
 from drake import lcmt_drake_signal  # type: ignore[import-untyped]  # LCM's types
-from pinwm_drake.systems.lcm_clock import Heard
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from pinwm_drake.systems.lcm_clock import Heard
 
 _TOLERANCE = 1e-9  # s, of a time-out: far more than rounding, far less than a period
 

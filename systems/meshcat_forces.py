@@ -1,11 +1,12 @@
 """Contact forces as arrows in Meshcat, alike for every engine."""
 
 import numpy as np
-from pinwm_drake.systems.contact_forces import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
+
+from pinwm_drake.systems.contact_forces import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 
 LENGTH_PER_FORCE = 0.01  # m/N
 _PAIRS = {FLOOR_PAIR: ("floor", Rgba(0.10, 0.55, 0.25)), PUSHER_PAIR: ("pusher", Rgba(0.80, 0.15, 0.10))}

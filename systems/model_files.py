@@ -9,18 +9,18 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from pinwm_drake.models import OBJECT_NAMES, PACKAGE_NAME, PUSHER_NAMES, model_path, object_model
-from pinwm_drake.models.paint import LARGE_T
-from pinwm_drake.systems.collision_mesh import fine_mesh, piece_mesh
-from pinwm_drake.systems.contact_settings import LONGEST_EDGE, Surfaces
-from pinwm_drake.systems.sdformat import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
-from pinwm_drake.systems.support_points import support_spheres
 
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.geometry.convex import hollow_mug, t_block
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import box, convex_hull
+from pinwm_drake.models import OBJECT_NAMES, PACKAGE_NAME, PUSHER_NAMES, model_path, object_model
+from pinwm_drake.models.paint import LARGE_T
+from pinwm_drake.systems.collision_mesh import fine_mesh, piece_mesh
+from pinwm_drake.systems.contact_settings import LONGEST_EDGE, Surfaces
+from pinwm_drake.systems.sdformat import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
+from pinwm_drake.systems.support_points import support_spheres
 
 _MASS, _FRICTION = 1.0, 0.1  # kg, of every pair
 _MUG_SEGMENTS = 64  # as many as the mesh has

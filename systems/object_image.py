@@ -1,11 +1,12 @@
 """The picture of an object from those of a camera that sees more."""
 
 import numpy as np
-from pinwm_drake.systems.capture_rig import downsample
-from pinwm_drake.systems.push_plant import OBJECT_LABEL
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
+
+from pinwm_drake.systems.capture_rig import downsample
+from pinwm_drake.systems.push_plant import OBJECT_LABEL
 
 
 class ObjectImage(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types

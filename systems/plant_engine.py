@@ -3,19 +3,20 @@
 import dataclasses
 
 import numpy as np
-from pinwm_drake.systems.capture_rig import AddCaptureRig
-from pinwm_drake.systems.engine import Engine
-from pinwm_drake.systems.object_image import ObjectImage
-from pinwm_drake.systems.plant_forces import PlantForces
-from pinwm_drake.systems.push_plant import ContactName, MakePushPlant, PushPlant
-from pinwm_drake.systems.pusher_drive import PusherDrive
-from pinwm_drake.systems.setup import Setup
-from pinwm_drake.systems.start import StartDistribution
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.capture_rig import AddCaptureRig
+from pinwm_drake.systems.engine import Engine
+from pinwm_drake.systems.object_image import ObjectImage
+from pinwm_drake.systems.plant_forces import PlantForces
+from pinwm_drake.systems.push_plant import MakePushPlant, PushPlant
+from pinwm_drake.systems.pusher_drive import PusherDrive
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.start import StartDistribution
+from pinwm_drake.systems.twin_model import ContactName
 
 _SUPERSAMPLING = 3
 # By this share the plant's steps are longer, so that a step which ends with a period never, by rounding, ends before

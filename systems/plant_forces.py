@@ -1,11 +1,12 @@
 """The forces of contact in a plant, in the form that all engines have."""
 
 import numpy as np
-from pinwm_drake.systems.contact_forces import FLOOR_PAIR, PUSHER_PAIR, ContactForces
-from pinwm_drake.systems.push_plant import PushPlant
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import ContactResults, HydroelasticContactInfo, PointPairContactInfo
 from pydrake.systems.framework import Context, LeafSystem
+
+from pinwm_drake.systems.contact_forces import FLOOR_PAIR, PUSHER_PAIR, ContactForces
+from pinwm_drake.systems.push_plant import PushPlant
 
 
 class PlantForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types

@@ -4,10 +4,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
-from pinwm_drake.systems.policy_spec import check_scene
-from pinwm_drake.systems.safety_filter import Mode, Safety, SafetyFilter
-from pinwm_drake.systems.sampling import period_index, whole_multiple
-from pinwm_drake.systems.station import PushStation
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, EventStatus, LeafSystem, State
 from pydrake.systems.sensors import ImageRgba8U
@@ -15,6 +11,10 @@ from pydrake.systems.sensors import ImageRgba8U
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.systems.policy_spec import check_scene
+from pinwm_drake.systems.safety_filter import Mode, Safety, SafetyFilter
+from pinwm_drake.systems.sampling import period_index, whole_multiple
+from pinwm_drake.systems.station import PushStation
 
 
 class Acting(Protocol):

@@ -3,15 +3,15 @@
 from typing import Any
 
 import numpy as np
-from pinwm_drake.systems.push_env import PushEnv
-from pinwm_drake.systems.push_setup import Scene
-from pinwm_drake.systems.push_task import PushTask
-from pinwm_drake.systems.setup import Setup
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import CameraSpec, Observes, PolicySpec
+from pinwm_drake.systems.push_env import PushEnv
+from pinwm_drake.systems.push_setup import Scene
+from pinwm_drake.systems.push_task import PushTask
+from pinwm_drake.systems.setup import Setup
 
 # By how much a scene's camera may be elsewhere: an identified floor lies within a millimetre of the true one.
 _OFF, _TURNED = 2e-3, 5e-3  # m, rad

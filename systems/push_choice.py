@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import trimesh
-from pinwm_drake.systems.pusher_motion import StraightPush
 
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.pusher_motion import StraightPush
 
 _GAP = 0.012  # m, between pusher and object at the start
 _ACCELERATION = 10.0  # m/s^2: the pusher stops before the object does, up to a friction of 1

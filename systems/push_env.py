@@ -5,6 +5,9 @@ from typing import Any, Literal
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from pydrake.math import RigidTransform
+
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.push_observation import Kind, Observation, PushObserver
 from pinwm_drake.systems.push_picture import PushPicture
 from pinwm_drake.systems.push_run import FAILURES, PushRun
@@ -12,9 +15,6 @@ from pinwm_drake.systems.push_setup import Scene, environment_setup
 from pinwm_drake.systems.push_task import Progress, PushTask, Reward
 from pinwm_drake.systems.scenario import ENGINES
 from pinwm_drake.systems.start import Place, StartDistribution
-from pydrake.math import RigidTransform
-
-from pinwm_drake.errors import ParameterError
 
 OPTIONS = ("place", "X_WO", "p_WP")
 

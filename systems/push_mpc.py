@@ -1,14 +1,15 @@
 """The model-predictive controller as a Drake system."""
 
 import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, EventStatus, LeafSystem, State
+
 from pinwm_drake.systems.push_mpc_plan import Plan
 from pinwm_drake.systems.push_mpc_policy import make_planner
 from pinwm_drake.systems.push_task import PushTask
 from pinwm_drake.systems.sampling import period_index, whole_multiple
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.station import PushStation
-from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, EventStatus, LeafSystem, State
 
 
 class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types

@@ -1,6 +1,7 @@
 """Ways for the pusher around an object without touching it."""
 
 import numpy as np
+
 from pinwm_drake.systems.push_mpc_outline import Outline
 
 _CLEAR, _ROUND = 3e-3, 5e-3  # m, off the object: at least, and at corners

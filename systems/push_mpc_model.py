@@ -5,16 +5,16 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from pinwm_drake.systems.push_choice import upright_shape
-from pinwm_drake.systems.push_mpc_outline import Outline, slice_outline
-from pinwm_drake.systems.push_task import turn_from
-from pinwm_drake.systems.setup import Setup
-from pinwm_drake.systems.twin_model import twin_solid
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.geometry.patch import resting_points
+from pinwm_drake.systems.push_choice import upright_shape
+from pinwm_drake.systems.push_mpc_outline import Outline, slice_outline
+from pinwm_drake.systems.push_task import turn_from
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.twin_model import twin_solid
 
 SUB_STEPS = 6  # of an action
 _COAST_STEPS = 8

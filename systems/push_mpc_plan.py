@@ -5,6 +5,7 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
+
 from pinwm_drake.systems.push_mpc_model import PlanarBody, coast, coasting_time, rotated
 from pinwm_drake.systems.push_mpc_program import ACTIONS, Push, PushProgram, Solution
 from pinwm_drake.systems.push_mpc_table import PushTable, missed_cost
@@ -130,7 +131,7 @@ class PushPlanner:
             if k >= _TRIED and best is not None and best[1].miss < _GOOD:
                 break
             found = self.program.solve(still, None, choice.pushes, goal)
-            cost = choice.busy + float(missed_cost(np.array(found.miss), error))
+            cost = choice.busy + float(missed_cost(np.array(found.miss), np.asarray(error)))
             if best is None or cost < best[0]:
                 best = cost, found
         assert best is not None

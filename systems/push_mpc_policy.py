@@ -4,15 +4,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.learning.spec import LENGTH
 from pinwm_drake.systems.push_mpc_model import planar_body, rotated
 from pinwm_drake.systems.push_mpc_plan import Plan, PushPlanner
 from pinwm_drake.systems.push_observation import SPEED, STATE_SIZE, TURN
 from pinwm_drake.systems.push_setup import longest_translation
 from pinwm_drake.systems.push_task import PushTask
 from pinwm_drake.systems.setup import Setup
-
-from pinwm_drake.errors import ParameterError
-from pinwm_drake.learning.spec import LENGTH
 
 
 def make_planner(setup: Setup, task: PushTask, max_translation: float | None = None) -> PushPlanner:

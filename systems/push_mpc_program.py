@@ -5,6 +5,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+
 from pinwm_drake.systems.push_mpc_model import SUB_STEPS, PlanarBody, coast, coasting_time, push_step
 
 ACTIONS = 3  # of a push

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.push_mpc_detour import Detours
 from pinwm_drake.systems.push_mpc_model import rotated
 from pinwm_drake.systems.push_mpc_program import ACTIONS, Push, PushProgram
-
-from pinwm_drake.errors import ParameterError
 
 _SPACING = 0.012  # m, of the places on an edge
 _SPEEDS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)  # of the longest action

@@ -1,6 +1,7 @@
 """Steps of the pusher that touch nothing."""
 
 import numpy as np
+
 from pinwm_drake.systems.push_mpc_detour import Detours
 from pinwm_drake.systems.push_mpc_model import PlanarBody, rotated
 

@@ -5,11 +5,11 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 from gymnasium import spaces
-from pinwm_drake.systems.push_task import PushTask, turn_from
-from pinwm_drake.systems.setup import Setup
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import LENGTH
+from pinwm_drake.systems.push_task import PushTask, turn_from
+from pinwm_drake.systems.setup import Setup
 
 Kind = Literal["state", "rgb", "rgb_state"]
 KINDS = ("state", "rgb", "rgb_state")

@@ -2,14 +2,14 @@
 
 import cv2
 import numpy as np
-from pinwm_drake.systems.push_task import PushTask
-from pinwm_drake.systems.setup import Setup
-from pinwm_drake.systems.start import StartDistribution
 
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.occluder import mesh_depth
+from pinwm_drake.systems.push_task import PushTask
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.start import StartDistribution
 
 _LEAST = 256  # px, of the shorter side
 _GOAL, _PUSHER = (40, 160, 70), (70, 70, 80)  # RGB

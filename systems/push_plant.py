@@ -44,12 +44,6 @@ from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import Any
 
-from pinwm_drake.models import model_path
-from pinwm_drake.systems.model_files import piece_names, shipped_pieces, shipped_supports, shipped_uri
-from pinwm_drake.systems.sdformat import floor_sdf, object_point_sdf, object_sdf
-from pinwm_drake.systems.setup import Setup
-from pinwm_drake.systems.twin_model import ContactModel as ContactName
-from pinwm_drake.systems.twin_model import object_text, pusher_text, twin_solid, twin_surfaces
 from pydrake.geometry import (
     CollisionFilterDeclaration,
     GeometryId,
@@ -68,6 +62,12 @@ from pydrake.multibody.plant import (
 )
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder
+
+from pinwm_drake.models import model_path
+from pinwm_drake.systems.model_files import piece_names, shipped_pieces, shipped_supports, shipped_uri
+from pinwm_drake.systems.sdformat import floor_sdf, object_point_sdf, object_sdf
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.twin_model import ContactName, object_text, pusher_text, twin_solid, twin_surfaces
 
 OBJECT_LABEL, PUSHER_LABEL = RenderLabel(1), RenderLabel(2)
 

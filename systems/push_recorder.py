@@ -4,6 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+
+from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.capture_rig import AddCaptureRig, CaptureRig
 from pinwm_drake.systems.pusher_motion import ScriptedPush, StraightPush
 from pinwm_drake.systems.sampling import whole_multiple
@@ -11,12 +17,6 @@ from pinwm_drake.systems.scenario import Scenario
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.start import Place
 from pinwm_drake.systems.station import MakePushStation, PushStation
-from pydrake.math import RigidTransform
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
-
-from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
-from pinwm_drake.rendering.camera import Camera
 
 _SETTLING_TIME = 0.25  # s
 _AWAY = np.array([0.0, 0.0, 50.0])  # m, where the pusher is while it is not needed

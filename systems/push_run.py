@@ -1,16 +1,16 @@
 """A station that is driven action by action."""
 
 import numpy as np
+from pydrake.systems.analysis import Simulator
+
+from pinwm_drake.cousins import Cousin
+from pinwm_drake.errors import SolverError
 from pinwm_drake.systems.cousin_contexts import SetCousin
 from pinwm_drake.systems.push_setup import longest_translation
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.start import Place
 from pinwm_drake.systems.station import MakePushStation
 from pinwm_drake.systems.world_model import WorldModel
-from pydrake.systems.analysis import Simulator
-
-from pinwm_drake.cousins import Cousin
-from pinwm_drake.errors import SolverError
 
 FAILURES = (SolverError, RuntimeError)  # of the twin, and of Drake's plants
 

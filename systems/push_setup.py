@@ -5,17 +5,16 @@ import hashlib
 import json
 import math
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.crosscheck_setup import read_setup
 from pinwm_drake.systems.random_push import level_height
 from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario import Scenario, load_scenario
 from pinwm_drake.systems.scenario_names import scenario_path
 from pinwm_drake.systems.setup import Setup, make_setup
-
-from pinwm_drake.errors import ParameterError
-from pinwm_drake.rendering.camera import Camera
 
 Scene: TypeAlias = Scenario | Setup | str | Path
 _USUAL = "push_t"
@@ -49,7 +48,7 @@ def environment_setup(
     """
     setup = scene if isinstance(scene, Setup) else make_setup(_scenario(scene))
     scenario, twin, camera = setup.scenario, setup.twin, setup.camera
-    settings = {"time_step": time_step, "friction_directions": friction_directions}
+    settings: dict[str, Any] = {"time_step": time_step, "friction_directions": friction_directions}
     given = {name: value for name, value in settings.items() if value is not None}
     twin = dataclasses.replace(twin, **given)
     view = scenario.camera

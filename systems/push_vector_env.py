@@ -8,12 +8,12 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from pinwm_drake.systems.push_observation import Observation
-from pinwm_drake.systems.push_setup import Scene
-from pinwm_drake.systems.push_worlds import Outcome, PushWorlds
 from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.push_observation import Observation
+from pinwm_drake.systems.push_setup import Scene
+from pinwm_drake.systems.push_worlds import Outcome, PushWorlds
 
 
 def _actions() -> spaces.Box:

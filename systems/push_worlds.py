@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 from gymnasium.utils import seeding
+
+from pinwm_drake.cousins import Cousin
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.push_env import chosen_place, make_task, whole_steps
 from pinwm_drake.systems.push_observation import Kind, Observation, PushObserver
 from pinwm_drake.systems.push_run import FAILURES, PushRun
 from pinwm_drake.systems.push_setup import Scene, environment_setup
 from pinwm_drake.systems.push_task import Progress, PushTask, Reward
 from pinwm_drake.systems.start import StartDistribution
-
-from pinwm_drake.cousins import Cousin
-from pinwm_drake.errors import ParameterError
 
 OnReset = Callable[[int], Cousin | None]
 

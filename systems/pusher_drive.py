@@ -1,8 +1,9 @@
 """Holds the velocity that a pusher is told to have, and says where that takes it."""
 
 import numpy as np
-from pinwm_drake.systems.sampling import period_index
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from pinwm_drake.systems.sampling import period_index
 
 _P, _V, _INDEX = slice(0, 3), slice(3, 6), 6
 _SHARE = 1e-6  # of a period, within which a time is that of a sample

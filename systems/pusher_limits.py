@@ -1,10 +1,11 @@
 """Limits of a pusher: how fast it goes, and the box that it stays in."""
 
 import numpy as np
-from pinwm_drake.systems.sampling import require_positive
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.sampling import require_positive
 
 
 class PusherLimits(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
@@ -22,7 +23,7 @@ class PusherLimits(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
     position is none.
     """
 
-    def __init__(self, num_worlds: int, max_speed: float, low: np.ndarray, high: np.ndarray, period: float) -> None:
+    def __init__(self, num_worlds: int, max_speed: float, low: ArrayLike, high: ArrayLike, period: float) -> None:
         """Declares the ports.
 
         Args:

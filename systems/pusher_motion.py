@@ -4,8 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from pinwm_drake.systems.sampling import period_index, require_positive
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
+
+from pinwm_drake.systems.sampling import period_index, require_positive
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,11 +3,11 @@
 import math
 
 import numpy as np
-from pinwm_drake.systems.sampling import period_index, require_positive
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.scene import pusher_motion
+from pinwm_drake.systems.sampling import period_index, require_positive
 
 
 class TrajectoryReplay(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types

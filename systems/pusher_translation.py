@@ -1,9 +1,10 @@
 """Actions that are translations over a horizon, as velocities of a pusher."""
 
 import numpy as np
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+
 from pinwm_drake.systems.pusher_limits import shortened
 from pinwm_drake.systems.sampling import period_index, require_positive, whole_multiple
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
 
 class PusherTranslation(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types

@@ -1,15 +1,15 @@
 """Draws a straight push for an object where it lies, within the limits of the pusher."""
 
 import numpy as np
+from pydrake.math import RigidTransform
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.systems.crosscheck_pushes import coasting_speed
 from pinwm_drake.systems.push_choice import choose_push, pushing_height, upright_shape
 from pinwm_drake.systems.pusher_motion import StraightPush
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.start import StartDistribution
-from pydrake.math import RigidTransform
-
-from pinwm_drake.errors import ParameterError
-from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 
 _DISTANCE = 0.10  # m, that the pusher goes on after it has met the object
 _ATTEMPTS = 20

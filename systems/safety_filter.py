@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from pinwm_drake.systems.velocity_limiter import VelocityLimiter
 
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.systems.velocity_limiter import VelocityLimiter
 
 Mode = Literal["disarmed", "armed", "running", "latched"]
 _STILL = (0.0, 0.0, 0.0)

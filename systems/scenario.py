@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pinwm_drake.models import OBJECT_NAMES
-from pinwm_drake.systems.lcm_link import LcmLink
-from pinwm_drake.systems.scenario_check import check_scenario
 from pydrake.common.yaml import yaml_load_typed
 
 from pinwm_drake.capture.documents import read_yaml
 from pinwm_drake.capture.scene import PUSHER_KINDS
 from pinwm_drake.errors import InputError
+from pinwm_drake.models import OBJECT_NAMES
+from pinwm_drake.systems.lcm_link import LcmLink
+from pinwm_drake.systems.scenario_check import check_scenario
 
 ENGINES = ("twin", "hydroelastic", "point")
 

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from pinwm_drake.models import PACKAGE_NAME, model_names
-
 from pinwm_drake.errors import InputError
+from pinwm_drake.models import PACKAGE_NAME, model_names
 
 _FOLDER, _SUFFIX = "scenarios/", ".scenario.yaml"
 

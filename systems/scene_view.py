@@ -4,10 +4,6 @@ import math
 from typing import Protocol
 
 import numpy as np
-from pinwm_drake.systems.meshcat_forces import MeshcatForces
-from pinwm_drake.systems.meshcat_page import make_meshcat, recorded, recorded_html
-from pinwm_drake.systems.meshcat_sliders import AddThetaSliders, ReadThetaSliders
-from pinwm_drake.systems.meshcat_surfels import MeshcatSurfels
 from pydrake.geometry import (
     Box,
     Meshcat,
@@ -21,6 +17,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.systems.meshcat_forces import MeshcatForces
+from pinwm_drake.systems.meshcat_page import make_meshcat, recorded, recorded_html
+from pinwm_drake.systems.meshcat_sliders import AddThetaSliders, ReadThetaSliders
+from pinwm_drake.systems.meshcat_surfels import MeshcatSurfels
 from pinwm_drake.twin import Twin
 
 __all__ = [

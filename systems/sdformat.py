@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
-from pinwm_drake.systems import contact_settings as settings
 
 from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.systems import contact_settings as settings
 
 _GREY = "0.3 0.3 0.32 1"
 

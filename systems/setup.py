@@ -4,21 +4,22 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
+from pydrake.math import RigidTransform
+
+from pinwm_drake.capture.documents import Entry
+from pinwm_drake.capture.scene import PusherGeometry, PusherKind, PusherShape
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.models import object_model
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario import Scenario, Theta
 from pinwm_drake.systems.scenario_check import check_scenario
 from pinwm_drake.systems.viewpoints import look_at
-from pydrake.math import RigidTransform
-
-from pinwm_drake.capture.documents import Entry
-from pinwm_drake.capture.scene import PusherGeometry, PusherShape
-from pinwm_drake.errors import ParameterError
-from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.twin import THETA, Estimate, Twin, read_twin
 
 _TIME_STEP, _DIRECTIONS, _GRAVITY = 1 / 240, 32, 9.81
@@ -143,12 +144,12 @@ def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
 def _with_settings(twin: Twin, scenario: Scenario) -> Twin:
     """The twin with what the scenario sets otherwise."""
     physics, shape = scenario.physics, scenario.pusher.shape
-    changes = {
+    changes: dict[str, Any] = {
         "time_step": physics.time_step,
         "friction_directions": physics.friction_directions,
         "support": physics.support,
         "gravity": scenario.gravity,
     }
     if shape is not None:
-        changes["pusher"] = PusherGeometry(None, PusherShape(shape.kind, shape.radius, shape.length))
+        changes["pusher"] = PusherGeometry(None, PusherShape(cast(PusherKind, shape.kind), shape.radius, shape.length))
     return dataclasses.replace(twin, **{name: value for name, value in changes.items() if value is not None})

@@ -5,12 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from pinwm_drake.systems.push_choice import upright_shape
-from pinwm_drake.systems.setup import Setup
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.systems.push_choice import upright_shape
+from pinwm_drake.systems.setup import Setup
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,14 @@
 from typing import Literal
 
 import numpy as np
+from pydrake.common import RandomGenerator
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import Meshcat
+from pydrake.lcm import DrakeLcmInterface
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.engine import Engine
 from pinwm_drake.systems.lcm_engine import AddLcmEngine
 from pinwm_drake.systems.plant_engine import AddPlantEngine
@@ -13,15 +21,8 @@ from pinwm_drake.systems.scene_view import AddSceneView
 from pinwm_drake.systems.setup import Setup, make_setup
 from pinwm_drake.systems.start import Place, StartDistribution
 from pinwm_drake.systems.twin_engine import AddTwinEngine
+from pinwm_drake.systems.twin_model import contact_name
 from pinwm_drake.systems.world_model import WorldModel
-from pydrake.common import RandomGenerator
-from pydrake.common.eigen_geometry import Quaternion
-from pydrake.geometry import Meshcat
-from pydrake.lcm import DrakeLcmInterface
-from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
-
-from pinwm_drake.errors import ParameterError
 
 Command = Literal["velocity", "translation"]
 STATION_ENGINES = (*ENGINES, "lcm")
@@ -67,8 +68,10 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         builder = DiagramBuilder()
         if engine == "lcm":
             parts = AddLcmEngine(builder, setup, lcm, armed)
+        elif engine == "twin":
+            parts = AddTwinEngine(builder, setup)
         else:
-            parts = AddTwinEngine(builder, setup) if engine == "twin" else AddPlantEngine(builder, setup, engine)
+            parts = AddPlantEngine(builder, setup, contact_name(engine))
         self.engine = parts
         self.world = parts.handle if isinstance(parts.handle, WorldModel) else None
         _add_command(builder, parts, setup, command)

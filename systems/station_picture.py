@@ -10,12 +10,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+from pinwm_drake.errors import InputError
+from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.systems.scenario import Scenario
 from pinwm_drake.systems.setup import make_setup
 from pinwm_drake.systems.station import MakePushStation, PushStation
-
-from pinwm_drake.errors import InputError
-from pinwm_drake.files import prepare_folder, replacing
 
 PICTURED = ("twin", "hydroelastic")  # the engine "point" has the same systems as "hydroelastic"
 _OBJECT = "t_block"

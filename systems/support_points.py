@@ -2,10 +2,10 @@
 
 import numpy as np
 import trimesh
-from pinwm_drake.systems.contact_settings import CORNER_RADIUS, SUPPORT_RADIUS
 
 from pinwm_drake.geometry.meshes import mass_properties
 from pinwm_drake.geometry.patch import PROTRUSION, resting_points
+from pinwm_drake.systems.contact_settings import CORNER_RADIUS, SUPPORT_RADIUS
 
 # Sides of the convex hull whose planes are as near as this are one side: sine of the angle.
 _SAME_SIDE = 1e-3

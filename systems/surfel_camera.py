@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 import trimesh
-from pinwm_drake.systems.world_images import cut_out
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import RenderLabel
 from pydrake.math import RigidTransform
@@ -20,6 +19,7 @@ from pinwm_drake.rendering.render import Rendering, render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
 from pinwm_drake.spatial.rotations import normalize_quaternion
+from pinwm_drake.systems.world_images import cut_out
 
 _NEAR = 1e-3  # m, of the mesh
 _TOO_CLOSE = 0.0  # as in RgbdSensor's depth images; too far is infinite

@@ -2,15 +2,14 @@
 
 from typing import Any
 
+from pinwm_drake.cousins import CousinDraw
+from pinwm_drake.learning.spec import Observes, PolicySpec
 from pinwm_drake.systems.cousin_pool import CousinPool
 from pinwm_drake.systems.policy_spec import policy_spec
 from pinwm_drake.systems.push_observation import Kind
 from pinwm_drake.systems.push_setup import Scene, environment_setup, scene_hash, with_start_yaw
 from pinwm_drake.systems.push_task import PushTask
 from pinwm_drake.systems.push_vector_env import PushVecEnv
-
-from pinwm_drake.cousins import CousinDraw
-from pinwm_drake.learning.spec import Observes, PolicySpec
 
 # Twelve steps of physics an action, and eight directions of friction: tenths of a millimetre do not count here.
 _TIME_STEP, _DIRECTIONS = 1 / 120, 8

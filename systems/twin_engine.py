@@ -1,13 +1,14 @@
 """The twin as an engine: the world model, and a plant of the same scene that lends its geometry to SceneGraph."""
 
-from pinwm_drake.systems.engine import Engine
-from pinwm_drake.systems.push_plant import AddPushBodies, LabelBodies, PushPlant
-from pinwm_drake.systems.setup import Setup
-from pinwm_drake.systems.world_model import WorldModel
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
+
+from pinwm_drake.systems.engine import Engine
+from pinwm_drake.systems.push_plant import AddPushBodies, LabelBodies, PushPlant
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.world_model import WorldModel
 
 
 def AddTwinEngine(builder: DiagramBuilder, setup: Setup) -> Engine:

@@ -1,16 +1,11 @@
 """A twin as SDFormat: its object with the identified theta, the floor, and its pusher, with their meshes."""
 
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast, get_args
 
 import torch
-from pinwm_drake.systems.collision_mesh import fine_mesh, piece_mesh, seen_mesh
-from pinwm_drake.systems.contact_settings import LONGEST_EDGE, REFERENCE_SPEED, Surfaces
-from pinwm_drake.systems.sdformat import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
-from pinwm_drake.systems.support_points import support_spheres
-from pinwm_drake.systems.twin_visual import coloured_mesh
 
-from pinwm_drake.errors import InputError
+from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.convex import decompose
 from pinwm_drake.geometry.meshes import load_mesh, load_pieces, mass_properties
@@ -18,13 +13,26 @@ from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import sphere
 from pinwm_drake.physics import Body, Model
 from pinwm_drake.scene import Scene
+from pinwm_drake.systems.collision_mesh import fine_mesh, piece_mesh, seen_mesh
+from pinwm_drake.systems.contact_settings import LONGEST_EDGE, REFERENCE_SPEED, Surfaces
+from pinwm_drake.systems.sdformat import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
+from pinwm_drake.systems.support_points import support_spheres
+from pinwm_drake.systems.twin_visual import coloured_mesh
 from pinwm_drake.twin import Twin
 from pinwm_drake.twin.rollout import twin_parameters
 
-ContactModel = Literal["hydroelastic", "point"]
+ContactName = Literal["hydroelastic", "point"]
+
 FILES = ("object.sdf", "object_point.sdf", "floor.sdf", "pusher.sdf")
 _MESHES = "meshes"
 _VISUAL = f"{_MESHES}/visual.obj"
+
+
+def contact_name(text: str) -> ContactName:
+    """One of Drake's contact models by name; raises ParameterError where there is no such model."""
+    if text not in get_args(ContactName):
+        raise ParameterError(f"contact: got {text!r}; allowed: {', '.join(get_args(ContactName))}")
+    return cast(ContactName, text)
 
 
 def write_twin_model(twin: Twin, folder: Path) -> list[Path]:
@@ -61,7 +69,8 @@ def write_twin_model(twin: Twin, folder: Path) -> list[Path]:
 def twin_surfaces(twin: Twin, reference_speed: float = REFERENCE_SPEED) -> Surfaces:
     """The surfaces whose pairs have a twin's friction, and its restitution at a speed of approach [m/s]."""
     names = ("friction_floor", "friction_pusher", "restitution_floor", "restitution_pusher")
-    return Surfaces.of_pairs(*(twin.theta[name].value for name in names), reference_speed)
+    theta = {name: twin.theta[name].value for name in names}
+    return Surfaces.of_pairs(**theta, reference_speed=reference_speed)
 
 
 def twin_solid(twin: Twin) -> Solid:
@@ -81,7 +90,7 @@ def twin_solid(twin: Twin) -> Solid:
 def object_text(
     twin: Twin,
     surfaces: Surfaces,
-    contact: ContactModel,
+    contact: ContactName,
     folder: Path,
     prefix: str,
     comment: str,

@@ -5,12 +5,12 @@ import warnings
 import numpy as np
 import torch
 import trimesh
-from pinwm_drake.systems.collision_mesh import divided
 from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
 
 from pinwm_drake.rendering.harmonics import harmonics
 from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.systems.collision_mesh import divided
 
 # Triangles along the object's longest side, at least, where that makes no more than so many in all.
 _STEPS, _TRIANGLES = 40, 20000

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from pinwm_drake.systems.sampling import require_positive
 
 from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.systems.sampling import require_positive
 
 # By this share a velocity may exceed a limit: a limit that is just what is asked for is not to alter it by rounding.
 _ROUNDING = 1e-9

@@ -4,11 +4,6 @@ import functools
 
 import numpy as np
 import torch
-from pinwm_drake.systems.contact_forces import FLOOR_PAIR, PUSHER_PAIR, ContactForces
-from pinwm_drake.systems.setup import Setup
-from pinwm_drake.systems.start import StartDistribution
-from pinwm_drake.systems.world_images import WorldImages
-from pinwm_drake.systems.world_physics import WorldPhysics
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, ValueProducer
@@ -18,6 +13,11 @@ from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.physics import Parameters
 from pinwm_drake.physics.model import FLOOR
+from pinwm_drake.systems.contact_forces import FLOOR_PAIR, PUSHER_PAIR, ContactForces
+from pinwm_drake.systems.setup import Setup
+from pinwm_drake.systems.start import StartDistribution
+from pinwm_drake.systems.world_images import WorldImages
+from pinwm_drake.systems.world_physics import WorldPhysics
 
 _FIELDS = ("mass", "inertia", "friction", "restitution")
 

@@ -1,3 +1,4 @@
+from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,17 @@ def test_input_error_composes_its_message(parts, message):
     assert (error.path, error.row, error.value) == ("a.csv", parts.get("row"), parts.get("value"))
 
 
+def test_errors_can_be_sent_between_processes():
+    # With the protocol of multiprocessing, which knows the arguments of an exception only.
+    error = errors.InputError(Path("a.csv"), row=3, value=ValueError("x"), allowed="finite")
+    sent = ForkingPickler.loads(ForkingPickler.dumps(error))
+    assert str(sent) == str(error)
+    assert (type(sent), sent.path, sent.row, sent.value, sent.allowed) == (errors.InputError, "a.csv", 3, "x", "finite")
+    sent = ForkingPickler.loads(ForkingPickler.dumps(errors.SolverError("none", worlds=(1, 2))))
+    assert (str(sent), sent.worlds) == ("none", (1, 2))
+
+
 def test_every_error_is_of_one_family():
-    family = [kind for kind in vars(errors).values() if isinstance(kind, type)]
+    family = [kind for kind in vars(errors).values() if isinstance(kind, type) and kind.__module__ == errors.__name__]
     assert len(family) > 5
     assert all(issubclass(kind, errors.PinwmError) for kind in family)

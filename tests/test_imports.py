@@ -117,4 +117,4 @@ def test_the_package_imports_light():
 def test_models_are_found_in_a_checkout_that_is_not_installed():
     # -I leaves out the current folder, -S leaves out site-packages and so any installation.
     code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import pinwm_drake.models as m; print(m.__file__)"
-    assert Path(run_python("-I", "-S", "-c", code, cwd=Path("/"))) == ROOT / "models" / "__init__.py"
+    assert Path(run_python("-I", "-S", "-c", code, cwd=Path("/"))).resolve() == ROOT / "models" / "__init__.py"

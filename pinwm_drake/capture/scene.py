@@ -10,6 +10,7 @@ from pinwm_drake.capture.paths import require_file
 from pinwm_drake.errors import InputError
 
 EPISODES = "episodes"
+PusherKind = Literal["sphere", "capsule", "cylinder"]
 PUSHER_KINDS = ("sphere", "capsule", "cylinder")
 _SIZES = (1e-4, 5.0)  # m, of a pusher
 _HEIGHTS = (-100.0, 100.0)  # m, of a floor
@@ -26,7 +27,7 @@ class PusherShape:
         length: m, of the straight part along z; 0 for a sphere.
     """
 
-    kind: Literal["sphere", "capsule", "cylinder"]
+    kind: PusherKind
     radius: float
     length: float = 0.0
 

@@ -14,6 +14,7 @@ from pinwm_drake.systems.arm_driver import ArmDriver, MakeArmDriver
 from pinwm_drake.systems.lcm_link import make_lcm
 from pinwm_drake.systems.push_setup import environment_setup
 from pinwm_drake.systems.scene_view import make_meshcat
+from pinwm_drake.systems.twin_model import contact_name
 
 _EVERY = 1.0  # s, between lines
 _SLOW = 0.9  # of real time
@@ -58,7 +59,7 @@ def run_arm(options: ArmOptions) -> None:
     setup = with_url(environment_setup(options.scene, image_size=options.image_size), options.lcm_url)
     meshcat = make_meshcat(port=options.port) if options.meshcat else None
     lcm = make_lcm(setup.scenario.lcm)
-    driver = MakeArmDriver(setup, lcm, contact=options.contact, meshcat=meshcat)
+    driver = MakeArmDriver(setup, lcm, contact=contact_name(options.contact), meshcat=meshcat)
     simulator = Simulator(driver)
     simulator.set_target_realtime_rate(1.0)
     context = simulator.get_mutable_context()

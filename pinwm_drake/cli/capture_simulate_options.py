@@ -3,9 +3,9 @@
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import cast
 
-from pinwm_drake.capture.scene import PUSHER_KINDS, PusherShape
+from pinwm_drake.capture.scene import PUSHER_KINDS, PusherKind, PusherShape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.models import OBJECT_NAMES
 from pinwm_drake.systems.push_recorder import Rates
@@ -76,7 +76,7 @@ class SimulateOptions:
     @property
     def shape(self) -> PusherShape:
         """The pusher's."""
-        kind = cast(Literal["sphere", "capsule", "cylinder"], self.pusher)
+        kind = cast(PusherKind, self.pusher)
         return PusherShape(kind, self.pusher_radius, 0.0 if kind == "sphere" else _PUSHER_LENGTH)
 
     @property

@@ -20,6 +20,7 @@ from pinwm_drake.systems.push_setup import environment_setup
 from pinwm_drake.systems.scene_view import make_meshcat
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.station import STATION_ENGINES
+from pinwm_drake.systems.twin_model import contact_name
 
 _EVERY = 0.5  # s, between lines
 _PATIENCE = 30.0  # s, for somebody to open the page
@@ -78,7 +79,7 @@ def run_control(policy: str, options: ControlOptions) -> None:
         options.engine,
         armed=options.arm,
         simulate_arm=options.simulate_arm,
-        contact=options.contact,
+        contact=contact_name(options.contact),
         meshcat=meshcat,
     )
     place = loop.draw_place(np.random.default_rng(options.seed))

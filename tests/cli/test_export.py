@@ -4,13 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from pinwm_drake.systems.policy_spec import policy_spec
-from pinwm_drake.systems.push_env import make_task
-from pinwm_drake.systems.push_setup import environment_setup
 
 from pinwm_drake.learning.bundle import HASHED, PROVENANCE_FILE, read_bundle
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
 from pinwm_drake.learning.safety import default_limits
+from pinwm_drake.systems.policy_spec import policy_spec
+from pinwm_drake.systems.push_env import make_task
+from pinwm_drake.systems.push_setup import environment_setup
 
 SIZE = 32
 

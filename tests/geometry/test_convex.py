@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import trimesh
-from pinwm_drake.models import model_path
 from scipy.spatial import ConvexHull
 
 from pinwm_drake.errors import GeometryError
@@ -11,6 +10,7 @@ from pinwm_drake.geometry import shapes
 from pinwm_drake.geometry.convex import decompose, hollow_mug, mug_center, t_block
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.pieces import ConvexPiece, pack_pieces
+from pinwm_drake.models import model_path
 from tests.geometry.oracles import contacts
 
 AT_ORIGIN = np.eye(3), np.zeros(3)

@@ -3,8 +3,6 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from pinwm_drake.models import OBJECT_NAMES, model_path, object_model, resolve
-from pinwm_drake.models.paint import COLOURS, texts
 from pydrake.geometry import (
     ClippingRange,
     ColorRenderCamera,
@@ -23,6 +21,8 @@ from pydrake.systems.sensors import CameraInfo
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.models import OBJECT_NAMES, model_path, object_model, resolve
+from pinwm_drake.models.paint import COLOURS, texts
 
 # Coordinates in the files carry nine digits: 1e-9 of 0.1 m. Volumes and inertias are compared relatively.
 DIGITS = 1e-9

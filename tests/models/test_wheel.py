@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+SOURCES = ("pinwm_drake", "models", "systems", "pyproject.toml", "README.md", "LICENSE")
 
 
 def call(*command: str, cwd: Path, path: Path | None = None) -> str:
@@ -28,12 +29,22 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scratch = tmp_path_factory.mktemp("wheel")
     source = scratch / "source"
     source.mkdir()
-    for name in ("pinwm_drake", "models", "systems", "pyproject.toml", "setup.py", "README.md", "LICENSE"):
-        if (ROOT / name).exists():
-            (source / name).symlink_to(ROOT / name)
+    for name in SOURCES:
+        (source / name).symlink_to(ROOT / name)
     pip("wheel", "--no-build-isolation", "--wheel-dir", scratch, source, cwd=scratch)
     (built,) = scratch.glob("pinwm_drake-*.whl")
     return built
+
+
+def test_source_distribution_builds_the_same_wheel(wheel, tmp_path):
+    (tmp_path / "source").mkdir()
+    for name in SOURCES:
+        (tmp_path / "source" / name).symlink_to(ROOT / name)
+    call(sys.executable, "-m", "build", "--sdist", "--no-isolation", "--outdir", str(tmp_path), cwd=tmp_path / "source")
+    (archive,) = tmp_path.glob("pinwm_drake-*.tar.gz")
+    pip("wheel", "--no-build-isolation", "--wheel-dir", tmp_path, archive, cwd=tmp_path)
+    (built,) = tmp_path.glob("pinwm_drake-*.whl")
+    assert sorted(zipfile.ZipFile(built).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
 
 
 def test_installed_wheel_finds_its_models(wheel, tmp_path):
@@ -86,8 +97,10 @@ def test_wheel_holds_the_package_and_nothing_else(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert {name.split("/")[0].split("-")[0] for name in names} == {"pinwm_drake"}
     assert not [name for name in names if "__pycache__" in name or name.endswith((".nbi", ".nbc"))]
+    folders = {"pinwm_drake": ROOT / "pinwm_drake", "pinwm_drake/systems": ROOT / "systems"}
     checkout = {
-        f"pinwm_drake/{path.relative_to(ROOT / 'pinwm_drake').as_posix()}"
-        for path in (ROOT / "pinwm_drake").rglob("*.py")
+        f"{name}/{path.relative_to(folder).as_posix()}"
+        for name, folder in folders.items()
+        for path in folder.rglob("*.py")
     }
     assert checkout <= set(names)

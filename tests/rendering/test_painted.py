@@ -3,9 +3,9 @@ import pytest
 import torch
 import trimesh
 from PIL import Image
-from pinwm_drake.models import model_path
 
 from pinwm_drake.errors import InputError, RenderingError
+from pinwm_drake.models import model_path
 from pinwm_drake.rendering.harmonics import Y0
 from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.spatial.rotations import quaternion_to_matrix

@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+
+from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.systems.policy_spec import policy_spec
 from pinwm_drake.systems.push_setup import environment_setup
 from pinwm_drake.systems.push_task import PushTask
 from pinwm_drake.systems.scenario import View
 from pinwm_drake.systems.setup import Setup, make_setup
-
-from pinwm_drake.learning.spec import PolicySpec
 from tests.systems.stations import scenario
 
 LONGEST, SIZE = 0.02, 32  # m, px

@@ -4,13 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
-from pinwm_drake.models import object_model
-from pinwm_drake.systems.collision_mesh import divided
-from pinwm_drake.systems.push_plant import MakePushPlant, PushPlant
-from pinwm_drake.systems.pusher_drive import PusherDrive
-from pinwm_drake.systems.pusher_motion import ScriptedPush, StraightPush
-from pinwm_drake.systems.scenario import Pusher, Scenario, Shape, Theta
-from pinwm_drake.systems.setup import Setup, make_setup
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
@@ -18,6 +11,13 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.models import object_model
+from pinwm_drake.systems.collision_mesh import divided
+from pinwm_drake.systems.push_plant import MakePushPlant, PushPlant
+from pinwm_drake.systems.pusher_drive import PusherDrive
+from pinwm_drake.systems.pusher_motion import ScriptedPush, StraightPush
+from pinwm_drake.systems.scenario import Pusher, Scenario, Shape, Theta
+from pinwm_drake.systems.setup import Setup, make_setup
 
 GRAVITY = 9.81
 SPHERE = PusherShape("sphere", 0.01)

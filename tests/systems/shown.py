@@ -5,11 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 import umsgpack
-from pinwm_drake.models import model_path
-from pinwm_drake.systems.contact_forces import ContactForces
-from pinwm_drake.systems.engine import Engine
-from pinwm_drake.systems.scene_view import AddSceneView
-from pinwm_drake.systems.viewpoints import look_at
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import (
     Box,
@@ -25,8 +20,13 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
+from pinwm_drake.models import model_path
 from pinwm_drake.rendering import Camera
 from pinwm_drake.rendering.painted import painted_surfels
+from pinwm_drake.systems.contact_forces import ContactForces
+from pinwm_drake.systems.engine import Engine
+from pinwm_drake.systems.scene_view import AddSceneView
+from pinwm_drake.systems.viewpoints import look_at
 
 CAMERA = Camera(64, 48, torch.tensor([60.0, 62.0, 30.0, 25.0], dtype=torch.float64))
 X_WC = look_at(np.array([0.3, -0.4, 0.5]), np.zeros(3))

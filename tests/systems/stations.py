@@ -4,13 +4,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
+
 from pinwm_drake.systems.scenario import Physics, Pusher, Scenario, Start, Theta, View
 from pinwm_drake.systems.setup import Setup, make_setup
 from pinwm_drake.systems.start import Place
 from pinwm_drake.systems.station import MakePushStation, PushStation
-from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context
 
 H = 1 / 240
 MASS, FRICTION = 0.8, 0.1

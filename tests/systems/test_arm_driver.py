@@ -5,6 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 from drake import lcmt_drake_signal
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.systems.arm_driver import MakeArmDriver, arm_limits
 from pinwm_drake.systems.control_loop import ControlLoop
 from pinwm_drake.systems.lcm_link import make_lcm
@@ -13,13 +20,6 @@ from pinwm_drake.systems.push_env import make_task
 from pinwm_drake.systems.push_setup import environment_setup
 from pinwm_drake.systems.setup import Setup
 from pinwm_drake.systems.start import Place
-from pydrake.math import RigidTransform
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput
-
-from pinwm_drake.errors import ParameterError, StateError
-from pinwm_drake.learning.safety import default_limits
 
 HEIGHT, SPEED = 0.025, 0.15
 PLACE = Place(RigidTransform([0.0, 0.05, HEIGHT]), np.array([0.01, -0.12, HEIGHT]))

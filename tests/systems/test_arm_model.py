@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from pinwm_drake.systems.arm_model import REACH_HIGH, REACH_LOW, ArmModel
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.arm_model import REACH_HIGH, REACH_LOW, ArmModel
 
 HEIGHT = 0.025
 

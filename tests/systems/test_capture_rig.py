@@ -1,17 +1,17 @@
 import numpy as np
 import pytest
 import torch
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import object_model
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.silhouette import coverage
+from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.systems.capture_rig import downsample
 from pinwm_drake.systems.push_recorder import MakePushRecorder, Rates
 from pinwm_drake.systems.scenario import Scenario
 from pinwm_drake.systems.viewpoints import around, framed, look_at
-from pydrake.math import RigidTransform, RollPitchYaw
-
-from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.rendering.silhouette import coverage
-from pinwm_drake.spatial.poses import Pose
 
 SIZE = 120
 CAMERA = Camera(SIZE, SIZE, torch.tensor([170.0, 175.0, 57.3, 63.1], dtype=torch.float64))

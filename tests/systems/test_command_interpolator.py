@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pinwm_drake.systems.command_interpolator import CommandInterpolator
-from pinwm_drake.systems.policy_controller import PolicyController
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -13,6 +11,8 @@ from pydrake.systems.sensors import ImageRgba8U
 
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits, default_limits
+from pinwm_drake.systems.command_interpolator import CommandInterpolator
+from pinwm_drake.systems.policy_controller import PolicyController
 from tests.systems.policies import SIZE, Follower, small_setup, spec_of
 
 LOW, HIGH = np.array([-0.3, -0.2, 0.0]), np.array([0.3, 0.2, 0.1])

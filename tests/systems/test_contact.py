@@ -2,9 +2,10 @@ import math
 
 import numpy as np
 import pytest
-from pinwm_drake.systems.contact import dissipation_of, surface_frictions
 from pydrake.multibody.plant import CalcContactFrictionFromSurfaceProperties, CoulombFriction
 from scipy.integrate import solve_ivp
+
+from pinwm_drake.systems.contact import dissipation_of, surface_frictions
 
 
 @pytest.mark.parametrize(("floor", "pusher"), [(0.03, 0.03), (0.03, 0.5), (0.9, 0.1), (0.2, 0.0), (0.0, 0.0)])

@@ -4,16 +4,16 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
-from pinwm_drake.systems.cousin_contexts import SetCousin, SetCousins
-from pinwm_drake.systems.scenario import Physics, Scenario, Start, Theta, View
-from pinwm_drake.systems.setup import Setup, make_setup
-from pinwm_drake.systems.station import MakePushStation
-from pinwm_drake.systems.world_model import WorldModel
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from pinwm_drake.cousins import Cousins, draw_cousins
 from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.systems.cousin_contexts import SetCousin, SetCousins
+from pinwm_drake.systems.scenario import Physics, Scenario, Start, Theta, View
+from pinwm_drake.systems.setup import Setup, make_setup
+from pinwm_drake.systems.station import MakePushStation
+from pinwm_drake.systems.world_model import WorldModel
 from tests.rendering.scenes import cloud
 from tests.twin.samples import cube_twin
 

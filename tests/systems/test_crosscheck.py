@@ -4,6 +4,9 @@ import math
 import numpy as np
 import pytest
 import trimesh
+
+from pinwm_drake.errors import ParameterError, SolverError
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.systems.contact_forces import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.crosscheck import CrossCheckOptions, PushResult, _judge, cross_check, unlimited
 from pinwm_drake.systems.crosscheck_difference import course_of, difference_of
@@ -14,9 +17,6 @@ from pinwm_drake.systems.crosscheck_workers import run_trials
 from pinwm_drake.systems.scenario import Pusher, Scenario, Shape, Start, Theta
 from pinwm_drake.systems.setup import Setup, make_setup
 from pinwm_drake.systems.world_physics import WorldPhysics
-
-from pinwm_drake.errors import ParameterError, SolverError
-from pinwm_drake.geometry.meshes import load_mesh
 
 G = 9.81
 FRICTION = 0.1

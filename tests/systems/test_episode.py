@@ -2,6 +2,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from pydrake.common import RandomGenerator
+from pydrake.math import RigidTransform
+
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.episode import Episode
 from pinwm_drake.systems.pusher_motion import StraightPush
 from pinwm_drake.systems.random_push import level_height, random_push
@@ -9,10 +13,6 @@ from pinwm_drake.systems.scenario import Physics, Pusher, Scenario, Shape, Start
 from pinwm_drake.systems.setup import Setup, make_setup
 from pinwm_drake.systems.start import Place
 from pinwm_drake.systems.station import MakePushStation
-from pydrake.common import RandomGenerator
-from pydrake.math import RigidTransform
-
-from pinwm_drake.errors import ParameterError
 
 H = 1 / 240
 REST = RigidTransform([0.0, 0.0, 0.025])

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from drake import lcmt_drake_signal
-from pinwm_drake.systems.lcm_link import LOCAL, LcmLink, make_lcm
-from pinwm_drake.systems.lcm_signal import SignalReceiver, SignalSender
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.lcm_link import LOCAL, LcmLink, make_lcm
+from pinwm_drake.systems.lcm_signal import SignalReceiver, SignalSender
 
 CHANNEL, PERIOD, TIMEOUT = "TEST", 0.005, 0.02
 FIRST = np.array([7.0, 8.0, 9.0])

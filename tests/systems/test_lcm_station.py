@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 from drake import lcmt_drake_signal, lcmt_image, lcmt_image_array
+from pydrake.common import RandomGenerator
+from pydrake.lcm import DrakeLcm
+from pydrake.systems.analysis import Simulator
+
+from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.systems.contact_forces import ContactForces
 from pinwm_drake.systems.lcm_link import LcmLink
 from pinwm_drake.systems.scenario import load_scenario
 from pinwm_drake.systems.scene_view import make_meshcat
 from pinwm_drake.systems.start import Place
 from pinwm_drake.systems.station import MakePushStation
-from pydrake.common import RandomGenerator
-from pydrake.lcm import DrakeLcm
-from pydrake.systems.analysis import Simulator
-
-from pinwm_drake.errors import InputError, ParameterError
 from tests.systems.stations import FAR, REST, output, setup_of, station_of
 
 LINK = LcmLink()

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from pinwm_drake.systems.contact_forces import FLOOR_PAIR, PUSHER_PAIR, ContactForces
-from pinwm_drake.systems.meshcat_page import make_meshcat
 from pydrake.geometry import Meshcat
 
+from pinwm_drake.systems.contact_forces import FLOOR_PAIR, PUSHER_PAIR, ContactForces
+from pinwm_drake.systems.meshcat_page import make_meshcat
 from tests.systems.shown import SmallSetup, matrix, small_setup, station, value
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import umsgpack
-from pinwm_drake.systems.scene_view import AddThetaSliders, ReadThetaSliders, make_meshcat, recorded, recorded_html
 from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.systems.scene_view import AddThetaSliders, ReadThetaSliders, make_meshcat, recorded, recorded_html
 from tests.systems.shown import X_WO, small_setup, station
 
 

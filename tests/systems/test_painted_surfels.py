@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 import torch
-from pinwm_drake.models import model_path
-from pinwm_drake.systems.viewpoints import around, framed, look_at
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.models import model_path
 from pinwm_drake.rendering import Camera, render
 from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.systems.viewpoints import around, framed, look_at
 from tests.systems.vtk import picture
 
 CAMERA = Camera.from_field_of_view(200, 200, 0.5)

@@ -5,10 +5,6 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from pinwm_drake.systems.contact_settings import SUPPORT_RADIUS
-from pinwm_drake.systems.plant_engine import AddPlantEngine
-from pinwm_drake.systems.scenario import Scenario, Start
-from pinwm_drake.systems.setup import make_setup
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -18,6 +14,10 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.rendering.silhouette import coverage
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.systems.contact_settings import SUPPORT_RADIUS
+from pinwm_drake.systems.plant_engine import AddPlantEngine
+from pinwm_drake.systems.scenario import Scenario, Start
+from pinwm_drake.systems.setup import make_setup
 from tests.systems.scenes import GRAVITY, setup_of
 from tests.twin.samples import cube_twin, estimates
 

@@ -1,10 +1,6 @@
 import numpy as np
 import pytest
 import torch
-from pinwm_drake.systems.policy_controller import AddPolicyController
-from pinwm_drake.systems.policy_spec import spec_environment
-from pinwm_drake.systems.start import Place
-from pinwm_drake.systems.station import MakePushStation
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -13,6 +9,10 @@ from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.learning.export import export_policy
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.safety import default_limits
+from pinwm_drake.systems.policy_controller import AddPolicyController
+from pinwm_drake.systems.policy_spec import spec_environment
+from pinwm_drake.systems.start import Place
+from pinwm_drake.systems.station import MakePushStation
 from tests.systems.policies import LONGEST, small_setup, spec_of
 
 ACTIONS = 6

@@ -2,16 +2,16 @@ import dataclasses
 
 import numpy as np
 import pytest
-from pinwm_drake.systems.policy_controller import AddPolicyController, PolicyController
-from pinwm_drake.systems.push_env import PushEnv
-from pinwm_drake.systems.start import Place
-from pinwm_drake.systems.station import MakePushStation
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import default_limits
+from pinwm_drake.systems.policy_controller import AddPolicyController, PolicyController
+from pinwm_drake.systems.push_env import PushEnv
+from pinwm_drake.systems.start import Place
+from pinwm_drake.systems.station import MakePushStation
 from tests.systems.policies import LONGEST, Follower, small_setup, spec_of
 
 H, ACTIONS = 0.1, 12

@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from pinwm_drake.systems.policy_controller import ControlStatus, PolicyController
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.sensors import ImageRgba8U
 
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import default_limits
+from pinwm_drake.systems.policy_controller import ControlStatus, PolicyController
 from tests.systems.policies import SIZE, Follower, small_setup, spec_of
 from tests.systems.stations import HIGH
 

@@ -2,10 +2,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from pinwm_drake.systems.policy_spec import check_scene, policy_spec, spec_environment
-from pinwm_drake.systems.push_env import PushEnv
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.policy_spec import check_scene, policy_spec, spec_environment
+from pinwm_drake.systems.push_env import PushEnv
 
 
 @pytest.fixture(scope="module")

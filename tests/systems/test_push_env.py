@@ -7,14 +7,14 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from pinwm_drake.systems.push_env import PushEnv
-from pinwm_drake.systems.push_gym import PUSH
-from pinwm_drake.systems.scenario import ENGINES
-from pinwm_drake.systems.start import Place
 from pydrake.math import RigidTransform, RollPitchYaw
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 
 from pinwm_drake.errors import InputError, ParameterError, SolverError
+from pinwm_drake.systems.push_env import PushEnv
+from pinwm_drake.systems.push_gym import PUSH
+from pinwm_drake.systems.scenario import ENGINES
+from pinwm_drake.systems.start import Place
 from tests.systems.stations import FAR, REST, TURNED, setup_of
 
 ROOT = Path(__file__).resolve().parents[2]

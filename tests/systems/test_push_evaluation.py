@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from pinwm_drake.systems.push_env import PushEnv
-from pinwm_drake.systems.push_vector_env import PushVecEnv
 
 from pinwm_drake.learning.evaluation import evaluate
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from pinwm_drake.systems.push_env import PushEnv
+from pinwm_drake.systems.push_vector_env import PushVecEnv
 from tests.systems.stations import setup_of
 
 OPTIONS = {"max_steps": 8, "max_translation": 0.01, "tolerance": 0.04, "turn_tolerance": 0.3}

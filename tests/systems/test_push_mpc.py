@@ -3,6 +3,11 @@ import math
 
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.push_env import PushEnv
 from pinwm_drake.systems.push_mpc import AddPushMpc, PushMpc
 from pinwm_drake.systems.push_mpc_model import rotated
@@ -15,11 +20,6 @@ from pinwm_drake.systems.push_setup import environment_setup
 from pinwm_drake.systems.push_task import PushTask
 from pinwm_drake.systems.start import Place
 from pinwm_drake.systems.station import MakePushStation
-from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-
-from pinwm_drake.errors import ParameterError
 
 LONGEST, SPEED = 0.03, 0.3  # m in an action, m/s
 BOX = 0.35  # m, of the scenario, to either side

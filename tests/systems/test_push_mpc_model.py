@@ -5,15 +5,15 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.push_mpc_detour import Detours
 from pinwm_drake.systems.push_mpc_model import SUB_STEPS, coast, coasting_time, planar_body, push_step, rotated
 from pinwm_drake.systems.push_mpc_program import ACTIONS, GAP, Push, PushProgram
 from pinwm_drake.systems.push_run import PushRun
 from pinwm_drake.systems.push_setup import environment_setup
 from pinwm_drake.systems.start import Place
-from pydrake.math import RigidTransform, RollPitchYaw
-
-from pinwm_drake.errors import ParameterError
 
 LONGEST = 0.03  # m in an action
 HEIGHT = 0.025  # m, of the block's middle, and of the pusher

@@ -2,13 +2,13 @@ import math
 
 import numpy as np
 import pytest
-from pinwm_drake.systems.push_observation import PushObserver
-from pinwm_drake.systems.push_setup import environment_setup
-from pinwm_drake.systems.push_task import PushTask
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.push_observation import PushObserver
+from pinwm_drake.systems.push_setup import environment_setup
+from pinwm_drake.systems.push_task import PushTask
 from tests.systems.stations import setup_of
 
 

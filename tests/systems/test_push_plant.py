@@ -2,14 +2,14 @@ import math
 
 import numpy as np
 import pytest
-from pinwm_drake.systems.contact_settings import SUPPORT_RADIUS
-from pinwm_drake.systems.push_plant import OBJECT_LABEL
-from pinwm_drake.systems.pusher_motion import StraightPush
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import SpatialInertia
 
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.systems.contact_settings import SUPPORT_RADIUS
+from pinwm_drake.systems.push_plant import OBJECT_LABEL
+from pinwm_drake.systems.pusher_motion import StraightPush
 from tests.systems.scenes import GRAVITY, base_of, bench
 
 STEP = 1 / 3840  # s

@@ -1,17 +1,17 @@
 import numpy as np
 import pytest
 import trimesh
-from pinwm_drake.models import object_model
-from pinwm_drake.systems.collision_mesh import divided
-from pinwm_drake.systems.push_choice import choose_push
-from pinwm_drake.systems.push_recorder import MakePushRecorder, Rates
-from pinwm_drake.systems.scenario import Physics, Plant, Pusher, Scenario, Theta
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.models import object_model
 from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.systems.collision_mesh import divided
+from pinwm_drake.systems.push_choice import choose_push
+from pinwm_drake.systems.push_recorder import MakePushRecorder, Rates
+from pinwm_drake.systems.scenario import Physics, Plant, Pusher, Scenario, Theta
 from tests.systems.scenes import SPHERE
 
 SHAPES = [SPHERE, PusherShape("cylinder", 0.01, 0.06), PusherShape("capsule", 0.01, 0.06)]

@@ -2,12 +2,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from pinwm_drake.systems.push_setup import _without_yaw, environment_setup
-from pinwm_drake.systems.scenario import load_scenario
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RollPitchYaw, RotationMatrix
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.push_setup import _without_yaw, environment_setup
+from pinwm_drake.systems.scenario import load_scenario
 from pinwm_drake.twin import write_twin
 from tests.systems.stations import scenario, setup_of
 

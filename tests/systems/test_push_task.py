@@ -3,10 +3,10 @@ import math
 
 import numpy as np
 import pytest
-from pinwm_drake.systems.push_task import PushTask
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.push_task import PushTask
 
 
 def row(x=0.0, y=0.0, yaw=0.0, roll=0.0, speed=0.0, turn=0.0):

@@ -5,12 +5,12 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from pinwm_drake.systems.push_env import PushEnv
-from pinwm_drake.systems.push_gym import PUSH
-from pinwm_drake.systems.push_vector_env import PushVecEnv, PushVectorEnv
 from pydrake.math import RigidTransform
 
 from pinwm_drake.errors import ParameterError, SolverError
+from pinwm_drake.systems.push_env import PushEnv
+from pinwm_drake.systems.push_gym import PUSH
+from pinwm_drake.systems.push_vector_env import PushVecEnv, PushVectorEnv
 from tests.systems.stations import FAR, REST, setup_of
 
 W = 3

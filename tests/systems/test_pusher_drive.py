@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
-from pinwm_drake.systems.pusher_drive import PusherDrive
-from pinwm_drake.systems.pusher_translation import PusherTranslation
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+
+from pinwm_drake.systems.pusher_drive import PusherDrive
+from pinwm_drake.systems.pusher_translation import PusherTranslation
 
 PERIOD = 1 / 240  # s
 

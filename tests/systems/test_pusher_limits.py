@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from pinwm_drake.systems.pusher_limits import PusherLimits, shortened
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.pusher_limits import PusherLimits, shortened
 from tests.systems.pushers import PERIOD, Slider
 
 LOW, HIGH = np.array([-0.2, -0.3, 0.01]), np.array([0.2, 0.3, 0.1])

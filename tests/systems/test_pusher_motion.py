@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from pinwm_drake.systems.pusher_motion import ScriptedPush, StraightPush
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.pusher_motion import ScriptedPush, StraightPush
 from tests.systems.pushers import PERIOD, Track
 from tests.systems.scenes import AWAY
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 import torch
-from pinwm_drake.systems.pusher_replay import TrajectoryReplay
 
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.scene import pusher_motion
+from pinwm_drake.systems.pusher_replay import TrajectoryReplay
 from tests.systems.pushers import PERIOD, Track
 
 

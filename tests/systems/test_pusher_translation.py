@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
-from pinwm_drake.systems.pusher_translation import PusherTranslation
-from pinwm_drake.systems.scenario import Pusher, Scenario
-from pinwm_drake.systems.start import Place
-from pinwm_drake.systems.station import MakePushStation
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.pusher_translation import PusherTranslation
+from pinwm_drake.systems.scenario import Pusher, Scenario
+from pinwm_drake.systems.start import Place
+from pinwm_drake.systems.station import MakePushStation
 from tests.systems.pushers import PERIOD, Track
 
 H, N = 0.1, 24

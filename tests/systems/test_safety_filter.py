@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pinwm_drake.systems.safety_filter import Safety, SafetyFilter
 
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.systems.safety_filter import Safety, SafetyFilter
 
 LOW, HIGH = np.array([-0.3, -0.2, 0.0]), np.array([0.3, 0.2, 0.1])
 LIMITS = SafetyLimits(tuple(LOW), tuple(HIGH), 0.2, 1.0, 0.1, box_tolerance=0.005)

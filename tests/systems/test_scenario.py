@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import model_names, model_path
 from pinwm_drake.systems.scenario import ENGINES, Pusher, Scenario, Shape, Theta, load_scenario
 from pinwm_drake.systems.setup import make_setup
 from pinwm_drake.systems.start import StartDistribution
-
-from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.geometry.meshes import load_mesh
 
 SHIPPED = ["push_t", "push_large_t", "push_cube", "push_mug", "flip_mug"]
 URL = "package://pinwm_models/scenarios/{}.scenario.yaml"

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from pinwm_drake.systems.meshcat_page import make_meshcat
-from pinwm_drake.systems.scene_view import frustum
 from pydrake.systems.analysis import Simulator
 
+from pinwm_drake.systems.meshcat_page import make_meshcat
+from pinwm_drake.systems.scene_view import frustum
 from tests.systems.shown import CAMERA, X_WC, X_WO, matrix, small_setup, station, value
 
 

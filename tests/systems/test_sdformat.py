@@ -4,12 +4,6 @@ import re
 import numpy as np
 import pytest
 import trimesh
-from pinwm_drake.models import OBJECT_NAMES, PUSHER_NAMES, model_path, object_model
-from pinwm_drake.systems.contact_settings import Surfaces
-from pinwm_drake.systems.model_files import PUSHERS, shipped_pieces, shipped_supports, texts
-from pinwm_drake.systems.sdformat import floor_sdf, object_sdf, pusher_sdf
-from pinwm_drake.systems.support_points import resting_normals
-from pinwm_drake.systems.twin_model import twin_solid
 from pydrake.geometry import Role
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
@@ -19,6 +13,12 @@ from pydrake.multibody.plant import (
 from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.models import OBJECT_NAMES, PUSHER_NAMES, model_path, object_model
+from pinwm_drake.systems.contact_settings import Surfaces
+from pinwm_drake.systems.model_files import PUSHERS, shipped_pieces, shipped_supports, texts
+from pinwm_drake.systems.sdformat import floor_sdf, object_sdf, pusher_sdf
+from pinwm_drake.systems.support_points import resting_normals
+from pinwm_drake.systems.twin_model import twin_solid
 from tests.systems.scenes import base_of, base_triangles, mean_radius, setup_of
 
 ENDS = [".sdf", "_point.sdf"]

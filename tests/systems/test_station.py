@@ -2,6 +2,12 @@
 
 import numpy as np
 import pytest
+from pydrake.common import RandomGenerator
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, PortDataType
+
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.contact_forces import ContactForces
 from pinwm_drake.systems.episode import Episode, Record
 from pinwm_drake.systems.pusher_motion import StraightPush
@@ -9,12 +15,6 @@ from pinwm_drake.systems.scenario import ENGINES
 from pinwm_drake.systems.setup import make_setup
 from pinwm_drake.systems.start import Place
 from pinwm_drake.systems.station import MakePushStation
-from pydrake.common import RandomGenerator
-from pydrake.math import RigidTransform
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem, PortDataType
-
-from pinwm_drake.errors import ParameterError
 from tests.systems.stations import REST, TURNED, H, after, output, scenario, setup_of, started, station_of
 
 PLANTS = ENGINES[1:]

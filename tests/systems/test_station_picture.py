@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 from pinwm_drake.systems.scenario import Scenario
 from pinwm_drake.systems.setup import Setup, make_setup
 from pinwm_drake.systems.station import MakePushStation

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from pinwm_drake.systems.scenario import ENGINES
 
+from pinwm_drake.systems.scenario import ENGINES
 from tests.systems.stations import (
     FRICTION,
     HIGH,

@@ -3,10 +3,6 @@
 import cv2
 import numpy as np
 import pytest
-from pinwm_drake.systems.push_plant import OBJECT_LABEL
-from pinwm_drake.systems.scenario import ENGINES
-from pinwm_drake.systems.start import Place
-from pinwm_drake.systems.station import MakePushStation, PushStation
 from pydrake.geometry import (
     ClippingRange,
     DepthRange,
@@ -21,6 +17,10 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.systems.push_plant import OBJECT_LABEL
+from pinwm_drake.systems.scenario import ENGINES
+from pinwm_drake.systems.start import Place
+from pinwm_drake.systems.station import MakePushStation, PushStation
 from tests.systems.stations import FAR, TURNED, output, setup_of, started, station_of
 
 

@@ -1,10 +1,6 @@
 import numpy as np
 import pytest
 import torch
-from pinwm_drake.models import model_path
-from pinwm_drake.systems import surfel_camera
-from pinwm_drake.systems.surfel_camera import SurfelCamera
-from pinwm_drake.systems.viewpoints import around, look_at
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import (
     ClippingRange,
@@ -21,8 +17,12 @@ from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.models import model_path
 from pinwm_drake.rendering import Camera
 from pinwm_drake.rendering.painted import painted_surfels
+from pinwm_drake.systems import surfel_camera
+from pinwm_drake.systems.surfel_camera import SurfelCamera
+from pinwm_drake.systems.viewpoints import around, look_at
 from tests.systems.vtk import picture
 
 CAMERA = Camera(200, 160, torch.tensor([340.0, 330.0, 105.0, 82.0], dtype=torch.float64))

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from pinwm_drake.systems.cousin_pool import CousinPool
-from pinwm_drake.systems.training_worlds import TrainingWorlds
 
 from pinwm_drake.cousins import CousinDraw
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.cousin_pool import CousinPool
+from pinwm_drake.systems.training_worlds import TrainingWorlds
 
 
 @pytest.fixture(scope="module")

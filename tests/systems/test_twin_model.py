@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from pinwm_drake.systems.twin_model import FILES, twin_solid, write_twin_model
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
@@ -11,6 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.systems.twin_model import FILES, twin_solid, write_twin_model
 from pinwm_drake.twin import Twin
 from tests.capture.cube import SIDE
 from tests.twin.samples import MASS, cube_twin, estimates

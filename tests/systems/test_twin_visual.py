@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from pinwm_drake.models import object_model
-from pinwm_drake.systems.twin_visual import coloured_mesh
-from pinwm_drake.systems.viewpoints import look_at
 
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.models import object_model
 from pinwm_drake.rendering import Camera
 from pinwm_drake.rendering.painted import painted_surfels
+from pinwm_drake.systems.twin_visual import coloured_mesh
+from pinwm_drake.systems.viewpoints import look_at
 from tests.systems.vtk import picture
 
 

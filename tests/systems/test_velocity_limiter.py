@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pinwm_drake.systems.velocity_limiter import VelocityLimiter
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.systems.velocity_limiter import VelocityLimiter
 
 LOW, HIGH = np.array([-0.3, -0.2, 0.0]), np.array([0.3, 0.2, 0.1])
 SPEED = 0.2

@@ -3,12 +3,6 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
-from pinwm_drake.systems import world_physics
-from pinwm_drake.systems.scenario import Physics, Scenario, Start, Theta, View
-from pinwm_drake.systems.setup import Setup, make_setup
-from pinwm_drake.systems.start import StartDistribution
-from pinwm_drake.systems.world_images import WorldImages
-from pinwm_drake.systems.world_model import WorldModel, rest_state
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
@@ -17,6 +11,12 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from pinwm_drake.errors import ParameterError, SolverError, StateError
 from pinwm_drake.physics import Parameters, State, Stepper, inspect
+from pinwm_drake.systems import world_physics
+from pinwm_drake.systems.scenario import Physics, Scenario, Start, Theta, View
+from pinwm_drake.systems.setup import Setup, make_setup
+from pinwm_drake.systems.start import StartDistribution
+from pinwm_drake.systems.world_images import WorldImages
+from pinwm_drake.systems.world_model import WorldModel, rest_state
 
 H = 1 / 240
 
