@@ -19,9 +19,9 @@ import numpy as np  # noqa: E402
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv  # noqa: E402
 
 from pinwm_drake.cousins import CousinDraw  # noqa: E402
-from pinwm_drake.systems.push_env import PushEnv  # noqa: E402
-from pinwm_drake.systems.push_vector_env import PushVecEnv  # noqa: E402
-from pinwm_drake.systems.scenario import Physics, Plant, Scenario, load_scenario  # noqa: E402
+from pinwm_drake.systems.envs.env import PushEnv  # noqa: E402
+from pinwm_drake.systems.envs.vector import PushVecEnv  # noqa: E402
+from pinwm_drake.systems.scenario.schema import Physics, Plant, Scenario, load_scenario  # noqa: E402
 
 SCENE = "package://pinwm_models/scenarios/push_t.scenario.yaml"
 WORLDS, PROCESSES, ACTIONS, OTHERS_ACTIONS = 32, 2, 100, 5

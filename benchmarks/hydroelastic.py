@@ -22,11 +22,11 @@ import numpy as np  # noqa: E402
 
 from benchmarks.hydroelastic_scene import Findings, measure, scene  # noqa: E402
 from benchmarks.hydroelastic_settings import applied, variants  # noqa: E402
-from pinwm_drake.systems.crosscheck import CrossCheckOptions, cross_check  # noqa: E402
-from pinwm_drake.systems.crosscheck_difference import Difference, difference_of  # noqa: E402
-from pinwm_drake.systems.crosscheck_motion import Motion, PushRig  # noqa: E402
-from pinwm_drake.systems.crosscheck_pushes import draw_trials  # noqa: E402
-from pinwm_drake.systems.scenario import Physics  # noqa: E402
+from pinwm_drake.systems.crosscheck.crosscheck import CrossCheckOptions, cross_check  # noqa: E402
+from pinwm_drake.systems.crosscheck.difference import Difference, difference_of  # noqa: E402
+from pinwm_drake.systems.crosscheck.motion import Motion, PushRig  # noqa: E402
+from pinwm_drake.systems.crosscheck.trials import draw_trials  # noqa: E402
+from pinwm_drake.systems.scenario.schema import Physics  # noqa: E402
 
 PAGE = Path(__file__).resolve().parent.parent / "docs/hydroelastic.md"
 

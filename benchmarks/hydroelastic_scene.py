@@ -9,13 +9,13 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.systems.crosscheck import unlimited
-from pinwm_drake.systems.crosscheck_motion import Motion, PushRig
-from pinwm_drake.systems.crosscheck_pushes import Trial
-from pinwm_drake.systems.pusher_motion import StraightPush
-from pinwm_drake.systems.scenario import Physics, Scenario, Start, Theta
-from pinwm_drake.systems.setup import Setup, make_setup
-from pinwm_drake.systems.start import Place
+from pinwm_drake.systems.crosscheck.crosscheck import unlimited
+from pinwm_drake.systems.crosscheck.motion import Motion, PushRig
+from pinwm_drake.systems.crosscheck.trials import Trial
+from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta
+from pinwm_drake.systems.scenario.setup import Setup, make_setup
+from pinwm_drake.systems.scenario.start import Place
 
 _IMPACT_SPEED = 0.2  # m/s
 _REST = (0.1, 0.2)  # s, between which an object that was put down creeps

@@ -8,7 +8,10 @@ from unittest import mock
 
 from pydrake.multibody.plant import DiscreteContactApproximation
 
-from pinwm_drake.systems import contact, contact_settings, push_plant, twin_model
+from pinwm_drake.systems.engines.plant import scene as push_plant
+from pinwm_drake.systems.sdf import contact
+from pinwm_drake.systems.sdf import contact as contact_settings
+from pinwm_drake.systems.sdf import twin as twin_model
 
 
 @dataclass(frozen=True)

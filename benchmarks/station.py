@@ -17,9 +17,9 @@ from pydrake.systems.analysis import Simulator  # noqa: E402
 from pinwm_drake.physics import Parameters, State, Stepper  # noqa: E402
 from pinwm_drake.rendering import render  # noqa: E402
 from pinwm_drake.spatial.poses import Pose  # noqa: E402
-from pinwm_drake.systems.scenario import Physics, Scenario, Start, Theta, View  # noqa: E402
-from pinwm_drake.systems.setup import make_setup  # noqa: E402
-from pinwm_drake.systems.station import MakePushStation, PushStation  # noqa: E402
+from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta, View  # noqa: E402
+from pinwm_drake.systems.scenario.setup import make_setup  # noqa: E402
+from pinwm_drake.systems.station.station import MakePushStation, PushStation  # noqa: E402
 
 BARS = {1: 0.30, 32: 0.05}
 STEPS = 24  # of 1 / 240 s, an action

@@ -16,7 +16,7 @@ contact, with NAME_contact.obj; and NAME_point.sdf: the same for point contact, 
     pusher/KIND.sdf       sphere, capsule or cylinder of 20 mm on three driven slides along x, y and z of the world
     policies/NAME/        bundles of trained policies, which `policy_path` finds
 
-In SDFormat every pair has friction 0.1. `systems/model_files.py` writes these files.
+In SDFormat every pair has friction 0.1. `systems/sdf/shipped.py` writes these files.
 
     arm/iiwa14.sdf        a KUKA LBR iiwa 14 with a rod, of cylinders; the numbers' sources stand in the file
 """

@@ -1,6 +1,7 @@
 import ast
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,8 +11,9 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # A line may import only from the lines above it, and from itself. `models` is data with a small accessor.
 LINES = (
-    {"errors", "files", "jit", "threads"},
-    {"checkpoints"},
+    {"errors"},
+    {"files", "jit", "threads", "provenance"},
+    {"checkpoints", "parallel"},
     {"models"},
     {"spatial"},
     {"geometry"},
@@ -19,18 +21,39 @@ LINES = (
     {"rendering"},
     {"capture"},
     {"scene"},
-    {"twin", "cousins"},
+    {"twin"},
+    {"cousins"},
+    {"tasks"},
     {"identification"},
     {"learning"},
     {"baselines"},
     {"report"},
     {"systems"},
+    {"experiments"},
+    {"demo"},
     {"cli"},
 )
+# The same inside systems, whose folders are lines of their own.
+SYSTEMS = (
+    {"sampling", "cameras", "sdf"},
+    {"scenario"},
+    {"pusher"},
+    {"engines"},
+    {"view"},
+    {"station", "arm"},
+    {"envs", "runs"},
+    {"mpc", "crosscheck"},
+    {"control"},
+)
 RANK = {name: rank for rank, line in enumerate(LINES) for name in line}
+SYSTEMS_RANK = {name: rank for rank, line in enumerate(SYSTEMS) for name in line}
 # The core is a library of its own: nothing in it may count on the models or the Drake systems.
-ONLY_IMPORTED_BY = {"models": {"systems", "cli"}, "systems": {"cli"}}
-WITHOUT_DRAKE = {"errors", "checkpoints", "files", "jit", "threads", "spatial", "geometry", "physics", "rendering"}
+ONLY_IMPORTED_BY = {
+    "models": {"systems", "experiments", "demo", "cli"},
+    "systems": {"experiments", "demo", "cli"},
+}
+MOST_MODULES = 25  # in a folder
+WITHOUT_DRAKE = {name for line in LINES[: LINES.index({"report"}) + 1] for name in line}
 
 
 def modules(root: Path) -> Iterator[tuple[tuple[str, ...], Path]]:
@@ -63,17 +86,56 @@ def offences(root: Path) -> list[str]:
         if here not in RANK:
             found.append(f"{path}: {here} has no line in the layout")
             continue
+        inside = parts[1] if here == "systems" else "__init__"
+        if inside != "__init__" and inside not in SYSTEMS_RANK:
+            found.append(f"{path}: systems.{inside} has no line in the layout")
+            continue
         for name in imported(parts, path):
             package, _, rest = name.partition(".")
-            there = rest.split(".")[0]
+            there, *deeper = rest.split(".")
             if package == "pydrake" and here in WITHOUT_DRAKE:
                 found.append(f"{path}: {here} imports pydrake")
-            if package != "pinwm_drake" or there not in RANK or there == here:
+            if package != "pinwm_drake" or there not in RANK:
                 continue
-            if RANK[there] > RANK[here]:
-                found.append(f"{path}: {here} imports {there}, which stands below it")
+            if there == here == "systems" and inside != "__init__" and deeper and deeper[0] in SYSTEMS_RANK:
+                rank, other = SYSTEMS_RANK[inside], SYSTEMS_RANK[deeper[0]]
+                if other > rank or (other == rank and deeper[0] != inside):
+                    found.append(f"{path}: systems.{inside} imports systems.{deeper[0]}, which does not stand above it")
+            if there == here:
+                continue
+            if RANK[there] >= RANK[here]:
+                found.append(f"{path}: {here} imports {there}, which does not stand above it")
             if here not in ONLY_IMPORTED_BY.get(there, {here}):
                 found.append(f"{path}: {here} imports {there}, kept for {sorted(ONLY_IMPORTED_BY[there])}")
+    return found
+
+
+def circles(root: Path) -> list[list[str]]:
+    """Modules that import each other, directly or round about; imports inside functions count too."""
+    files = {".".join(part for part in parts if part != "__init__"): (parts, path) for parts, path in modules(root)}
+    graph: dict[str, set[str]] = {}
+    for name, (parts, path) in files.items():
+        graph[name] = set()
+        for full in imported(parts, path):
+            package, _, rest = full.partition(".")
+            while package == "pinwm_drake" and rest not in files and rest:
+                rest = rest.rpartition(".")[0]  # a name in a module
+            if package == "pinwm_drake" and rest in files and rest != name:
+                graph[name].add(rest)
+    reached = {name: _reach(graph, name) for name in graph}
+    found = {frozenset(other for other in reached[name] if name in reached[other]) for name in graph}
+    return sorted(sorted(circle) for circle in found if circle)
+
+
+def _reach(graph: dict[str, set[str]], name: str) -> set[str]:
+    """All that a module imports, directly or round about; itself only where it is in a circle."""
+    found: set[str] = set()
+    left = list(graph[name])
+    while left:
+        one = left.pop()
+        if one not in found:
+            found.add(one)
+            left += graph[one]
     return found
 
 
@@ -82,17 +144,40 @@ def test_imports_go_only_upwards():
     assert len(list(modules(ROOT))) > 10
 
 
+def test_no_modules_import_each_other():
+    assert circles(ROOT) == []
+
+
+def test_a_circle_is_found(tmp_path):
+    texts = {"a": "from pinwm_drake.twin.b import x", "b": "def f():\n    import pinwm_drake.twin.c", "c": ""}
+    (tmp_path / "pinwm_drake/twin").mkdir(parents=True)
+    for name, text in texts.items():
+        (tmp_path / f"pinwm_drake/twin/{name}.py").write_text(text)
+    assert circles(tmp_path) == []
+    (tmp_path / "pinwm_drake/twin/c.py").write_text("from pinwm_drake.twin import a")
+    assert circles(tmp_path) == [["twin.a", "twin.b", "twin.c"]]
+
+
+def test_no_folder_is_a_drawer():
+    folders = Counter(path.parent for _, path in modules(ROOT) if path.name != "__init__.py")
+    assert {folder: count for folder, count in folders.items() if count > MOST_MODULES} == {}
+
+
 @pytest.mark.parametrize(
     ("file", "line", "reason"),
     [
-        ("pinwm_drake/spatial/a.py", "from pinwm_drake.physics import Model", "physics, which stands below"),
-        ("pinwm_drake/spatial/a.py", "def f():\n    import pinwm_drake.cli.app", "cli, which stands below"),
-        ("pinwm_drake/spatial/a.py", "from .. import geometry", "geometry, which stands below"),
-        ("pinwm_drake/spatial/__init__.py", "from ..report import figures", "report, which stands below"),
+        ("pinwm_drake/spatial/a.py", "from pinwm_drake.physics import Model", "physics, which does not stand above"),
+        ("pinwm_drake/spatial/a.py", "def f():\n    import pinwm_drake.cli.app", "cli, which does not stand above"),
+        ("pinwm_drake/spatial/a.py", "from .. import geometry", "geometry, which does not stand above"),
+        ("pinwm_drake/spatial/__init__.py", "from ..report import figures", "report, which does not stand above"),
         ("pinwm_drake/report/a.py", "from pinwm_drake.models import model_path", "kept for"),
         ("pinwm_drake/physics/a.py", "from pydrake.math import RotationMatrix", "imports pydrake"),
         ("pinwm_drake/utils.py", "", "no line in the layout"),
-        ("models/__init__.py", "import pinwm_drake.spatial", "spatial, which stands below"),
+        ("pinwm_drake/tasks/a.py", "from pydrake.math import RigidTransform", "imports pydrake"),
+        ("systems/utils/a.py", "", "no line in the layout"),
+        ("systems/scenario/a.py", "from pinwm_drake.systems.pusher.limits import shortened", "does not stand above"),
+        ("systems/sdf/a.py", "from pinwm_drake.systems.cameras import surfel_camera", "does not stand above"),
+        ("models/__init__.py", "import pinwm_drake.spatial", "spatial, which does not stand above"),
     ],
 )
 def test_a_wrong_import_is_found(tmp_path, file, line, reason):

@@ -1,10 +1,13 @@
 """The surface of a pusher, whether it is given as a mesh or as a shape."""
 
+import numpy as np
 import trimesh
 
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import GeometryError
 from pinwm_drake.geometry.meshes import load_mesh
+
+_CLEARANCE = 0.004  # m, between floor and pusher
 
 
 def pusher_surface(pusher: PusherGeometry, *, sections: int = 48) -> trimesh.Trimesh:
@@ -38,3 +41,22 @@ def _shape_surface(shape: PusherShape, sections: int) -> trimesh.Trimesh:
     surface = trimesh.creation.capsule(radius=shape.radius, height=shape.length, count=[sections, sections])
     surface.apply_translation([0.0, 0.0, -0.5 * (surface.bounds[0, 2] + surface.bounds[1, 2])])
     return surface
+
+
+def upright_shape(pusher: PusherGeometry) -> PusherShape:
+    """A pusher's shape; an upright cylinder around one that is a mesh.
+
+    Raises:
+        InputError: The mesh cannot be used.
+    """
+    if pusher.shape is not None:
+        return pusher.shape
+    corners = pusher_surface(pusher).vertices
+    radius = float(np.linalg.norm(corners[:, :2], axis=1).max())
+    return PusherShape("cylinder", radius, 2 * float(np.abs(corners[:, 2]).max()))
+
+
+def pushing_height(shape: PusherShape, floor_height: float, wanted: float) -> float:
+    """Height z of a pusher's middle [m, world]: as wanted, or as near to that as the floor allows."""
+    half = 0.5 * shape.length + (0.0 if shape.kind == "cylinder" else shape.radius)
+    return max(floor_height + half + _CLEARANCE, wanted)

@@ -8,16 +8,16 @@ import numpy as np
 import torch
 from rich.console import Console
 
-from pinwm_drake.cli.provenance import timestamp, versions
 from pinwm_drake.cli.view_show import FRAME_RATE, SURFELS_FILE, write_turntable
 from pinwm_drake.files import replacing
+from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fitting import FitResult
 from pinwm_drake.rendering.ply import write_ply
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.views import View
-from pinwm_drake.report.align_figure import Strip, align_figure
-from pinwm_drake.report.surfel_page import write_surfel_page
+from pinwm_drake.report.figures.align import Strip, align_figure
+from pinwm_drake.report.surfels.page import write_surfel_page
 
 _STRIPS = 3
 _TURN = 4  # s

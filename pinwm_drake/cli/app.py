@@ -21,11 +21,11 @@ from pinwm_drake.cli.export import export
 from pinwm_drake.cli.identify import identify
 from pinwm_drake.cli.model import model
 from pinwm_drake.cli.predict import predict
-from pinwm_drake.cli.push import push
 from pinwm_drake.cli.report import report
 from pinwm_drake.cli.simulate import simulate
 from pinwm_drake.cli.train import train
 from pinwm_drake.cli.view import view
+from pinwm_drake.demo.command import push
 from pinwm_drake.errors import PinwmError
 
 app = typer.Typer(

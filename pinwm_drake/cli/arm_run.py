@@ -9,12 +9,12 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
-from pinwm_drake.cli.control_run import require, require_common, with_url
-from pinwm_drake.systems.arm_driver import ArmDriver, MakeArmDriver
-from pinwm_drake.systems.lcm_link import make_lcm
-from pinwm_drake.systems.push_setup import environment_setup
-from pinwm_drake.systems.scene_view import make_meshcat
-from pinwm_drake.systems.twin_model import contact_name
+from pinwm_drake.cli.control_run import require, require_common
+from pinwm_drake.systems.arm.driver import ArmDriver, MakeArmDriver
+from pinwm_drake.systems.engines.lcm.link import make_lcm
+from pinwm_drake.systems.scenario.load import environment_setup, with_url
+from pinwm_drake.systems.sdf.twin import contact_name
+from pinwm_drake.systems.view.scene import make_meshcat
 
 _EVERY = 1.0  # s, between lines
 _SLOW = 0.9  # of real time

@@ -35,8 +35,8 @@ def simulate(
     supersampling: Annotated[int, typer.Option(help="Rendered pixels for each of an image, along each side.")] = 3,
 ) -> None:
     """Makes a capture from Drake: a stand-in for a robot that pushes an object in front of a camera."""
-    from pinwm_drake.cli.capture_simulate_options import SimulateOptions, coasting_speed
     from pinwm_drake.cli.capture_simulate_run import run_simulate
+    from pinwm_drake.systems.runs.capture_options import SimulateOptions, coasting_speed
 
     options = SimulateOptions(
         object_name=object_name,

@@ -14,19 +14,19 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pinwm_drake.capture.ground_truth import write_ground_truth
-from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.capture.pusher import pusher_surface, pushing_height
 from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_transforms
-from pinwm_drake.cli.capture_simulate_options import SimulateOptions
 from pinwm_drake.files import appearing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.systems.push_choice import choose_push, pushing_height
-from pinwm_drake.systems.push_recorder import MakePushRecorder, PushRecorder
-from pinwm_drake.systems.setup import make_setup
-from pinwm_drake.systems.start import on_floor
-from pinwm_drake.systems.viewpoints import around, framed
+from pinwm_drake.systems.pusher.choice import choose_push
+from pinwm_drake.systems.runs.capture_options import SimulateOptions
+from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder
+from pinwm_drake.systems.scenario.setup import make_setup
+from pinwm_drake.systems.scenario.start import on_floor
+from pinwm_drake.systems.scenario.viewpoints import around, framed
 
 _FIELD_OF_VIEW = math.radians(40)
 _STATIC_MARGIN, _EPISODE_MARGIN = 0.12, 0.12  # of the image, free on each side of the object

@@ -1,6 +1,5 @@
 """What `pinwm control` does."""
 
-import dataclasses
 import logging
 import math
 import time
@@ -14,13 +13,13 @@ from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.models import policy_path
-from pinwm_drake.systems.control_loop import ControlLoop, ControlRow
-from pinwm_drake.systems.lcm_link import LOCAL, MEMORY
-from pinwm_drake.systems.push_setup import environment_setup
-from pinwm_drake.systems.scene_view import make_meshcat
-from pinwm_drake.systems.setup import Setup
-from pinwm_drake.systems.station import STATION_ENGINES
-from pinwm_drake.systems.twin_model import contact_name
+from pinwm_drake.systems.control.loop import ControlLoop, ControlRow
+from pinwm_drake.systems.scenario.load import environment_setup, with_url
+from pinwm_drake.systems.scenario.schema import MEMORY
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.sdf.twin import contact_name
+from pinwm_drake.systems.station.station import STATION_ENGINES
+from pinwm_drake.systems.view.scene import make_meshcat
 
 _EVERY = 0.5  # s, between lines
 _PATIENCE = 30.0  # s, for somebody to open the page
@@ -93,14 +92,6 @@ def run_control(policy: str, options: ControlOptions) -> None:
     _conclude(console, last, options)
     if meshcat is not None and console.is_terminal:
         _keep(console)
-
-
-def with_url(setup: Setup, url: str | None) -> Setup:
-    """The setup with an address of LCM; None for the scenario's, which another process can reach."""
-    link = setup.scenario.lcm
-    chosen = url or (LOCAL if link.url == MEMORY else link.url)
-    scenario = dataclasses.replace(setup.scenario, lcm=dataclasses.replace(link, url=chosen))
-    return dataclasses.replace(setup, scenario=scenario)
 
 
 def require_common(contact: str, seed: int) -> None:

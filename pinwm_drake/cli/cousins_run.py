@@ -5,10 +5,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from pinwm_drake.cousins import Cousins, write_cousins
+from pinwm_drake.cousins import Cousins, draw_cousins, write_cousins
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.files import prepare_folder
-from pinwm_drake.report.cousin_figure import cousin_figure
+from pinwm_drake.report.figures.cousins import cousin_figure
 from pinwm_drake.twin import THETA, read_twin
 
 COUSINS_FILE, FIGURE_FILE = "cousins.npz", "cousins.png"
@@ -31,7 +31,7 @@ def run_cousins(twin: Path, out: Path, *, number: int, delta: float, from_interv
     """
     if not 1 <= number <= _MOST:
         raise ParameterError(f"--number: got {number}; allowed: 1 to {_MOST}")
-    drawn = read_twin(twin).cousins(number, delta, seed=seed, from_intervals=from_intervals)
+    drawn = draw_cousins(read_twin(twin), number, delta, seed=seed, from_intervals=from_intervals)
     prepare_folder(out)
     console = Console()
     console.print(_table(drawn))

@@ -9,8 +9,8 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from pinwm_drake.files import replacing
-from pinwm_drake.systems.crosscheck import CrossCheck, CrossCheckOptions, PushResult, Verdict
-from pinwm_drake.systems.crosscheck_modes import MODES
+from pinwm_drake.systems.crosscheck.crosscheck import CrossCheck, CrossCheckOptions, PushResult, Verdict
+from pinwm_drake.systems.crosscheck.motion import MODES
 
 _PUSH = (
     *("push", "start_x", "start_y", "start_z", "start_qw", "start_qx", "start_qy", "start_qz"),

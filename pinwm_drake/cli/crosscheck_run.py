@@ -13,11 +13,11 @@ from pinwm_drake.cli.crosscheck_report import difference_table, engine_words, re
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.report.crosscheck_figure import Differences, PathFrom, crosscheck_figure
-from pinwm_drake.report.twin_story import read_ground_truth
-from pinwm_drake.systems.crosscheck import PLANTS, CrossCheck, CrossCheckOptions, cross_check
-from pinwm_drake.systems.crosscheck_setup import read_setup
-from pinwm_drake.systems.setup import Setup
+from pinwm_drake.report.figures.crosscheck import Differences, PathFrom, crosscheck_figure
+from pinwm_drake.report.twin.data import read_ground_truth
+from pinwm_drake.systems.crosscheck.crosscheck import PLANTS, CrossCheck, CrossCheckOptions, cross_check
+from pinwm_drake.systems.scenario.load import read_setup
+from pinwm_drake.systems.scenario.setup import Setup
 
 TABLE_FILE, FIGURE_FILE = "crosscheck.csv", "crosscheck.png"
 _FAILED = 1  # exit code

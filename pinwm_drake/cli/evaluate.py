@@ -51,8 +51,8 @@ def evaluate(
     resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run ended.")] = False,
 ) -> None:
     """Tests a policy: how often it succeeds, how soon, and what failed."""
-    from pinwm_drake.cli.evaluate_request import EvaluateRequest
     from pinwm_drake.cli.evaluate_run import run_evaluate
+    from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 
     request = EvaluateRequest(
         policy=policy,

@@ -5,18 +5,24 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from pinwm_drake.cli.evaluate_contestant import read_contestant
-from pinwm_drake.cli.evaluate_episodes import EpisodeRunner, run_episodes
-from pinwm_drake.cli.evaluate_output import provenance_of, settings_of, story_of, write_episodes, write_evaluation
-from pinwm_drake.cli.evaluate_request import EvaluateRequest
-from pinwm_drake.cli.evaluate_store import EpisodeStore
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.experiments.evaluation.contestant import read_contestant
+from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner, run_episodes
+from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+from pinwm_drake.experiments.evaluation.results import (
+    provenance_of,
+    settings_of,
+    story_of,
+    write_episodes,
+    write_evaluation,
+)
+from pinwm_drake.experiments.evaluation.store import EpisodeStore
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.evaluation import Evaluation
-from pinwm_drake.report.evaluation_episode import EpisodeRecord
-from pinwm_drake.report.evaluation_report import EvaluationStory, details, headline, write_evaluation_report
+from pinwm_drake.report.evaluation.episode import EpisodeRecord
+from pinwm_drake.report.evaluation.report import EvaluationStory, details, headline, write_evaluation_report
 from pinwm_drake.report.video import write_video
-from pinwm_drake.systems.push_setup import scene_hash
+from pinwm_drake.systems.scenario.load import scene_hash
 from pinwm_drake.threads import available
 
 EPISODES = "episodes"

@@ -14,7 +14,7 @@ from pinwm_drake.learning.bundle import Bundle, read_bundle
 from pinwm_drake.learning.export import export_policy, require_images
 from pinwm_drake.learning.policy import Policy, read_policy
 from pinwm_drake.learning.safety import default_limits
-from pinwm_drake.systems.policy_spec import spec_environment
+from pinwm_drake.systems.envs.policy_scene import spec_environment
 
 _EPISODES, _ACTIONS, _EVERY = 3, 13, 4
 _CALLS = 100

@@ -15,16 +15,16 @@ from pinwm_drake.capture.episodes import Episode, read_episode
 from pinwm_drake.capture.scene import Capture, read_capture
 from pinwm_drake.capture.write import write_pose_table
 from pinwm_drake.cli.align_run import run_align
-from pinwm_drake.cli.provenance import timestamp, versions
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.identification import Identification, IdentifyOptions, identify
 from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
+from pinwm_drake.identification.history import HISTORY_FILE
 from pinwm_drake.identification.progress import Progress as Step
+from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.ply import read_ply
-from pinwm_drake.report.history import HISTORY_FILE
-from pinwm_drake.report.score import pose_errors
+from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.twin import SURFELS_FILE, Estimate, Twin, write_twin
 
 _ALIGN_FILE = "align.json"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pinwm_drake.systems.twin_model import write_twin_model
+from pinwm_drake.systems.sdf.twin import write_twin_model
 from pinwm_drake.twin import read_twin
 
 

@@ -15,9 +15,9 @@ from pinwm_drake.capture.write import write_pose_table
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.report.captions import write_panel_captions
-from pinwm_drake.report.episode_pictures import Cast
-from pinwm_drake.report.score import pose_errors
-from pinwm_drake.report.shots import PANELS, Shot, draw_shots
+from pinwm_drake.report.evaluation.pictures import Cast
+from pinwm_drake.report.twin.comparison_frames import PANELS, Shot, draw_shots
+from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.report.video import write_video
 from pinwm_drake.twin import Twin, read_twin
 from pinwm_drake.twin.origin import is_identified_episode, start_pose, time_offset

@@ -7,8 +7,8 @@ from rich.progress import Progress
 
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder
-from pinwm_drake.report.twin_report import write_twin_report
-from pinwm_drake.report.twin_story import read_story
+from pinwm_drake.report.twin.data import read_story
+from pinwm_drake.report.twin.report import write_twin_report
 
 REPORT_FILE = "report.html"
 _SUFFIXES = (".html", ".htm")

@@ -9,11 +9,10 @@ import numpy as np
 from pinwm_drake.capture.episode_tables import TRAJECTORY_FILE
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.systems.crosscheck_setup import read_setup
-from pinwm_drake.systems.random_push import level_height
-from pinwm_drake.systems.scenario import ENGINES, Scenario, View, load_scenario
-from pinwm_drake.systems.scenario_names import scenario_path, shipped_scenarios
-from pinwm_drake.systems.setup import Setup, make_setup
+from pinwm_drake.systems.scenario.load import read_setup, scenario_path, shipped_scenarios
+from pinwm_drake.systems.scenario.schema import ENGINES, Scenario, View, load_scenario
+from pinwm_drake.systems.scenario.setup import Setup, make_setup
+from pinwm_drake.systems.scenario.start import level_height
 
 STRAIGHT = "straight"
 _USUAL_REACH = 0.085  # m, of the T-block, which the default camera sees well

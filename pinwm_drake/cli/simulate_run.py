@@ -14,18 +14,17 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from pinwm_drake.capture.episode_tables import PusherTrajectory, read_trajectory
-from pinwm_drake.cli.simulate_film import Film
 from pinwm_drake.cli.simulate_options import SimulateOptions, find_setup
-from pinwm_drake.cli.simulate_output import EpisodeFolder
-from pinwm_drake.cli.simulate_start import start_of_log
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import appearing, prepare_folder
 from pinwm_drake.report.video import write_video
-from pinwm_drake.systems.episode import Episode, Record
-from pinwm_drake.systems.random_push import random_push
-from pinwm_drake.systems.scene_view import make_meshcat, recorded
-from pinwm_drake.systems.start import Place
-from pinwm_drake.systems.station import MakePushStation, PushStation
+from pinwm_drake.systems.pusher.choice import random_push
+from pinwm_drake.systems.runs.episode import Episode, Record
+from pinwm_drake.systems.runs.episode_folder import EpisodeFolder, start_of_log
+from pinwm_drake.systems.runs.film import Film
+from pinwm_drake.systems.scenario.start import Place
+from pinwm_drake.systems.station.station import MakePushStation, PushStation
+from pinwm_drake.systems.view.scene import make_meshcat, recorded
 
 _FRAME_RATE = 30.0  # 1/s, of video and images, in simulated time
 _LOOPBACK = ("127.", "localhost", "::1")

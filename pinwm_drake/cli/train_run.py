@@ -12,7 +12,6 @@ import torch
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from pinwm_drake.cli.provenance import timestamp, versions
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.distil import STAGE, DistilOptions, train_distil
@@ -21,9 +20,10 @@ from pinwm_drake.learning.ppo import PpoOptions, train_ppo
 from pinwm_drake.learning.progress import Report, Step
 from pinwm_drake.learning.rounds import CHECKPOINT_FILE, HISTORY_FILE
 from pinwm_drake.learning.spec import Observes
-from pinwm_drake.report.training_figure import training_figure
-from pinwm_drake.systems.push_task import PushTask
-from pinwm_drake.systems.training_worlds import TrainingWorlds
+from pinwm_drake.provenance import timestamp, versions
+from pinwm_drake.report.figures.training import training_figure
+from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
+from pinwm_drake.tasks.push import PushTask
 
 METHODS = ("distil", "ppo", "state")
 _FIGURE = "training.png"

@@ -15,13 +15,13 @@ from pinwm_drake.files import prepare_folder
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.rendering.surfels import Surfels
-from pinwm_drake.report.surfel_page import write_surfel_page
-from pinwm_drake.report.turntable import turntable
+from pinwm_drake.report.surfels.page import write_surfel_page
+from pinwm_drake.report.surfels.turntable import turntable
 from pinwm_drake.report.video import write_video
 from pinwm_drake.twin import SURFELS_FILE, TWIN_FILE, Twin, read_twin
 
 if TYPE_CHECKING:
-    from pinwm_drake.report.live_view import Solid
+    from pinwm_drake.report.surfels.live_view import Solid
 
 __all__ = ["SURFELS_FILE", "ViewOptions", "run_view", "write_turntable"]
 
@@ -121,7 +121,7 @@ def write_turntable(
 
 def _solids(twin: Twin) -> "list[Solid]":
     """The mesh of a twin's object, translucent, and its pusher, which stands beside it on the same level."""
-    from pinwm_drake.report.live_view import Solid
+    from pinwm_drake.report.surfels.live_view import Solid
 
     mesh, pusher = load_mesh(twin.mesh_path), pusher_surface(twin.pusher)
     (low, high), size = mesh.bounds, pusher.extents
@@ -132,7 +132,7 @@ def _solids(twin: Twin) -> "list[Solid]":
 
 def _serve(surfels: Surfels, path: Path, solids: "list[Solid]", options: ViewOptions, console: Console) -> None:
     """Listens until Ctrl-C."""
-    from pinwm_drake.report.live_view import serve_surfels
+    from pinwm_drake.report.surfels.live_view import serve_surfels
 
     also = "".join(f", {solid.name}" for solid in solids)
 

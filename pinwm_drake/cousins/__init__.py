@@ -1,7 +1,7 @@
 """Digital cousins of a twin: copies whose physical parameters and colours are a little different."""
 
 from pinwm_drake.cousins.cousin import Cousin, CousinDraw, Cousins, draw_cousins
-from pinwm_drake.cousins.file import read_cousins, write_cousins
+from pinwm_drake.cousins.io import read_cousins, write_cousins
 from pinwm_drake.cousins.ranges import Range
 
 __all__ = ["Cousin", "CousinDraw", "Cousins", "Range", "draw_cousins", "read_cousins", "write_cousins"]

@@ -11,18 +11,18 @@ from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_frames
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.identification.forward import Forward
-from pinwm_drake.identification.found import Found
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import make_footage
 from pinwm_drake.identification.problem import Problem
 from pinwm_drake.identification.progress import Progress
 from pinwm_drake.identification.search import Search
+from pinwm_drake.identification.search_result import Found
 from pinwm_drake.identification.uncertainty import estimates
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import make_scene, resting_height
 from pinwm_drake.twin.origin import Origin
-from pinwm_drake.twin.plain import to_plain
+from pinwm_drake.twin.plain_data import to_plain
 from pinwm_drake.twin.twin import Estimate, Twin
 
 # Options that a continued search may have otherwise; threads count with the number that is used.

@@ -14,13 +14,13 @@ from torch import Tensor
 from pinwm_drake.errors import SolverError
 from pinwm_drake.identification.adam import AdamState, descend
 from pinwm_drake.identification.checkpoint import Checkpoint
-from pinwm_drake.identification.found import Found
 from pinwm_drake.identification.gauss_newton import NewtonState, expand, polish, weight_for
 from pinwm_drake.identification.image_loss import BLOCKS
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import Footage, make_pictures
 from pinwm_drake.identification.problem import Problem
 from pinwm_drake.identification.progress import Progress
+from pinwm_drake.identification.search_result import Found
 from pinwm_drake.identification.uncertainty import laplace, profile
 from pinwm_drake.scene import Support
 

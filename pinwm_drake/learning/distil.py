@@ -23,13 +23,13 @@ from torch.nn.functional import cross_entropy, mse_loss
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.actors import STATE_SIZE, ImageActor
 from pinwm_drake.learning.augment import Augment
-from pinwm_drake.learning.frames import Chunk, Frames
-from pinwm_drake.learning.memory import pack, set_weights, unpack, weights
-from pinwm_drake.learning.options import check_options
+from pinwm_drake.learning.image_buffer import Chunk, Frames
+from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
 from pinwm_drake.learning.rounds import EVALUATION_SEED, OnRound, Rounds
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.learning.weights import pack, set_weights, unpack, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 
 STAGE = "distil"

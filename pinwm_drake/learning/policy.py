@@ -14,8 +14,8 @@ from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.actors import ImageActor, StateActor
-from pinwm_drake.learning.memory import set_weights, weights
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
+from pinwm_drake.learning.weights import set_weights, weights
 
 POLICY_FILE, WEIGHTS_FILE = "policy.yaml", "weights.npz"
 _VERSION = 1

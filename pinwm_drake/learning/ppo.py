@@ -12,12 +12,12 @@ from stable_baselines3.common.vec_env import VecEnv
 from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.augment import Augment
-from pinwm_drake.learning.memory import pack, unpack
-from pinwm_drake.learning.options import check_options
+from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
 from pinwm_drake.learning.rounds import EVALUATION_SEED, OnRound, Rounds
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.learning.weights import pack, unpack
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 
 _NEVER = 1 << 30

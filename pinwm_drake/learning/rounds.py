@@ -21,10 +21,10 @@ from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.evaluation import Evaluation
-from pinwm_drake.learning.memory import set_weights, weights
 from pinwm_drake.learning.policy import make_actor
 from pinwm_drake.learning.progress import Step
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.learning.weights import set_weights, weights
 
 CHECKPOINT_FILE, HISTORY_FILE = "checkpoint.npz", "history.csv"
 OnRound = Callable[[int], None]

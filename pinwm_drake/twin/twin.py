@@ -9,7 +9,7 @@ from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Support
 
 if TYPE_CHECKING:
-    from pinwm_drake.cousins import Cousins
+    pass
 
 SCHEMA_VERSION = 1
 TWIN_FILE = "twin.yaml"
@@ -82,9 +82,3 @@ class Twin:
     camera_offset: tuple[float, float]
     surfels: Surfels
     provenance: dict[str, Any]
-
-    def cousins(self, n: int, delta: float = 0.1, *, seed: int = 0, from_intervals: bool = False) -> "Cousins":
-        """Copies with a little other parameters and colours; see `pinwm_drake.cousins.draw_cousins`."""
-        from pinwm_drake.cousins import draw_cousins
-
-        return draw_cousins(self, n, delta, seed=seed, from_intervals=from_intervals)

@@ -7,9 +7,9 @@ import pytest
 from pinwm_drake.learning.export import export_policy
 from pinwm_drake.learning.policy import Policy
 from pinwm_drake.learning.safety import default_limits
-from pinwm_drake.systems.policy_spec import policy_spec
-from pinwm_drake.systems.push_env import make_task
-from pinwm_drake.systems.push_setup import environment_setup
+from pinwm_drake.systems.envs.env import make_task
+from pinwm_drake.systems.envs.policy_scene import policy_spec
+from pinwm_drake.systems.scenario.load import environment_setup
 from tests.learning.bundles import exported, pictures, untrained_policy
 
 SIZE = 32

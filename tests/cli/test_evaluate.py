@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from pinwm_drake.cli.evaluate_contestant import read_contestant
-from pinwm_drake.cli.evaluate_request import EvaluateRequest
+from pinwm_drake.experiments.evaluation.contestant import read_contestant
+from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
-from pinwm_drake.systems.policy_spec import policy_spec
-from pinwm_drake.systems.push_env import make_task
-from pinwm_drake.systems.push_setup import environment_setup
+from pinwm_drake.systems.envs.env import make_task
+from pinwm_drake.systems.envs.policy_scene import policy_spec
+from pinwm_drake.systems.scenario.load import environment_setup
 from tests.cli.evaluations import document, rows, write_scenario
 
 

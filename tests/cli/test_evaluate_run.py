@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from pinwm_drake.cli.evaluate_contestant import read_contestant
-from pinwm_drake.cli.evaluate_episodes import EpisodeRunner, _run, run_episodes
-from pinwm_drake.cli.evaluate_request import EvaluateRequest
-from pinwm_drake.cli.evaluate_store import EpisodeStore
 from pinwm_drake.errors import ParameterError, SolverError
+from pinwm_drake.experiments.evaluation.contestant import read_contestant
+from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner, _run, run_episodes
+from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+from pinwm_drake.experiments.evaluation.store import EpisodeStore
 from tests.cli.evaluations import document, rows, write_scenario
 
 ROOT = Path(__file__).parents[2]

@@ -8,9 +8,9 @@ import torch
 from pinwm_drake.learning.bundle import HASHED, PROVENANCE_FILE, read_bundle
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
 from pinwm_drake.learning.safety import default_limits
-from pinwm_drake.systems.policy_spec import policy_spec
-from pinwm_drake.systems.push_env import make_task
-from pinwm_drake.systems.push_setup import environment_setup
+from pinwm_drake.systems.envs.env import make_task
+from pinwm_drake.systems.envs.policy_scene import policy_spec
+from pinwm_drake.systems.scenario.load import environment_setup
 
 SIZE = 32
 

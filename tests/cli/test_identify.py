@@ -3,9 +3,9 @@ import shutil
 import pytest
 
 from pinwm_drake.capture.episode_tables import read_pose_table
+from pinwm_drake.identification.history import read_history
 from pinwm_drake.identification.search import Search
 from pinwm_drake.identification.unknowns import DEFAULT_FREE
-from pinwm_drake.report.history import read_history
 from pinwm_drake.twin import read_twin
 from tests.identification.samples import FRAMES, TRUTH, write_appearance, write_capture
 

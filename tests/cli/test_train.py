@@ -12,7 +12,7 @@ from pinwm_drake.cli.app import app
 from pinwm_drake.cli.train_run import TrainRequest
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning.policy import read_policy
-from pinwm_drake.systems.training_worlds import TrainingWorlds
+from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
 
 SHORT = ["--worlds", "4", "--image-size", "32", "--threads", "1"]
 

@@ -14,7 +14,7 @@ from pinwm_drake.identification.image_loss import BLOCKS
 from pinwm_drake.identification.pictures import make_footage, make_pictures
 from pinwm_drake.identification.problem import Problem
 from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates
-from pinwm_drake.report.score import pose_errors
+from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.scene import make_scene
 from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS
 from tests.identification.samples import DIRECTIONS, LEVEL, TRUTH, surfels, write_capture

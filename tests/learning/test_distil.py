@@ -6,7 +6,7 @@ from torch.nn.functional import cross_entropy
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning.actors import ImageActor, StateActor
 from pinwm_drake.learning.distil import DistilOptions, train_distil
-from pinwm_drake.learning.frames import Chunk, Frames
+from pinwm_drake.learning.image_buffer import Chunk, Frames
 from pinwm_drake.learning.policy import Policy
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from tests.learning.toy_worlds import ToyWorlds, toy_spec

@@ -30,7 +30,7 @@ DIGITS = 1e-9
 
 # Those that are to be one closed surface; beside them stand the same in colours.
 PLAIN = [f"{name}/{name}.obj" for name in OBJECT_NAMES]
-# Those that are seen. What touches only is written by systems/model_files.py and tested there.
+# Those that are seen. What touches only is written by systems/sdf/shipped.py and tested there.
 SEEN = [*PLAIN, *(f"{name}/{name}_visual.obj" for name in OBJECT_NAMES)]
 
 

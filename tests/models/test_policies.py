@@ -4,7 +4,7 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.learning.evaluation import evaluate
 from pinwm_drake.models import policy_path, shipped_policies
-from pinwm_drake.systems.policy_spec import spec_environment
+from pinwm_drake.systems.envs.policy_scene import spec_environment
 
 
 @pytest.mark.parametrize("name", shipped_policies())

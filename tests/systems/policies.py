@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.systems.policy_spec import policy_spec
-from pinwm_drake.systems.push_setup import environment_setup
-from pinwm_drake.systems.push_task import PushTask
-from pinwm_drake.systems.scenario import View
-from pinwm_drake.systems.setup import Setup, make_setup
+from pinwm_drake.systems.envs.policy_scene import policy_spec
+from pinwm_drake.systems.scenario.load import environment_setup
+from pinwm_drake.systems.scenario.schema import View
+from pinwm_drake.systems.scenario.setup import Setup, make_setup
+from pinwm_drake.tasks.push import PushTask
 from tests.systems.stations import scenario
 
 LONGEST, SIZE = 0.02, 32  # m, px

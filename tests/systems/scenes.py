@@ -12,12 +12,12 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.models import object_model
-from pinwm_drake.systems.collision_mesh import divided
-from pinwm_drake.systems.push_plant import MakePushPlant, PushPlant
-from pinwm_drake.systems.pusher_drive import PusherDrive
-from pinwm_drake.systems.pusher_motion import ScriptedPush, StraightPush
-from pinwm_drake.systems.scenario import Pusher, Scenario, Shape, Theta
-from pinwm_drake.systems.setup import Setup, make_setup
+from pinwm_drake.systems.engines.plant.scene import MakePushPlant, PushPlant
+from pinwm_drake.systems.pusher.drive import PusherDrive
+from pinwm_drake.systems.pusher.motion import ScriptedPush, StraightPush
+from pinwm_drake.systems.scenario.schema import Pusher, Scenario, Shape, Theta
+from pinwm_drake.systems.scenario.setup import Setup, make_setup
+from pinwm_drake.systems.sdf.collision import divided
 
 GRAVITY = 9.81
 SPHERE = PusherShape("sphere", 0.01)

@@ -23,10 +23,9 @@ from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 from pinwm_drake.models import model_path
 from pinwm_drake.rendering import Camera
 from pinwm_drake.rendering.painted import painted_surfels
-from pinwm_drake.systems.contact_forces import ContactForces
-from pinwm_drake.systems.engine import Engine
-from pinwm_drake.systems.scene_view import AddSceneView
-from pinwm_drake.systems.viewpoints import look_at
+from pinwm_drake.systems.engines.engine import ContactForces, Engine
+from pinwm_drake.systems.scenario.viewpoints import look_at
+from pinwm_drake.systems.view.scene import AddSceneView
 
 CAMERA = Camera(64, 48, torch.tensor([60.0, 62.0, 30.0, 25.0], dtype=torch.float64))
 X_WC = look_at(np.array([0.3, -0.4, 0.5]), np.zeros(3))

@@ -8,10 +8,10 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from pinwm_drake.systems.scenario import Physics, Pusher, Scenario, Start, Theta, View
-from pinwm_drake.systems.setup import Setup, make_setup
-from pinwm_drake.systems.start import Place
-from pinwm_drake.systems.station import MakePushStation, PushStation
+from pinwm_drake.systems.scenario.schema import Physics, Pusher, Scenario, Start, Theta, View
+from pinwm_drake.systems.scenario.setup import Setup, make_setup
+from pinwm_drake.systems.scenario.start import Place
+from pinwm_drake.systems.station.station import MakePushStation, PushStation
 
 H = 1 / 240
 MASS, FRICTION = 0.8, 0.1

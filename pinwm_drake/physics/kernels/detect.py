@@ -2,8 +2,8 @@
 
 import math
 
+from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_floor
 from pinwm_drake.geometry.features import contact_from_features, tangents
-from pinwm_drake.geometry.narrowphase import collide_bodies, collide_floor
 from pinwm_drake.jit import kernel
 from pinwm_drake.physics.kernels.stabilise import SLOP
 

@@ -1,0 +1,1 @@
+"""Evaluations and trainings as library calls, with results on disk."""

@@ -1,0 +1,1 @@
+"""Evaluation of policies in an engine: episodes, stored results, tables."""

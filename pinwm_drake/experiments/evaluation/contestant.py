@@ -1,0 +1,123 @@
+"""Who is evaluated, by name: a trained policy, a bundle, the model-predictive controller, or chance."""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from pinwm_drake.errors import InputError
+from pinwm_drake.experiments.evaluation.request import MPC, RANDOM, EvaluateRequest
+from pinwm_drake.learning.evaluation import Acts
+from pinwm_drake.learning.policy import POLICY_FILE, read_policy, weights_digest
+from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.models import policy_path, shipped_policies
+from pinwm_drake.systems.envs.env import PushEnv
+from pinwm_drake.systems.envs.policy_scene import spec_environment
+from pinwm_drake.systems.scenario.load import environment_setup, scene_hash, with_start_yaw
+
+_MAX_TRANSLATION = 0.02  # m, as `pinwm train` has it
+
+
+class RandomActions:
+    """Draws from the environment's action space, which an episode's seed has seeded."""
+
+    def __init__(self, space: spaces.Space) -> None:
+        """Takes the space."""
+        self._space = space
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """An action, whatever is seen."""
+        return np.asarray(self._space.sample()), None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Contestant:
+    """Who acts.
+
+    Attributes:
+        kind: "policy", "bundle", "mpc" or "random".
+        identity: What tells this one from others: a hash, or what it is made from.
+        spec: Of a policy; None for the others.
+        provenance: Plain data, of the training.
+        make: The policy for an environment.
+    """
+
+    kind: str
+    identity: str
+    spec: PolicySpec | None
+    provenance: dict[str, Any]
+    make: Callable[[PushEnv], Acts]
+
+    @property
+    def observes(self) -> str:
+        """What the environment shows: "rgb" or "state"."""
+        return "state" if self.spec is None else self.spec.observes
+
+
+def read_contestant(request: EvaluateRequest) -> Contestant:
+    """Reads a policy, or a bundle, or takes what the name says.
+
+    Raises:
+        InputError: There is none, or a file of it cannot be used.
+    """
+    if request.policy == RANDOM:
+        return Contestant(RANDOM, RANDOM, None, {}, lambda env: RandomActions(env.action_space))
+    if request.policy == MPC:
+        return _mpc(request.model or request.scene)
+    from pinwm_drake.learning.bundle import is_bundle, read_bundle
+
+    ships = request.policy in shipped_policies()
+    folder = policy_path(request.policy) if ships else Path(request.policy)
+    if (folder / POLICY_FILE).is_file():
+        policy = read_policy(folder)
+        spec = json.dumps(policy.spec.to_document(), sort_keys=True)
+        identity = hashlib.sha256(f"{weights_digest(policy)}{spec}".encode()).hexdigest()
+        return Contestant("policy", identity, policy.spec, policy.provenance, lambda env: policy)
+    if folder.is_dir() and is_bundle(folder):
+        bundle = read_bundle(folder)
+        return Contestant("bundle", bundle.sha256, bundle.spec, bundle.provenance, lambda env: bundle)
+    found = f"a folder without {POLICY_FILE}" if folder.is_dir() else "no such folder"
+    raise InputError(
+        folder, value=found, allowed=f"a policy, a bundle, {', '.join([*shipped_policies(), MPC])} or {RANDOM}"
+    )
+
+
+def make_environment(contestant: Contestant, request: EvaluateRequest) -> PushEnv:
+    """The environment that an evaluation runs in.
+
+    Raises:
+        InputError: The scene, or one of its files, cannot be used.
+        ParameterError: An option is out of range, or the scene is not one that the policy is made for.
+    """
+    spec = contestant.spec
+    setup = environment_setup(request.scene)
+    if request.yaw is not None:
+        setup = with_start_yaw(setup, request.yaw, 0.0 if spec is None else spec.goal[2])
+    named = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance", "max_steps")}
+    given = {name: value for name, value in named.items() if value is not None}
+    if spec is None:
+        longest = _MAX_TRANSLATION if request.max_translation is None else request.max_translation
+        return PushEnv(setup, request.engine, observation="state", max_translation=longest, **given)
+    return spec_environment(spec, setup, request.engine, **given)
+
+
+def _mpc(model: str) -> Contestant:
+    """The controller, which plans with the parameters of a scene, be they the true ones or not."""
+    from pinwm_drake.systems.mpc.policy import MpcPolicy
+
+    known = environment_setup(model)
+    theta = {name: float(estimate.value) for name, estimate in known.twin.theta.items()}
+    return Contestant(
+        MPC,
+        scene_hash(known),
+        None,
+        {"model": known.scenario.name, "theta": theta},
+        lambda env: MpcPolicy(known, env.task, env.run.max_translation),
+    )

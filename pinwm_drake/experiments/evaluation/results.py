@@ -1,0 +1,158 @@
+"""What an evaluation writes: evaluation.json, episodes.csv, and what the report tells."""
+
+import csv
+import json
+import os
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.experiments.evaluation.contestant import Contestant
+from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+from pinwm_drake.files import replacing
+from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.learning.evaluation import Evaluation
+from pinwm_drake.provenance import timestamp, versions
+from pinwm_drake.report.camera import ViewCamera
+from pinwm_drake.report.evaluation.episode import EpisodeRecord
+from pinwm_drake.report.evaluation.film import EpisodeFilm
+from pinwm_drake.report.evaluation.report import EvaluationStory
+from pinwm_drake.systems.envs.env import PushEnv
+from pinwm_drake.systems.runs.film import coloured_actors
+
+_TILE, _SECTIONS = 200, 12  # px of a picture of an episode, and sides of a pusher that is shown that small
+_COLUMNS = (
+    *("seed", "outcome", "success", "steps", "distance", "angle", "start_x", "start_y", "start_yaw"),
+    *("pusher_x", "pusher_y", "start_distance", "start_angle", "failure"),
+)
+
+
+def settings_of(request: EvaluateRequest, contestant: Contestant, env: PushEnv, scene_sha256: str) -> dict[str, Any]:
+    """What the results depend on, but for the seeds; plain data."""
+    return {
+        "policy": contestant.kind,
+        "policy_sha256": contestant.identity,
+        "scene": env.setup.scenario.name,
+        "scene_sha256": scene_sha256,
+        "engine": env.engine,
+        "goal": [float(value) for value in env.task.goal],
+        "tolerance": env.task.tolerance,
+        "turn_tolerance": env.task.turn_tolerance,
+        "start_yaw": [float(value) for value in env.setup.scenario.start.yaw],
+        "max_steps": env.max_steps,
+        "max_translation": env.run.max_translation,
+        "observes": contestant.observes,
+        "image": [env.setup.camera.width, env.setup.camera.height] if contestant.observes == "rgb" else None,
+    }
+
+
+def provenance_of(
+    request: EvaluateRequest, contestant: Contestant, records: Sequence[EpisodeRecord], workers: int
+) -> dict[str, Any]:
+    """Where the results are from, and how long they took; plain data."""
+    actions = sum(record.result.steps for record in records)
+    return {
+        "command": shlex.join(["pinwm", *sys.argv[1:]]),
+        "created": timestamp(),
+        "policy": request.policy,
+        "policy_provenance": contestant.provenance,
+        "policy_spec": None if contestant.spec is None else contestant.spec.to_document(),
+        "scene": request.scene,
+        "model": request.model,
+        "versions": versions() | {name: version(name) for name in ("drake", "gymnasium")},
+        "workers": workers,
+        "cores": os.cpu_count(),
+        "seconds_per_episode": float(np.mean([record.seconds for record in records])),
+        "cpu_seconds_per_episode": float(np.mean([record.cpu_seconds for record in records])),
+        "cpu_seconds_per_action": sum(record.cpu_seconds for record in records) / actions,
+    }
+
+
+def write_evaluation(
+    path: Path,
+    evaluation: Evaluation,
+    seeds: Sequence[int],
+    settings: Mapping[str, Any],
+    provenance: Mapping[str, Any],
+) -> None:
+    """Writes evaluation.json; SI units and radians.
+
+    Raises:
+        InputError: It cannot be written.
+    """
+    document = {
+        "schema_version": 1,
+        "results": evaluation.summary(),
+        "seeds": [seeds[0], seeds[-1]],
+        "settings": dict(settings),
+        "provenance": dict(provenance),
+    }
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(document, indent=2, ensure_ascii=False, default=str) + "\n", encoding="utf-8")
+
+
+def write_episodes(path: Path, records: Sequence[EpisodeRecord], q_WO: tuple[float, float, float, float]) -> None:
+    """Writes episodes.csv, a row for each; SI units and radians, world frame.
+
+    Args:
+        path: Where to.
+        records: The episodes.
+        q_WO: (4,) wxyz, how the object lies at yaw 0.
+
+    Raises:
+        InputError: It cannot be written.
+    """
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(_COLUMNS)
+        for record in records:
+            one = record.result
+            begun = [*record.start(q_WO), *record.p_WP[0, :2].tolist(), one.start_distance, one.start_angle]
+            ended = [one.seed, one.outcome, int(one.success), one.steps, one.distance, one.angle]
+            table.writerow([*ended, *begun, one.failure])
+
+
+def story_of(
+    request: EvaluateRequest,
+    env: PushEnv,
+    records: Sequence[EpisodeRecord],
+    settings: Mapping[str, Any],
+    provenance: Mapping[str, Any],
+) -> EvaluationStory:
+    """What the report tells."""
+    task, setup = env.task, env.setup
+    near = f"{1e3 * task.tolerance:g} mm and {task.turn_tolerance:g} rad"
+    return EvaluationStory(
+        title=f"Evaluation of {request.policy}",
+        about=f"{request.policy} in {setup.scenario.name}, {env.engine}; success is rest within {near} of the goal",
+        records=records,
+        max_steps=env.max_steps,
+        horizon=setup.period,
+        q_WO=task.q_WO,
+        settings=settings,
+        provenance=provenance,
+        film=_film(env),
+    )
+
+
+def _film(env: PushEnv) -> EpisodeFilm:
+    """Episodes as seen from where the scene's camera is."""
+    setup = env.setup
+    X_WC, scale = setup.X_WC, _TILE / setup.camera.height
+    focal = scale * float(setup.camera.intrinsics[1])
+    width = round(scale * setup.camera.width)
+    return EpisodeFilm(
+        ViewCamera(X_WC.rotation().matrix(), X_WC.translation(), focal, width, _TILE),
+        setup.twin.floor_height,
+        coloured_actors(setup.visual_path),
+        load_mesh(setup.twin.mesh_path),
+        pusher_surface(setup.twin.pusher, sections=_SECTIONS),
+        env.task.R_WG.matrix(),
+        np.array(env.task.goal[:2]),
+    )

@@ -1,0 +1,73 @@
+"""The episodes of an evaluation on disk: a file for each that is done, so that a run that was ended can go on."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.errors import InputError
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.learning.evaluation import EpisodeResult
+from pinwm_drake.report.evaluation.episode import EpisodeRecord
+
+_TABLES = ("q_WO", "p_WO", "p_WP", "views", "at")
+_TIMES = ("seconds", "cpu_seconds")
+_FIGURES = ("success", "steps", "distance", "angle", "start_distance", "start_angle")
+
+
+class EpisodeStore:
+    """A folder of `SEED.npz`."""
+
+    def __init__(self, folder: Path, about: Mapping[str, object], *, resume: bool) -> None:
+        """Makes the folder.
+
+        Args:
+            folder: Made if need be.
+            about: What results depend on; episodes of other settings are refused.
+            resume: Whether there may be episodes in it.
+
+        Raises:
+            InputError: There are episodes, and they may not be; or the folder cannot be written to.
+        """
+        self._folder, self._about = prepare_folder(folder), dict(about)
+        for left in folder.glob(".*.npz"):  # by a run that was killed while it wrote
+            left.unlink(missing_ok=True)
+        if not resume and any(folder.glob("*.npz")):
+            raise InputError(
+                folder, value="episodes of an evaluation", allowed="a new folder, or --resume to go on with them"
+            )
+
+    def write(self, record: EpisodeRecord) -> None:
+        """Keeps an episode.
+
+        Raises:
+            InputError: It cannot be written.
+        """
+        result = record.result
+        arrays = {name: np.asarray(getattr(record, name)) for name in _TABLES}
+        arrays |= {name: np.asarray(getattr(result, name)) for name in (*_FIGURES, "failure")}
+        arrays |= {name: np.asarray(getattr(record, name)) for name in _TIMES}
+        write_arrays(self._path(result.seed or 0), self._about, arrays)
+
+    def read(self, seeds: Iterable[int]) -> dict[int, EpisodeRecord]:
+        """Those episodes that are there.
+
+        Raises:
+            InputError: One cannot be read, or is of other settings; the message names what differs.
+        """
+        found = {}
+        for seed in seeds:
+            names = (*_TABLES, *_FIGURES, *_TIMES, "failure")
+            arrays = read_arrays(self._path(seed), self._about, "test", names)
+            if arrays is None:
+                continue
+            figures = {name: arrays[name].item() for name in _FIGURES}
+            result = EpisodeResult(seed=seed, failure=str(arrays["failure"]), **figures)
+            tables = {name: arrays[name] for name in _TABLES}
+            wall, cpu = (float(arrays[name]) for name in _TIMES)
+            found[seed] = EpisodeRecord(result, **tables, seconds=wall, cpu_seconds=cpu)
+        return found
+
+    def _path(self, seed: int) -> Path:
+        return self._folder / f"{seed:06d}.npz"

@@ -1,0 +1,1 @@
+"""Pairwise narrow phase: features of contact between convex pieces."""

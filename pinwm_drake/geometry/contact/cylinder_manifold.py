@@ -1,0 +1,261 @@
+"""Contact manifolds of a cylinder: its side or cap on a face, segments along its side or on a cap (numba).
+
+All functions append pairs with a gap from `least` up to the margin [m], and return the rows used and the
+smallest gap among the pairs with the unit normal k (m; infinite without any). The cylinder is `two`; k points
+from it to `one`, in its frame.
+"""
+
+import math
+
+import numpy as np
+
+from pinwm_drake.geometry.contact.cylinder_parts import (
+    radial,
+    rim_line_gap,
+    rim_place,
+    write_cap,
+    write_rim,
+    write_rim_line,
+    write_rim_place,
+    write_segment_place,
+)
+from pinwm_drake.geometry.contact.face_clip import (
+    ALONG_SIDE,
+    BEYOND_END,
+    ON_FACE,
+    SAME_NORMAL,
+    clip_to_face,
+    gap_over_side,
+    outside_face,
+)
+from pinwm_drake.geometry.contact.manifold import (
+    MAX_CANDIDATES,
+    MAX_KEPT,
+    add_candidate,
+    nearest_along_normal,
+    reduce_candidates,
+)
+from pinwm_drake.geometry.pieces import RIM_POINTS
+from pinwm_drake.geometry.rows import (
+    dot,
+    height,
+    inverse_pose,
+    norm,
+    transform,
+    turn,
+    write_face,
+    write_line,
+    write_line_pair,
+    write_vertex,
+    xyz,
+)
+from pinwm_drake.jit import allocating_kernel, internal_kernel
+
+# Kinds of candidates of a cap on a face: a vertex on the cap, a fixed point of the rim on the face, the
+# lowest point of the rim on the face, an edge across the rim.
+_VERTEX, _PLACE, _LOWEST, _CROSSING = 0, 1, 2, 3
+# Below this sine of the tilt the lowest point of a rim is ill-conditioned and its fixed points serve.
+_MIN_TILT = 1.0e-4
+
+
+@internal_kernel
+def side_on_face(table, one, two, X_21, kx, ky, kz, face, least, column, margin, rows, count):
+    """The side of a cylinder along a face of a hull: both ends of its line of contact over the face."""
+    X_12 = inverse_pose(X_21)
+    j = table.pieces[two, 1]
+    length, radius = table.axes[two, 3], table.vertices[j, 3]
+    nx, ny, nz = xyz(table.planes, face)
+    ux, uy, uz = turn(X_12, *xyz(table.axes, two))
+    cx, cy, cz = transform(X_12, *xyz(table.vertices, j))
+    ex, ey, ez, _ = radial(ux, uy, uz, -nx, -ny, -nz)
+    qx, qy, qz = cx + radius * ex, cy + radius * ey, cz + radius * ez
+    enter, leave, enter_side, leave_side = clip_to_face(table, face, qx, qy, qz, ux, uy, uz, length)
+    kx, ky, kz = turn(X_12, -kx, -ky, -kz)
+    nearest = math.inf
+    for end in range(2):
+        t, side = (enter, enter_side) if end == 0 else (leave, leave_side)
+        if leave < enter or (end == 1 and leave - enter < ALONG_SIDE * length):
+            break
+        if side < 0:
+            gap = height(table.planes, face, qx + t * ux, qy + t * uy, qz + t * uz)
+            cosine = dot(nx, ny, nz, kx, ky, kz)
+        else:
+            gap, cosine = gap_over_side(table, face, side, cx, cy, cz, ux, uy, uz, length, kx, ky, kz)
+            gap -= radius
+        if least <= gap < margin and count < rows.shape[0]:
+            if cosine > SAME_NORMAL:
+                nearest = min(nearest, gap)
+            if side < 0:
+                write_face(table, face, rows, count, column)
+                write_rim(table, two, end, rows, count, 8 - column)
+            else:
+                edge = table.corners[side, 1]
+                start, stop = table.edges[edge, 0], table.edges[edge, 1]
+                mx, my, mz = turn(X_21, -nx, -ny, -nz)
+                write_line_pair(table, start, stop, j, j + 1, X_21, mx, my, mz, rows, count, column)
+            count += 1
+    return count, nearest
+
+
+@allocating_kernel
+def cap_on_face(table, one, two, X_21, kx, ky, kz, face, end, least, column, margin, rows, count):
+    """A cap on a face of a hull: corners of the overlap of polygon and disc, at most four."""
+    X_12 = inverse_pose(X_21)
+    j = table.pieces[two, 1]
+    radius = table.vertices[j, 3]
+    sign = 2.0 * end - 1.0
+    ux, uy, uz = xyz(table.axes, two)
+    ux, uy, uz = sign * ux, sign * uy, sign * uz
+    cx, cy, cz = xyz(table.vertices, j + end)
+    fx, fy, fz = xyz(table.planes, face)
+    mx, my, mz = turn(X_21, -fx, -fy, -fz)
+    places = np.empty((MAX_CANDIDATES, 5))
+    features = np.empty((MAX_CANDIDATES, 3), np.int64)
+    found = 0
+    on_cap, on_face = dot(ux, uy, uz, kx, ky, kz), dot(mx, my, mz, kx, ky, kz)
+    for v in range(table.pieces[one, 1], table.pieces[one + 1, 1]):
+        x, y, z = transform(X_21, *xyz(table.vertices, v))
+        gap = dot(ux, uy, uz, x - cx, y - cy, z - cz)
+        _, _, _, across = radial(ux, uy, uz, x - cx, y - cy, z - cz)
+        if least <= gap < margin and across <= radius + ON_FACE:
+            kind = _VERTEX
+            found = add_candidate(x, y, z, gap, on_cap, kind, v, v, places, features, found)
+    for k in range(RIM_POINTS + 1):
+        kind = _PLACE
+        if k < RIM_POINTS:
+            x, y, z = rim_place(table, two, end, k)
+        else:
+            ex, ey, ez, tilt = radial(ux, uy, uz, mx, my, mz)
+            if tilt < _MIN_TILT:
+                continue
+            kind = _LOWEST
+            x, y, z = cx + radius * ex, cy + radius * ey, cz + radius * ez
+        px, py, pz = transform(X_12, x, y, z)
+        gap = height(table.planes, face, px, py, pz)
+        if least <= gap < margin and outside_face(table, face, px, py, pz) <= ON_FACE:
+            found = add_candidate(x, y, z, gap, on_face, kind, k, k, places, features, found)
+    for k in range(table.faces[face], table.faces[face + 1]):
+        edge = table.corners[k, 1]
+        px, py, pz = transform(X_21, *xyz(table.vertices, table.edges[edge, 0]))
+        dx, dy, dz = turn(X_21, *xyz(table.edge_lines, edge))
+        for t in through_disc(px - cx, py - cy, pz - cz, dx, dy, dz, ux, uy, uz, radius):
+            if t < 0.0 or t > table.edge_lines[edge, 3]:
+                continue
+            x, y, z = px + t * dx, py + t * dy, pz + t * dz
+            gap = dot(ux, uy, uz, x - cx, y - cy, z - cz)
+            if least <= gap < margin:
+                kind = _CROSSING
+                found = add_candidate(x, y, z, gap, on_cap, kind, edge, edge, places, features, found)
+    nearest = nearest_along_normal(places, found)
+    if found > MAX_KEPT:
+        # Directions fixed in the cylinder, at an odd angle to the points on its rim.
+        px, py, pz = rim_place(table, two, end, 0)
+        ex, ey, ez, _ = radial(ux, uy, uz, px - cx, py - cy, pz - cz)
+        found = reduce_candidates(ex, ey, ez, ux, uy, uz, places, features, found)
+    for k in range(found):
+        if count >= rows.shape[0]:
+            break
+        kind, index = features[k, 0], features[k, 1]
+        if kind == _VERTEX:
+            write_vertex(table, index, rows, count, column)
+            write_cap(table, two, end, rows, count, 8 - column)
+        elif kind == _CROSSING:
+            px, py, pz = transform(X_21, *xyz(table.vertices, table.edges[index, 0]))
+            dx, dy, dz = turn(X_21, *xyz(table.edge_lines, index))
+            t = dot(places[k, 0] - px, places[k, 1] - py, places[k, 2] - pz, dx, dy, dz)
+            write_segment_place(table, table.edges[index, 0], table.edges[index, 1], t, rows, count, column)
+            write_cap(table, two, end, rows, count, 8 - column)
+        else:
+            write_face(table, face, rows, count, column)
+            if kind == _LOWEST:
+                write_rim(table, two, end, rows, count, 8 - column)
+            else:
+                write_rim_place(table, two, end, index, rows, count, 8 - column)
+        count += 1
+    return count, nearest
+
+
+@internal_kernel
+def through_disc(px, py, pz, dx, dy, dz, ux, uy, uz, radius):
+    """Where the line p + t d passes in and out of a cylinder about the axis u; NaN where it does not."""
+    a, b = dot(px, py, pz, ux, uy, uz), dot(dx, dy, dz, ux, uy, uz)
+    px, py, pz, dx, dy, dz = px - a * ux, py - a * uy, pz - a * uz, dx - b * ux, dy - b * uy, dz - b * uz
+    a, b, c = dot(dx, dy, dz, dx, dy, dz), dot(px, py, pz, dx, dy, dz), dot(px, py, pz, px, py, pz)
+    root = b * b - a * (c - radius * radius)
+    if root <= 0.0:
+        return math.nan, math.nan
+    root = math.sqrt(root)
+    return (-b - root) / a, (-b + root) / a
+
+
+@internal_kernel
+def segment_along_side(table, i, i2, two, X_21, kx, ky, kz, least, column, margin, rows, count):
+    """A capsule's axis or a hull's edge (vertices i, i2) along the side: its ends, and rims beside it."""
+    j = table.pieces[two, 1]
+    radius, round_radius = table.vertices[j, 3], table.vertices[i, 3]
+    ux, uy, uz = xyz(table.axes, two)
+    px, py, pz = transform(X_21, *xyz(table.vertices, i))
+    dx, dy, dz = transform(X_21, *xyz(table.vertices, i2))
+    qx, qy, qz = xyz(table.vertices, j)
+    dx, dy, dz = dx - px, dy - py, dz - pz
+    length = norm(dx, dy, dz)
+    dx, dy, dz = dx / length, dy / length, dz / length
+    nearest = math.inf
+    for k in range(2):
+        x, y, z = px + k * length * dx - qx, py + k * length * dy - qy, pz + k * length * dz - qz
+        t = dot(x, y, z, ux, uy, uz)
+        ex, ey, ez, across = radial(ux, uy, uz, x, y, z)
+        gap = across - radius - round_radius
+        if min(t, table.axes[two, 3] - t) >= -BEYOND_END and least <= gap < margin and count < rows.shape[0]:
+            write_vertex(table, i2 if k == 1 else i, rows, count, column)
+            write_line(table, j, j + 1, t, 1.0, rows, count, 8 - column)
+            if dot(ex, ey, ez, kx, ky, kz) > SAME_NORMAL:
+                nearest = min(nearest, gap)
+            count += 1
+    for end in range(2):
+        x, y, z = xyz(table.vertices, j + end)
+        t = dot(x - px, y - py, z - pz, dx, dy, dz)
+        nx, ny, nz = px + t * dx - x, py + t * dy - y, pz + t * dz - z
+        size = norm(nx, ny, nz)
+        # A rim beside an end of the segment has come with that end.
+        if size == 0.0 or t < 0.0 or t > length:
+            continue
+        nx, ny, nz = nx / size, ny / size, nz / size
+        mx, my, mz, gap = rim_line_gap(table, two, end, px, py, pz, dx, dy, dz, length, -BEYOND_END, nx, ny, nz)
+        gap -= round_radius
+        if least <= gap < margin and count < rows.shape[0]:
+            write_rim_line(table, two, end, i, i2, X_21, mx, my, mz, rows, count, 8 - column)
+            if dot(mx, my, mz, kx, ky, kz) > SAME_NORMAL:
+                nearest = min(nearest, gap)
+            count += 1
+    return count, nearest
+
+
+@internal_kernel
+def segment_on_cap(table, i, i2, two, X_21, kx, ky, kz, end, least, column, margin, rows, count):
+    """A capsule's axis or a hull's edge (vertices i, i2) on a cap: both ends of its part over the cap."""
+    c = table.pieces[two, 1] + end
+    sign = 2.0 * end - 1.0
+    radius, round_radius = table.vertices[c, 3], table.vertices[i, 3]
+    ux, uy, uz = xyz(table.axes, two)
+    ux, uy, uz = sign * ux, sign * uy, sign * uz
+    cx, cy, cz = xyz(table.vertices, c)
+    px, py, pz = transform(X_21, *xyz(table.vertices, i))
+    dx, dy, dz = transform(X_21, *xyz(table.vertices, i2))
+    dx, dy, dz = dx - px, dy - py, dz - pz
+    length = norm(dx, dy, dz)
+    dx, dy, dz = dx / length, dy / length, dz / length
+    enter, leave = through_disc(px - cx, py - cy, pz - cz, dx, dy, dz, ux, uy, uz, radius)
+    nearest = math.inf
+    if not (leave > 0.0 and enter < length):
+        return count, nearest
+    for k in range(2):
+        t = max(enter, 0.0) if k == 0 else min(leave, length)
+        gap = dot(ux, uy, uz, px + t * dx - cx, py + t * dy - cy, pz + t * dz - cz) - round_radius
+        if least <= gap < margin and count < rows.shape[0]:
+            if dot(ux, uy, uz, kx, ky, kz) > SAME_NORMAL:
+                nearest = min(nearest, gap)
+            write_segment_place(table, i, i2, t, rows, count, column)
+            write_cap(table, two, end, rows, count, 8 - column)
+            count += 1
+    return count, nearest

@@ -1,0 +1,185 @@
+"""Parts of a cylinder: caps, rims and the points fixed on them (numba)."""
+
+import math
+
+from pinwm_drake.geometry.contact.face_clip import MANIFOLD_ANGLE
+from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
+from pinwm_drake.geometry.features import _nearest_circle_to_line as nearest_circle_to_line
+from pinwm_drake.geometry.pieces import RIM_POINTS
+from pinwm_drake.geometry.rows import (
+    PARALLEL_SINE,
+    cross,
+    dot,
+    norm,
+    transform,
+    write_line,
+    write_part,
+    xyz,
+)
+from pinwm_drake.jit import internal_kernel
+
+# A rim meets a line as a circle where the sine of the normal against the axis is more than this, so that its
+# sign is beyond doubt, where the line does not run along the rim (PARALLEL_SINE), and where the line's point
+# is on the side of the rim within 60 degrees, from where the nearest place is found (see `features`).
+_MIN_SINE, _MIN_COSINE = 1.0e-3, 0.5
+# Points closer than this [m] define no direction to the accuracy of a normal.
+SAME_PLACE = 1.0e-6
+_POINT, _PLANE, _CIRCLE = float(POINT), float(PLANE), float(CIRCLE)
+_COSINES = tuple(math.cos(2.0 * math.pi * k / RIM_POINTS) for k in range(RIM_POINTS))
+_SINES = tuple(math.sin(2.0 * math.pi * k / RIM_POINTS) for k in range(RIM_POINTS))
+
+
+@internal_kernel
+def rim_place(table, piece, end, k):
+    """The point number k fixed on a rim (`pieces.rim_points`), m, frame of the body; `end` is 0 or 1."""
+    v = table.pieces[piece, 1] + end
+    cx, cy, cz = xyz(table.vertices, v)
+    ux, uy, uz = xyz(table.axes, piece)
+    ax, ay, az = abs(ux), abs(uy), abs(uz)
+    # Across the axis, from the coordinate axis that is most nearly perpendicular to it.
+    if ax <= ay and ax <= az:
+        ex, ey, ez = 1.0 - ux * ux, -ux * uy, -ux * uz
+    elif ay <= az:
+        ex, ey, ez = -uy * ux, 1.0 - uy * uy, -uy * uz
+    else:
+        ex, ey, ez = -uz * ux, -uz * uy, 1.0 - uz * uz
+    size = table.vertices[v, 3] / norm(ex, ey, ez)
+    ex, ey, ez = size * ex, size * ey, size * ez
+    fx, fy, fz = cross(ux, uy, uz, ex, ey, ez)
+    c, s = _COSINES[k], _SINES[k]
+    return cx + c * ex + s * fx, cy + c * ey + s * fy, cz + c * ez + s * fz
+
+
+@internal_kernel
+def radial(ux, uy, uz, x, y, z):
+    """Part of a vector across the axis u as unit vector and length; zeros along the axis."""
+    along = dot(ux, uy, uz, x, y, z)
+    x, y, z = x - along * ux, y - along * uy, z - along * uz
+    length = norm(x, y, z)
+    if length == 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    return x / length, y / length, z / length, length
+
+
+@internal_kernel
+def write_rim_place(table, piece, end, k, rows, count, column):
+    """Writes a point fixed on a rim."""
+    x, y, z = rim_place(table, piece, end, k)
+    write_part(rows, count, column, _POINT, x, y, z, 0.0, 0.0, 0.0, 0.0)
+
+
+@internal_kernel
+def write_cap(table, piece, end, rows, count, column):
+    """Writes the plane of a cap."""
+    x, y, z = xyz(table.vertices, table.pieces[piece, 1] + end)
+    ux, uy, uz = xyz(table.axes, piece)
+    sign = 2.0 * end - 1.0
+    write_part(rows, count, column, _PLANE, x, y, z, sign * ux, sign * uy, sign * uz, 0.0)
+
+
+@internal_kernel
+def write_rim(table, piece, end, rows, count, column):
+    """Writes a rim; its axis points out of the cylinder."""
+    v = table.pieces[piece, 1] + end
+    x, y, z = xyz(table.vertices, v)
+    ux, uy, uz = xyz(table.axes, piece)
+    sign = 2.0 * end - 1.0
+    write_part(rows, count, column, _CIRCLE, x, y, z, sign * ux, sign * uy, sign * uz, table.vertices[v, 3])
+
+
+@internal_kernel
+def rim_line(table, piece, end, px, py, pz, dx, dy, dz, nx, ny, nz):
+    """The normal of a rim and a line p + t d near the normal n out of the cylinder (frame of its body).
+
+    Returns:
+        The unit normal (NaN where it is not defined), the distance of the line along it (m), and the place t
+        there.
+    """
+    rx, ry, rz = xyz(table.vertices, table.pieces[piece, 1] + end)
+    ux, uy, uz = xyz(table.axes, piece)
+    radius = table.vertices[table.pieces[piece, 1], 3]
+    ex, ey, ez, _ = radial(ux, uy, uz, nx, ny, nz)
+    t = dot(rx + radius * ex - px, ry + radius * ey - py, rz + radius * ez - pz, dx, dy, dz)
+    start = (px + t * dx, py + t * dy, pz + t * dz)
+    ex, ey, ez = nearest_circle_to_line((rx, ry, rz), (ux, uy, uz), radius, start, (dx, dy, dz))
+    tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)
+    mx, my, mz = cross(tx, ty, tz, dx, dy, dz)
+    wx, wy, wz = px - rx - radius * ex, py - ry - radius * ey, pz - rz - radius * ez
+    t = -dot(wx, wy, wz, dx, dy, dz)
+    if norm(mx, my, mz) < PARALLEL_SINE:
+        # The tangent runs along the line: the difference of the nearest points is the normal, while there is
+        # one.
+        mx, my, mz = wx + t * dx, wy + t * dy, wz + t * dz
+        if norm(mx, my, mz) < SAME_PLACE:
+            mx, my, mz, _ = radial(dx, dy, dz, nx, ny, nz)
+    size = math.copysign(norm(mx, my, mz), dot(mx, my, mz, nx, ny, nz))
+    if size == 0.0:
+        return math.nan, math.nan, math.nan, math.inf, t
+    mx, my, mz = mx / size, my / size, mz / size
+    return mx, my, mz, dot(mx, my, mz, wx, wy, wz), t
+
+
+@internal_kernel
+def rim_line_gap(table, piece, end, px, py, pz, dx, dy, dz, length, beyond, nx, ny, nz):
+    """Gap between a rim and a segment p + t d, 0 <= t <= length, along a normal near n out of the cylinder.
+
+    Returns:
+        The unit normal, and the gap (m; infinite where the normal is not near n, or the place is more than
+        `beyond` [m] past an end).
+    """
+    mx, my, mz, gap, t = rim_line(table, piece, end, px, py, pz, dx, dy, dz, nx, ny, nz)
+    near = dot(mx, my, mz, nx, ny, nz) > math.cos(MANIFOLD_ANGLE)
+    if not near or min(t, length - t) < -beyond:
+        return nx, ny, nz, math.inf
+    return mx, my, mz, gap
+
+
+@internal_kernel
+def write_segment_place(table, v, w, t, rows, count, column):
+    """Writes the place t [m] on the line from vertex v to vertex w as a point, with its piece's radius."""
+    x, y, z = xyz(table.vertices, v)
+    dx, dy, dz = xyz(table.vertices, w)
+    dx, dy, dz = dx - x, dy - y, dz - z
+    t /= norm(dx, dy, dz)
+    x, y, z = x + t * dx, y + t * dy, z + t * dz
+    write_part(rows, count, column, _POINT, x, y, z, 0.0, 0.0, 0.0, table.vertices[v, 3])
+
+
+@internal_kernel
+def write_rim_line(table, piece, end, v, w, X_CL, nx, ny, nz, rows, count, column):
+    """Writes a rim against the line from vertex v to vertex w of another body.
+
+    Where circle and line are ill-conditioned, the line's point is written against the plane across the
+    normal.
+
+    Args:
+        table: PieceTable.
+        piece: The cylinder.
+        end: 0 or 1.
+        v, w: Vertices of the line.
+        X_CL: Pose of the line's body in the cylinder's body C, twelve scalars.
+        nx, ny, nz: Unit normal out of the cylinder, frame C.
+        rows, count: Where to write.
+        column: Of the cylinder.
+    """
+    c = table.pieces[piece, 1] + end
+    rx, ry, rz = xyz(table.vertices, c)
+    ux, uy, uz = xyz(table.axes, piece)
+    ex, ey, ez, sine = radial(ux, uy, uz, nx, ny, nz)
+    radius = table.vertices[c, 3]
+    qx, qy, qz = rx + radius * ex, ry + radius * ey, rz + radius * ez
+    px, py, pz = transform(X_CL, *xyz(table.vertices, v))
+    dx, dy, dz = transform(X_CL, *xyz(table.vertices, w))
+    dx, dy, dz = dx - px, dy - py, dz - pz
+    length = norm(dx, dy, dz)
+    dx, dy, dz = dx / length, dy / length, dz / length
+    t = dot(qx - px, qy - py, qz - pz, dx, dy, dz)
+    fx, fy, fz, _ = radial(ux, uy, uz, px + t * dx - rx, py + t * dy - ry, pz + t * dz - rz)
+    tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)
+    crossing = norm(*cross(tx, ty, tz, dx, dy, dz))
+    if sine > _MIN_SINE and crossing > PARALLEL_SINE and dot(ex, ey, ez, fx, fy, fz) > _MIN_COSINE:
+        write_rim(table, piece, end, rows, count, column)
+        write_line(table, v, w, t, 1.0, rows, count, 8 - column)
+    else:
+        write_part(rows, count, column, _PLANE, qx, qy, qz, nx, ny, nz, 0.0)
+        write_segment_place(table, v, w, t, rows, count, 8 - column)

@@ -1,0 +1,132 @@
+"""Pictures of an evaluation's episodes: one of them after some actions, and many side by side as a film."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import trimesh
+
+from pinwm_drake.report.camera import ViewCamera
+from pinwm_drake.report.captions import write_caption
+from pinwm_drake.report.evaluation.episode import EpisodeRecord, rotation
+from pinwm_drake.report.outline import boundary, silhouette
+from pinwm_drake.report.scene import Actor, Stage
+
+_GOAL, _PUSHER = (0.02, 0.42, 0.10), (0.10, 0.25, 0.55)  # linear RGB
+_FRAMES = {"success": (59, 143, 90), "time limit": (200, 67, 47), "failure": (122, 79, 163)}
+_GOING = (255, 255, 255)
+_BORDER, _STAYS = 3, 8  # px, and pictures that the end of a film shows
+
+
+class EpisodeFilm:
+    """Draws episodes of one scene.
+
+    Attributes:
+        camera: The view.
+    """
+
+    def __init__(
+        self,
+        camera: ViewCamera,
+        floor_height: float,
+        actors: Sequence[Actor],
+        mesh: trimesh.Trimesh,
+        pusher: trimesh.Trimesh,
+        R_WG: np.ndarray,
+        p_WG: np.ndarray,
+    ) -> None:
+        """Takes over what does not move.
+
+        Args:
+            camera: The view.
+            floor_height: m, world.
+            actors: The object's surfaces, frame O.
+            mesh: The object, m, frame O.
+            pusher: m, frame P.
+            R_WG: (3, 3), the object's orientation at the goal.
+            p_WG: (2,) m, x and y of its origin there.
+        """
+        self.camera, self._stage = camera, Stage(camera, floor_height)
+        self._object, self._pusher = list(actors), Actor.from_mesh(pusher, _PUSHER, smooth=True)
+        outline = boundary(*silhouette(mesh, R_WG)) + np.asarray(p_WG)
+        self._goal = [(segment, _GOAL) for segment in outline]
+
+    def picture(self, record: EpisodeRecord, step: int) -> np.ndarray:
+        """What there was after some actions, or in the end: (height, width, 3) uint8, sRGB."""
+        k = min(step, record.last)
+        R_WO, p_WO = rotation(record.q_WO[k]).as_matrix(), record.p_WO[k]
+        actors = [(actor, R_WO, p_WO) for actor in self._object]
+        return self._stage.picture([*actors, (self._pusher, np.eye(3), record.p_WP[k])], self._goal)
+
+    def captioned(self, record: EpisodeRecord, step: int) -> np.ndarray:
+        """The picture with seed and number of the action; at the end in a frame of the outcome's colour."""
+        result, ended = record.result, step >= record.last
+        image = self.picture(record, step)
+        words = f"{result.seed}: {min(step, record.last)}"
+        write_caption(image, f"{words} {result.outcome}" if ended else words)
+        b, colour = (_BORDER, _FRAMES[result.outcome]) if ended else (1, _GOING)
+        image[:b] = image[-b:] = image[:, :b] = image[:, -b:] = np.array(colour, np.uint8)
+        return image
+
+
+class FilmGrid:
+    """Episodes side by side from their first action on; one that has ended stays as it is.
+
+    Attributes:
+        size: (width, height) px, even.
+        steps: Actions of the longest episode.
+        kept: Numbers of actions, at equal distances, whose pictures are kept once they are drawn.
+    """
+
+    def __init__(
+        self, film: EpisodeFilm, records: Sequence[EpisodeRecord], columns: int = 4, *, keep: int = 40
+    ) -> None:
+        """Takes the episodes, one or more.
+
+        Args:
+            film: Draws them.
+            records: The episodes.
+            columns: How many side by side.
+            keep: How many pictures are kept at most.
+        """
+        self._film, self._records = film, list(records)
+        self._columns = min(columns, len(self._records))
+        rows = -(-len(self._records) // self._columns)
+        width, height = self._columns * film.camera.width, rows * film.camera.height
+        self.size = (width // 2 * 2, height // 2 * 2)
+        self.steps = max(record.last for record in self._records)
+        shown = np.linspace(0, self.steps, min(keep, self.steps + 1)).round()
+        self.kept = [int(step) for step in np.unique(shown)]
+        self._ended: dict[int, np.ndarray] = {}
+        self._drawn: dict[int, np.ndarray] = {}
+
+    def picture(self, step: int) -> np.ndarray:
+        """All episodes after some actions: (height, width, 3) uint8, sRGB."""
+        if step in self._drawn:
+            return self._drawn[step]
+        picture = self._draw(step)
+        if step in self.kept:
+            self._drawn[step] = picture
+        return picture
+
+    def _draw(self, step: int) -> np.ndarray:
+        tile, columns = self._film.camera, self._columns
+        rows = -(-len(self._records) // columns)
+        whole = np.full((rows * tile.height, columns * tile.width, 3), 255, np.uint8)
+        for k, record in enumerate(self._records):
+            y, x = k // columns * tile.height, k % columns * tile.width
+            whole[y : y + tile.height, x : x + tile.width] = self._tile(k, record, step)
+        return np.ascontiguousarray(whole[: self.size[1], : self.size[0]])
+
+    def pictures(self) -> Iterator[np.ndarray]:
+        """One for each action, and some more of the end."""
+        for step in range(self.steps + 1):
+            yield self.picture(step)
+        for _ in range(_STAYS):
+            yield self.picture(self.steps)
+
+    def _tile(self, k: int, record: EpisodeRecord, step: int) -> np.ndarray:
+        if step < record.last:
+            return self._film.captioned(record, step)
+        if k not in self._ended:
+            self._ended[k] = self._film.captioned(record, step)
+        return self._ended[k]

@@ -1,0 +1,111 @@
+"""Figures of where the object went: over time, from above, and how far from the truth."""
+
+from typing import Any
+
+import numpy as np
+import trimesh
+from matplotlib import colormaps
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
+
+from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
+from pinwm_drake.report.outline import boundary, silhouette
+from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, new_figure, tidy
+from pinwm_drake.report.twin.score import PoseErrors
+
+_OUTLINES = 6
+_TRUTH_LABEL = "ground truth (scored, never fitted)"
+
+
+def motion_figure(poses: ObjectPoses, truth: ObjectPoses | None, pusher: PusherTrajectory | None) -> Figure:
+    """x, y and yaw of the object over time, and x and y of the pusher."""
+    figure = new_figure(9, 5.6)
+    panels = figure.subplots(3, 1, sharex=True)
+    for axis, axes in enumerate(panels[:2]):
+        if pusher is not None:
+            shown = (pusher.t >= poses.t[0]) & (pusher.t <= poses.t[-1])
+            axes.plot(pusher.t[shown], 1e3 * pusher.p_WP[shown, axis], color=PUSHER, linewidth=1, label="pusher")
+        axes.set_ylabel(f"{'xy'[axis]} [mm]")
+    for axes, values, known in zip(panels, _curves(poses), _curves(truth) if truth else (None,) * 3, strict=True):
+        axes.plot(poses.t, values, color=TWIN, linewidth=1.6, marker=".", markersize=4, label="twin")
+        if truth is not None:
+            axes.plot(truth.t, known, "o", color=TRUTH, markersize=3.5, fillstyle="none", label=_TRUTH_LABEL)
+    panels[2].set_ylabel("yaw [°]")
+    panels[2].set_xlabel("time [s]")
+    panels[0].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), ncol=3)
+    tidy(panels)
+    return figure
+
+
+def top_figure(
+    mesh: trimesh.Trimesh,
+    poses: ObjectPoses,
+    truth: ObjectPoses | None,
+    pusher_mesh: trimesh.Trimesh,
+    pusher: PusherTrajectory | None,
+) -> Figure:
+    """Outlines from above at equal times, dark at the end, with the paths; truth as dashed outlines."""
+    figure = new_figure(6.4, 5.6)
+    axes = figure.subplots()
+    chosen = np.unique(np.linspace(0, len(poses.t) - 1, _OUTLINES).round().astype(int))
+    for k in chosen:
+        share = float(k / max(len(poses.t) - 1, 1))
+        colour = colormaps["Oranges"](0.25 + 0.55 * share)
+        triangles, outline = _placed(mesh, poses.q_WO[k], poses.p_WO[k])
+        axes.add_collection(PolyCollection(list(triangles), facecolor=colour, edgecolor="none", alpha=0.4))
+        axes.add_collection(LineCollection(list(outline), colors=[colour], linewidths=1.4))
+        if pusher is not None:
+            near = int(np.abs(pusher.t - poses.t[k]).argmin())
+            _, outline = _placed(pusher_mesh, pusher.q_WP[near], pusher.p_WP[near])
+            axes.add_collection(LineCollection(list(outline), colors=[PUSHER], linewidths=1, alpha=0.3 + 0.6 * share))
+        if truth is not None:
+            row = int(np.abs(truth.t - poses.t[k]).argmin())
+            _, outline = _placed(mesh, truth.q_WO[row], truth.p_WO[row])
+            axes.add_collection(LineCollection(list(outline), colors=[TRUTH], linewidths=0.9, linestyles=":"))
+    axes.plot(*(1e3 * poses.p_WO[:, :2].T), color=TWIN, linewidth=1.5, label="origin of the object, twin")
+    if truth is not None:
+        style: dict[str, Any] = {"color": TRUTH, "markersize": 3.5, "fillstyle": "none"}
+        axes.plot(*(1e3 * truth.p_WO[:, :2].T), "o", label=_TRUTH_LABEL, **style)
+    if pusher is not None:
+        shown = (pusher.t >= poses.t[0]) & (pusher.t <= poses.t[-1])
+        axes.plot(*(1e3 * pusher.p_WP[shown, :2].T), color=PUSHER, linewidth=1, linestyle="--", label="pusher")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.05)
+    axes.autoscale_view()
+    axes.set_xlabel("x [mm]")
+    axes.set_ylabel("y [mm]")
+    axes.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), ncol=2)
+    tidy([axes])
+    return figure
+
+
+def error_figure(errors: PoseErrors) -> Figure:
+    """Position and rotation error over time, with their means."""
+    figure = new_figure(9, 3.0)
+    panels = figure.subplots(1, 2)
+    for axes, values, label, unit in (
+        (panels[0], 1e3 * errors.position, "position error in the plane", " mm"),
+        (panels[1], np.degrees(errors.rotation), "rotation error", "°"),
+    ):
+        axes.plot(errors.t, values, color=TWIN, marker=".", markersize=4)
+        axes.axhline(values.mean(), color=GREY, linewidth=1, linestyle="--")
+        axes.set_title(f"mean {values.mean():.2f}{unit}, largest {values.max():.2f}{unit}", fontsize=9)
+        axes.set_ylim(0, max(1.15 * values.max(), 1e-3))
+        axes.set_ylabel(f"{label} [{unit.strip()}]")
+        axes.set_xlabel("time [s]")
+    tidy(panels)
+    return figure
+
+
+def _curves(poses: ObjectPoses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each, x and y [mm], and yaw [deg] without jumps."""
+    matrices = Rotation.from_quat(poses.q_WO, scalar_first=True).as_matrix()
+    yaw = np.unwrap(np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0]))
+    return 1e3 * poses.p_WO[:, 0], 1e3 * poses.p_WO[:, 1], np.degrees(yaw)
+
+
+def _placed(mesh: trimesh.Trimesh, q: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Silhouette of a mesh at a pose, from above [mm]."""
+    triangles, outline = silhouette(mesh, Rotation.from_quat(q, scalar_first=True).as_matrix())
+    return 1e3 * (triangles + p[:2]), 1e3 * (boundary(triangles, outline) + p[:2])

@@ -1,0 +1,1 @@
+"""Views of surfels: meshes, a self-contained page, a turntable, a live server."""

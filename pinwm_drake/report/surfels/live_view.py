@@ -1,0 +1,173 @@
+"""Surfels in meshcat: a small web server of this process, and the scene that it hands to every browser.
+
+The server of the `meshcat` package, as it comes, listens for browsers on every interface of the machine whatever its
+`host` says, and for drawing commands on a TCP port. Here it listens on one address only, and takes no commands: the
+scene is placed in its tree.
+"""
+
+import asyncio
+import contextlib
+import signal
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import tornado.web
+import trimesh
+import umsgpack
+from meshcat import commands, geometry
+from meshcat.path import Path as ScenePath
+from meshcat.servers.tree import find_node
+from meshcat.servers.zmqserver import ZMQWebSocketBridge
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.report.orbit import AZIMUTH, ELEVATION, Orbit
+from pinwm_drake.report.surfels.mesh import SurfelMesh
+from pinwm_drake.spatial.rotations import quaternion_to_matrix
+
+LOCALHOST, FIRST_PORT = "127.0.0.1", 7000
+_PORTS = 100  # tried one after the other
+# meshcat's camera sees 75 degrees of height: this share of the distance for 30 degrees shows the object as large.
+_CLOSER = 0.35
+# meshcat turns z up for three.js, whose y is up; below this node poses are in three.js's axes.
+_CAMERA = "/Cameras/default/rotated/<object>"
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A mesh beside the surfels; the page's controls hide and show it.
+
+    Attributes:
+        name: Its node in the scene.
+        mesh: m, object frame O.
+        colour: As 0xrrggbb.
+        opacity: 0 to 1.
+    """
+
+    name: str
+    mesh: trimesh.Trimesh
+    colour: int
+    opacity: float
+
+
+def serve_surfels(
+    surfels: Surfels,
+    *,
+    solids: Sequence[Solid] = (),
+    host: str = LOCALHOST,
+    port: int | None = None,
+    ready: Callable[[str], None],
+) -> None:
+    """Shows surfels until the process is interrupted (Ctrl-C) or told to end, which ends the call normally.
+
+    Args:
+        surfels: One or more, one set of colours.
+        solids: What else there is.
+        host: Address or name of the interface to listen on; by default this machine itself only.
+        port: Where to listen; None for the first one that is free from 7000 on.
+        ready: Called with the address of the page when the server listens.
+
+    Raises:
+        ParameterError: The address cannot be listened on, or the port is taken.
+        RenderingError: There are no surfels.
+    """
+    scene = _scene(surfels, solids)
+    port = _free_port(host, port)
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(_serve(scene, host, port, ready))
+
+
+async def _serve(scene: list[dict[str, Any]], host: str, port: int, ready: Callable[[str], None]) -> None:
+    """Listens until the process is told to end, or the task is cancelled."""
+    bridge = _Bridge(zmq_url="inproc://pinwm", host=host, port=port)
+    try:
+        for command in scene:
+            node = find_node(bridge.tree, [part for part in command["path"].split("/") if part])
+            data = umsgpack.packb(command)
+            if command["type"] == "set_object":
+                node.object = data
+            else:
+                node.properties.append(data)
+        ready(f"http://{f'[{host}]' if ':' in host else host}:{port}/static/")
+        stop, loop = asyncio.Event(), asyncio.get_running_loop()
+        # Of our own: a process started in the background may have been told to ignore Ctrl-C.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):  # Windows, or another thread
+                loop.add_signal_handler(number, stop.set)
+        await stop.wait()
+    finally:
+        bridge.zmq_stream.close()
+
+
+class _Bridge(ZMQWebSocketBridge):  # type: ignore[misc]  # meshcat has no types
+    """meshcat's server, on one address only."""
+
+    def make_app(self) -> tornado.web.Application:
+        """The web application. The base class tells it where to listen, but for the address."""
+        app, host = super().make_app(), self.host
+
+        class LocalApplication(type(app)):  # type: ignore[misc]
+            """The same, and it listens on `host`."""
+
+            def listen(self, port: int, address: str | None = None, **options: Any) -> Any:
+                return super().listen(port, address or host, **options)
+
+        app.__class__ = LocalApplication
+        return app
+
+
+def _free_port(host: str, port: int | None) -> int:
+    """The port, or the first free one from 7000 on; ParameterError where there is none."""
+    ports = range(FIRST_PORT, FIRST_PORT + _PORTS) if port is None else [port]
+    reason = ""
+    for candidate in ports:
+        try:
+            family, kind, protocol, _, address = socket.getaddrinfo(host, candidate, type=socket.SOCK_STREAM)[0]
+            with socket.socket(family, kind, protocol) as probe:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                probe.bind(address)
+                return candidate
+        except (OSError, OverflowError) as error:
+            reason = str(getattr(error, "strerror", None) or error)
+    where = f"{host}:{port}" if port is not None else f"{host}, ports {ports[0]} to {ports[-1]}"
+    raise ParameterError(f"--host, --port: got {where} ({reason}); allowed: an address of this machine and a free port")
+
+
+def _scene(surfels: Surfels, solids: Sequence[Solid]) -> list[dict[str, Any]]:
+    """The commands to meshcat that show the surfels around the origin, seen from the orbit's first look."""
+    orbit, mesh = Orbit.around(surfels), SurfelMesh.from_surfels(surfels)
+    shape = _Triangles(mesh.vertices - orbit.target.astype(np.float32), mesh.normals, mesh.colours, mesh.faces)
+    # Unlit: the light of the pictures is in the colours.
+    look = geometry.MeshBasicMaterial(vertexColors=True)
+    outward = -quaternion_to_matrix(orbit.pose(AZIMUTH, ELEVATION).q)[2]
+    x, y, z = (_CLOSER * orbit.distance * outward).tolist()
+    hidden = [commands.SetProperty("visible", False, ScenePath((name,))) for name in ("Grid", "Axes")]
+    white = [commands.SetProperty(f"{end}_color", [1, 1, 1], ScenePath(("Background",))) for end in ("top", "bottom")]
+    eye = commands.SetProperty("position", [x, z, -y], ScenePath(tuple(_CAMERA.strip("/").split("/"))))
+    surface = commands.SetObject(shape, look, ScenePath(("meshcat", "surfels")))
+    others = [
+        commands.SetObject(
+            geometry.TriangularMeshGeometry(solid.mesh.vertices - orbit.target, solid.mesh.faces),
+            geometry.MeshPhongMaterial(color=solid.colour, opacity=solid.opacity, transparent=solid.opacity < 1),
+            ScenePath(("meshcat", solid.name)),
+        )
+        for solid in solids
+    ]
+    return [command.lower() for command in (surface, *others, *hidden, *white, eye)]
+
+
+class _Triangles(geometry.TriangularMeshGeometry):  # type: ignore[misc]
+    """meshcat's mesh, with normals."""
+
+    def __init__(self, vertices: np.ndarray, normals: np.ndarray, colours: np.ndarray, faces: np.ndarray) -> None:
+        super().__init__(vertices, faces, colours)
+        self.normals = normals
+
+    def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
+        """The message to the browser."""
+        message: dict[str, Any] = super().lower(object_data)
+        message["data"]["attributes"]["normal"] = geometry.pack_numpy_array(self.normals.T)
+        return message

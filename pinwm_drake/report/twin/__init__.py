@@ -1,0 +1,1 @@
+"""Report of a twin: tables, frames beside the camera, the page."""

@@ -1,0 +1,1 @@
+"""Tasks: goals, progress, rewards and states that tell one task from another; no Drake."""

@@ -1,0 +1,1 @@
+"""A simulated arm that carries the pusher, and its LCM driver."""

@@ -1,0 +1,144 @@
+"""What moves the arm of the simulated driver: velocities of its tool in, angles and velocities of its joints out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.inverse_kinematics import (
+    DifferentialInverseKinematicsIntegrator,
+    DifferentialInverseKinematicsParameters,
+)
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, InputPort, LeafSystem, OutputPort
+from pydrake.systems.primitives import StateInterpolatorWithDiscreteDerivative
+
+from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.systems.arm.interpolator import CommandInterpolator
+from pinwm_drake.systems.arm.model import JOINTS, ArmModel
+
+_MARGIN = 0.02  # rad, kept from the limits of the joints
+_SHARE = 0.95  # of the joints' greatest speeds
+_CENTRING = 1.0  # 1/s, towards the nominal angles, in the one direction that the tool does not feel
+
+
+@dataclass(frozen=True, eq=False)
+class ArmControl:
+    """The ports of an arm's control in a diagram.
+
+    Attributes:
+        pusher_velocity: Input (3): v_WP [m/s], world; one that is not finite is none.
+        command_time: Input (1): another with every command.
+        pusher_state: Input (6): p_WP [m], v_WP [m/s], measured.
+        arm_state: Input (14): measured angles [rad] and velocities [rad/s] of the joints.
+        desired_state: Output (14): those that the joints are to have.
+        tool_target: Output (6): p_WP [m], v_WP [m/s] that the tool is to have.
+    """
+
+    pusher_velocity: InputPort
+    command_time: InputPort
+    pusher_state: InputPort
+    arm_state: InputPort
+    desired_state: OutputPort
+    tool_target: OutputPort
+
+
+def AddArmControl(
+    builder: DiagramBuilder, model: ArmModel, limits: SafetyLimits, period: float, height: float
+) -> ArmControl:
+    """Adds the control of an arm, from commands to its joints' servos, to a diagram.
+
+        velocity ─► CommandInterpolator ─► ToolPose ─► DifferentialInverseKinematicsIntegrator ─►
+            ─► StateInterpolatorWithDiscreteDerivative ─► joints
+
+    All of it runs every `period`. It starts from the measured pose when a simulator is initialized.
+
+    Args:
+        builder: Of the diagram.
+        model: The arm's kinematics.
+        limits: Of the tool's motion.
+        period: s.
+        height: m, world, that the tool keeps.
+
+    Returns:
+        The ports.
+    """
+    stream = builder.AddNamedSystem("command_interpolator", CommandInterpolator(limits, period))
+    pose = builder.AddNamedSystem("tool_pose", ToolPose(height))
+    integrator = DifferentialInverseKinematicsIntegrator(
+        model.plant, model.tool, period, _parameters(model), log_only_when_result_state_changes=True
+    )
+    kinematics = builder.AddNamedSystem("differential_kinematics", integrator)
+    kinematics.model = model  # which it refers to and does not keep
+    joints = builder.AddNamedSystem("joint_targets", StateInterpolatorWithDiscreteDerivative(JOINTS, period))
+    builder.Connect(stream.GetOutputPort("desired_state"), pose.get_input_port())
+    builder.Connect(pose.get_output_port(), kinematics.GetInputPort("X_AE_desired"))
+    builder.Connect(kinematics.GetOutputPort("joint_positions"), joints.get_input_port())
+    return ArmControl(
+        pusher_velocity=stream.GetInputPort("pusher_velocity_W"),
+        command_time=stream.GetInputPort("command_time"),
+        pusher_state=stream.GetInputPort("pusher_state"),
+        arm_state=kinematics.GetInputPort("robot_state"),
+        desired_state=joints.get_output_port(),
+        tool_target=stream.GetOutputPort("desired_state"),
+    )
+
+
+def _parameters(model: ArmModel) -> DifferentialInverseKinematicsParameters:
+    """Limits of the joints, and the angles that they keep near."""
+    plant = model.plant
+    parameters = DifferentialInverseKinematicsParameters(JOINTS, JOINTS)
+    low, high = plant.GetPositionLowerLimits() + _MARGIN, plant.GetPositionUpperLimits() - _MARGIN
+    parameters.set_joint_position_limits((low, high))
+    fastest = _SHARE * plant.GetVelocityUpperLimits()
+    parameters.set_joint_velocity_limits((-fastest, fastest))
+    parameters.set_nominal_joint_position(model.nominal)
+    parameters.set_joint_centering_gain(_CENTRING * np.eye(JOINTS))
+    return parameters
+
+
+class ToolPose(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
+    """Where a tool is to be that keeps pointing down, at one height.
+
+                                            ┌──────────┐
+        desired_state  (6): p_WP [m],  ────►│ ToolPose │─► X_WP  RigidTransform: axes of the world, at x and y
+                            v_WP [m/s], W   └──────────┘   direct feedthrough
+
+    What is commanded along z has no effect.
+    """
+
+    def __init__(self, height: float) -> None:
+        """Declares the ports; `height` is in m, world."""
+        super().__init__()
+        self._height = height
+        self._state = self.DeclareVectorInputPort("desired_state", 6)
+        self.DeclareAbstractOutputPort("X_WP", lambda: AbstractValue.Make(RigidTransform()), self._CalcPose)
+
+    def _CalcPose(self, context: Context, output: AbstractValue) -> None:
+        x, y = self._state.Eval(context)[:2]
+        output.set_value(RigidTransform([x, y, self._height]))
+
+
+class ToolState(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
+    """Where the body of a tool is, and how fast, of all bodies of a plant.
+
+                                                        ┌───────────┐
+        body_poses       Value[list[RigidTransform]] ──►│ ToolState │─► pusher_state  (6): p_WP [m], v_WP [m/s], W
+        body_velocities  Value[list[SpatialVelocity]] ─►│           │
+                                                        └───────────┘   direct feedthrough
+
+    Both inputs are those that a MultibodyPlant puts out, in the order of its bodies.
+    """
+
+    def __init__(self, body: BodyIndex) -> None:
+        """Declares the ports; `body` is the tool's, whose frame is P."""
+        super().__init__()
+        self._body = int(body)
+        self._poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        self._velocities = self.DeclareAbstractInputPort("body_velocities", AbstractValue.Make([SpatialVelocity()]))
+        self.DeclareVectorOutputPort("pusher_state", 6, self._CalcState)
+
+    def _CalcState(self, context: Context, output: BasicVector) -> None:
+        X_WP, V_WP = self._poses.Eval(context)[self._body], self._velocities.Eval(context)[self._body]
+        output.SetFromVector([*X_WP.translation(), *V_WP.translational()])

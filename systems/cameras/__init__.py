@@ -1,0 +1,1 @@
+"""Cameras: RgbdSensor with masks of the object, and cameras that see surfels."""

@@ -1,0 +1,199 @@
+"""Further cameras on an object made of surfels: in a robot's hand, or a second view."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+import trimesh
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import RenderLabel
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import BasicVector, CacheEntry, Context, DependencyTicket, LeafSystem, ValueProducer
+from pydrake.systems.sensors import ConvertDepth32FTo16U, ImageDepth16U, ImageDepth32F, ImageLabel16I, ImageRgba8U
+
+from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.occluder import mesh_depth
+from pinwm_drake.rendering.render import Rendering, render
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
+from pinwm_drake.spatial.rotations import normalize_quaternion
+from pinwm_drake.systems.cameras.surfel_images import cut_out
+
+_NEAR = 1e-3  # m, of the mesh
+_TOO_CLOSE = 0.0  # as in RgbdSensor's depth images; too far is infinite
+OBJECT_LABEL = RenderLabel(1)
+
+
+class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
+    """A camera that sees the objects of W worlds, each alone.
+
+                               ┌──────────────┐
+                               │              │─► color_image         ImageRgba8U: sRGB, alpha 255 on the object
+        X_WC                   │              │─► depth_image_32f     ImageDepth32F [m], along the camera's axis
+        W = 1: RigidTransform  │              │─► depth_image_16u     ImageDepth16U [mm]
+        W > 1: list of W ─────►│              │─► label_image         ImageLabel16I: `label`, or RenderLabel.kEmpty
+                               │ SurfelCamera │─► body_pose_in_world  RigidTransform: X_WC
+        object_state (13 W) ──►│              │─► image_time (1)      s
+        q_WO, p_WO [m], V_WO   │              │
+                               │              │   only where W > 1, of all worlds:
+                               │              │─► color_images        Value[array] (W, height, width, 4) uint8
+                               └──────────────┘
+
+    Camera frame C with OpenCV's axes, as RgbdSensor's. Images of one world are those of world 0. The object is where
+    surfels cover half of a pixel or more, within the outline of its mesh if there is one; elsewhere a color image is
+    white with alpha 0, and depth is infinite (65535 mm), as it is beyond `far`; nearer than `near` it is 0. All images
+    but the batch come from one rendering, made when the first of them is evaluated, and kept by Drake until an input
+    changes. All outputs but image_time depend on the inputs directly. The pusher is not seen; it is in the `rgb` port
+    of WorldModel.
+    """
+
+    def __init__(
+        self,
+        surfels: Surfels,
+        camera: Camera,
+        *,
+        mesh: trimesh.Trimesh | None = None,
+        num_worlds: int = 1,
+        near: float = 0.02,
+        far: float = 10.0,
+        label: RenderLabel = OBJECT_LABEL,
+        num_threads: int | None = None,
+    ) -> None:
+        """Declares the ports.
+
+        Args:
+            surfels: Of the object, frame O; one set of colours, or one for each world.
+            camera: Intrinsics (4,).
+            mesh: Of the object, m, frame O. Surfels are drawn up to a pixel wider than they are, which is much in a
+                small image; the mesh is not. None for what surfels cover.
+            num_worlds: W.
+            near: m, depths below it are too close.
+            far: m, depths above it are too far.
+            label: Of the object.
+            num_threads: Of the renderer; None for one on each core. It does not change images.
+
+        Raises:
+            ParameterError: A number is out of range.
+            RenderingError: Shapes of the surfels do not fit.
+        """
+        super().__init__()
+        if num_worlds < 1 or not 0.0 < near < far:
+            raise ParameterError(
+                f"num_worlds, near, far: got {num_worlds}, {near:g}, {far:g}; allowed: 1 or more, 0 < near < far [m]"
+            )
+        surfels.check_shapes()
+        if surfels.sh.ndim == 4 and len(surfels.sh) != num_worlds:
+            raise ParameterError(f"colours of {len(surfels.sh)} worlds; allowed: {num_worlds}, or one set for all")
+        self.surfels, self.camera, self.num_worlds = surfels.detach(), camera, num_worlds
+        self._mesh = None if mesh is None else (np.array(mesh.vertices), np.array(mesh.faces))
+        self._near, self._far, self._label, self._threads = near, far, int(label), num_threads
+        poses = RigidTransform() if num_worlds == 1 else [RigidTransform()] * num_worlds
+        self._pose = self.DeclareAbstractInputPort("X_WC", AbstractValue.Make(poses))
+        self._state = self.DeclareVectorInputPort("object_state", 13 * num_worlds)
+        inputs = {self._pose.ticket(), self._state.ticket()}
+        self._view = self._declare_cache("view", lambda context: self._render(context, 1, full=True), inputs)
+        size = (camera.width, camera.height)
+        shown = {self._view.ticket()}
+        for name, image, calc in (
+            ("color_image", ImageRgba8U, self._CalcColor),
+            ("depth_image_32f", ImageDepth32F, self._CalcDepth),
+            ("depth_image_16u", ImageDepth16U, self._CalcDepth16),
+            ("label_image", ImageLabel16I, self._CalcLabel),
+        ):
+            self.DeclareAbstractOutputPort(name, lambda image=image: AbstractValue.Make(image(*size)), calc, shown)
+        self.DeclareAbstractOutputPort(
+            "body_pose_in_world",
+            lambda: AbstractValue.Make(RigidTransform()),
+            lambda context, output: output.set_value(self._poses(context)[0]),
+            {self._pose.ticket()},
+        )
+        self.DeclareVectorOutputPort("image_time", 1, self._CalcTime, {self.time_ticket()})
+        if num_worlds > 1:
+            self._batch = self._declare_cache("views", self._render_batch, inputs)
+            self.DeclareAbstractOutputPort(
+                "color_images",
+                lambda: AbstractValue.Make(object()),
+                lambda context, output: output.set_value(self._batch.Eval(context)),
+                {self._batch.ticket()},
+            )
+
+    def _declare_cache(
+        self, name: str, calc: Callable[[Context], object], prerequisites: set[DependencyTicket]
+    ) -> CacheEntry:
+        """Keeps what `calc` returns."""
+        producer = ValueProducer(
+            allocate=lambda: AbstractValue.Make(object()), calc=lambda context, value: value.set_value(calc(context))
+        )
+        return self.DeclareCacheEntry(name, producer, prerequisites)
+
+    def _poses(self, context: Context) -> list[RigidTransform]:
+        """X_WC of each world."""
+        poses = self._pose.Eval(context)
+        if self.num_worlds == 1:
+            return [poses]
+        if len(poses) != self.num_worlds or not all(isinstance(pose, RigidTransform) for pose in poses):
+            raise StateError(f"X_WC: got {len(poses)} values; allowed: {self.num_worlds} RigidTransforms")
+        return list(poses)
+
+    def _render(self, context: Context, worlds: int, *, full: bool) -> "_Views":
+        """The views of the first worlds."""
+        poses = self._poses(context)[:worlds]
+        state = torch.tensor(self._state.Eval(context)).reshape(-1, 13)[:worlds]
+        X_WC = Pose(
+            torch.from_numpy(np.stack([pose.rotation().ToQuaternion().wxyz() for pose in poses])),
+            torch.from_numpy(np.stack([pose.translation() for pose in poses])),
+        )
+        X_CO = compose(inverse(X_WC), Pose(normalize_quaternion(state[:, :4]), state[:, 4:7]))
+        surfels = self.surfels
+        if surfels.sh.ndim == 4:
+            surfels = Surfels(**{**surfels.tensors(), "sh": surfels.sh[:worlds]})
+        views = render(surfels, self.camera, X_CO, full=full, num_threads=self._threads)
+        shown = views.alpha.numpy() >= 0.5
+        if self._mesh is not None:
+            vertices, faces = self._mesh
+            corners = transform(Pose(X_CO.q[:, None], X_CO.p[:, None]), torch.from_numpy(vertices))
+            shown &= np.isfinite(mesh_depth(corners, faces, self.camera, _NEAR))
+        return _Views(views, shown)
+
+    def _render_batch(self, context: Context) -> np.ndarray:
+        views = self._render(context, self.num_worlds, full=False)
+        return cut_out(views.images, views.shown)
+
+    def _CalcColor(self, context: Context, output: AbstractValue) -> None:
+        view: _Views = self._view.Eval(context)
+        output.get_mutable_value().mutable_data[:] = cut_out(view.images, view.shown)[0]
+
+    def _CalcDepth(self, context: Context, output: AbstractValue) -> None:
+        output.get_mutable_value().mutable_data[..., 0] = self._depth(context)
+
+    def _CalcDepth16(self, context: Context, output: AbstractValue) -> None:
+        metres = ImageDepth32F(self.camera.width, self.camera.height)
+        metres.mutable_data[..., 0] = self._depth(context)
+        ConvertDepth32FTo16U(metres, output.get_mutable_value())
+
+    def _CalcLabel(self, context: Context, output: AbstractValue) -> None:
+        shown = self._view.Eval(context).shown[0]
+        output.get_mutable_value().mutable_data[..., 0] = np.where(shown, self._label, int(RenderLabel.kEmpty))
+
+    def _CalcTime(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, context.get_time())
+
+    def _depth(self, context: Context) -> np.ndarray:
+        """(height, width) float32 [m], within the range or at one of its marks."""
+        view: _Views = self._view.Eval(context)
+        assert view.images.depth is not None
+        alpha = np.maximum(view.images.alpha[0].numpy(), 0.5)
+        depth = np.where(view.shown[0], view.images.depth[0].numpy() / alpha, np.inf)
+        depth[depth > self._far] = np.inf
+        depth[depth < self._near] = _TOO_CLOSE
+        return depth.astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class _Views:
+    """What is rendered once: images, and where the object is (V, height, width) bool."""
+
+    images: Rendering
+    shown: np.ndarray

@@ -1,0 +1,1 @@
+"""Policies in control of a station or robot, within safety limits."""

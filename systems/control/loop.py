@@ -1,0 +1,210 @@
+"""A policy that controls a station: the diagram, and a run of it from the first image to the last action."""
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.systems.arm.driver import ArmDriver, MakeArmDriver
+from pinwm_drake.systems.control.controller import Acting, AddPolicyController, ControlStatus
+from pinwm_drake.systems.engines.lcm.link import make_lcm
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.scenario.start import Place, StartDistribution
+from pinwm_drake.systems.sdf.twin import ContactName
+from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.tasks.push import PushTask
+
+_LOOKS = 5  # in an action, how often a robot's faults are looked for
+
+
+@dataclass(frozen=True, eq=False)
+class ControlRow:
+    """How things stand after an action.
+
+    Attributes:
+        t: s.
+        status: Of the controller.
+        raw_action: (2,) m, what the policy wants; NaN where there is no action.
+        p_WP: (3,) m, of the pusher; NaN where it is not known.
+        object_state: (13,) as the station's port has it; NaN where a robot is all that there is.
+        distance: m, of the object from the goal; NaN where it is not known, and so the next.
+        angle: rad.
+        success: Whether the object is within the task's tolerances, at rest.
+    """
+
+    t: float
+    status: ControlStatus
+    raw_action: np.ndarray
+    p_WP: np.ndarray
+    object_state: np.ndarray
+    distance: float
+    angle: float
+    success: bool
+
+
+class ControlLoop:
+    """A controller and a station, and where wanted the simulated arm behind it, in one diagram.
+
+    Attributes:
+        station: The station.
+        controller: The policy's; disarmed until `arm`.
+        driver: The simulated arm; None where there is none.
+        armed: Whether the pusher may move.
+        simulator: Of the diagram.
+    """
+
+    def __init__(
+        self,
+        bundle: Acting,
+        limits: SafetyLimits,
+        setup: Setup,
+        engine: str,
+        *,
+        armed: bool = False,
+        simulate_arm: bool = False,
+        contact: ContactName = "hydroelastic",
+        meshcat: Meshcat | None = None,
+    ) -> None:
+        """Makes the diagram.
+
+        Args:
+            bundle: The policy.
+            limits: Of the motion.
+            setup: The scene, of one world, as `environment_setup` makes it.
+            engine: Of the station.
+            armed: Whether the pusher may move. Without, everything is computed and nothing is sent.
+            simulate_arm: With "lcm": an arm in simulation behind it, in this process.
+            contact: Of the simulated arm.
+            meshcat: Shows the scene, if given; with "lcm", the simulated arm.
+
+        Raises:
+            InputError: A mesh cannot be used.
+            ParameterError: The station does not fit the policy, or an arm is wanted with another engine.
+        """
+        if simulate_arm and engine != "lcm":
+            raise ParameterError(f"engine: got {engine!r} with a simulated arm; allowed: lcm")
+        spec = bundle.spec
+        self.armed, self._horizon, self._begun = armed, spec.horizon, False
+        self._task = PushTask(
+            goal=spec.goal, q_WO=spec.q_WO, tolerance=spec.tolerance, turn_tolerance=spec.turn_tolerance
+        )
+        builder = DiagramBuilder()
+        self.driver: ArmDriver | None = None
+        if engine == "lcm":
+            setup = dataclasses.replace(setup, period=spec.horizon / _LOOKS)
+            lcm = make_lcm(setup.scenario.lcm)
+            self.station = MakePushStation(setup, engine, lcm=lcm, armed=armed)
+            if simulate_arm:
+                self.driver = builder.AddSystem(MakeArmDriver(setup, lcm, contact=contact, meshcat=meshcat))
+        else:
+            self.station = MakePushStation(setup, engine, meshcat=meshcat)
+        builder.AddSystem(self.station)
+        self.controller = AddPolicyController(builder, self.station, bundle, limits)
+        self.simulator = Simulator(builder.Build())
+        if engine == "lcm" and self.driver is None:
+            self.simulator.set_target_realtime_rate(1.0)  # a robot's time is not ours to choose
+
+    def draw_place(self, generator: np.random.Generator) -> Place:
+        """A start of the scenario; one that the arm reaches where there is one."""
+        if self.driver is not None:
+            return self.driver.draw_place(generator)
+        return StartDistribution(self.station.setup).draw(generator)
+
+    def begin(self, place: Place) -> None:
+        """Puts object and pusher into place, at rest, at time 0; a real robot is left where it is.
+
+        Raises:
+            StateError: With "lcm", it has begun before: old messages would be taken for new ones. Make another loop.
+        """
+        if self._begun and self.station.engine.name == "lcm":
+            raise StateError("begin: got a second run over the same LCM; allowed: one, then another loop")
+        self._begun = True
+        context = self.simulator.get_system().CreateDefaultContext()
+        if self.driver is not None:
+            self.driver.SetPlace(context, place)
+        elif self.station.engine.name != "lcm":
+            self.station.SetPlace(context, place)
+        self.simulator.reset_context(context)
+        self.simulator.Initialize()
+        self.simulator.ResetStatistics()  # or one in real time would catch up with what that took
+
+    def listen(self, patience: float = 5.0) -> None:
+        """Simulates until image and pusher are there, and from then on lets the pusher move, if it may.
+
+        Args:
+            patience: s.
+
+        Raises:
+            StateError: Nothing has come in that time.
+        """
+        context = self.simulator.get_mutable_context()
+        while True:
+            self.simulator.AdvanceTo(self._next())
+            missing = [name for name, there in self._there().items() if not there]
+            if not missing:
+                break
+            if context.get_time() > patience:
+                link = self.station.setup.scenario.lcm
+                raise StateError(f"lcm: got no {' and no '.join(missing)} from {link.url} in {patience:g} s")
+        self.controller.Reset(context)
+        if self.armed:
+            self.controller.Arm(context)
+
+    def advance(self, duration: float) -> Iterator[ControlRow]:
+        """Simulates action by action.
+
+        Args:
+            duration: s, at most.
+
+        Yields:
+            How things stand before the first action, and after each. Nothing comes after a success, nor after a fault
+            that latched.
+        """
+        context, row = self.simulator.get_context(), self.row()
+        end = context.get_time() + duration
+        yield row
+        while context.get_time() < end - 0.5 * self._horizon and not row.success and row.status.state != "latched":
+            self.simulator.AdvanceTo(self._next())
+            row = self.row()
+            yield row
+
+    def stop(self) -> None:
+        """Disarms, and simulates one action more, so that the robot hears of it."""
+        self.controller.Disarm(self.simulator.get_mutable_context())
+        self.simulator.AdvanceTo(self._next())
+
+    def row(self) -> ControlRow:
+        """How things stand."""
+        root = self.simulator.get_context()
+        station, watched = self.station, self.station if self.driver is None else self.driver
+        state = watched.GetOutputPort("object_state").Eval(watched.GetMyContextFromRoot(root)).copy()
+        p_WP = station.GetOutputPort("pusher_state").Eval(station.GetMyContextFromRoot(root))[:3].copy()
+        progress = self._task.measure(state[None], p_WP[None])
+        controller = self.controller.GetMyContextFromRoot(root)
+        raw_action = self.controller.GetOutputPort("raw_action").Eval(controller).copy()
+        return ControlRow(
+            t=root.get_time(),
+            status=self.controller.status(root),
+            raw_action=raw_action,
+            p_WP=p_WP,
+            object_state=state,
+            distance=float(progress.distance[0]),
+            angle=float(progress.angle[0]),
+            success=bool(progress.success[0]),
+        )
+
+    def _there(self) -> dict[str, bool]:
+        mine = self.station.GetMyContextFromRoot(self.simulator.get_context())
+        image = self.station.GetOutputPort("rgb_time").Eval(mine)[0] >= 0
+        pusher = np.isfinite(self.station.GetOutputPort("pusher_state").Eval(mine)).all()
+        return {"image": bool(image), "state of the pusher": bool(pusher)}
+
+    def _next(self) -> float:
+        """The end, s, of the action that goes on now."""
+        return (round(self.simulator.get_context().get_time() / self._horizon) + 1) * self._horizon

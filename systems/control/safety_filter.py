@@ -1,0 +1,153 @@
+"""What stands between a policy and a robot: faults, a latch, and limits; plain numpy, without Drake."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.systems.pusher.velocity_limiter import VelocityLimiter
+
+Mode = Literal["disarmed", "armed", "running", "latched"]
+_STILL = (0.0, 0.0, 0.0)
+_CLOCK = 1e-6  # s, by which an image may be from the future
+
+
+@dataclass(frozen=True)
+class Safety:
+    """Where the safety block stands.
+
+    Attributes:
+        mode: "disarmed": nothing moves; "armed": the next action will move; "running": an action does; "latched":
+            there was a fault, and nothing moves until a reset.
+        reason: The fault: that which latched, or the present one while disarmed; empty where there is none.
+        v_WP: (3,) m/s, world: the velocity commanded; zero unless running.
+        limited: Whether that is another one than the policy's.
+    """
+
+    mode: Mode = "disarmed"
+    reason: str = ""
+    v_WP: tuple[float, float, float] = _STILL
+    limited: bool = False
+
+
+class SafetyFilter:
+    """Lets a policy's translations through as velocities, within limits, until the first fault.
+
+    A fault is an image that is stale, from the future, older than the last or of another size, a pusher whose state is
+    lost (not finite) or which is outside of its box, or an action that is not finite or of another shape. While armed,
+    it latches: the velocity is zero at once, without regard to the acceleration, and stays so until a reset. While
+    disarmed, it is only told.
+
+    The filter itself has no state, so that a Drake Context can hold it: methods take a `Safety` and return the next.
+
+    Attributes:
+        limits: Kept whatever comes in.
+        horizon: s, over which a translation is spread.
+    """
+
+    def __init__(self, limits: SafetyLimits, horizon: float, image_size: tuple[int, int]) -> None:
+        """Takes the limits; there is no filter without.
+
+        Args:
+            limits: Box, speed, acceleration, and age of images.
+            horizon: s, between actions.
+            image_size: Height and width, px, of images.
+
+        Raises:
+            ParameterError: There are no limits, or the horizon is not positive.
+        """
+        if not isinstance(limits, SafetyLimits):
+            raise ParameterError(f"limits: got a {type(limits).__name__}; allowed: SafetyLimits")
+        self.limits, self.horizon, self._size = limits, horizon, image_size
+        self._limiter = VelocityLimiter(limits, horizon)
+        self._low, self._high = np.array(limits.box_low), np.array(limits.box_high)
+
+    def arm(self, safety: Safety) -> Safety:
+        """Lets the next action move; no change while running.
+
+        Raises:
+            StateError: It is latched.
+        """
+        if safety.mode == "latched":
+            raise StateError(f"arm: got a controller latched by a fault ({safety.reason}); allowed: after a reset")
+        return safety if safety.mode == "running" else Safety("armed")
+
+    def disarm(self, safety: Safety) -> Safety:
+        """Stops at once; what is latched stays so."""
+        return safety if safety.mode == "latched" else Safety()
+
+    def fault(
+        self,
+        time: float,
+        image_time: float,
+        pusher_state: np.ndarray,
+        *,
+        last_image_time: float = -np.inf,
+    ) -> str:
+        """What is wrong with what comes in, but for the image itself; empty if nothing is.
+
+        Args:
+            time: s, now.
+            image_time: s, when the image was taken.
+            pusher_state: (6,) p_WP [m], v_WP [m/s], world.
+            last_image_time: s, when the image before it was taken.
+        """
+        state, longest = np.asarray(pusher_state, float), self.limits.max_image_age
+        if state.shape != (6,) or not np.isfinite(state).all():
+            return f"pusher's state is lost: {_shown(state)}"
+        out = float(np.maximum(np.maximum(self._low - state[:3], state[:3] - self._high), 0.0).max())
+        if out > self.limits.box_tolerance:
+            return f"pusher is {1e3 * out:.1f} mm outside of its box, at {_shown(state[:3])} m"
+        age = time - image_time
+        if not np.isfinite(age):
+            return f"image's time is not finite: {image_time}"
+        if age > longest + _CLOCK:
+            return f"image is stale: {age:.3f} s old; allowed: {longest:g} s"
+        if age < -_CLOCK:
+            return f"image is from the future: {-age:.6f} s ahead"
+        if image_time < last_image_time:
+            return f"image is {last_image_time - image_time:.6f} s older than the last one; a new episode needs a reset"
+        return ""
+
+    def image_fault(self, shape: tuple[int, ...]) -> str:
+        """What is wrong with an image of a shape (height, width, channels); empty if nothing is."""
+        height, width = self._size
+        return "" if shape[:2] == self._size else f"image has {shape[1]} by {shape[0]} px; allowed: {width} by {height}"
+
+    def watch(self, safety: Safety, fault: str) -> Safety:
+        """The next state, with a fault, or without (""), between actions."""
+        if safety.mode == "latched":
+            return safety
+        if safety.mode == "disarmed":
+            return replace(safety, reason=fault)
+        return Safety("latched", fault) if fault else safety
+
+    def act(self, safety: Safety, d_W: np.ndarray, p_WP: np.ndarray) -> Safety:
+        """The next state, with an action.
+
+        Args:
+            safety: Now, without a fault in what came in.
+            d_W: (2,) m, the policy's translation along the world's x and y; whatever it is.
+            p_WP: (3,) m, where the pusher is; finite.
+        """
+        fault = self.action_fault(d_W)
+        if fault or safety.mode in ("disarmed", "latched"):
+            return self.watch(safety, fault)
+        wanted = np.array([*d_W, 0.0]) / self.horizon
+        v_WP = self._limiter.limit(wanted, np.array(safety.v_WP), p_WP)
+        x, y, z = (float(value) for value in v_WP)
+        return Safety("running", "", (x, y, z), bool((v_WP != wanted).any()))
+
+    def action_fault(self, d_W: np.ndarray) -> str:
+        """What is wrong with an action; empty if nothing is."""
+        if np.shape(d_W) != (2,):
+            return f"action has shape {np.shape(d_W)}; allowed: (2,)"
+        with np.errstate(over="ignore"):
+            finite = np.isfinite(np.divide(d_W, self.horizon)).all()
+        return "" if finite else f"action is not finite: {_shown(d_W)} m"
+
+
+def _shown(values: np.ndarray) -> str:
+    return "[" + ", ".join(f"{value:.4g}" for value in np.ravel(values)) + "]"

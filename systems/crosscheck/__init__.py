@@ -1,0 +1,1 @@
+"""Cross-check of a twin against the contact models of Drake."""

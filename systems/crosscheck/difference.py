@@ -1,0 +1,142 @@
+"""How far two engines are apart after one and the same push."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinwm_drake.systems.crosscheck.motion import MODES, SEPARATED, Motion
+
+# Share of the most kinetic energy by which energy may rise where nothing drives the object. Measured: 1e-6 at most.
+ENERGY_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class Course:
+    """What is known of a motion by itself.
+
+    Attributes:
+        moved: m, from start to end.
+        turned: rad, from start to end.
+        rest_time: s, when the object came to rest; infinite where it did not.
+        floor: Shares of the time from the first contact of the pusher to rest: separated, sticking, sliding; of object
+            and floor.
+        pusher: The same of object and pusher.
+        energy_stop: J, kinetic energy of the object when the pusher stopped: what friction had to take.
+        energy_peak: J, the most kinetic energy.
+        energy_rise: J, by how much kinetic energy and weight times height rose again, after the pusher had stopped.
+        failure: What the engine said when it gave up.
+    """
+
+    moved: float
+    turned: float
+    rest_time: float
+    floor: tuple[float, float, float]
+    pusher: tuple[float, float, float]
+    energy_stop: float
+    energy_peak: float
+    energy_rise: float
+    failure: str
+
+    @property
+    def energy_rises(self) -> bool:
+        """Whether energy came from nowhere, by more than `ENERGY_TOLERANCE`."""
+        return self.energy_rise > ENERGY_TOLERANCE * self.energy_peak
+
+    @property
+    def sound(self) -> bool:
+        """Whether the engine came to an end, with the object at rest."""
+        return not self.failure and math.isfinite(self.rest_time)
+
+    def words(self) -> str:
+        """What has to be known of it beside its numbers; empty where there is nothing."""
+        if self.failure:
+            return self.failure
+        parts = [] if math.isfinite(self.rest_time) else ["does not come to rest"]
+        return ", ".join([*parts, *(["energy rises"] if self.energy_rises else [])])
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Of the object's poses in two engines; infinite where one of them failed or did not come to rest.
+
+    Attributes:
+        translation: m, of O, after rest.
+        rotation: rad, after rest.
+        path_translation: m, the most at one time.
+        path_rotation: rad, the most at one time.
+        same_modes: Share of the time in which both pairs touch in the same mode in both engines.
+    """
+
+    translation: float
+    rotation: float
+    path_translation: float
+    path_rotation: float
+    same_modes: float
+
+
+def course_of(motion: Motion, weight: float) -> Course:
+    """Sums a motion up.
+
+    Args:
+        motion: Of an engine.
+        weight: N, of the object.
+    """
+    touched = np.flatnonzero(motion.pusher != SEPARATED)
+    first = int(touched[0]) if len(touched) else 0
+    last = max(motion.rest if motion.rest is not None else len(motion.t), first + 1)
+    floor, pusher = (_shares(modes[first:last]) for modes in (motion.floor, motion.pusher))
+    energy = (motion.kinetic + weight * motion.height)[motion.stop :]
+    rise = energy - np.minimum.accumulate(energy)
+    return Course(
+        moved=float(np.linalg.norm(motion.p_WO[-1] - motion.p_WO[0])),
+        turned=float(_angles(motion.q_WO[-1], motion.q_WO[0])),
+        rest_time=math.inf if motion.rest is None else float(motion.t[motion.rest]),
+        floor=floor,
+        pusher=pusher,
+        energy_stop=float(motion.kinetic[motion.stop]),
+        energy_peak=float(motion.kinetic.max()),
+        energy_rise=float(rise.max()),
+        failure=motion.failure,
+    )
+
+
+def difference_of(one: Motion, other: Motion) -> Difference:
+    """Compares two motions of the same push; the one that ends first stays where it is."""
+    if any(motion.failure or motion.rest is None for motion in (one, other)):
+        return Difference(*4 * (math.inf,), 0.0)
+    n = max(len(one.t), len(other.t))
+    p, other_p = (_held(motion.p_WO, n) for motion in (one, other))
+    q, other_q = (_held(motion.q_WO, n) for motion in (one, other))
+    ways, angles = np.linalg.norm(p - other_p, axis=1), _angles(q, other_q)
+    same = np.ones(n, bool)
+    for name in ("floor", "pusher"):
+        same &= _held(getattr(one, name), n) == _held(getattr(other, name), n)
+    touched = np.flatnonzero((_held(one.pusher, n) != SEPARATED) | (_held(other.pusher, n) != SEPARATED))
+    first = int(touched[0]) if len(touched) else 0
+    last = max(one.rest or 0, other.rest or 0, first + 1)
+    return Difference(
+        translation=float(ways[-1]),
+        rotation=float(angles[-1]),
+        path_translation=float(ways.max()),
+        path_rotation=float(angles.max()),
+        same_modes=float(same[first:last].mean()),
+    )
+
+
+def _held(values: np.ndarray, n: int) -> np.ndarray:
+    """With the last row repeated up to n rows."""
+    return np.concatenate([values, np.repeat(values[-1:], n - len(values), axis=0)])
+
+
+def _angles(q: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Between orientations (..., 4), rad."""
+    # Of q and -q the nearer one; the chord is exact for small angles, where an arc cosine is not.
+    chord = np.minimum(np.linalg.norm(q - other, axis=-1), np.linalg.norm(q + other, axis=-1))
+    return np.asarray(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
+
+
+def _shares(modes: np.ndarray) -> tuple[float, float, float]:
+    """Of the time, in each of `MODES`."""
+    a, b, c = (float((modes == mode).mean()) for mode in range(len(MODES)))
+    return a, b, c

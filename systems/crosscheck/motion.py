@@ -1,0 +1,190 @@
+"""One push through one engine of the station, until the object rests."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RotationMatrix
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from pinwm_drake.errors import SolverError
+from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.systems.crosscheck.trials import Trial
+from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
+from pinwm_drake.systems.pusher.motion import ScriptedPush
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.scenario.start import Place
+from pinwm_drake.systems.sdf.twin import twin_solid
+from pinwm_drake.systems.station.station import MakePushStation
+
+_REST_SPEED = 1e-3  # m/s, of the fastest point: from there an object slides on by v^2 / 2 mu g, 2 um at mu 0.03
+_REST_TIME = 0.1  # s
+_PATIENCE = 3.0  # times as long as an object as fast as the pusher needs to stop
+_LONGEST = 10.0  # s, after the pusher has stopped
+SEPARATED, STICKING, SLIDING = 0, 1, 2
+MODES = ("separated", "sticking", "sliding")
+PAIRS = (FLOOR_PAIR, PUSHER_PAIR)
+_SLOW = 2e-3  # m/s, between the surfaces, up to which they stick
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What an engine made of a push, at n times that are one period apart.
+
+    Attributes:
+        t: (n,) s.
+        p_WO: (n, 3) m, world.
+        q_WO: (n, 4) wxyz.
+        p_WP: (n, 3) m, of the pusher.
+        kinetic: (n,) J, of the object.
+        height: (n,) m, of the centre of mass.
+        floor: (n,) modes of object and floor, numbered as in `crosscheck_modes.MODES`.
+        pusher: (n,) modes of object and pusher.
+        stop: Index of the first time at which the pusher has stopped for good.
+        rest: Index of the first time from which the object is at rest; None where it never came to that.
+        failure: What the engine said when it gave up; empty where it did not.
+    """
+
+    t: np.ndarray
+    p_WO: np.ndarray
+    q_WO: np.ndarray
+    p_WP: np.ndarray
+    kinetic: np.ndarray
+    height: np.ndarray
+    floor: np.ndarray
+    pusher: np.ndarray
+    stop: int
+    rest: int | None
+    failure: str
+
+
+class _Row(NamedTuple):
+    """A sample of what `Motion` describes, and the speed of the object's fastest point, m/s, or more."""
+
+    p_WO: np.ndarray
+    q_WO: np.ndarray
+    p_WP: np.ndarray
+    kinetic: float
+    height: float
+    floor: int
+    pusher: int
+    speed: float
+
+
+_UNTOUCHED = _Row(np.zeros(3), np.zeros(4), np.zeros(3), 0.0, 0.0, SEPARATED, SEPARATED, 0.0)
+
+
+class PushRig:
+    """A station with a scripted pusher: push after push through one engine.
+
+    Attributes:
+        setup: What it was made from.
+        engine: Its name.
+        diagram: Of station and script.
+        station: The station.
+        script: What moves its pusher.
+    """
+
+    def __init__(self, setup: Setup, engine: str) -> None:
+        """Makes the diagram.
+
+        Args:
+            setup: Of one world.
+            engine: "twin", "hydroelastic" or "point".
+
+        Raises:
+            InputError: A mesh cannot be used.
+        """
+        self.setup, self.engine = setup, engine
+        solid = twin_solid(setup.twin)
+        self._mass, self._p_OB, self._inertia = solid.mass, np.asarray(solid.p_OB), np.asarray(solid.inertia)
+        self._reach = float(np.linalg.norm(load_mesh(setup.twin.mesh_path).vertices - self._p_OB, axis=1).max())
+        builder = DiagramBuilder()
+        self.station = builder.AddSystem(MakePushStation(setup, engine))
+        self.script = builder.AddSystem(ScriptedPush(setup.period))
+        builder.Connect(self.script.get_output_port(), self.station.GetInputPort("pusher_velocity_W"))
+        self.diagram = builder.Build()
+
+    def run(self, trial: Trial) -> Motion:
+        """Pushes, and waits until the object rests; from a new context, so that no push depends on another."""
+        period, push = self.setup.period, trial.push
+        context = self.diagram.CreateDefaultContext()
+        self.station.SetPlace(context, Place(trial.X_WO, push.p_WP))
+        self.script.SetPush(self.script.GetMyMutableContextFromRoot(context), push)
+        stop, still = int(np.ceil(push.end_time / period)), int(np.ceil(_REST_TIME / period))
+        rows, resting, failure = [self._sample(context, _UNTOUCHED)], 0, ""
+        try:
+            simulator = Simulator(self.diagram, context)
+            for k in range(1, stop + int(self._patience(push.speed) / period)):
+                simulator.AdvanceTo(k * period)
+                rows.append(self._sample(context, rows[-1]))
+                resting = resting + 1 if k >= stop and rows[-1].speed < _REST_SPEED else 0
+                if resting == still:
+                    break
+        except (SolverError, RuntimeError) as error:
+            failure = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+        rest = len(rows) - resting if resting == still else None
+        columns: dict[str, Any] = {
+            name: np.array(column) for name, column in zip(_Row._fields, zip(*rows, strict=True), strict=True)
+        }
+        del columns["speed"]
+        t = period * np.arange(len(rows))
+        return Motion(t=t, **columns, stop=min(stop, len(rows) - 1), rest=rest, failure=failure)
+
+    def _patience(self, speed: float) -> float:
+        """How long to wait for the object after the pusher has stopped, s."""
+        friction = self.setup.twin.theta["friction_floor"].value
+        return min(_REST_TIME + 0.5 + _PATIENCE * speed / max(friction * self.setup.twin.gravity, 1e-3), _LONGEST)
+
+    def _sample(self, context: Context, before: _Row) -> _Row:
+        mine = self.station.GetMyContextFromRoot(context)
+        state = self.station.GetOutputPort("object_state").Eval(mine)
+        pusher = self.station.GetOutputPort("pusher_state").Eval(mine)
+        q_WO, p_WO, w_WO, v_WO = state[:4] / np.linalg.norm(state[:4]), state[4:7], state[7:10], state[10:13]
+        R_WO = RotationMatrix(Quaternion(wxyz=q_WO)).matrix()
+        arm = R_WO @ self._p_OB
+        v_WB, w_O = v_WO + np.cross(w_WO, arm), R_WO.T @ w_WO
+        try:
+            forces = self.station.GetOutputPort("contact_forces").Eval(mine)
+            floor, touching = contact_modes(forces, state, pusher[3:])
+        except SolverError:
+            # No shorter step has a solution either: the next update will say so.
+            floor, touching = before.floor, before.pusher
+        return _Row(
+            p_WO=p_WO,
+            q_WO=q_WO,
+            p_WP=pusher[:3],
+            kinetic=0.5 * (self._mass * v_WB @ v_WB + w_O @ self._inertia @ w_O),
+            height=float((p_WO + arm)[2]),
+            floor=floor,
+            pusher=touching,
+            speed=float(np.linalg.norm(v_WB) + self._reach * np.linalg.norm(w_WO)),
+        )
+
+
+def contact_modes(forces: ContactForces, object_state: np.ndarray, v_WP: np.ndarray) -> tuple[int, int]:
+    """The modes of both pairs of world 0.
+
+    Args:
+        forces: On the object.
+        object_state: (13,), as an engine's port has it.
+        v_WP: (3,) m/s, of the pusher.
+
+    Returns:
+        Of object and floor, and of object and pusher. A pair sticks when its surfaces move against each other by no
+        more than 2 mm/s, on average over the contacts, each weighted by its force.
+    """
+    p_WO, w_WO, v_WO = object_state[4:7], object_state[7:10], object_state[10:13]
+    return _mode(forces, FLOOR_PAIR, p_WO, w_WO, v_WO), _mode(forces, PUSHER_PAIR, p_WO, w_WO, v_WO - v_WP)
+
+
+def _mode(forces: ContactForces, pair: str, p_WO: np.ndarray, w_WO: np.ndarray, v_W: np.ndarray) -> int:
+    """The mode of a pair; v_W is the velocity of O against the other body, which does not turn."""
+    mine = (np.array(forces.pairs, dtype=object) == pair) & (forces.worlds == 0)
+    weights = np.linalg.norm(forces.f_W[mine], axis=1)
+    if not weights.sum() > 0:
+        return SEPARATED
+    speeds = np.linalg.norm(v_W + np.cross(w_WO, forces.p_WC[mine] - p_WO), axis=1)
+    return STICKING if np.average(speeds, weights=weights) <= _SLOW else SLIDING

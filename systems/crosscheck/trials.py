@@ -1,0 +1,81 @@
+"""Random pushes that tell about friction: after each, the object slides on by itself."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from pydrake.math import RigidTransform
+
+from pinwm_drake.capture.pusher import pushing_height, upright_shape
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.scene import resting_height
+from pinwm_drake.systems.pusher.choice import choose_push, coasting_speed
+from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.scenario.start import StartDistribution
+from pinwm_drake.twin.rollout import twin_scene
+
+_VARIATION = (0.85, 1.15)  # of speed
+_DISTANCES = (0.04, 0.10)  # m, that the pusher goes on after it has met the object
+_DELAY = 0.05  # s, in which the object settles
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A push, and where the object is before it.
+
+    Attributes:
+        X_WO: Pose of the object, at rest.
+        push: What the pusher does.
+    """
+
+    X_WO: RigidTransform
+    push: StraightPush
+
+
+def draw_trials(setup: Setup, reference: Setup, number: int, seed: int) -> list[Trial]:
+    """Draws pushes; trial k does not depend on their number.
+
+    Args:
+        setup: The twin: where the object starts, how high it rests, its mesh and pusher.
+        reference: Its friction on the floor sets how fast the pusher is, so that twins that are checked against one
+            and the same truth get the same pushes.
+        number: How many.
+        seed: Of the draw.
+
+    Returns:
+        The trials. Pushes are level, at the height of the centre of mass, or as near to it as the floor allows.
+
+    Raises:
+        InputError: A mesh cannot be used.
+        ParameterError: The pusher meets no side of the object at its height.
+    """
+    start, twin = StartDistribution(setup), setup.twin
+    mesh, shape = load_mesh(twin.mesh_path), upright_shape(twin.pusher)
+    p_OB = mass_properties(mesh, mass=1.0).p_com
+    speed = coasting_speed(reference.twin.theta["friction_floor"].value, reference.twin.gravity)
+    # The physics tells which face carries the object by the orientation that the scenario names.
+    scene = twin_scene(twin, torch.as_tensor(setup.scenario.start.q_WO, dtype=torch.float64))
+    trials = []
+    for k in range(number):
+        generator = np.random.default_rng([seed, k])
+        X_WO = start.draw(generator).X_WO
+        q_WO = torch.from_numpy(X_WO.rotation().ToQuaternion().wxyz())
+        X_WO.set_translation([*X_WO.translation()[:2], resting_height(scene, q_WO)])
+        mesh_W, p_WB = mesh.copy(), X_WO @ p_OB
+        mesh_W.apply_transform(X_WO.GetAsMatrix4())
+        push = choose_push(
+            mesh_W,
+            p_WB,
+            shape,
+            generator,
+            height=pushing_height(shape, twin.floor_height, p_WB[2]),
+            speed=speed * generator.uniform(*_VARIATION),
+            distance=generator.uniform(*_DISTANCES),
+        )
+        trials.append(Trial(X_WO, _delayed(push)))
+    return trials
+
+
+def _delayed(push: StraightPush) -> StraightPush:
+    return StraightPush(push.p_WP, push.direction_W, push.speed, push.distance, push.acceleration, _DELAY)

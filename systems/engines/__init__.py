@@ -1,0 +1,1 @@
+"""Engines behind the ports of a station: the twin, Drake plants, and a robot over LCM."""

@@ -1,0 +1,1 @@
+"""A robot behind LCM messages as an engine."""

@@ -1,0 +1,1 @@
+"""MultibodyPlant with hydroelastic or point contact as an engine."""

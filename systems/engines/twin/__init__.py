@@ -1,0 +1,1 @@
+"""The learned twin as an engine: LCP step, surfels, cousins."""

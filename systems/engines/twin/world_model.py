@@ -1,0 +1,257 @@
+"""The learned world model W = R(g(x, a, theta), alpha) as a LeafSystem: the LCP step, and surfels behind its images."""
+
+import functools
+
+import numpy as np
+import torch
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, ValueProducer
+from pydrake.systems.sensors import ImageRgba8U
+
+from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.physics import Parameters
+from pinwm_drake.physics.model import FLOOR
+from pinwm_drake.systems.cameras.surfel_images import WorldImages
+from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
+from pinwm_drake.systems.engines.twin.physics import WorldPhysics
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.scenario.start import StartDistribution
+
+_FIELDS = ("mass", "inertia", "friction", "restitution")
+
+
+class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
+    """W worlds of a twin.
+
+                                ┌────────────┐
+                                │            │─► object_state      (13 W): q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s]
+        pusher_velocity_W       │            │─► pusher_state       (6 W): p_WP [m], v_WP [m/s]
+        (3 W): v_WP [m/s]  ────►│ WorldModel │─► plant_positions     (10): p_WP, q_WO, p_WO of world 0
+                                │            │─► rgb         ImageRgba8U : of world 0
+                                │            │─► rgb_batch   Value[array]: (W, height, width, 4) uint8
+                                │            │─► contact_forces  Value[ContactForces]
+                                └────────────┘
+
+    All vectors are in the world frame, worlds one after another. The state is discrete and updated every `period`
+    seconds from t = 0 on, with the input of that moment; only `contact_forces`, those of the step that begins now,
+    depends on the input directly. Images are rendered when a port is evaluated, and kept as long as the state.
+
+    Theta and the colours of the surfels are parameters of the Context, so that a cousin is a Context: numeric ones
+    `mass` (W) [kg], `inertia` (9 W) [kg m^2], about the centre of mass, `friction` and `restitution` (2 W; floor,
+    pusher), and an abstract one, the spherical harmonics (N, K, 3) or (W, N, K, 3). Everything that changes is in the
+    Context: a clone, or a copy of state and parameters, goes on bit by bit as the original does.
+    """
+
+    def __init__(self, setup: Setup, *, num_threads: int | None = None) -> None:
+        """Declares state, parameters and ports.
+
+        Args:
+            setup: Twin, camera, periods and number of worlds.
+            num_threads: That share the worlds; None for one on each core. It does not change results.
+
+        Raises:
+            InputError: A mesh cannot be used.
+        """
+        super().__init__()
+        scenario, twin = setup.scenario, setup.twin
+        self.num_worlds = W = scenario.num_worlds
+        self.physics = WorldPhysics(twin, np.array(scenario.start.q_WO), scenario.physics.steps_per_update, num_threads)
+        # Of a pusher that is a few pixels wide, a tenth of its radius cannot be seen.
+        sections = 12 if setup.camera.height <= 64 else 24
+        self._images = WorldImages(
+            twin.surfels,
+            self.physics.scene.mesh,
+            pusher_surface(twin.pusher, sections=sections),
+            setup.camera,
+            setup.X_WC,
+            num_threads,
+        )
+        nominal = self.physics.parameters(W)
+        numbers = [getattr(nominal, name).reshape(-1).numpy() for name in _FIELDS]
+        self._theta = [self.DeclareNumericParameter(BasicVector(values)) for values in numbers]
+        self._sh = self.DeclareAbstractParameter(AbstractValue.Make(twin.surfels.sh))
+        place = StartDistribution(setup).middle()
+        self._object = self.DeclareDiscreteState(np.tile(rest_state(place.X_WO), W))
+        self._pusher = self.DeclareDiscreteState(np.tile([*place.p_WP, 0.0, 0.0, 0.0], W))
+        self._velocity = self.DeclareVectorInputPort("pusher_velocity_W", 3 * W)
+        self.DeclarePeriodicDiscreteUpdateEvent(setup.period, 0.0, self._Update)
+        x, theta = self.xd_ticket(), self.all_parameters_ticket()
+        self._checked = self.DeclareCacheEntry("theta", self._producer(self._CalcTheta), {theta})
+        self._one = self.DeclareCacheEntry("image", self._producer(functools.partial(self._CalcImages, 1)), {x, theta})
+        self._all = self.DeclareCacheEntry("images", self._producer(functools.partial(self._CalcImages, W)), {x, theta})
+        self.DeclareStateOutputPort("object_state", self._object)
+        self.DeclareStateOutputPort("pusher_state", self._pusher)
+        self.DeclareVectorOutputPort("plant_positions", 10, self._CalcPlantPositions, {x})
+        camera = setup.camera
+        self.DeclareAbstractOutputPort(
+            "rgb",
+            lambda: AbstractValue.Make(ImageRgba8U(camera.width, camera.height)),
+            self._CalcRgb,
+            {self._one.ticket()},
+        )
+        self.DeclareAbstractOutputPort(
+            "rgb_batch", lambda: AbstractValue.Make(object()), self._CalcRgbBatch, {self._all.ticket()}
+        )
+        self.DeclareAbstractOutputPort(
+            "contact_forces",
+            lambda: AbstractValue.Make(ContactForces.none()),
+            self._CalcContactForces,
+            {x, theta, self._velocity.ticket()},
+        )
+
+    @staticmethod
+    def _producer(calc: object) -> ValueProducer:
+        return ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=calc)
+
+    def SetState(self, context: Context, object_state: np.ndarray, p_WP: np.ndarray, world: int | None = None) -> None:
+        """Puts objects and pushers into place; the pushers rest.
+
+        Args:
+            context: Of this system.
+            object_state: (W, 13) as the port has it, or (13,) for one world.
+            p_WP: (W, 3) m, or (3,).
+            world: Which; None for all.
+
+        Raises:
+            StateError: A number is not finite, a quaternion not of unit norm, or there is no such world.
+        """
+        worlds = self._worlds(world)
+        rows, p_WP = np.asarray(object_state, float).reshape(-1, 13), np.asarray(p_WP, float).reshape(-1, 3)
+        if not len(rows) == len(p_WP) == worlds.stop - worlds.start:
+            raise StateError(f"states of {len(rows)} objects, {len(p_WP)} pushers; allowed: of world {worlds}")
+        if not (np.isfinite(rows).all() and np.isfinite(p_WP).all()):
+            raise StateError(f"object_state, p_WP: got {rows.tolist()}, {p_WP.tolist()}; allowed: finite numbers")
+        if np.abs(np.linalg.norm(rows[:, :4], axis=1) - 1.0).max() > 1e-6:
+            raise StateError(f"q_WO: got {rows[:, :4].tolist()}; allowed: unit quaternions")
+        self._rows(context.get_mutable_discrete_state(self._object).get_mutable_value())[worlds] = rows
+        pushers = self._rows(context.get_mutable_discrete_state(self._pusher).get_mutable_value())
+        pushers[worlds, :3], pushers[worlds, 3:] = p_WP, 0.0
+
+    def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
+        """See `engine.Handle`; `context` may be that of a diagram that holds this system."""
+        mine = self.GetMyMutableContextFromRoot(context)
+        p_WP = self._state(mine)[1]
+        self.SetState(mine, rest_state(X_WO, V_WO), p_WP[world], world)
+
+    def SetPusherPosition(self, context: Context, p_WP: np.ndarray, world: int = 0) -> None:
+        """See `engine.Handle`; `context` may be that of a diagram that holds this system."""
+        mine = self.GetMyMutableContextFromRoot(context)
+        self.SetState(mine, self._state(mine)[0][world], p_WP, world)
+
+    def SetParameters(self, context: Context, parameters: Parameters, world: int | None = None) -> None:
+        """Sets theta of one world (parameters of one) or of all.
+
+        Raises:
+            PinwmError: A value is out of range.
+        """
+        parameters.check(self.physics.scene.model)
+        worlds = self._worlds(world)
+        if parameters.num_worlds != worlds.stop - worlds.start:
+            raise ParameterError(f"theta of {parameters.num_worlds} worlds; allowed: {worlds.stop - worlds.start}")
+        for index, name in zip(self._theta, _FIELDS, strict=True):
+            vector = context.get_mutable_numeric_parameter(index)
+            values = vector.CopyToVector().reshape(self.num_worlds, -1)
+            values[worlds] = getattr(parameters, name).reshape(parameters.num_worlds, -1).numpy()
+            vector.SetFromVector(values.ravel())
+
+    def GetParameters(self, context: Context) -> Parameters:
+        """Theta of all worlds, checked.
+
+        Raises:
+            PinwmError: Somebody wrote a value into the Context that is out of range.
+        """
+        parameters: Parameters = self._checked.Eval(context)[0]
+        return parameters
+
+    def SetColors(self, context: Context, sh: torch.Tensor, world: int | None = None) -> None:
+        """Sets the harmonics of the surfels, (N, K, 3), of one world or all, or (W, N, K, 3); they are copied.
+
+        Raises:
+            PinwmError: The shape is another one, or there is no such world.
+        """
+        worlds, one = self._worlds(world), tuple(self._images.surfels.sh.shape)
+        fits = [one] if world is not None else [one, (self.num_worlds, *one)]
+        if tuple(sh.shape) not in fits:
+            raise ParameterError(f"sh: got {tuple(sh.shape)}; allowed: {' or '.join(map(str, fits))}")
+        parameter = context.get_mutable_abstract_parameter(self._sh)
+        if world is None:
+            parameter.set_value(sh.detach().to(torch.float32, copy=True).contiguous())
+        else:
+            if parameter.get_value().ndim == 3:
+                parameter.set_value(parameter.get_value().repeat(self.num_worlds, 1, 1, 1))
+            # In place, as the Context alone has this tensor; through numpy, since torch would wake all its threads.
+            parameter.get_value().numpy()[worlds] = sh.detach().numpy()
+
+    def TakePictures(self, context: Context, worlds: np.ndarray) -> np.ndarray:
+        """Pictures of some worlds (m,) int, as the ports have them: (m, height, width, 4) uint8; not kept."""
+        state, p_WP = self._state(context)
+        sh = context.get_abstract_parameter(self._sh).get_value()
+        if sh.ndim == 4 and len(worlds) < self.num_worlds:
+            sh = torch.from_numpy(sh.numpy()[worlds])  # torch would wake all its threads for it
+        return self._images.take(state[worlds], p_WP[worlds], sh)
+
+    def _worlds(self, world: int | None) -> slice:
+        if world is None:
+            return slice(0, self.num_worlds)
+        if not 0 <= world < self.num_worlds:
+            raise StateError(f"world: got {world}; allowed: 0 to {self.num_worlds - 1}")
+        return slice(world, world + 1)
+
+    def _rows(self, values: np.ndarray) -> np.ndarray:
+        return values.reshape(self.num_worlds, -1)
+
+    def _state(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
+        """Of the objects (W, 13), and p_WP (W, 3)."""
+        objects = self._rows(context.get_discrete_state(self._object).value())
+        return objects, self._rows(context.get_discrete_state(self._pusher).value())[:, :3]
+
+    def _Update(self, context: Context, values: DiscreteValues) -> None:
+        v_WP = self._rows(self._velocity.Eval(context))
+        theta, (state, p_WP) = self._checked.Eval(context)[1], self._state(context)
+        state, p_WP = self.physics.advance(theta, state, p_WP, v_WP)
+        values.set_value(self._object, state.ravel())
+        values.set_value(self._pusher, np.concatenate([p_WP, v_WP], axis=1).ravel())
+
+    def _CalcTheta(self, context: Context, value: AbstractValue) -> None:
+        shapes = ((-1, 1), (-1, 1, 3, 3), (-1, 2), (-1, 2))
+        tensors = (
+            torch.from_numpy(context.get_numeric_parameter(index).CopyToVector().reshape(shape))
+            for index, shape in zip(self._theta, shapes, strict=True)
+        )
+        parameters = Parameters(*tensors)
+        parameters.check(self.physics.scene.model)
+        value.set_value((parameters, tuple(getattr(parameters, name).numpy() for name in _FIELDS)))
+
+    def _CalcImages(self, worlds: int, context: Context, value: AbstractValue) -> None:
+        value.set_value(self.TakePictures(context, np.arange(worlds)))
+
+    def _CalcPlantPositions(self, context: Context, output: BasicVector) -> None:
+        state, p_WP = self._state(context)
+        output.SetFromVector(np.concatenate([p_WP[0], state[0, :7]]))
+
+    def _CalcRgb(self, context: Context, output: AbstractValue) -> None:
+        output.get_mutable_value().mutable_data[:] = self._one.Eval(context)[0]
+
+    def _CalcRgbBatch(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self._all.Eval(context))
+
+    def _CalcContactForces(self, context: Context, output: AbstractValue) -> None:
+        state, p_WP = self._state(context)
+        v_WP, theta = self._rows(self._velocity.Eval(context)), self.GetParameters(context)
+        parts = [self.physics.forces(theta, state, p_WP, v_WP, world) for world in range(self.num_worlds)]
+        output.set_value(
+            ContactForces(
+                worlds=np.repeat(np.arange(self.num_worlds), [len(part[0]) for part in parts]),
+                pairs=tuple(FLOOR_PAIR if FLOOR in name else PUSHER_PAIR for part in parts for name in part[0]),
+                p_WC=np.concatenate([part[1] for part in parts]),
+                f_W=np.concatenate([part[2] for part in parts]),
+            )
+        )
+
+
+def rest_state(X_WO: RigidTransform, V_WO: np.ndarray | None = None) -> np.ndarray:
+    """(13,): the object's state from its pose and its velocity V_WO (6,), [rad/s; m/s], or at rest."""
+    q_WO, p_WO = X_WO.rotation().ToQuaternion().wxyz(), X_WO.translation()
+    return np.concatenate([q_WO, p_WO, np.zeros(6) if V_WO is None else V_WO])

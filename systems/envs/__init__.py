@@ -1,0 +1,1 @@
+"""gymnasium and Stable-Baselines3 environments over stations."""

@@ -1,0 +1,58 @@
+"""A picture of the push task for people: what the camera sees, with goal and pusher drawn into it."""
+
+import cv2
+import numpy as np
+
+from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.occluder import mesh_depth
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.scenario.start import StartDistribution
+from pinwm_drake.tasks.push import PushTask
+
+_LEAST = 256  # px, of the shorter side
+_GOAL, _PUSHER = (40, 160, 70), (70, 70, 80)  # RGB
+_NEAR = 1e-3  # m
+
+
+class PushPicture:
+    """Draws a picture of one world."""
+
+    def __init__(self, setup: Setup, task: PushTask) -> None:
+        """Finds the outline of the goal."""
+        width, height = setup.camera.width, setup.camera.height
+        self._factor = f = -(-_LEAST // min(height, width))
+        self._camera = Camera.from_field_of_view(f * width, f * height, setup.scenario.camera.fov_y)
+        self._X_CW = setup.X_WC.inverse()
+        mesh = load_mesh(setup.twin.mesh_path)
+        X_WG = task.X_WG(StartDistribution(setup).middle().X_WO.translation()[2])
+        goal = self._silhouette(X_WG.multiply(np.asarray(mesh.vertices).T).T, np.asarray(mesh.faces))
+        self._outline = cv2.findContours(goal.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+        pusher = pusher_surface(setup.twin.pusher, sections=24)
+        self._pusher = np.asarray(pusher.vertices), np.asarray(pusher.faces)
+
+    def draw(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
+        """The picture.
+
+        Args:
+            image: (height, width, 3 or 4) uint8, of the object.
+            p_WP: (3,) m.
+
+        Returns:
+            (f height, f width, 3) uint8, RGB, with a whole factor f that makes it 256 px or larger.
+        """
+        f = self._factor
+        vertices, faces = self._pusher
+        picture = np.ascontiguousarray(np.repeat(np.repeat(image[..., :3], f, axis=0), f, axis=1))
+        shown = self._silhouette(vertices + p_WP, faces)
+        # The object hides the pusher where it stands before it; a policy's own image says so only by being whole.
+        picture[shown & (picture.min(axis=2) == 255)] = _PUSHER
+        cv2.drawContours(picture, self._outline, -1, _GOAL, 2)
+        return picture
+
+    def _silhouette(self, vertices_W: np.ndarray, faces: np.ndarray) -> np.ndarray:
+        """(f height, f width) bool: where a mesh with corners (n, 3) m is seen."""
+        vertices_C = self._X_CW.multiply(vertices_W.T).T
+        seen: np.ndarray = np.isfinite(mesh_depth(vertices_C[None], faces, self._camera, _NEAR)[0])
+        return seen

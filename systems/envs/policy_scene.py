@@ -1,0 +1,136 @@
+"""From a scene to the specification of a policy, and back to an environment that such a policy can act in."""
+
+from typing import Any
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RotationMatrix
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.learning.spec import CameraSpec, Observes, PolicySpec
+from pinwm_drake.systems.envs.env import PushEnv
+from pinwm_drake.systems.scenario.load import Scene
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.tasks.push import PushTask
+
+# By how much a scene's camera may be elsewhere: an identified floor lies within a millimetre of the true one.
+_OFF, _TURNED = 2e-3, 5e-3  # m, rad
+_SHARE = 1e-6
+
+
+def policy_spec(
+    setup: Setup, task: PushTask, *, observes: Observes, frames: int, max_translation: float, max_steps: int
+) -> PolicySpec:
+    """What a policy sees and does in a scene.
+
+    Args:
+        setup: Of `environment_setup`.
+        task: Goal and tolerances.
+        observes: "rgb" or "state".
+        frames: Of images.
+        max_translation: m, in an action.
+        max_steps: Of an episode.
+
+    Raises:
+        ParameterError: A value is out of range.
+    """
+    scenario, camera = setup.scenario, setup.camera
+    fx, fy, cx, cy = (float(value) for value in camera.intrinsics)
+    q_WC = setup.X_WC.rotation().ToQuaternion().wxyz()
+    return PolicySpec(
+        observes=observes,
+        frames=frames,
+        camera=CameraSpec(
+            width=camera.width,
+            height=camera.height,
+            fx=fx,
+            fy=fy,
+            cx=cx,
+            cy=cy,
+            p_WC=_floats(setup.X_WC.translation()),
+            q_WC=_floats(q_WC),
+        ),
+        horizon=float(scenario.pusher.horizon),
+        max_translation=float(max_translation),
+        pusher_low=_floats(scenario.pusher.low[:2]),
+        pusher_high=_floats(scenario.pusher.high[:2]),
+        pusher_height=float(scenario.start.pusher_height),
+        goal=_floats(task.goal),
+        q_WO=_floats(task.q_WO),
+        tolerance=float(task.tolerance),
+        turn_tolerance=float(task.turn_tolerance),
+        max_steps=int(max_steps),
+    )
+
+
+def spec_environment(spec: PolicySpec, scene: Scene, engine: str | None = None, **options: Any) -> PushEnv:
+    """An environment in which a policy sees and does what it is made for.
+
+    Args:
+        spec: Of the policy.
+        scene: As `PushEnv` takes it.
+        engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
+        options: Of `PushEnv`, in the place of the specification's.
+
+    Raises:
+        InputError: The scene, or one of its files, cannot be used.
+        ParameterError: The scene's camera, pusher's box or horizon is not that of the policy.
+    """
+    camera = spec.camera
+    if camera.width != camera.height:
+        raise ParameterError(f"camera: got {camera.width} by {camera.height} px; allowed: as wide as high")
+    chosen: dict[str, Any] = {
+        "observation": "state" if spec.observes == "state" else "rgb",
+        "frames": spec.frames,
+        "goal": spec.goal,
+        "max_steps": spec.max_steps,
+        "max_translation": spec.max_translation,
+        "tolerance": spec.tolerance,
+        "turn_tolerance": spec.turn_tolerance,
+        "image_size": camera.width,
+    }
+    environment = PushEnv(scene, engine, **(chosen | options))
+    check_scene(spec, environment.setup)
+    return environment
+
+
+def check_scene(spec: PolicySpec, setup: Setup) -> None:
+    """Compares a scene with what a policy is made for.
+
+    Raises:
+        ParameterError: Its camera, its pusher's box or its horizon differs.
+    """
+    scenario, camera = setup.scenario, spec.camera
+    if abs(scenario.pusher.horizon - spec.horizon) > _SHARE:
+        raise ParameterError(f"horizon: got {scenario.pusher.horizon:g} s; allowed: {spec.horizon:g} s, the policy's")
+    box = [*scenario.pusher.low[:2], *scenario.pusher.high[:2]]
+    if not np.allclose(box, [*spec.pusher_low, *spec.pusher_high], rtol=0, atol=_SHARE):
+        raise ParameterError(
+            f"pusher's box: got {box} m; allowed: the policy's, {spec.pusher_low} to {spec.pusher_high}"
+        )
+    if spec.observes == "state":
+        return
+    intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy]
+    size = (setup.camera.width, setup.camera.height)
+    if size != (camera.width, camera.height) or not np.allclose(setup.camera.intrinsics, intrinsics, rtol=_SHARE):
+        given = f"{size[0]} by {size[1]} px, fx {float(setup.camera.intrinsics[0]):g}"
+        allowed = f"the policy's, {camera.width} by {camera.height} px, fx {camera.fx:g}"
+        raise ParameterError(f"camera: got {given}; allowed: {allowed}")
+    X_WC = RigidTransform(RotationMatrix(Quaternion(wxyz=_unit(camera.q_WC))), camera.p_WC)
+    X = X_WC.inverse() @ setup.X_WC
+    off, turned = float(np.linalg.norm(X.translation())), abs(X.rotation().ToAngleAxis().angle())
+    if off > _OFF or turned > _TURNED:
+        raise ParameterError(
+            f"camera: got one {1e3 * off:.1f} mm and {turned:.4f} rad from the policy's; "
+            f"allowed: {1e3 * _OFF:g} mm and {_TURNED:g} rad"
+        )
+
+
+def _floats(values: Any) -> Any:
+    return tuple(float(value) for value in values)
+
+
+def _unit(q: tuple[float, ...]) -> np.ndarray:
+    value = np.array(q)
+    unit: np.ndarray = value / np.linalg.norm(value)
+    return unit

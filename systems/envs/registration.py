@@ -1,0 +1,18 @@
+"""The environment's name in gymnasium, which importing this registers; nothing heavy is loaded for that.
+
+    gymnasium.make("pinwm_drake.systems.envs.registration:pinwm/Push-v0")     imports this by itself
+    import pinwm_drake.systems.envs.registration                              from here on "pinwm/Push-v0" will do
+
+gymnasium 1.0 and later knows no entry points by which a package that is only installed could add a name.
+"""
+
+import gymnasium
+
+PUSH = "pinwm/Push-v0"
+if PUSH not in gymnasium.registry:
+    gymnasium.register(
+        PUSH,
+        entry_point="pinwm_drake.systems.envs.env:PushEnv",
+        # For `gymnasium.make_vec(PUSH, num_envs=32, vectorization_mode="vector_entry_point")`.
+        vector_entry_point="pinwm_drake.systems.envs.vector:PushVectorEnv",
+    )

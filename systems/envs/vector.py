@@ -1,0 +1,176 @@
+"""Many worlds of one twin as a vectorised environment, for gymnasium and for Stable-Baselines3."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from stable_baselines3.common.vec_env import VecEnv
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.envs.observation import Observation
+from pinwm_drake.systems.envs.worlds import Outcome, PushWorlds
+from pinwm_drake.systems.scenario.load import Scene
+
+
+def _actions() -> spaces.Box:
+    return spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+
+class PushVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
+    """`PushWorlds` for gymnasium; a world whose episode ends begins the next in the same step.
+
+    `infos`: `distance`, `angle`, `success`, `step` (W,) at the end of the action, also of worlds that ended; where
+    some did, `final_obs` and `final_info`, as `SyncVectorEnv` has them with AutoresetMode.SAME_STEP.
+
+    Attributes:
+        worlds: What does the work.
+    """
+
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012  # as gymnasium has it
+
+    def __init__(self, scenario: Scene = "push_t", num_envs: int = 32, **options: Any) -> None:
+        """Makes the worlds.
+
+        Args:
+            scenario: A scenario or setup, the name of a scenario that ships, its path, or the folder of a twin.
+            num_envs: W.
+            options: Of `PushWorlds`.
+
+        Raises:
+            InputError: The scenario, or one of its files, cannot be used.
+            ParameterError: An option is none of those allowed.
+        """
+        options.pop("render_mode", None)
+        self.worlds = PushWorlds(scenario, num_envs, **options)
+        self.num_envs = num_envs
+        self.single_observation_space, self.single_action_space = self.worlds.observation_space, _actions()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begins an episode in every world.
+
+        Args:
+            seed: World k takes `seed + k`; or one for each.
+            options: Of `PushEnv.reset`, alike in all worlds.
+        """
+        seeds = [int(seed) + world for world in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
+        observation = self.worlds.reset(seeds, None if options is None else [options] * self.num_envs)
+        progress = self.worlds.progress
+        return observation, _columns(progress.distance, progress.angle, progress.success, np.zeros(self.num_envs, int))
+
+    def step(self, actions: np.ndarray) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Goes on by one action (W, 2) in [-1, 1]^2 each."""
+        out = self.worlds.step(actions)
+        progress = out.progress
+        infos = _columns(progress.distance, progress.angle, progress.success, out.steps)
+        for row, world in enumerate(out.ended.tolist()):
+            final = {"final_obs": _row(out.last, row), "final_info": _info(out, world)}
+            infos = self._add_info(infos, final, world)
+        return out.observation, out.reward, out.terminated, out.truncated, infos
+
+
+class PushVecEnv(VecEnv):
+    """`PushWorlds` for Stable-Baselines3.
+
+    `infos` of a world at the end of an episode: those of `PushEnv`, `terminal_observation`, `TimeLimit.truncated` and,
+    for SB3's log, `episode` and `is_success`; before that they are empty.
+
+    Attributes:
+        worlds: What does the work.
+    """
+
+    def __init__(self, scenario: Scene = "push_t", num_envs: int = 32, **options: Any) -> None:
+        """Makes the worlds; see `PushVectorEnv`."""
+        self.worlds = PushWorlds(scenario, num_envs, **options)
+        self.render_mode = None
+        super().__init__(num_envs, self.worlds.observation_space, _actions())
+        self._next = np.zeros((num_envs, 2))
+        self._sums = np.zeros(num_envs)
+
+    def reset(self) -> Observation:
+        """Begins an episode in every world, with the seeds and options that were set for it."""
+        observation = self.worlds.reset(self._seeds, self._options)
+        self._reset_seeds()
+        self._reset_options()
+        self._sums[:] = 0.0
+        return observation
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Keeps the actions (W, 2)."""
+        self._next = actions
+
+    def step_wait(self) -> tuple[Observation, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Goes on by the actions."""
+        out = self.worlds.step(self._next)
+        self._sums += out.reward
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for row, world in enumerate(out.ended.tolist()):
+            infos[world] = _info(out, world) | {
+                "terminal_observation": _row(out.last, row),
+                "TimeLimit.truncated": bool(out.truncated[world]),
+                "is_success": bool(out.progress.success[world]),
+                "episode": {"r": float(self._sums[world]), "l": int(out.steps[world]), "t": 0.0},
+            }
+        self._sums[out.ended] = 0.0
+        return out.observation, out.reward.astype(np.float32), out.terminated | out.truncated, infos
+
+    def close(self) -> None:
+        """There is nothing to close."""
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """An attribute of the worlds, once for each of `indices`."""
+        if attr_name == "render_mode":
+            return [None for _ in self._get_indices(indices)]
+        return [getattr(self.worlds, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Sets an attribute of all worlds; raises ParameterError for some of them."""
+        self._require_all(indices)
+        setattr(self.worlds, attr_name, value)
+
+    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+        """Calls a method of all worlds, once; raises ParameterError for some of them."""
+        self._require_all(indices)
+        return [getattr(self.worlds, method_name)(*method_args, **method_kwargs)] * self.num_envs
+
+    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:
+        """No world is wrapped."""
+        return [False for _ in self._get_indices(indices)]
+
+    def _require_all(self, indices: Iterable[int] | int | None) -> None:
+        if len(list(self._get_indices(indices))) != self.num_envs:
+            raise ParameterError(f"indices: got {indices}; allowed: None, as the worlds are one object")
+
+
+def _columns(distance: np.ndarray, angle: np.ndarray, success: np.ndarray, steps: np.ndarray) -> dict[str, Any]:
+    """Infos of all worlds, in gymnasium's form."""
+    infos: dict[str, Any] = {"distance": distance, "angle": angle, "success": success, "step": steps}
+    everyone = np.ones(len(steps), bool)
+    return infos | {f"_{name}": everyone for name in infos}
+
+
+def _info(out: Outcome, world: int) -> dict[str, Any]:
+    """As `PushEnv` has it."""
+    progress = out.progress
+    info = {
+        "distance": float(progress.distance[world]),
+        "angle": float(progress.angle[world]),
+        "success": bool(progress.success[world]),
+        "step": int(out.steps[world]),
+        "engine": "twin",
+    }
+    return info | ({"failure": out.failures[world]} if world in out.failures else {})
+
+
+def _row(observation: Observation, row: int) -> Observation:
+    """One world's part."""
+    if isinstance(observation, dict):
+        return {name: values[row] for name, values in observation.items()}
+    return observation[row]

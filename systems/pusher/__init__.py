@@ -1,0 +1,1 @@
+"""Pushers: scripted motions, choice of pushes, limits, translations and the drive of a plant."""

@@ -1,0 +1,1 @@
+"""Scripted runs of a station: episodes, recordings, simulated captures, films."""

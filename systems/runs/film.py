@@ -1,0 +1,86 @@
+"""The frames of a simulated episode's video: the scene for people, and beside it the station's `rgb`."""
+
+import warnings
+from pathlib import Path
+
+import cv2
+import numpy as np
+import trimesh
+from pydrake.math import RigidTransform
+
+from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.report.camera import ViewCamera
+from pinwm_drake.report.captions import write_panel_captions
+from pinwm_drake.report.scene import Actor, Stage
+from pinwm_drake.systems.scenario.setup import Setup
+
+_HEIGHT = 480  # px, about, of the panels
+_PLAIN, _PUSHER = (0.75, 0.16, 0.10), (0.10, 0.25, 0.55)  # linear RGB, of a mesh without colours and of the pusher
+_GAMMA = 2.2
+
+
+class Film:
+    """Draws frames, as many as are wanted.
+
+    Attributes:
+        size: (width, height) [px] of a frame, even.
+    """
+
+    def __init__(self, setup: Setup, engine: str) -> None:
+        """Takes over what does not move.
+
+        Args:
+            setup: Object, pusher, floor and camera: people see the scene from where the camera is.
+            engine: For the caption.
+        """
+        camera = setup.camera
+        self._engine, self._scale = engine, max(1, round(_HEIGHT / camera.height))
+        width, height = self._scale * camera.width, self._scale * camera.height
+        focal = self._scale * float(camera.intrinsics[1])
+        view = ViewCamera(setup.X_WC.rotation().matrix(), setup.X_WC.translation(), focal, width, height)
+        self._stage = Stage(view, setup.twin.floor_height)
+        self._object = coloured_actors(setup.visual_path)
+        self._pusher = Actor.from_mesh(pusher_surface(setup.twin.pusher), _PUSHER, smooth=True)
+        self._ways: list[np.ndarray] = []
+        self.size = (2 * width // 2 * 2, height // 2 * 2)
+
+    def frame(self, t: float, X_WO: RigidTransform, p_WP: np.ndarray, rgb: np.ndarray) -> np.ndarray:
+        """The next frame.
+
+        Args:
+            t: s.
+            X_WO: Pose of the object.
+            p_WP: (3,) m, world, of the pusher.
+            rgb: (height, width, 4) uint8, as the station's port has it.
+
+        Returns:
+            (height, width, 3) uint8, sRGB, of `size`.
+        """
+        R_WO, p_WO = X_WO.rotation().matrix(), X_WO.translation()
+        self._ways.append(np.stack([p_WO[:2], p_WP[:2]]))
+        ways = np.array(self._ways)
+        scene = self._stage.picture(
+            [*((actor, R_WO, p_WO) for actor in self._object), (self._pusher, np.eye(3), p_WP)],
+            [(ways[:, 0], _PLAIN), (ways[:, 1], _PUSHER)],
+        )
+        larger = (self._scale * rgb.shape[1], self._scale * rgb.shape[0])
+        seen = cv2.resize(rgb[..., :3], larger, interpolation=cv2.INTER_NEAREST)
+        whole = np.concatenate([scene, seen], axis=1)
+        write_panel_captions(whole, [f"{self._engine}  t = {t:.2f} s", f"rgb, {rgb.shape[1]} x {rgb.shape[0]} px"])
+        return np.ascontiguousarray(whole[: self.size[1], : self.size[0]])
+
+
+def coloured_actors(path: Path) -> list[Actor]:
+    """The surfaces of a mesh file, one for each of its materials; of one colour where it has none."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        parts = trimesh.load_scene(path, process=False, group_material=True).geometry.values()
+    actors = []
+    for part in parts:
+        material = getattr(part.visual, "material", None)
+        colour = _PLAIN
+        if material is not None and material.name and hasattr(material, "diffuse"):
+            red, green, blue = ((float(value) / 255.0) ** _GAMMA for value in material.diffuse[:3])
+            colour = (red, green, blue)
+        actors.append(Actor.from_mesh(part, colour, smooth=False))
+    return actors

@@ -1,0 +1,193 @@
+"""Runs a station and writes down what a robot would: the pusher's log, the object's poses, the pictures."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+
+from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.systems.cameras.object_camera import AddCaptureRig, CaptureRig
+from pinwm_drake.systems.pusher.motion import ScriptedPush, StraightPush
+from pinwm_drake.systems.sampling import whole_multiple
+from pinwm_drake.systems.scenario.schema import Scenario
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.scenario.start import Place
+from pinwm_drake.systems.station.station import MakePushStation, PushStation
+
+_SETTLING_TIME = 0.25  # s
+_AWAY = np.array([0.0, 0.0, 50.0])  # m, where the pusher is while it is not needed
+
+
+@dataclass(frozen=True)
+class Rates:
+    """How often what happens.
+
+    Attributes:
+        frames: Pictures a second.
+        records_per_frame: Rows of the pusher's log for each picture.
+        steps_per_record: Time steps of the plant for each row.
+    """
+
+    frames: float
+    records_per_frame: int
+    steps_per_record: int
+
+    @property
+    def time_step(self) -> float:
+        """That of the plant, s."""
+        return 1 / (self.frames * self.records_per_frame * self.steps_per_record)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What was recorded of a push.
+
+    Attributes:
+        t: (n,) [s], of the pictures.
+        trajectory: The pusher's log, from the first picture to the last.
+        object_poses: At the times of the pictures.
+        X_WO: The same as Drake's poses.
+        p_WP: (n, 3) m, the pusher at the times of the pictures.
+    """
+
+    t: np.ndarray
+    trajectory: PusherTrajectory
+    object_poses: ObjectPoses
+    X_WO: list[RigidTransform]
+    p_WP: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PushRecorder:
+    """A station with a scripted pusher and a camera, ready to run; `MakePushRecorder` makes one.
+
+    Attributes:
+        diagram: Of station, script and camera.
+        station: What is pushed.
+        script: What drives the pusher.
+        rig: The camera.
+        rates: How often what happens.
+    """
+
+    diagram: Diagram
+    station: PushStation
+    script: ScriptedPush
+    rig: CaptureRig
+    rates: Rates
+
+    def settle(self, X_WO: RigidTransform) -> RigidTransform:
+        """Lets the object come to rest, without the pusher.
+
+        Args:
+            X_WO: Its pose at first, touching the floor.
+
+        Returns:
+            Its pose afterwards.
+        """
+        context = self._context(X_WO, StraightPush(_AWAY, np.array([1.0, 0.0, 0.0]), 1.0, 1.0, 1.0, np.inf))
+        Simulator(self.diagram, context).AdvanceTo(_SETTLING_TIME)
+        return self.station.object_pose(context)
+
+    def push(self, X_WO: RigidTransform, push: StraightPush, number: int) -> Recording:
+        """Pushes the object from rest.
+
+        Args:
+            X_WO: Its pose at first.
+            push: What the pusher does.
+            number: Of pictures that there will be.
+
+        Returns:
+            What was recorded.
+        """
+        context = self._context(X_WO, push)
+        simulator = Simulator(self.diagram, context)
+        per_frame = self.rates.records_per_frame
+        period = 1 / (self.rates.frames * per_frame)
+        times = np.arange((number - 1) * per_frame + 1) * period
+        poses, positions = [], []
+        for t in times:
+            # AdvanceTo(0) would make the step that begins at 0 already.
+            if t > 0:
+                simulator.AdvanceTo(t)
+            poses.append(self.station.object_pose(context))
+            positions.append(self._pusher_position(context))
+        p_WP, X_WO_frames, t_frames = np.array(positions), poses[::per_frame], times[::per_frame]
+        v_WP = np.array([push.average_velocity(k, period) for k in range(len(times))])
+        q_WP = np.tile([1.0, 0.0, 0.0, 0.0], (len(times), 1))
+        p_WO = np.array([pose.translation() for pose in X_WO_frames])
+        return Recording(
+            t=t_frames,
+            trajectory=PusherTrajectory(times, p_WP, q_WP, v_WP, None),
+            object_poses=ObjectPoses(t_frames, p_WO, _quaternions(X_WO_frames)),
+            X_WO=X_WO_frames,
+            p_WP=p_WP[::per_frame],
+        )
+
+    def pictures(
+        self, X_WO: list[RigidTransform], X_WC: list[RigidTransform], p_WP: np.ndarray | None = None
+    ) -> Iterator[np.ndarray]:
+        """Pictures of a scene that is put into one state after another.
+
+        Args:
+            X_WO: Poses of the object.
+            X_WC: Poses of the camera, as many, OpenCV axes.
+            p_WP: (n, 3) m, as many places of the pusher; None leaves it out.
+
+        Yields:
+            (H, W, 4) uint8 each; see `CaptureRig.take`.
+        """
+        context = self.diagram.CreateDefaultContext()
+        for k, (X_WO_k, X_WC_k) in enumerate(zip(X_WO, X_WC, strict=True)):
+            self.station.SetPlace(context, Place(X_WO_k, _AWAY if p_WP is None else p_WP[k]))
+            yield self.rig.take(context, X_WC_k)
+
+    def _context(self, X_WO: RigidTransform, push: StraightPush) -> Context:
+        """A new context with object and pusher at rest."""
+        context = self.diagram.CreateDefaultContext()
+        self.station.SetPlace(context, Place(X_WO, push.p_WP))
+        self.script.SetPush(self.script.GetMyMutableContextFromRoot(context), push)
+        return context
+
+    def _pusher_position(self, context: Context) -> np.ndarray:
+        return self.station.GetOutputPort("pusher_state").Eval(self.station.GetMyContextFromRoot(context))[:3]
+
+
+def MakePushRecorder(scenario: Scenario | Setup, rates: Rates, camera: Camera, supersampling: int) -> PushRecorder:
+    """Assembles station, script and camera.
+
+    Args:
+        scenario: What there is, and with which engine; a row of the log takes a whole number of the pusher's periods.
+        rates: How often what happens.
+        camera: Size and intrinsics (4,) of the pictures.
+        supersampling: Rendered pixels for each of a picture, along each side.
+
+    Returns:
+        The scene, ready to run.
+
+    Raises:
+        InputError: The object's mesh cannot be used.
+        ParameterError: Rates and periods do not fit.
+    """
+    builder = DiagramBuilder()
+    station = builder.AddNamedSystem("station", MakePushStation(scenario))
+    period = station.setup.period
+    whole_multiple("a row of the pusher's log", rates.time_step * rates.steps_per_record, period, "pusher.period")
+    script = builder.AddNamedSystem("script", ScriptedPush(period))
+    builder.Connect(script.get_output_port(), station.GetInputPort("pusher_velocity_W"))
+    rig = AddCaptureRig(
+        builder, station.engine.scene_graph, camera, supersampling, query=station.GetOutputPort("query_object")
+    )
+    return PushRecorder(builder.Build(), station, script, rig, rates)
+
+
+def _quaternions(poses: list[RigidTransform]) -> np.ndarray:
+    """Their rotations (n, 4), wxyz, each nearest to the one before."""
+    values: list[np.ndarray] = []
+    for pose in poses:
+        q = pose.rotation().ToQuaternion().wxyz()
+        values.append(-q if values and q @ values[-1] < 0 else q)
+    return np.array(values)

@@ -1,0 +1,1 @@
+"""Scenarios: the YAML schema, its check, loading by name or twin, and everything that engines need of one."""

@@ -1,0 +1,269 @@
+"""What a pushing scene is made of, as `*.scenario.yaml` says it. SI units and radians throughout."""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydrake.common.yaml import yaml_load_typed
+
+from pinwm_drake.capture.documents import read_yaml
+from pinwm_drake.capture.scene import PUSHER_KINDS
+from pinwm_drake.errors import InputError
+from pinwm_drake.models import OBJECT_NAMES
+from pinwm_drake.systems.scenario.check import check_scenario
+
+ENGINES = ("twin", "hydroelastic", "point")
+MEMORY, LOCAL = "memq://", "udpm://239.255.76.67:7667?ttl=0"
+
+
+def _quantity(default: object, low: float, high: float, unit: str) -> Any:
+    """A number, or a list of numbers, with bounds and unit for `check_scenario`."""
+    metadata = {"low": low, "high": high, "unit": unit}
+    if isinstance(default, list):
+        return field(default_factory=lambda: list(default), metadata={**metadata, "length": len(default)})
+    return field(default=default, metadata=metadata)
+
+
+def _choice(default: object, allowed: tuple[str, ...]) -> Any:
+    return field(default=default, metadata={"allowed": allowed})
+
+
+def _seconds(default: float, low: float, high: float) -> Any:
+    return field(default=default, metadata={"low": low, "high": high, "unit": "s"})
+
+
+@dataclass
+class Units:
+    """The units of the file: these and no others, written down so that nobody has to guess."""
+
+    length: str = _choice("m", ("m",))
+    mass: str = _choice("kg", ("kg",))
+    time: str = _choice("s", ("s",))
+    angle: str = _choice("rad", ("rad",))
+
+
+@dataclass
+class Theta:
+    """The physical parameters of an object of uniform density.
+
+    Attributes:
+        mass: kg.
+        friction_floor: Coulomb coefficient of the pair object and floor.
+        friction_pusher: Coulomb coefficient of the pair object and pusher.
+        restitution: Coefficient of restitution of both pairs.
+    """
+
+    mass: float = _quantity(1.0, 1e-3, 100.0, "kg")
+    friction_floor: float = _quantity(0.03, 0.0, 2.0, "1")
+    friction_pusher: float = _quantity(0.03, 0.0, 2.0, "1")
+    restitution: float = _quantity(0.0, 0.0, 0.9, "1")
+
+
+@dataclass
+class Shape:
+    """The shape of a pusher, its axis along z; see `pinwm_drake.capture.scene.PusherShape`.
+
+    Attributes:
+        kind: sphere, capsule or cylinder.
+        radius: m.
+        length: m, of the straight part; 0 for a sphere.
+    """
+
+    kind: str = _choice("sphere", PUSHER_KINDS)
+    radius: float = _quantity(0.01, 0.003, 0.05, "m")
+    length: float = _quantity(0.0, 0.0, 0.5, "m")
+
+
+@dataclass
+class Pusher:
+    """What pushes, and within which limits.
+
+    Attributes:
+        shape: Its shape; null for that of the twin, or a sphere of 10 mm.
+        max_speed: m/s; a faster command is slowed down.
+        low: (3,) m, world: lower corner of the box that its middle stays in.
+        high: (3,) m, world: upper corner.
+        period: s, at which its velocity is sampled and held; null for the period of the twin's updates.
+        horizon: s, over which a commanded translation is made.
+    """
+
+    shape: Shape | None = None
+    max_speed: float = _quantity(1.0, 1e-3, 10.0, "m/s")
+    low: list[float] = _quantity([-1.0, -1.0, -1.0], -100.0, 100.0, "m")
+    high: list[float] = _quantity([1.0, 1.0, 1.0], -100.0, 100.0, "m")
+    period: float | None = _quantity(None, 1e-5, 1.0, "s")
+    horizon: float = _quantity(0.1, 1e-3, 10.0, "s")
+
+
+@dataclass
+class Physics:
+    """Settings of the twin's physics; null for those of the twin folder, or 1/240 s, 32 and patch.
+
+    Attributes:
+        time_step: s.
+        friction_directions: Of the polyhedral friction cone.
+        support: What carries the object: the "corners" of its mesh, or a "patch" of its face.
+        steps_per_update: Steps of the physics in one update of the diagram's state.
+    """
+
+    time_step: float | None = _quantity(None, 1e-5, 0.1, "s")
+    friction_directions: int | None = _quantity(None, 4, 64, "1")
+    support: str | None = _choice(None, ("corners", "patch"))
+    steps_per_update: int = _quantity(1, 1, 1000, "1")
+
+
+@dataclass
+class Plant:
+    """Settings of Drake's plants.
+
+    Attributes:
+        time_step: s; null for the longest one that divides the pusher's period and is at most 1/3840 s.
+        reference_speed: m/s, of approach, at which a restitution above 0 is meant: Drake's depends on it.
+    """
+
+    time_step: float | None = _quantity(None, 1e-6, 1e-2, "s")
+    reference_speed: float = _quantity(0.12, 1e-3, 10.0, "m/s")
+
+
+@dataclass
+class View:
+    """The camera of the `rgb` port, which stands still and has the world's z upwards.
+
+    Attributes:
+        width: px.
+        height: px.
+        fov_y: rad, of the whole height.
+        p_WC: (3,) m, where it is.
+        p_WT: (3,) m, what it looks at.
+    """
+
+    width: int = _quantity(128, 8, 4096, "px")
+    height: int = _quantity(128, 8, 4096, "px")
+    fov_y: float = _quantity(0.7, 0.02, 2.8, "rad")
+    p_WC: list[float] = _quantity([0.0, -0.45, 0.55], -100.0, 100.0, "m")
+    p_WT: list[float] = _quantity([0.0, 0.0, 0.0], -100.0, 100.0, "m")
+
+
+@dataclass
+class Start:
+    """Where things are at first; each range [low, high] is drawn from evenly.
+
+    Attributes:
+        x: m, world, of the object's origin O.
+        y: m, world, of O.
+        yaw: rad, about the world's z, after `q_WO`.
+        q_WO: (4,) wxyz, how the object lies before it is turned by `yaw`. It rests on the floor.
+        pusher_angle: rad, direction in which the pusher stands, seen from the object; 0 is the world's x.
+        pusher_gap: m, between the pusher and the circle around the object.
+        pusher_height: m, world, of the pusher's middle.
+    """
+
+    x: list[float] = _quantity([0.0, 0.0], -100.0, 100.0, "m")
+    y: list[float] = _quantity([0.0, 0.0], -100.0, 100.0, "m")
+    yaw: list[float] = _quantity([0.0, 0.0], -2 * math.pi, 2 * math.pi, "rad")
+    q_WO: list[float] = _quantity([1.0, 0.0, 0.0, 0.0], -1.0, 1.0, "1")
+    pusher_angle: list[float] = _quantity([-math.pi, math.pi], -2 * math.pi, 2 * math.pi, "rad")
+    pusher_gap: list[float] = _quantity([0.005, 0.03], 0.0, 10.0, "m")
+    pusher_height: float = _quantity(0.025, -100.0, 100.0, "m")
+
+
+@dataclass
+class LcmLink:
+    """The messages between a station with `engine="lcm"` and the driver of a robot.
+
+        station ── command_channel ─► driver    lcmt_drake_signal (3): v_WP [m/s], every `period`
+        station ◄─ state_channel ──── driver    lcmt_drake_signal (6): p_WP [m], v_WP [m/s], every `period`
+        station ◄─ image_channel ──── driver    lcmt_image_array of one RGBA image, every `image_period`
+
+    World frame throughout; stamps in microseconds, of the sender's clock. The image is sRGB, its alpha 255 where the
+    object is seen; whoever sends it has cut the object out. What has alpha 0 is white.
+
+    Attributes:
+        url: Where; `MEMORY` within a process, `LOCAL` between processes of this machine.
+        command_channel: To the robot.
+        state_channel: From the robot.
+        image_channel: From its camera.
+        period: s, between commands, and between states.
+        image_period: s, between images.
+        timeout: s. Commands that stop for longer stop the robot; a state that is older counts as unknown.
+    """
+
+    url: str = MEMORY
+    command_channel: str = "PINWM_PUSHER_COMMAND"
+    state_channel: str = "PINWM_PUSHER_STATE"
+    image_channel: str = "PINWM_IMAGES"
+    period: float = _seconds(0.005, 1e-3, 0.1)
+    image_period: float = _seconds(0.05, 1e-3, 10.0)
+    timeout: float = _seconds(0.1, 1e-3, 10.0)
+
+
+@dataclass
+class Scenario:
+    """A pushing scene.
+
+    Attributes:
+        units: Of the file.
+        name: Of the scene.
+        object: A model that ships with pinwm_drake; null with a twin.
+        twin: A twin's folder, relative to the file; null with an object.
+        engine: What moves it: the "twin", or Drake's plant with "hydroelastic" or "point" contact.
+        theta: The physical parameters of an object; null for those of the twin.
+        pusher: What pushes it.
+        physics: Settings of the twin's physics.
+        plant: Settings of Drake's plants.
+        camera: Of the `rgb` port.
+        start: Where things are at first.
+        gravity: m/s^2, downwards; null for that of the twin, or 9.81.
+        lcm: How to find a robot, for a station with the engine "lcm".
+        num_worlds: How many worlds the twin engine holds.
+        seed: Of the start, and of whatever else is drawn.
+
+    `load_scenario` checks one from a file, `make_setup` one that was made in Python, and both raise InputError where
+    something is out of range.
+    """
+
+    units: Units = field(default_factory=Units)
+    name: str = "push"
+    object: str | None = _choice(None, OBJECT_NAMES)
+    twin: str | None = None
+    engine: str = _choice("twin", ENGINES)
+    theta: Theta | None = None
+    pusher: Pusher = field(default_factory=Pusher)
+    physics: Physics = field(default_factory=Physics)
+    plant: Plant = field(default_factory=Plant)
+    camera: View = field(default_factory=View)
+    start: Start = field(default_factory=Start)
+    gravity: float | None = _quantity(None, 1e-3, 1e3, "m/s^2")
+    lcm: LcmLink = field(default_factory=LcmLink)
+    num_worlds: int = _quantity(1, 1, 65536, "1")
+    seed: int = _quantity(0, 0, 2**63 - 1, "1")
+
+
+def load_scenario(path: Path | str) -> Scenario:
+    """Reads a scenario.
+
+    Args:
+        path: A YAML file, or a `package://pinwm_models/` URL of one.
+
+    Returns:
+        The scenario, checked; its twin's folder is relative to the working directory.
+
+    Raises:
+        InputError: The file cannot be read, a key is unknown, or a value is of the wrong kind, in another unit or
+            out of range; the message names file and key.
+    """
+    from pinwm_drake.models import resolve
+
+    file = resolve(str(path))
+    entry = read_yaml(file)
+    check_scenario(entry, Scenario)
+    # Numbers such as 1e-3, which YAML 1.1 takes for text, have become numbers in `read_yaml`.
+    scenario: Scenario = yaml_load_typed(schema=Scenario, data=yaml.safe_dump(entry.value))
+    if scenario.twin is not None:
+        folder = file.parent / scenario.twin
+        if not folder.is_dir():
+            raise InputError(file, value=f"twin = {scenario.twin}", allowed="the folder of a twin")
+        scenario.twin = str(folder)
+    return scenario

@@ -1,0 +1,155 @@
+"""A scenario with everything that its engines need: geometry, theta, appearance and camera, alike for each of them."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from pinwm_drake.capture.documents import Entry
+from pinwm_drake.capture.scene import PusherGeometry, PusherKind, PusherShape
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.models import object_model
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.painted import painted_surfels
+from pinwm_drake.systems.sampling import whole_multiple
+from pinwm_drake.systems.scenario.check import check_scenario
+from pinwm_drake.systems.scenario.schema import Scenario, Theta
+from pinwm_drake.systems.scenario.viewpoints import look_at
+from pinwm_drake.twin import THETA, Estimate, Twin, read_twin
+
+_TIME_STEP, _DIRECTIONS, _GRAVITY = 1 / 240, 32, 9.81
+_LONGEST_PLANT_STEP = 1 / 3840  # s
+_SHARE = 1e-6  # of a period, by which a multiple may be missed
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What every engine is built from.
+
+    Attributes:
+        scenario: What was asked for.
+        twin: Geometry, theta, settings of the physics, and appearance; from a folder, or made for an object.
+        visual_path: Mesh in colours of the object, frame O, for Drake's renderers.
+        camera: Of the `rgb` port; intrinsics (4,).
+        X_WC: Its pose, OpenCV axes.
+        period: s, at which the pusher's velocity is sampled; also that of the twin's updates.
+        plant_time_step: s, of Drake's plants; a whole number of them make a period.
+    """
+
+    scenario: Scenario
+    twin: Twin
+    visual_path: Path
+    camera: Camera
+    X_WC: RigidTransform
+    period: float
+    plant_time_step: float
+
+    def with_theta(self, **values: float) -> "Setup":
+        """The same with other values of some of `THETA`'s parameters, such as friction_floor=0.1.
+
+        A mass without moments of inertia scales these too: the object keeps its shape.
+
+        Raises:
+            ParameterError: There is no such parameter.
+        """
+        for name in values:
+            if name not in THETA:
+                raise ParameterError(f"theta: got {name!r}; allowed: {', '.join(THETA)}")
+        theta, moments = dict(self.twin.theta), [name for name in THETA if name.startswith("inertia")]
+        if "mass" in values and not any(name in values for name in moments):
+            scale = values["mass"] / theta["mass"].value
+            values |= {name: scale * theta[name].value for name in moments}
+        for name, value in values.items():
+            theta[name] = dataclasses.replace(theta[name], value=float(value), interval=None)
+        return dataclasses.replace(self, twin=dataclasses.replace(self.twin, theta=theta))
+
+
+def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:
+    """Loads what a scenario names.
+
+    Args:
+        scenario: The scenario.
+        twin: Instead of the scenario's object or twin, one that is in memory.
+
+    Returns:
+        What the engines are built from.
+
+    Raises:
+        InputError: The scenario is out of range, or one of its files cannot be used.
+        ParameterError: Periods and time steps do not divide each other.
+    """
+    if twin is not None:
+        scenario = dataclasses.replace(scenario, object=None, theta=None, twin=str(scenario.twin or twin.name))
+    check_scenario(Entry(Path(scenario.name), "", dataclasses.asdict(scenario)), Scenario)
+    if twin is not None:
+        visual_path = twin.mesh_path
+    elif scenario.twin is not None:
+        twin = read_twin(Path(scenario.twin))
+        visual_path = twin.mesh_path
+    else:
+        twin, visual_path = _twin_of_object(scenario)
+    twin = _with_settings(twin, scenario)
+    view, update = scenario.camera, twin.time_step * scenario.physics.steps_per_update
+    period = scenario.pusher.period or update
+    if not math.isclose(period, update, rel_tol=_SHARE):
+        raise ParameterError(f"pusher.period: got {period:g} s; allowed: {update:g} s, that of the twin's updates")
+    step = scenario.plant.time_step or period / math.ceil(period / _LONGEST_PLANT_STEP - _SHARE)
+    whole_multiple("pusher.period", period, step, "plant.time_step")
+    return Setup(
+        scenario=scenario,
+        twin=twin,
+        visual_path=visual_path,
+        camera=Camera.from_field_of_view(view.width, view.height, view.fov_y),
+        X_WC=look_at(np.array(view.p_WC), np.array(view.p_WT)),
+        period=period,
+        plant_time_step=step,
+    )
+
+
+def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
+    """A twin of a shipped object, with theta as given, and its mesh in colours."""
+    model, theta = object_model(str(scenario.object)), scenario.theta or Theta()
+    inertia = mass_properties(load_mesh(model.mesh_path), mass=theta.mass).inertia
+    values = {
+        "mass": theta.mass,
+        **{f"inertia_{2 * axis}": float(inertia[k, k]) for k, axis in enumerate("xyz")},
+        "friction_floor": theta.friction_floor,
+        "friction_pusher": theta.friction_pusher,
+        "restitution_floor": theta.restitution,
+        "restitution_pusher": theta.restitution,
+    }
+    twin = Twin(
+        name=model.name,
+        mesh_path=model.mesh_path,
+        pusher=PusherGeometry(None, PusherShape("sphere", 0.01)),
+        gravity=_GRAVITY,
+        floor_height=0.0,
+        time_step=_TIME_STEP,
+        friction_directions=_DIRECTIONS,
+        support="patch",
+        theta={name: Estimate(values[name], None, True, unit, "given") for name, unit in THETA.items()},
+        nuisance={},
+        camera_offset=(0.0, 0.0),
+        surfels=painted_surfels(model.visual_path),
+        provenance={"scenario": scenario.name},
+    )
+    return twin, model.visual_path
+
+
+def _with_settings(twin: Twin, scenario: Scenario) -> Twin:
+    """The twin with what the scenario sets otherwise."""
+    physics, shape = scenario.physics, scenario.pusher.shape
+    changes: dict[str, Any] = {
+        "time_step": physics.time_step,
+        "friction_directions": physics.friction_directions,
+        "support": physics.support,
+        "gravity": scenario.gravity,
+    }
+    if shape is not None:
+        changes["pusher"] = PusherGeometry(None, PusherShape(cast(PusherKind, shape.kind), shape.radius, shape.length))
+    return dataclasses.replace(twin, **{name: value for name, value in changes.items() if value is not None})

@@ -1,0 +1,85 @@
+"""Draws where object and pusher are at first."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RotationMatrix
+
+from pinwm_drake.capture.pusher import pushing_height, upright_shape
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.systems.scenario.setup import Setup
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where object and pusher are, both at rest.
+
+    Attributes:
+        X_WO: Pose of the object, on the floor.
+        p_WP: (3,) m, of the pusher.
+    """
+
+    X_WO: RigidTransform
+    p_WP: np.ndarray
+
+
+class StartDistribution:
+    """What `Scenario.start` describes, for the object and the pusher of a setup."""
+
+    def __init__(self, setup: Setup) -> None:
+        """Measures object and pusher."""
+        self._start = setup.scenario.start
+        self._floor = setup.twin.floor_height
+        self._vertices = load_mesh(setup.twin.mesh_path).vertices
+        self._pusher_reach = upright_shape(setup.twin.pusher).radius
+        q_WO = np.array(self._start.q_WO)
+        self._R = RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO)))
+
+    def middle(self) -> Place:
+        """The middle of every range."""
+        return self._place(lambda ends: 0.5 * (ends[0] + ends[1]))
+
+    def draw(self, generator: np.random.Generator) -> Place:
+        """A place, each number drawn evenly from its range."""
+        return self._place(lambda ends: float(generator.uniform(ends[0], ends[1])))
+
+    def _place(self, pick: Callable[[list[float]], float]) -> Place:
+        start = self._start
+        ranges = (start.x, start.y, start.yaw, start.pusher_angle, start.pusher_gap)
+        x, y, yaw, angle, gap = (pick(ends) for ends in ranges)
+        R_WO = RotationMatrix.MakeZRotation(yaw) @ self._R
+        X_WO = on_floor(self._vertices, R_WO, x, y, self._floor)
+        turned = self._vertices @ R_WO.matrix()[:2].T
+        distance = np.linalg.norm(turned, axis=1).max() + gap + self._pusher_reach
+        p_WP = [x + distance * math.cos(angle), y + distance * math.sin(angle), start.pusher_height]
+        return Place(X_WO, np.array(p_WP))
+
+
+def on_floor(vertices: np.ndarray, R_WO: RotationMatrix, x: float, y: float, floor_height: float) -> RigidTransform:
+    """The pose X_WO of an object that touches the floor.
+
+    Args:
+        vertices: (n, 3) m, frame O.
+        R_WO: How it lies.
+        x: m, world, of its origin O.
+        y: m, world, of O.
+        floor_height: m, world.
+    """
+    return RigidTransform(R_WO, [x, y, floor_height - (vertices @ R_WO.matrix()[2]).min()])
+
+
+def level_height(setup: Setup) -> float:
+    """Height z of a pusher [m, world] that pushes at the height of the centre of mass, or as near as the floor allows.
+
+    Args:
+        setup: Of an object that lies as `scenario.start.q_WO` has it.
+
+    Raises:
+        InputError: A mesh cannot be used.
+    """
+    mesh, shape = load_mesh(setup.twin.mesh_path), upright_shape(setup.twin.pusher)
+    p_OB_z = (StartDistribution(setup).middle().X_WO @ mass_properties(mesh, mass=1.0).p_com)[2]
+    return pushing_height(shape, setup.twin.floor_height, float(p_OB_z))

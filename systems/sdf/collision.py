@@ -1,0 +1,117 @@
+"""Meshes of objects and pushers for Drake's contact and Drake's renderers, as texts of OBJ files."""
+
+import numpy as np
+import trimesh
+
+from pinwm_drake.geometry.meshes import mass_properties
+from pinwm_drake.geometry.patch import PROTRUSION, resting_points
+from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.systems.sdf.contact import CORNER_RADIUS, SUPPORT_RADIUS
+
+# Sides of the convex hull whose planes are as near as this are one side: sine of the angle.
+_SAME_SIDE = 1e-3
+
+
+def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> str:
+    """The mesh with its triangles divided, for hydroelastic contact.
+
+    Drake puts one contact at the centroid of every polygon of a contact surface; on a floor these are the object's
+    triangles. Two large ones would neither hold a box upright nor show the friction torque of its face.
+
+    Args:
+        mesh: Metres, watertight.
+        longest_edge: Of a triangle, for each metre of the mesh's mean extent.
+
+    Returns:
+        The OBJ file.
+    """
+    triangles = divided(mesh.triangles, longest_edge * float(mesh.extents.mean()))
+    # Corners in the order in which they come, each once.
+    lines = [f"v {' '.join(f'{x + 0.0:.12g}' for x in corner)}" for corner in triangles.reshape(-1, 3).round(15)]
+    number = {line: k for k, line in enumerate(dict.fromkeys(lines), start=1)}
+    faces = [" ".join(str(number[line]) for line in lines[k : k + 3]) for k in range(0, len(lines), 3)]
+    return "\n".join([*number, *(f"f {face}" for face in faces)]) + "\n"
+
+
+def divided(triangles: np.ndarray, longest_edge: float) -> np.ndarray:
+    """Triangles halved across their longest edge until none is longer than allowed.
+
+    Args:
+        triangles: (n, 3, 3) m.
+        longest_edge: m.
+
+    Returns:
+        (m, 3, 3) m, the same surface, turned the same way.
+    """
+    done = []
+    while len(triangles):
+        lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+        long = lengths.max(axis=1) > longest_edge
+        done.append(triangles[~long])
+        # Turned so that the edge from corner 0 to corner 1 is the longest.
+        first = lengths[long].argmax(axis=1)
+        a, b, c = (triangles[long, (first + k) % 3] for k in range(3))
+        middle = 0.5 * (a + b)
+        triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return np.concatenate(done)
+
+
+def piece_mesh(piece: ConvexPiece) -> str:
+    """The OBJ file of a convex hull."""
+    corners = [f"v {' '.join(f'{x + 0.0:.9g}' for x in corner.round(15))}" for corner in piece.vertices]
+    faces = [f"f {' '.join(str(corner + 1) for corner in face)}" for face in piece.faces]
+    return "\n".join([*corners, *faces]) + "\n"
+
+
+def seen_mesh(mesh: trimesh.Trimesh) -> str:
+    """The OBJ file of a mesh with a normal for each face, as Drake's renderers want it."""
+    lines = [f"v {' '.join(f'{x + 0.0:.9g}' for x in corner)}" for corner in mesh.vertices]
+    lines += [f"vn {' '.join(f'{x + 0.0:.9g}' for x in normal)}" for normal in mesh.face_normals]
+    lines += [f"f {' '.join(f'{corner}//{k}' for corner in face)}" for k, face in enumerate(mesh.faces + 1, start=1)]
+    return "\n".join(lines) + "\n"
+
+
+def support_spheres(mesh: trimesh.Trimesh) -> list[tuple[np.ndarray, float]]:
+    """The spheres with which an object touches a floor.
+
+    On each flat side that it can rest on they are where `geometry.patch.resting_points` puts uniform pressure, and
+    stand out by their radius; the corners of the convex hull have smaller ones, on which it tips, rolls and falls.
+
+    Args:
+        mesh: Watertight, m, frame O.
+
+    Returns:
+        Centre (3,) [m, frame O] and radius [m] of each.
+    """
+    spheres = []
+    for normal in resting_normals(mesh):
+        R_WO = _turned_down(normal)
+        points = resting_points(mesh, R_WO)
+        if points is None:
+            continue
+        heights = points @ R_WO[2]
+        out = heights < (mesh.vertices @ R_WO[2]).min() - 0.5 * PROTRUSION
+        spheres += [(point, SUPPORT_RADIUS) for point in points[out] - PROTRUSION * normal]
+    corners = trimesh.convex.convex_hull(mesh.vertices).vertices
+    return spheres + [(np.asarray(corner), CORNER_RADIUS) for corner in corners]
+
+
+def resting_normals(mesh: trimesh.Trimesh) -> list[np.ndarray]:
+    """The outward normals (3,) of the sides of the convex hull over which the centre of mass stands."""
+    hull = trimesh.convex.convex_hull(mesh.vertices)
+    p_OB = mass_properties(mesh, mass=1.0).p_com
+    found: list[np.ndarray] = []
+    for triangle, normal in zip(hull.triangles, hull.face_normals, strict=True):
+        a, b, c = triangle - p_OB
+        # The centre of mass, moved along the normal into the triangle's plane, lies inside of its edges.
+        inside = all(np.cross(v - u, -u) @ normal > -1e-9 for u, v in ((a, b), (b, c), (c, a)))
+        if inside and not any(np.linalg.norm(normal - other) < _SAME_SIDE for other in found):
+            found.append(np.asarray(normal))
+    return found
+
+
+def _turned_down(normal: np.ndarray) -> np.ndarray:
+    """A rotation (3, 3) after which a side with this outward normal lies on the floor."""
+    across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    across /= np.linalg.norm(across)
+    return np.array([across, np.cross(-normal, across), -normal])

@@ -1,0 +1,69 @@
+"""The mesh of a twin in the colours of its surfels, for renderers that know meshes only."""
+
+import warnings
+
+import numpy as np
+import torch
+import trimesh
+from scipy.cluster.vq import kmeans2
+from scipy.spatial import cKDTree
+
+from pinwm_drake.rendering.harmonics import harmonics
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.systems.sdf.collision import divided
+
+# Triangles along the object's longest side, at least, where that makes no more than so many in all.
+_STEPS, _TRIANGLES = 40, 20000
+_COLOURS = 32
+_NEAREST = 8  # surfels that a triangle takes its colour from
+_MINIMUM = 1e-3  # m, added to distances: what is nearer than that counts alike
+
+
+def coloured_mesh(mesh: trimesh.Trimesh, surfels: Surfels, mtl_name: str) -> tuple[str, str]:
+    """A mesh whose small triangles have the colours of the surfels near them.
+
+    Args:
+        mesh: Of the object, m, frame O.
+        surfels: Its appearance, frame O; each is taken as it looks from straight above the triangle.
+        mtl_name: Of the file of colours.
+
+    Returns:
+        The texts of the OBJ file, with a normal for each face, and of the MTL file, in at most 32 colours.
+    """
+    longest_edge = float(mesh.extents.max()) / _STEPS
+    while len(triangles := divided(mesh.triangles, longest_edge)) > _TRIANGLES and longest_edge < mesh.extents.max():
+        longest_edge *= 1.5
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    colours = _colours(triangles.mean(axis=1), normals, surfels)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # fewer colours than that are no harm
+        palette, owner = kmeans2(colours, _COLOURS, minit="++", rng=np.random.default_rng(0))
+    lines = [f"mtllib {mtl_name}"]
+    lines += [f"v {_numbers(corner)}" for corner in triangles.reshape(-1, 3)]
+    lines += [f"vn {_numbers(normal)}" for normal in normals]
+    for colour in np.unique(owner):
+        lines.append(f"usemtl colour_{colour}")
+        for k in np.flatnonzero(owner == colour) + 1:
+            lines.append(f"f {3 * k - 2}//{k} {3 * k - 1}//{k} {3 * k}//{k}")
+    plain = "Ka 0 0 0\nKs 0 0 0\nillum 1\n"
+    materials = [f"newmtl colour_{k}\nKd {_numbers(palette[k])}\n{plain}" for k in np.unique(owner)]
+    return "\n".join(lines) + "\n", "\n".join(materials)
+
+
+def _colours(middles: np.ndarray, normals: np.ndarray, surfels: Surfels) -> np.ndarray:
+    """The colour (n, 3) of points (n, 3) [m] with outward normals (n, 3), sRGB from 0 to 1."""
+    count = min(_NEAREST, surfels.num_surfels)
+    distance, index = cKDTree(surfels.p_OS.detach().double().numpy()).query(middles, k=count)
+    distance, index = distance.reshape(len(middles), count), index.reshape(len(middles), count)
+    sh = surfels.sh.detach().double()
+    sh = sh if sh.ndim == 3 else sh.mean(dim=0)
+    basis = harmonics(-torch.from_numpy(normals), surfels.degree)
+    seen = (0.5 + torch.einsum("nk,njkc->njc", basis, sh[torch.from_numpy(index)])).clamp(0.0, 1.0).numpy()
+    opacity = torch.sigmoid(surfels.logit_opacity.detach().double()).numpy()[index]
+    weight = opacity / (distance + _MINIMUM) ** 4
+    return (weight[..., None] * seen).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)[:, None]
+
+
+def _numbers(values: np.ndarray) -> str:
+    return " ".join(f"{value + 0.0:.6g}" for value in values)

@@ -1,0 +1,106 @@
+"""Writes the SDFormat files that ship with pinwm_drake, and the meshes with which their objects touch.
+
+Run `python -m pinwm_drake.systems.sdf.shipped` after a mesh, or how SDFormat is written, was changed. Beside each mesh
+NAME/NAME.obj come NAME.sdf with NAME_contact.obj, for hydroelastic contact, and NAME_point.sdf with pieces/NAME_k.obj,
+for point contact. Mass is 1 kg, friction of every pair 0.1, restitution 0.
+"""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.geometry.convex import hollow_mug, t_block
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.shapes import box, convex_hull
+from pinwm_drake.models import OBJECT_NAMES, PACKAGE_NAME, PUSHER_NAMES, model_path, object_model
+from pinwm_drake.models.paint import LARGE_T
+from pinwm_drake.systems.sdf.collision import fine_mesh, piece_mesh, support_spheres
+from pinwm_drake.systems.sdf.contact import LONGEST_EDGE, Surfaces
+from pinwm_drake.systems.sdf.text import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
+
+_MASS, _FRICTION = 1.0, 0.1  # kg, of every pair
+_MUG_SEGMENTS = 64  # as many as the mesh has
+PUSHERS = {
+    "sphere": PusherShape("sphere", 0.01),
+    "capsule": PusherShape("capsule", 0.01, 0.06),
+    "cylinder": PusherShape("cylinder", 0.01, 0.06),
+}
+
+
+def shipped_uri(name: str) -> str:
+    """The URL of a file in the package of models."""
+    return f"package://{PACKAGE_NAME}/{name}"
+
+
+def shipped_pieces(name: str) -> list[ConvexPiece]:
+    """The convex pieces of a shipped object, exactly; frame O, m."""
+    if name == "cube":
+        return [box(np.full(3, 0.06))]
+    if name == "mug":
+        return hollow_mug(segments=_MUG_SEGMENTS)
+    pieces = t_block()
+    return pieces if name == "t_block" else [convex_hull(LARGE_T * piece.vertices) for piece in pieces]
+
+
+def piece_names(name: str, number: int) -> list[str]:
+    """The files of an object's convex pieces in the package of models."""
+    return [f"{name}/pieces/{name}_{k}.obj" for k in range(number)]
+
+
+def shipped_supports(name: str) -> list[tuple[np.ndarray, float]]:
+    """The spheres on which a shipped object stands: centre (3,) [m, frame O] and radius [m] of each, from its file."""
+    collisions = ElementTree.parse(object_model(name).point_sdf_path).iter("collision")
+    spheres = [entry for entry in collisions if entry.get("name", "").startswith("support_")]
+    return [
+        (np.array(entry.findtext("pose", "").split()[:3], float), float(entry.findtext("geometry/sphere/radius", "")))
+        for entry in spheres
+    ]
+
+
+def texts() -> dict[Path, str]:
+    """Every file that this module writes, and what is to stand in it."""
+    root = model_path("package.xml").parent
+    found: dict[str, str] = {}
+    for name in OBJECT_NAMES:
+        found |= _object_texts(name)
+    surfaces = Surfaces.of_pairs(_FRICTION, _FRICTION)
+    found["floor/floor.sdf"] = floor_sdf(surfaces, 0.0, f"Floor, z = 0. {_about()}")
+    for name in PUSHER_NAMES:
+        size = " across, 60 mm long" if PUSHERS[name].length else ""
+        found[f"pusher/{name}.sdf"] = pusher_sdf(PUSHERS[name], None, surfaces, f"Pusher, 20 mm{size}. {_about()}")
+    return {root / file: text for file, text in found.items()}
+
+
+def _object_texts(name: str) -> dict[str, str]:
+    """The files of an object, by their names in the package."""
+    mesh, pieces = load_mesh(model_path(f"{name}/{name}.obj")), shipped_pieces(name)
+    about = mass_properties(mesh, mass=_MASS)
+    # Nine digits, as in the mesh: a hundredth of a nanometre, which rounding makes of a centre of mass, is 0.
+    inertia = np.vectorize(lambda value: float(f"{value:.9g}") if abs(value) > 1e-15 else 0.0)(about.inertia)
+    solid = Solid(_MASS, about.p_com.round(9), inertia)
+    surfaces = Surfaces.of_pairs(_FRICTION, _FRICTION)
+    visual, contact = f"{name}/{name}_visual.obj", f"{name}/{name}_contact.obj"
+    files = piece_names(name, len(pieces))
+    spheres = [(centre.round(9), radius) for centre, radius in support_spheres(mesh)]
+    uris = [shipped_uri(file) for file in files]
+    comment = f"{name}, hydroelastic contact. {_about()}"
+    point = f"{name}, point contact: pieces are for the pusher, supports for the floor. {_about()}"
+    return {
+        contact: fine_mesh(mesh, LONGEST_EDGE),
+        **{file: piece_mesh(piece) for file, piece in zip(files, pieces, strict=True)},
+        f"{name}/{name}.sdf": object_sdf(name, solid, shipped_uri(visual), shipped_uri(contact), surfaces, comment),
+        f"{name}/{name}_point.sdf": object_point_sdf(name, solid, shipped_uri(visual), uris, spheres, surfaces, point),
+    }
+
+
+def _about() -> str:
+    return "Written by pinwm_drake.systems.sdf.shipped."
+
+
+if __name__ == "__main__":
+    for path, text in texts().items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")

@@ -1,0 +1,250 @@
+"""The texts of SDFormat files: an object for hydroelastic and for point contact, the floor, and a pusher.
+
+Their coefficients of contact are those of `contact_settings`; elements that begin with `drake:` are Drake's own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+
+from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.systems.sdf import contact as settings
+
+_GREY = "0.3 0.3 0.32 1"
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """The mass properties of a body.
+
+    Attributes:
+        mass: kg.
+        p_OB: (3,) m, centre of mass B in the frame O of the link.
+        inertia: (3, 3) kg m^2, about B, axes of O.
+    """
+
+    mass: float
+    p_OB: np.ndarray
+    inertia: np.ndarray
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What Drake has to know of a geometry that touches others.
+
+    Attributes:
+        friction: Coulomb coefficient, static and dynamic.
+        dissipation: Hunt and Crossley's [s/m].
+        stiffness: In point contact [N/m]; None leaves it out.
+        modulus: Hydroelastic [Pa] of a compliant one, infinite for a rigid one; None for no hydroelastic contact.
+        resolution: m, edges of the tetrahedra that it is divided into; None for those of a mesh.
+    """
+
+    friction: float
+    dissipation: float = 0.0
+    stiffness: float | None = None
+    modulus: float | None = None
+    resolution: float | None = None
+
+    def text(self) -> str:
+        """The element."""
+        lines = []
+        if self.modulus is not None:
+            rigid = self.modulus == np.inf
+            lines.append("<drake:rigid_hydroelastic/>" if rigid else "<drake:compliant_hydroelastic/>")
+            if not rigid:
+                lines.append(_tag("drake:hydroelastic_modulus", self.modulus))
+        if self.resolution is not None:
+            lines.append(_tag("drake:mesh_resolution_hint", self.resolution))
+        if self.stiffness is not None:
+            lines.append(_tag("drake:point_contact_stiffness", self.stiffness))
+        lines.append(_tag("drake:hunt_crossley_dissipation", self.dissipation))
+        lines += [_tag("drake:mu_dynamic", self.friction), _tag("drake:mu_static", self.friction)]
+        return _element("drake:proximity_properties", *lines)
+
+
+def object_sdf(
+    name: str, solid: Solid, visual: str, contact_mesh: str, surfaces: settings.Surfaces, comment: str
+) -> str:
+    """A free body for hydroelastic contact: rigid, with a mesh of small triangles.
+
+    Args:
+        name: Of the model; its link is called "object" and has the frame O.
+        solid: Mass properties.
+        visual: URI of the mesh that is seen.
+        contact_mesh: URI of the mesh that touches.
+        surfaces: Coefficients.
+        comment: First line of the file.
+
+    Returns:
+        The text of the file.
+    """
+    surface = Surface(surfaces.friction_object, modulus=np.inf)
+    parts = [_inertial(solid), _visual(_mesh(visual)), _collision("contact", _mesh(contact_mesh), surface)]
+    return _file(comment, _model(name, _link("object", *parts)))
+
+
+def object_point_sdf(
+    name: str,
+    solid: Solid,
+    visual: str,
+    pieces: Sequence[str],
+    supports: Sequence[tuple[np.ndarray, float]],
+    surfaces: settings.Surfaces,
+    comment: str,
+) -> str:
+    """A free body for point contact: convex pieces for the pusher, small spheres for the floor.
+
+    Args:
+        name: Of the model; its link is called "object" and has the frame O.
+        solid: Mass properties.
+        visual: URI of the mesh that is seen.
+        pieces: URIs of meshes whose convex hulls make up the object.
+        supports: Centre (3,) [m, frame O] and radius [m] of each sphere.
+        surfaces: Coefficients.
+        comment: First line of the file.
+
+    Returns:
+        The text of the file.
+    """
+    # Of a pair of equal ones Drake takes half of the stiffness, and their dissipation.
+    side = Surface(surfaces.friction_object, surfaces.dissipation_pusher, 2 * settings.PUSHER_STIFFNESS)
+    base = Surface(surfaces.friction_object, surfaces.dissipation_floor, 2 * settings.FLOOR_STIFFNESS)
+    parts = [_inertial(solid), _visual(_mesh(visual))]
+    parts += [_collision(f"piece_{k}", _mesh(uri, convex=True), side) for k, uri in enumerate(pieces)]
+    parts += [_collision(f"support_{k}", _sphere(r), base, centre) for k, (centre, r) in enumerate(supports)]
+    return _file(comment, _model(name, _link("object", *parts)))
+
+
+def floor_sdf(surfaces: settings.Surfaces, height: float, comment: str) -> str:
+    """A box that stands still, its top at a height [m]; no visual."""
+    surface = Surface(
+        surfaces.friction_floor,
+        surfaces.dissipation_floor,
+        2 * settings.FLOOR_STIFFNESS,
+        settings.FLOOR_MODULUS,
+        settings.FLOOR_SIDE,
+    )
+    sides = (settings.FLOOR_SIDE, settings.FLOOR_SIDE, settings.FLOOR_DEPTH)
+    box = _element("box", f"<size>{_numbers(sides)}</size>")
+    middle = np.array([*settings.FLOOR_MIDDLE, height - 0.5 * settings.FLOOR_DEPTH])
+    link = _link("floor", _collision("floor", _element("geometry", box), surface, middle))
+    return _file(comment, _model("floor", "<static>true</static>", link))
+
+
+def pusher_sdf(
+    shape: PusherShape | Sequence[str],
+    visual: str | None,
+    surfaces: settings.Surfaces,
+    comment: str,
+    *,
+    driven: bool = True,
+) -> str:
+    """A body that translates along three axes of the world, each with a stiff drive to a desired state.
+
+    Args:
+        shape: Its shape, or the URIs of meshes whose convex hulls make it up.
+        visual: URI of the mesh that is seen; None where it has a shape.
+        surfaces: Coefficients.
+        comment: First line of the file.
+        driven: Whether it has the three joints and their drives; without, something else has to hold it.
+
+    Returns:
+        The text of the file; the link is called "pusher", the joints "pusher_x", "pusher_y", "pusher_z".
+    """
+    whole = isinstance(shape, PusherShape)
+    surface = Surface(
+        surfaces.friction_pusher,
+        surfaces.dissipation_pusher,
+        2 * settings.PUSHER_STIFFNESS,
+        settings.PUSHER_MODULUS,
+        settings.PUSHER_RESOLUTION if whole else None,
+    )
+    if isinstance(shape, PusherShape):
+        seen = _shape(shape)
+        touching = [_collision("pusher", seen, surface)]
+        extent = shape.radius
+    else:
+        seen = _mesh(str(visual))
+        touching = [_collision(f"pusher_{k}", _mesh(uri, convex=True), surface) for k, uri in enumerate(shape)]
+        extent = 0.01
+    solid = Solid(settings.PUSHER_MASS, np.zeros(3), 0.4 * settings.PUSHER_MASS * extent**2 * np.eye(3))
+    links = [_link("pusher", _inertial(solid), _visual(seen, _GREY), *touching)]
+    if not driven:
+        return _file(comment, _model("pusher", *links))
+    still = _inertial(Solid(0.0, np.zeros(3), np.zeros((3, 3))))
+    chain = ["world", "pusher_slide_x", "pusher_slide_y", "pusher"]
+    links = [*(_link(slide, still) for slide in chain[1:3]), *links]
+    joints = [_drive(axis, chain[k], chain[k + 1], np.eye(3)[k]) for k, axis in enumerate("xyz")]
+    return _file(comment, _model("pusher", *links, *joints))
+
+
+def _drive(axis: str, parent: str, child: str, direction: np.ndarray) -> str:
+    gains = f'<drake:controller_gains p="{settings.DRIVE_STIFFNESS!r}" d="{settings.DRIVE_DAMPING!r}"/>'
+    along = _element("axis", f"<xyz>{_numbers(direction)}</xyz>")
+    ends = [f"<parent>{parent}</parent>", f"<child>{child}</child>"]
+    return _element(f'joint name="pusher_{axis}" type="prismatic"', *ends, along, gains)
+
+
+def _shape(shape: PusherShape) -> str:
+    if shape.kind == "sphere":
+        return _sphere(shape.radius)
+    sizes = [_tag("radius", shape.radius), _tag("length", shape.length)]
+    return _element("geometry", _element(shape.kind, *sizes))
+
+
+def _sphere(radius: float) -> str:
+    return _element("geometry", _element("sphere", _tag("radius", radius)))
+
+
+def _mesh(uri: str, *, convex: bool = False) -> str:
+    declared = ["<drake:declare_convex/>"] if convex else []
+    return _element("geometry", _element("mesh", *declared, f"<uri>{escape(uri)}</uri>"))
+
+
+def _inertial(solid: Solid) -> str:
+    places = [("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2)]
+    moments = [_tag(name, solid.inertia[i, j]) for name, i, j in places]
+    return _element("inertial", _pose(solid.p_OB), _tag("mass", solid.mass), _element("inertia", *moments))
+
+
+def _visual(geometry: str, diffuse: str | None = None) -> str:
+    colour = [] if diffuse is None else [_element("material", f"<diffuse>{diffuse}</diffuse>")]
+    return _element('visual name="visual"', geometry, *colour)
+
+
+def _collision(name: str, geometry: str, surface: Surface, p: np.ndarray | None = None) -> str:
+    return _element(f'collision name="{name}"', *([] if p is None else [_pose(p)]), geometry, surface.text())
+
+
+def _pose(p: np.ndarray) -> str:
+    return f"<pose>{_numbers(p)} 0 0 0</pose>"
+
+
+def _link(name: str, *parts: str) -> str:
+    return _element(f'link name="{name}"', *parts)
+
+
+def _model(name: str, *parts: str) -> str:
+    return _element(f"model name={quoteattr(name)}", *parts)
+
+
+def _file(comment: str, model: str) -> str:
+    head = ['<?xml version="1.0"?>', f"<!-- {comment.replace('--', '- -')} -->"]
+    return "\n".join([*head, _element('sdf version="1.9" xmlns:drake="http://drake.mit.edu"', model)]) + "\n"
+
+
+def _element(head: str, *parts: str) -> str:
+    inside = "\n".join(parts).replace("\n", "\n  ")
+    return f"<{head}>\n  {inside}\n</{head.split()[0]}>"
+
+
+def _tag(name: str, value: float) -> str:
+    return f"<{name}>{_numbers([value])}</{name}>"
+
+
+def _numbers(values: Sequence[float] | np.ndarray) -> str:
+    """Digits from which the same numbers are read again."""
+    return " ".join(repr(float(value) + 0.0) for value in values)

@@ -1,0 +1,174 @@
+"""A twin as SDFormat: its object with the identified theta, the floor, and its pusher, with their meshes."""
+
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+import torch
+
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.geometry.convex import decompose
+from pinwm_drake.geometry.meshes import load_mesh, load_pieces, mass_properties
+from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.shapes import sphere
+from pinwm_drake.physics import Body, Model
+from pinwm_drake.scene import Scene
+from pinwm_drake.systems.sdf.collision import fine_mesh, piece_mesh, seen_mesh, support_spheres
+from pinwm_drake.systems.sdf.colours import coloured_mesh
+from pinwm_drake.systems.sdf.contact import LONGEST_EDGE, REFERENCE_SPEED, Surfaces
+from pinwm_drake.systems.sdf.text import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
+from pinwm_drake.twin import Twin
+from pinwm_drake.twin.rollout import twin_parameters
+
+ContactName = Literal["hydroelastic", "point"]
+FILES = ("object.sdf", "object_point.sdf", "floor.sdf", "pusher.sdf")
+_MESHES = "meshes"
+_VISUAL = f"{_MESHES}/visual.obj"
+
+
+def contact_name(text: str) -> ContactName:
+    """One of Drake's contact models by name; raises ParameterError where there is no such model."""
+    if text not in get_args(ContactName):
+        raise ParameterError(f"contact: got {text!r}; allowed: {', '.join(get_args(ContactName))}")
+    return cast(ContactName, text)
+
+
+def write_twin_model(twin: Twin, folder: Path) -> list[Path]:
+    """Writes a twin as models that Drake's Parser loads.
+
+    `object.sdf` is for hydroelastic contact and `object_point.sdf` for point contact; `floor.sdf` and `pusher.sdf`
+    have the surfaces with which Drake's pairs get the friction of theta. Meshes are named relative to the files.
+
+    Args:
+        twin: The twin.
+        folder: Where to; made if need be.
+
+    Returns:
+        The four files.
+
+    Raises:
+        InputError: A mesh cannot be used, or a file cannot be written.
+    """
+    prepare_folder(folder / _MESHES)
+    about, surfaces = f"of the twin {twin.name}, by pinwm model. SI units.", twin_surfaces(twin)
+    pieces = f"Object, pieces for the pusher and supports for the floor, {about}"
+    found = (
+        object_text(twin, surfaces, "hydroelastic", folder, "", f"Object {about}"),
+        object_text(twin, surfaces, "point", folder, "", pieces, visual=_VISUAL),
+        floor_sdf(surfaces, twin.floor_height, f"Floor {about}"),
+        pusher_text(twin, surfaces, folder, "", f"Pusher {about}"),
+    )
+    paths = [folder / name for name in FILES]
+    for path, text in zip(paths, found, strict=True):
+        _write(path, text)
+    return paths
+
+
+def twin_surfaces(twin: Twin, reference_speed: float = REFERENCE_SPEED) -> Surfaces:
+    """The surfaces whose pairs have a twin's friction, and its restitution at a speed of approach [m/s]."""
+    names = ("friction_floor", "friction_pusher", "restitution_floor", "restitution_pusher")
+    theta = {name: twin.theta[name].value for name in names}
+    return Surfaces.of_pairs(**theta, reference_speed=reference_speed)
+
+
+def twin_solid(twin: Twin) -> Solid:
+    """The mass properties of a twin's object; its centre of mass is that of a uniform solid.
+
+    Raises:
+        InputError: The mesh cannot be used.
+    """
+    mesh = load_mesh(twin.mesh_path)
+    about = mass_properties(mesh, mass=1.0)
+    # Of the scene, theta takes no more than the uniform solid's inertia.
+    body = Body("object", [sphere(1.0)], 1.0, 0.5 * (about.inertia + about.inertia.T))
+    theta = twin_parameters(twin, Scene(Model([body]), torch.from_numpy(about.p_com), mesh))
+    return Solid(float(theta.mass[0, 0]), about.p_com, theta.inertia[0, 0].numpy())
+
+
+def object_text(
+    twin: Twin,
+    surfaces: Surfaces,
+    contact: ContactName,
+    folder: Path,
+    prefix: str,
+    comment: str,
+    *,
+    visual: str | None = None,
+) -> str:
+    """The SDFormat of a twin's object; its meshes are written.
+
+    Args:
+        twin: The twin.
+        surfaces: Of its contacts.
+        contact: For which contact.
+        folder: In whose subfolder `meshes` they are written.
+        prefix: Of the names of meshes in the text; empty, or the folder with a slash.
+        comment: First line of the text.
+        visual: What is to be seen instead of the twin's mesh in the colours of its surfels, a URI.
+
+    Returns:
+        The text.
+
+    Raises:
+        InputError: The mesh cannot be used, or a file cannot be written.
+    """
+    mesh, solid = load_mesh(twin.mesh_path), twin_solid(twin)
+    if visual is None:
+        (folder / _MESHES).mkdir(exist_ok=True)
+        seen, colours = coloured_mesh(mesh, twin.surfels, "visual.mtl")
+        visual = prefix + _VISUAL
+        _write(folder / _VISUAL, seen)
+        _write((folder / _VISUAL).with_suffix(".mtl"), colours)
+    if contact == "hydroelastic":
+        fine = _mesh_file(folder, "contact", fine_mesh(mesh, LONGEST_EDGE))
+        return object_sdf("object", solid, visual, prefix + fine, surfaces, comment)
+    pieces = [prefix + _mesh_file(folder, f"piece_{k}", text) for k, text in enumerate(_piece_meshes(twin.mesh_path))]
+    return object_point_sdf("object", solid, visual, pieces, support_spheres(mesh), surfaces, comment)
+
+
+def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comment: str, *, driven: bool = True) -> str:
+    """The SDFormat of a twin's pusher; the meshes of one without a shape are written.
+
+    Args:
+        twin: The twin.
+        surfaces: Of its contacts.
+        folder: In whose subfolder `meshes` they are written.
+        prefix: Of the names of meshes in the text.
+        comment: First line of the text.
+        driven: See `pusher_sdf`.
+
+    Returns:
+        The text.
+
+    Raises:
+        InputError: A mesh cannot be used, or a file cannot be written.
+    """
+    pusher = twin.pusher
+    if pusher.shape is not None or pusher.mesh_path is None:
+        return pusher_sdf(pusher.shape or [], None, surfaces, comment, driven=driven)
+    texts = _piece_meshes(pusher.mesh_path)
+    pieces = [prefix + _mesh_file(folder, f"pusher_{k}", text) for k, text in enumerate(texts)]
+    visual = prefix + _mesh_file(folder, "pusher_visual", seen_mesh(load_mesh(pusher.mesh_path)))
+    return pusher_sdf(pieces, visual, surfaces, comment, driven=driven)
+
+
+def _piece_meshes(path: Path) -> list[str]:
+    """The OBJ files of the parts of a mesh where they are convex, else of its decomposition."""
+    pieces: list[ConvexPiece]
+    try:
+        pieces = load_pieces(path)
+    except InputError:
+        pieces = decompose(load_mesh(path))
+    return [piece_mesh(piece) for piece in pieces]
+
+
+def _mesh_file(folder: Path, name: str, text: str) -> str:
+    """Writes a mesh and hands back its name from the folder."""
+    (folder / _MESHES).mkdir(exist_ok=True)
+    _write(folder / _MESHES / f"{name}.obj", text)
+    return f"{_MESHES}/{name}.obj"
+
+
+def _write(path: Path, text: str) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

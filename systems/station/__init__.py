@@ -1,0 +1,1 @@
+"""The station: one diagram with the same ports for every engine."""

@@ -1,0 +1,1 @@
+"""Meshcat views of a station."""

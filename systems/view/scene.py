@@ -1,0 +1,171 @@
+"""Everything of a station in Meshcat: geometries, floor, camera, contact forces and surfels."""
+
+import math
+from typing import Protocol
+
+import numpy as np
+from pydrake.geometry import (
+    Box,
+    Meshcat,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    Rgba,
+    Role,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.systems.view.forces import MeshcatForces
+from pinwm_drake.systems.view.meshcat import AddThetaSliders, ReadThetaSliders, make_meshcat, recorded, recorded_html
+from pinwm_drake.systems.view.surfels import MeshcatSurfels
+from pinwm_drake.twin import Twin
+
+__all__ = [
+    "AddSceneView",
+    "AddThetaSliders",
+    "ReadThetaSliders",
+    "make_meshcat",
+    "recorded",
+    "recorded_html",
+]
+PERIOD = 1 / 30  # s, of simulated time, between publishes
+PREFIX = "/station"
+_FLOOR_SIDE, _FLOOR_DEPTH, _FLOOR_COLOUR = 1.2, 0.001, Rgba(0.75, 0.75, 0.75, 0.4)  # m
+_FRUSTUM_COLOUR = Rgba(0.15, 0.35, 0.75)
+# The page, whose angle of view is 75 degrees, looks from the camera's right, and from this share of its distance.
+_EYE, _EYE_TURN = 0.7, math.radians(50)
+
+
+class Shown(Protocol):
+    """What is read of an Engine."""
+
+    @property
+    def name(self) -> str:
+        """Of the engine."""
+
+    @property
+    def object_state(self) -> OutputPort:
+        """(13 W)."""
+
+    @property
+    def contact_forces(self) -> OutputPort:
+        """Value[ContactForces]."""
+
+    @property
+    def scene_graph(self) -> SceneGraph:
+        """What is seen."""
+
+
+class Seen(Protocol):
+    """What is read of a Setup."""
+
+    @property
+    def twin(self) -> Twin:
+        """Surfels, and height of the floor."""
+
+    @property
+    def camera(self) -> Camera:
+        """Of the `rgb` port; intrinsics (4,)."""
+
+    @property
+    def X_WC(self) -> RigidTransform:
+        """Its pose, OpenCV axes."""
+
+
+def AddSceneView(
+    builder: DiagramBuilder,
+    engine: Shown,
+    meshcat: Meshcat,
+    setup: Seen,
+    *,
+    period: float = PERIOD,
+    prefix: str = PREFIX,
+) -> MeshcatVisualizer:
+    """Adds to a diagram what shows an engine in Meshcat.
+
+    The surfels are shown with the twin, in place of the object's mesh, and hidden with other engines; the page's
+    controls show either. With "lcm" there are none, as nobody knows where the object is. Everything is published every
+    `period`, and when a publish is forced.
+
+    Args:
+        builder: Of the diagram that holds the engine.
+        engine: Its ports.
+        meshcat: The server.
+        setup: What the engine was built from.
+        period: s.
+        prefix: Of all paths in Meshcat's tree; `meshcat.SetTransform(prefix, ...)` puts one station beside another.
+
+    Returns:
+        The visualizer of the geometries.
+    """
+    _draw_floor(meshcat, f"{prefix}/floor", setup.twin.floor_height)
+    _draw_camera(meshcat, f"{prefix}/camera", setup.camera, setup.X_WC)
+    # What cameras see. Not deleted when a simulation begins, so that what is hidden stays so.
+    params = MeshcatVisualizerParams(
+        publish_period=period, role=Role.kPerception, prefix=f"{prefix}/scene", delete_on_initialization_event=False
+    )
+    visualizer = MeshcatVisualizer.AddToBuilder(builder, engine.scene_graph, meshcat, params)
+    if engine.name != "lcm":
+        W = engine.object_state.size() // 13
+        surfels = builder.AddNamedSystem(
+            "meshcat_surfels",
+            MeshcatSurfels(setup.twin.surfels, meshcat, num_worlds=W, period=period, path=f"{prefix}/surfels"),
+        )
+        builder.Connect(engine.object_state, surfels.get_input_port())
+    forces = builder.AddNamedSystem("meshcat_forces", MeshcatForces(meshcat, period=period, path=f"{prefix}/forces"))
+    builder.Connect(engine.contact_forces, forces.get_input_port())
+    shows_surfels = engine.name == "twin"
+    meshcat.SetProperty(f"{prefix}/surfels", "visible", shows_surfels)
+    for path in _object_paths(engine.scene_graph, params.prefix):
+        meshcat.SetProperty(path, "visible", not shows_surfels)
+    return visualizer
+
+
+def _object_paths(scene_graph: SceneGraph, prefix: str) -> list[str]:
+    """Where MeshcatVisualizer puts the body "object": the parts of a frame's name become a path."""
+    inspector = scene_graph.model_inspector()
+    names = (inspector.GetName(frame).split("::") for frame in inspector.GetAllFrameIds())
+    return ["/".join([prefix, *parts]) for parts in names if parts[-1] == "object"]
+
+
+def _draw_floor(meshcat: Meshcat, path: str, height: float) -> None:
+    """A thin square whose upper side is the floor."""
+    meshcat.SetObject(path, Box(_FLOOR_SIDE, _FLOOR_SIDE, _FLOOR_DEPTH), _FLOOR_COLOUR)
+    # A little lower, so that faces that lie on it are not mixed with it.
+    meshcat.SetTransform(path, RigidTransform([0.0, 0.0, height - 0.6 * _FLOOR_DEPTH]))
+    for name in ("/Grid", "/Axes"):
+        meshcat.SetProperty(name, "visible", False)
+
+
+def _draw_camera(meshcat: Meshcat, path: str, camera: Camera, X_WC: RigidTransform) -> None:
+    """Its frustum as far as what it looks at, and the page's own look at that."""
+    p_WC, forward = X_WC.translation(), X_WC.rotation().matrix()[:, 2]
+    # Where its axis meets the height of the world's origin, if ahead; else half a metre ahead.
+    distance = -p_WC[2] / forward[2] if p_WC[2] * forward[2] < 0 else 0.5
+    start, end = frustum(camera, distance)
+    meshcat.SetLineSegments(path, start, end, 2.0, _FRUSTUM_COLOUR)
+    meshcat.SetTransform(path, X_WC)
+    target = p_WC + distance * forward
+    side = RotationMatrix.MakeZRotation(_EYE_TURN) @ (p_WC - target)
+    meshcat.SetCameraPose(target + _EYE * side, target)
+
+
+def frustum(camera: Camera, depth: float) -> tuple[np.ndarray, np.ndarray]:
+    """The edges of the pyramid that a camera sees.
+
+    Args:
+        camera: Intrinsics (4,).
+        depth: m, along its axis.
+
+    Returns:
+        Starts and ends (3, 8) of its edges, m, camera frame C: from its centre to the corners of the image (0, 0),
+        (W, 0), (W, H), (0, H), and around it.
+    """
+    fx, fy, cx, cy = camera.intrinsics.tolist()
+    x, y = np.array([0, camera.width, camera.width, 0]), np.array([0, 0, camera.height, camera.height])
+    corners = depth * np.stack([(x - cx) / fx, (y - cy) / fy, np.ones(4)])
+    start = np.concatenate([np.zeros((3, 4)), corners], axis=1)
+    end = np.concatenate([corners, np.roll(corners, -1, axis=1)], axis=1)
+    return np.asfortranarray(start), np.asfortranarray(end)

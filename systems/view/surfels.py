@@ -1,0 +1,57 @@
+"""The surfels of a twin as geometry in Meshcat, moved with the object."""
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.report.surfels.mesh import SurfelMesh
+
+
+class MeshcatSurfels(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
+    """Draws the surfels of world 0, once, and moves them.
+
+                                               ┌────────────────┐
+        object_state (13 W): q_WO, p_WO [m] ─► │ MeshcatSurfels │
+                                               └────────────────┘
+
+    Published every `period` seconds from t = 0 on, and when a publish is forced.
+    """
+
+    def __init__(self, surfels: Surfels, meshcat: Meshcat, *, num_worlds: int = 1, period: float, path: str) -> None:
+        """Draws them.
+
+        Args:
+            surfels: Frame O; one set of colours.
+            meshcat: Where.
+            num_worlds: W.
+            period: s.
+            path: Of the surfels in Meshcat's tree.
+        """
+        super().__init__()
+        self._meshcat, self._path = meshcat, path
+        self._state = self.DeclareVectorInputPort("object_state", 13 * num_worlds)
+        mesh = SurfelMesh.from_surfels(surfels)
+        meshcat.SetTriangleColorMesh(
+            path,
+            np.asfortranarray(mesh.vertices.T, np.float64),
+            np.asfortranarray(mesh.faces.T, np.int32),
+            np.asfortranarray(linear(mesh.colours).T, np.float64),
+        )
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._Publish)
+        self.DeclareForcedPublishEvent(self._Publish)
+
+    def _Publish(self, context: Context) -> EventStatus:
+        q_WO, p_WO = np.split(self._state.Eval(context)[:7], [4])
+        X_WO = RigidTransform(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO)), p_WO)
+        self._meshcat.SetTransform(self._path, X_WO, context.get_time())
+        return EventStatus.Succeeded()
+
+
+def linear(colours: np.ndarray) -> np.ndarray:
+    """Colours in sRGB (n, 3), 0 to 1, as intensities: Meshcat takes those of corners for such."""
+    low = colours <= 0.04045
+    intensities: np.ndarray = np.where(low, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    return intensities

@@ -1,0 +1,199 @@
+"""The simulated arm behind LCM: it follows commands, stops without them, and a controller pushes with it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from drake import lcmt_drake_signal
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.learning.safety import default_limits
+from pinwm_drake.systems.arm.driver import MakeArmDriver, arm_limits
+from pinwm_drake.systems.control.loop import ControlLoop
+from pinwm_drake.systems.engines.lcm.link import make_lcm
+from pinwm_drake.systems.envs.env import make_task
+from pinwm_drake.systems.envs.policy_scene import policy_spec
+from pinwm_drake.systems.scenario.load import environment_setup
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.scenario.start import Place
+
+HEIGHT, SPEED = 0.025, 0.15
+PLACE = Place(RigidTransform([0.0, 0.05, HEIGHT]), np.array([0.01, -0.12, HEIGHT]))
+GOAL = np.array([0.0, 0.03])  # m, of the pusher: 30 mm into where the object is
+
+
+@pytest.fixture(scope="module")
+def setup() -> Setup:
+    # With so much friction the object stops at once.
+    return environment_setup("push_t", image_size=32).with_theta(friction_floor=0.3)
+
+
+class Towards:
+    """Stands for a bundle: goes to `GOAL`, slower near it; counts what it sees of the object."""
+
+    def __init__(self, setup):
+        task = make_task(setup.scenario.start.q_WO, (0.0, 0.0, 0.0), "shaped")
+        self.spec = policy_spec(setup, task, observes="rgb", frames=2, max_translation=0.02, max_steps=50)
+        self.seen = []
+
+    def act(self, image, p_WP):
+        self.seen.append(int((image[..., 3:].min(axis=2) < 250).sum()))
+        d = 0.4 * (GOAL - p_WP)
+        return d * min(1.0, 0.02 / max(np.linalg.norm(d), 1e-9))
+
+
+class Track:
+    """A driver alone, to which commands are given by hand, and what its tool does."""
+
+    def __init__(self, setup):
+        self.lcm = make_lcm(setup.scenario.lcm)
+        builder = DiagramBuilder()
+        self.driver = builder.AddSystem(MakeArmDriver(without_images(setup), self.lcm, contact="point"))
+        names = ("pusher_state", "tool_target", "arm_state")
+        self.logs = {name: LogVectorOutput(self.driver.GetOutputPort(name), builder, 0.005) for name in names}
+        self.simulator = Simulator(builder.Build())
+        self.driver.SetPlace(self.simulator.get_mutable_context(), Place(RigidTransform([0, 0.2, HEIGHT]), PLACE.p_WP))
+        self.simulator.Initialize()
+        self.step = 0
+
+    def go(self, seconds, velocity=None, stamp=None):
+        """Simulates, with a command each 10 ms if there is one."""
+        for _ in range(round(seconds / 0.01)):
+            if velocity is not None:
+                message = lcmt_drake_signal()
+                message.dim, message.val, message.coord = 3, list(velocity), ["vx", "vy", "vz"]
+                message.timestamp = 10_000 * self.step + 1 if stamp is None else stamp
+                self.lcm.Publish("PINWM_PUSHER_COMMAND", message.encode())
+            self.step += 1
+            self.simulator.AdvanceTo(0.01 * self.step)
+
+    def log(self, name):
+        return self.logs[name].FindLog(self.simulator.get_context()).data().T
+
+    @property
+    def speed(self):
+        return np.linalg.norm(self.log("pusher_state")[-1, 3:])
+
+
+def without_images(setup: Setup) -> Setup:
+    link = dataclasses.replace(setup.scenario.lcm, image_period=10.0)
+    return dataclasses.replace(setup, scenario=dataclasses.replace(setup.scenario, lcm=link))
+
+
+def run(setup, engine, *, armed=True, seconds=2.2, **options):
+    """The loop after a run, its rows, and the policy."""
+    policy = Towards(setup)
+    loop = ControlLoop(policy, default_limits(policy.spec), setup, engine, armed=armed, **options)
+    loop.begin(PLACE)
+    loop.listen()
+    rows = list(loop.advance(seconds))
+    return loop, rows, policy
+
+
+def test_the_same_controller_pushes_in_the_twin_and_with_the_arm(setup):
+    _, twin, _ = run(setup, "twin")
+    loop, arm, policy = run(setup, "lcm", simulate_arm=True)
+    assert {row.status.state for row in arm[1:]} == {"running"}
+    ends = [rows[-1].object_state[4:7] for rows in (twin, arm)]
+    assert ends[0][1] > 0.07  # of 0.05 at first
+    # The arm is late by a tenth of a second, and goes a little beyond where it is to stop.
+    assert np.abs(ends[0] - ends[1]).max() < 0.004
+    assert np.abs(arm[-1].p_WP[:2] - GOAL).max() < 0.003
+    heights = [row.p_WP[2] for row in arm]
+    assert np.abs(np.array(heights) - HEIGHT).max() < 5e-4
+    assert min(policy.seen) > 20  # px: the arm does not hide the object
+    # Images are those of the present, but for the way.
+    assert max(row.status.image_age for row in arm[2:]) < 0.06
+    loop.stop()
+    assert loop.row().status.state == "disarmed"
+    with pytest.raises(StateError, match="a second run over the same LCM"):
+        loop.begin(PLACE)
+
+
+def test_a_dry_run_moves_nothing(setup):
+    _, rows, policy = run(setup, "lcm", armed=False, simulate_arm=True, contact="point", seconds=0.6)
+    assert {row.status.state for row in rows} == {"disarmed"}
+    # It tells what it would do.
+    towards = GOAL - PLACE.p_WP[:2]
+    assert np.allclose(rows[-1].raw_action, 0.02 * towards / np.linalg.norm(towards), atol=1e-5)
+    assert len(policy.seen) >= 5
+    assert np.abs(rows[-1].p_WP - PLACE.p_WP).max() < 1e-5
+    assert np.abs(rows[-1].object_state[4:6] - PLACE.X_WO.translation()[:2]).max() < 1e-5
+    _, rows, _ = run(setup, "twin", armed=False, seconds=0.6)
+    assert (rows[-1].p_WP == PLACE.p_WP).all()
+
+
+def test_the_tool_follows_within_millimetres_at_its_height(setup):
+    track = Track(setup)
+    track.go(0.5, [0.0, SPEED, 0.0])
+    for angle in np.linspace(0.0, 2 * np.pi, 60):
+        track.go(0.01, [SPEED * np.sin(angle), SPEED * np.cos(angle), 0.1])
+    tool, target = track.log("pusher_state"), track.log("tool_target")
+    assert np.linalg.norm(target[-1, :2] - PLACE.p_WP[:2]) > 0.06
+    # Late by some 7 ms, so by 1 mm; from the path itself, half of that.
+    assert np.linalg.norm(tool[:, :2] - target[:, :2], axis=1).max() < 0.002
+    gaps = np.linalg.norm(tool[:, None, :2] - target[None, :, :2], axis=2).min(axis=1)
+    assert gaps.max() < 0.001
+    assert np.abs(tool[:, 2] - HEIGHT).max() < 5e-4
+    # The rod points down.
+    rotation = track.driver.tool_pose(track.simulator.get_context()).rotation().matrix()
+    assert np.degrees(np.arccos(rotation[2, 2])) < 0.2
+
+
+@pytest.mark.parametrize("how", ["nothing", "one that is repeated", "no number"])
+def test_the_arm_stops_when_commands_stop(setup, how):
+    track = Track(setup)
+    track.go(0.3, [0.0, SPEED, 0.0])
+    assert abs(track.speed - SPEED) < 0.02
+    last = 10_000 * (track.step - 1) + 1
+    silence = {"nothing": {}, "one that is repeated": {"velocity": [0.0, SPEED, 0.0], "stamp": last},
+               "no number": {"velocity": [np.nan, SPEED, 0.0]}}[how]  # fmt: skip
+    before = track.log("pusher_state")[-1, 1]
+    track.go(0.3, **silence)
+    assert track.speed < 1e-3
+    after = track.log("pusher_state")[-1, 1]
+    # The time-out, and v^2 / 2 a.
+    longest = (0.12 if how != "no number" else 0.02) * SPEED + SPEED**2 / (2 * track.driver.limits.max_acceleration)
+    assert after - before < longest + 0.002
+    if how == "nothing":
+        track.go(0.2, [0.0, SPEED, 0.0])
+        assert abs(track.speed - SPEED) < 0.02
+
+
+def test_speed_and_box_are_the_arms_own(setup):
+    track = Track(setup)
+    track.go(1.2, [-5.0, 0.0, 0.0])
+    limits = arm_limits(setup)
+    assert limits.max_speed == setup.scenario.pusher.max_speed
+    tool, target = track.log("pusher_state"), track.log("tool_target")
+    assert abs(np.abs(target[:, 3]).max() - limits.max_speed) < 1e-9
+    # The servo makes up for its lag; needed: 12 %.
+    assert np.abs(tool[:, 3]).max() < 1.2 * limits.max_speed
+    assert abs(tool[-1, 0] - limits.box_low[0]) < 1e-3
+    assert track.speed < 1e-3
+
+
+def test_what_cannot_be(setup):
+    policy = Towards(setup)
+    limits = default_limits(policy.spec)
+    with pytest.raises(ParameterError, match="got 'twin' with a simulated arm; allowed: lcm"):
+        ControlLoop(policy, limits, setup, "twin", simulate_arm=True)
+    far = dataclasses.replace(setup.scenario.start, x=[3.0, 3.0])
+    away = dataclasses.replace(setup, scenario=dataclasses.replace(setup.scenario, start=far))
+    loop = ControlLoop(policy, limits, away, "lcm", simulate_arm=True, contact="point")
+    with pytest.raises(ParameterError, match="allowed: the arm's reach"):
+        loop.draw_place(np.random.default_rng(0))
+    with pytest.raises(ParameterError, match="out of the arm's reach"):
+        loop.begin(Place(PLACE.X_WO, np.array([0.5, 0.0, HEIGHT])))
+
+
+def test_a_robot_that_says_nothing(setup):
+    loop = ControlLoop(policy := Towards(setup), default_limits(policy.spec), setup, "lcm", armed=True)
+    loop.simulator.set_target_realtime_rate(0.0)
+    loop.begin(PLACE)
+    with pytest.raises(StateError, match="got no image and no state of the pusher from memq://"):
+        loop.listen(patience=0.3)

@@ -1,0 +1,158 @@
+"""The station with a robot behind it: the ports, and what goes over LCM."""
+
+import numpy as np
+import pytest
+from drake import lcmt_drake_signal, lcmt_image, lcmt_image_array
+from pydrake.common import RandomGenerator
+from pydrake.lcm import DrakeLcm
+from pydrake.systems.analysis import Simulator
+
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.systems.engines.engine import ContactForces
+from pinwm_drake.systems.scenario.schema import LcmLink, load_scenario
+from pinwm_drake.systems.scenario.start import Place
+from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.view.scene import make_meshcat
+from tests.systems.stations import FAR, REST, output, setup_of, station_of
+
+LINK = LcmLink()
+STATE = np.array([0.1, -0.2, 0.05, 0.0, 0.1, 0.0])
+
+
+class Robot:
+    """A station with the engine "lcm" that is told to move, its simulator, and the other end of the line."""
+
+    def __init__(self, armed=False):
+        self.lcm, self.commands = DrakeLcm("memq://"), []
+        self.lcm.Subscribe(LINK.command_channel, lambda raw: self.commands.append(lcmt_drake_signal.decode(raw)))
+        self.station = MakePushStation(setup_of(), "lcm", lcm=self.lcm, armed=armed)
+        self.simulator = Simulator(self.station)
+        self.context = self.simulator.get_mutable_context()
+        self.station.get_input_port().FixValue(self.context, [0.1, -0.05, 0.0])
+
+    def say(self, stamp, state=STATE):
+        message = lcmt_drake_signal()
+        message.dim, message.val, message.coord = 6, list(state), [""] * 6
+        message.timestamp = round(1e6 * stamp)
+        self.lcm.Publish(LINK.state_channel, message.encode())
+
+    def show(self, stamp, picture):
+        height, width, _ = picture.shape
+        image = lcmt_image()
+        image.width, image.height, image.row_stride = width, height, 4 * width
+        image.size, image.data = picture.size, picture.tobytes()
+        image.pixel_format, image.channel_type = lcmt_image.PIXEL_FORMAT_RGBA, lcmt_image.CHANNEL_TYPE_UINT8
+        image.compression_method = lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED
+        message = lcmt_image_array()
+        message.header.utime = round(1e6 * stamp)
+        message.num_images, message.images = 1, [image]
+        self.lcm.Publish(LINK.image_channel, message.encode())
+
+    def read(self, name):
+        return output(self.station, self.context, name)
+
+
+def test_the_ports_are_those_of_every_engine():
+    robot, twin = Robot(), station_of("twin")
+    for count, get in (("num_input_ports", "get_input_port"), ("num_output_ports", "get_output_port")):
+        assert getattr(robot.station, count)() == getattr(twin, count)()
+        for k in range(getattr(twin, count)()):
+            mine, other = getattr(robot.station, get)(k), getattr(twin, get)(k)
+            assert (mine.get_name(), mine.get_data_type()) == (other.get_name(), other.get_data_type())
+            assert mine.size() == other.size()
+
+
+def test_what_a_robot_does_not_know_has_no_number():
+    robot = Robot()
+    robot.simulator.AdvanceTo(0.02)
+    assert np.isnan(robot.read("object_state")).all()
+    assert np.isnan(robot.read("pusher_state")).all()
+    assert robot.read("rgb_time") == [-1.0]
+    assert (robot.read("rgb").data == [255, 255, 255, 0]).all()
+    assert robot.read("contact_forces").pairs == ContactForces.none().pairs
+    assert robot.station.world is None
+
+
+def test_what_comes_in():
+    robot = Robot()
+    robot.simulator.AdvanceTo(0.1)
+    picture = np.full((80, 96, 4), 9, np.uint8)
+    picture[:40, :, 3], picture[40:, :, 3] = 255, 0
+    robot.say(1000.0)
+    robot.show(2000.0, picture)
+    robot.simulator.AdvanceTo(0.15)
+    assert (robot.read("pusher_state") == STATE).all()
+    rgb = robot.read("rgb").data
+    assert (rgb[:40] == [9, 9, 9, 255]).all()
+    assert (rgb[40:] == [255, 255, 255, 0]).all()
+    assert (robot.read("rgb_batch") == rgb[None]).all()
+    assert abs(robot.read("rgb_time")[0] - 0.1) <= LINK.period + 1e-9
+    # The pusher's geometry follows, and there is no object.
+    inspector = robot.read("query_object").inspector()
+    names = {inspector.GetName(frame).split("::")[-1]: frame for frame in inspector.GetAllFrameIds()}
+    assert "object" not in names
+    X_WP = robot.read("query_object").GetPoseInWorld(names["pusher"])
+    assert np.abs(X_WP.translation() - STATE[:3]).max() < 1e-12
+    # Nothing comes for longer than the time-out.
+    robot.simulator.AdvanceTo(0.15 + LINK.timeout)
+    assert np.isnan(robot.read("pusher_state")).all()
+    assert abs(robot.read("rgb_time")[0] - 0.1) <= LINK.period + 1e-9
+
+
+def test_an_image_of_another_size_is_refused():
+    robot = Robot()
+    robot.show(1.0, np.zeros((8, 8, 4), np.uint8))
+    robot.simulator.AdvanceTo(0.02)
+    with pytest.raises(InputError, match=r"PINWM_IMAGES: got an image of 8 x 8 px; allowed: 96 x 80 px"):
+        robot.read("rgb")
+
+
+def test_commands_are_streamed_once_the_pusher_is_known():
+    robot = Robot(armed=True)
+    robot.simulator.AdvanceTo(0.05)
+    robot.say(1.0)
+    robot.simulator.AdvanceTo(0.1)
+    robot.lcm.HandleSubscriptions(0)
+    stamps = np.array([message.timestamp for message in robot.commands])
+    assert (np.diff(stamps) == 5000).all()
+    values = np.array([message.val for message in robot.commands])
+    assert (values[stamps < 50_000] == 0).all()
+    assert (values[stamps > 55_000] == [0.1, -0.05, 0.0]).all()
+    assert stamps[-1] >= 95_000
+
+
+def test_a_station_that_is_not_armed_sends_nothing():
+    robot = Robot()
+    robot.say(1.0)
+    robot.simulator.AdvanceTo(0.1)
+    robot.lcm.HandleSubscriptions(0)
+    assert robot.commands == []
+    assert not any("command_publisher" in system.get_name() for system in robot.station.GetSystems())
+
+
+def test_meshcat_shows_the_pusher():
+    meshcat = make_meshcat()
+    station = MakePushStation(setup_of(), "lcm", meshcat=meshcat)
+    simulator = Simulator(station)
+    station.get_input_port().FixValue(simulator.get_mutable_context(), np.zeros(3))
+    simulator.AdvanceTo(0.05)
+    assert meshcat.HasPath("/station/scene/pusher")
+    assert not meshcat.HasPath("/station/surfels/<object>")
+
+
+def test_a_robot_is_not_put_into_place():
+    robot = Robot()
+    with pytest.raises(ParameterError, match="engine lcm: got a place for the object"):
+        robot.station.SetPlace(robot.context, Place(REST, FAR))
+    with pytest.raises(ParameterError, match="by hand"):
+        robot.station.SetRandomContext(robot.context, RandomGenerator(0))
+
+
+def test_a_scenario_names_the_channels(tmp_path):
+    path = tmp_path / "robot.scenario.yaml"
+    path.write_text("object: t_block\nlcm: {command_channel: LEFT, period: 0.01}\n")
+    link = load_scenario(path).lcm
+    assert (link.command_channel, link.period, link.url) == ("LEFT", 0.01, "memq://")
+    path.write_text("object: t_block\nlcm: {timeout: 0}\n")
+    with pytest.raises(InputError, match=r"lcm\.timeout.*0\.001 to 10"):
+        load_scenario(path)

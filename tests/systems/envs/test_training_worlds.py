@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+
+from pinwm_drake.cousins import CousinDraw
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.envs.training_worlds import CousinPool, TrainingWorlds
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    return TrainingWorlds("push_t", num_worlds=3, image_size=32, frames=2, seed=4)
+
+
+def thetas(pool, n=12):
+    return [pool(0).theta["friction_floor"] for _ in range(n)]
+
+
+def test_a_pool_follows_from_its_seed_and_gives_several_cousins(worlds):
+    draw = CousinDraw(worlds.setup.twin, seed=1)
+    pool = CousinPool(draw, 8)
+    pool.begin(5)
+    first = thetas(pool)
+    pool.begin(6)
+    other = thetas(pool)
+    pool.begin(5)
+    assert thetas(pool) == first
+    assert not set(first) & set(other)
+    assert 1 < len(set(first)) <= 8
+    truth = worlds.setup.twin.theta["friction_floor"].value
+    assert all(0.9 * truth <= value <= 1.1 * truth for value in first)
+
+
+def test_a_pool_of_none_is_refused(worlds):
+    with pytest.raises(ParameterError, match="size"):
+        CousinPool(CousinDraw(worlds.setup.twin), 0)
+
+
+def test_worlds_of_a_round_follow_from_its_seed(worlds):
+    env = worlds.worlds("rgb_state")
+    actions = np.random.default_rng(0).uniform(-1, 1, (12, 3, 2)).astype(np.float32)
+
+    def play(seed):
+        worlds.begin(seed)
+        env.seed(seed)
+        seen = [env.reset()]
+        seen += [env.step(action)[0] for action in actions]
+        return {name: np.stack([one[name] for one in seen]) for name in seen[0]}
+
+    first, other, again = play(1), play(2), play(1)
+    for name in first:
+        assert np.array_equal(first[name], again[name])
+    assert not np.array_equal(first["state"], other["state"])
+    assert not np.array_equal(first["image"], other["image"])
+
+
+def test_worlds_of_state_and_of_images_are_alike(worlds):
+    state, images = worlds.worlds("state"), worlds.worlds("rgb_state")
+    for env in (state, images):
+        env.seed(7)
+    assert np.allclose(state.reset(), images.reset()["state"])
+    assert worlds.spec(state, "state").image_shape == (32, 32, 6)
+    assert worlds.spec(images, "rgb").max_translation == 0.02
+
+
+def test_without_delta_all_worlds_are_the_twin():
+    worlds = TrainingWorlds("push_t", num_worlds=2, delta=0.0)
+    assert worlds.pool is None
+    worlds.begin(1)
+    assert worlds.about["delta"] == 0.0
+
+
+def test_the_range_of_the_start_can_be_widened():
+    worlds = TrainingWorlds("push_t", num_worlds=64, yaw=np.pi)
+    env = worlds.worlds("state")
+    env.seed(0)
+    angle = np.arctan2(*env.reset()[:, [3, 2]].T)
+    assert np.abs(angle).max() > 0.8 * np.pi
+    assert worlds.about["start_yaw"] == [-np.pi, np.pi]
+
+
+def test_what_success_is_can_be_narrowed():
+    worlds = TrainingWorlds("push_t", num_worlds=2, tolerance=0.01, turn_tolerance=0.1)
+    env = worlds.worlds("state")
+    assert (env.worlds.task.tolerance, env.worlds.task.turn_tolerance) == (0.01, 0.1)
+    spec = worlds.spec(env, "rgb")
+    assert (spec.tolerance, spec.turn_tolerance) == (0.01, 0.1)

@@ -1,0 +1,196 @@
+import math
+import re
+
+import numpy as np
+import pytest
+import trimesh
+from pydrake.geometry import Role
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    CalcContactFrictionFromSurfaceProperties,
+)
+from pydrake.systems.framework import DiagramBuilder
+
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.models import OBJECT_NAMES, PUSHER_NAMES, model_path, object_model
+from pinwm_drake.systems.sdf.collision import resting_normals
+from pinwm_drake.systems.sdf.contact import Surfaces
+from pinwm_drake.systems.sdf.shipped import PUSHERS, shipped_pieces, shipped_supports, texts
+from pinwm_drake.systems.sdf.text import floor_sdf, object_sdf, pusher_sdf
+from pinwm_drake.systems.sdf.twin import twin_solid
+from tests.systems.scenes import base_of, base_triangles, mean_radius, setup_of
+
+ENDS = [".sdf", "_point.sdf"]
+NUMBER = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:e-?\d+)?(?![\w.])")
+
+
+def loaded(*paths, strings=()):
+    """The plant and scene graph of models; any warning of Drake's is an error."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
+    parser = Parser(plant=plant)
+    parser.SetStrictParsing()
+    parser.package_map().AddPackageXml(str(model_path("package.xml")))
+    for path in paths:
+        parser.AddModels(str(path))
+    for text in strings:
+        parser.AddModelsFromString(text, "sdf")
+    plant.Finalize()
+    return plant, scene_graph, builder.Build()
+
+
+def properties(scene_graph, geometry):
+    return scene_graph.model_inspector().GetProximityProperties(geometry)
+
+
+def pair_friction(plant, scene_graph, first, second):
+    """The coefficients of all pairs of geometries of two bodies, as Drake combines them."""
+    found = set()
+    for a in plant.GetCollisionGeometriesForBody(plant.GetBodyByName(first)):
+        for b in plant.GetCollisionGeometriesForBody(plant.GetBodyByName(second)):
+            mu = (properties(scene_graph, k).GetProperty("material", "coulomb_friction") for k in (a, b))
+            pair = CalcContactFrictionFromSurfaceProperties(*mu)
+            found |= {pair.static_friction(), pair.dynamic_friction()}
+    return sorted(found)
+
+
+@pytest.mark.parametrize("end", ENDS)
+@pytest.mark.parametrize("name", OBJECT_NAMES)
+def test_shipped_objects_have_the_mass_of_a_uniform_solid(name, end):
+    plant, _, _ = loaded(model_path(f"{name}/{name}{end}"))
+    body = plant.GetBodyByName("object")
+    about = mass_properties(load_mesh(object_model(name).mesh_path), mass=1.0)
+    inertia = body.default_spatial_inertia()
+    assert inertia.get_mass() == 1.0
+    np.testing.assert_allclose(inertia.get_com(), about.p_com, atol=1e-9)
+    # Nine digits.
+    np.testing.assert_allclose(
+        inertia.CalcRotationalInertia().CopyToFullMatrix3(), about.inertia, rtol=1e-8, atol=1e-12
+    )
+    assert len(plant.GetVisualGeometriesForBody(body)) == 1
+
+
+@pytest.mark.parametrize("name", OBJECT_NAMES)
+def test_what_touches_in_hydroelastic_contact_is_the_surface_in_small_triangles(name):
+    mesh, fine = load_mesh(object_model(name).mesh_path), load_mesh(model_path(f"{name}/{name}_contact.obj"))
+    assert fine.volume == pytest.approx(mesh.volume, rel=1e-7)
+    assert fine.area == pytest.approx(mesh.area, rel=1e-7)
+    np.testing.assert_allclose(fine.bounds, mesh.bounds, atol=1e-9)
+    assert fine.edges_unique_length.max() <= 0.28 * mesh.extents.mean() + 1e-9
+    plant, scene_graph, _ = loaded(object_model(name).sdf_path)
+    (geometry,) = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("object"))
+    # The mesh of a rigid one is its surface, that of a compliant one its volume.
+    assert scene_graph.model_inspector().maybe_get_hydroelastic_mesh(geometry).num_triangles() == len(fine.faces)
+
+
+@pytest.mark.parametrize("name", OBJECT_NAMES)
+def test_triangles_are_small_enough_for_the_friction_torque_of_the_face(name):
+    # Drake has a contact in the centroid of each: 0.03 % (mug), 0.6 % (cube) and 0.9 % (T-blocks) too little.
+    _, radius, _ = base_of(name)
+    fine = load_mesh(model_path(f"{name}/{name}_contact.obj"))
+    assert mean_radius(base_triangles(fine)) == pytest.approx(radius, rel=0.01)
+
+
+@pytest.mark.parametrize("name", OBJECT_NAMES)
+def test_pieces_make_up_the_object(name):
+    mesh, pieces = load_mesh(object_model(name).mesh_path), shipped_pieces(name)
+    hulls = [trimesh.convex.convex_hull(piece.vertices) for piece in pieces]
+    assert sum(hull.volume for hull in hulls) == pytest.approx(mesh.volume, rel=1e-6)
+    together = np.concatenate([piece.vertices for piece in pieces])
+    np.testing.assert_allclose([together.min(axis=0), together.max(axis=0)], mesh.bounds, atol=1e-9)
+    plant, scene_graph, _ = loaded(object_model(name).point_sdf_path)
+    inspector = scene_graph.model_inspector()
+    shapes = [inspector.GetShape(k) for k in plant.GetCollisionGeometriesForBody(plant.GetBodyByName("object"))]
+    convex = [shape.GetConvexHull() for shape in shapes if type(shape).__name__ == "Convex"]
+    assert len(convex) == len(pieces)
+    for hull, piece in zip(convex, pieces, strict=True):
+        corners = np.array([hull.vertex(k) for k in range(hull.num_vertices())])
+        assert len(corners) == len(piece.vertices)
+        distance = np.linalg.norm(corners[:, None] - piece.vertices, axis=2).min(axis=0)
+        assert distance.max() < 1e-9
+
+
+@pytest.mark.parametrize("name", OBJECT_NAMES)
+def test_an_object_stands_on_twelve_spheres_and_nothing_else(name):
+    mesh, supports = load_mesh(object_model(name).mesh_path), shipped_supports(name)
+    centres, radii = np.array([centre for centre, _ in supports]), np.array([radius for _, radius in supports])
+    normals = resting_normals(mesh)
+    for normal in np.eye(3)[2] * np.array([[1], [-1]]):
+        assert min(np.linalg.norm(normal - other) for other in normals) < 1e-6
+        # How far below the object's lowest point the spheres reach: 10 µm on the face, 1 µm at corners.
+        out = (centres @ normal + radii) - (mesh.vertices @ normal).max()
+        assert (out > 5e-6).sum() == 12
+        np.testing.assert_allclose(out[out > 5e-6], 1e-5, atol=1e-8)
+        middle = centres[out > 5e-6].mean(axis=0)
+        # The weight is then the same on each of them.
+        np.testing.assert_allclose(middle[:2], 0, atol=2e-3)
+    assert ((centres @ normals[0] + radii) - (mesh.vertices @ normals[0]).max()).max() < 1.1e-5
+
+
+@pytest.mark.parametrize("name", PUSHER_NAMES)
+def test_pushers_have_three_driven_slides(name):
+    plant, scene_graph, _ = loaded(model_path(f"pusher/{name}.sdf"))
+    assert (plant.num_positions(), plant.num_actuators()) == (3, 3)
+    for k, axis in enumerate("xyz"):
+        joint = plant.GetJointByName(f"pusher_{axis}")
+        np.testing.assert_array_equal(joint.translation_axis(), np.eye(3)[k])
+        assert plant.GetJointActuatorByName(f"pusher_{axis}").has_controller()
+        assert math.isinf(plant.GetJointActuatorByName(f"pusher_{axis}").effort_limit())
+    (geometry,) = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("pusher"))
+    shape = scene_graph.model_inspector().GetShape(geometry)
+    assert type(shape).__name__.lower() == name
+    assert shape.radius() == PUSHERS[name].radius
+    if name != "sphere":
+        assert shape.length() == PUSHERS[name].length
+
+
+def test_shipped_files_are_friction_0_1_in_every_pair_and_the_floor_stands_still():
+    for end in ENDS:
+        plant, scene_graph, _ = loaded(
+            model_path(f"cube/cube{end}"), model_path("floor/floor.sdf"), model_path("pusher/sphere.sdf")
+        )
+        for other in ("floor", "pusher"):
+            np.testing.assert_allclose(pair_friction(plant, scene_graph, "object", other), 0.1, rtol=1e-12)
+        assert plant.num_velocities() == 9
+        (floor,) = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("floor"))
+        inspector = scene_graph.model_inspector()
+        top = inspector.GetPoseInFrame(floor).translation()[2] + 0.5 * inspector.GetShape(floor).height()
+        assert top == pytest.approx(0, abs=1e-15)
+
+
+@pytest.mark.parametrize(("floor", "pusher"), [(0.03, 0.03), (0.2, 0.9), (0.3, 0.0), (0.0, 0.0), (1 / 3, 0.07)])
+def test_pairs_have_the_friction_of_theta_to_the_last_digits(floor, pusher):
+    surfaces = Surfaces.of_pairs(floor, pusher)
+    solid = twin_solid(setup_of("cube", 0.1).twin)
+    uri = "package://pinwm_models/cube/cube.obj"
+    plant, scene_graph, _ = loaded(
+        strings=(
+            object_sdf("cube", solid, uri, uri, surfaces, ""),
+            floor_sdf(surfaces, 0.25, ""),
+            pusher_sdf(PUSHERS["sphere"], None, surfaces, ""),
+        )
+    )
+    for other, wanted in (("floor", floor), ("pusher", pusher)):
+        np.testing.assert_allclose(pair_friction(plant, scene_graph, "object", other), wanted, rtol=1e-12)
+    (geometry,) = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("floor"))
+    assert scene_graph.model_inspector().GetPoseInFrame(geometry).translation()[2] == pytest.approx(0.24)
+    assert scene_graph.model_inspector().NumGeometriesWithRole(Role.kPerception) == 2
+
+
+def test_names_with_special_characters_are_escaped():
+    solid = twin_solid(setup_of("cube", 0.1).twin)
+    uri = "package://pinwm_models/cube/cube.obj"
+    text = object_sdf("a<b> & 'c\"", solid, uri, uri, Surfaces.of_pairs(0.1, 0.1), "x < y & z -- done")
+    plant, _, _ = loaded(strings=(text,))
+    assert plant.HasModelInstanceNamed("a<b> & 'c\"")
+
+
+def test_shipped_files_are_up_to_date():
+    # Numbers to nine digits: what other processors make of a sum is no reason to fail.
+    for path, text in texts().items():
+        shipped = path.read_text()
+        message = f"run python -m pinwm_drake.systems.sdf.shipped: {path}"
+        assert NUMBER.sub("#", shipped) == NUMBER.sub("#", text), message
+        numbers = [np.array([float(x) for x in NUMBER.findall(each)]) for each in (shipped, text)]
+        np.testing.assert_allclose(*numbers, rtol=1e-8, atol=2e-9, err_msg=message)
