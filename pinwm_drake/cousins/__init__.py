@@ -1,7 +1,20 @@
 """Digital cousins of a twin: copies whose physical parameters and colours are a little different."""
 
 from pinwm_drake.cousins.cousin import Cousin, CousinDraw, Cousins, draw_cousins
+from pinwm_drake.cousins.domain import CousinDomains, Domain, DomainDraw, DomainSource
 from pinwm_drake.cousins.io import read_cousins, write_cousins
 from pinwm_drake.cousins.ranges import Range
 
-__all__ = ["Cousin", "CousinDraw", "Cousins", "Range", "draw_cousins", "read_cousins", "write_cousins"]
+__all__ = [
+    "Cousin",
+    "CousinDomains",
+    "CousinDraw",
+    "Cousins",
+    "Domain",
+    "DomainDraw",
+    "DomainSource",
+    "Range",
+    "draw_cousins",
+    "read_cousins",
+    "write_cousins",
+]

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor, nn
 
-from pinwm_drake.learning.actors import ACTION_SIZE, LEVELS, STATE_SIZE, Seen
+from pinwm_drake.learning.actors import LEVELS, Seen
 from pinwm_drake.learning.augment import Augment
 
 
@@ -31,10 +31,10 @@ class _AsSeen(BaseFeaturesExtractor):
 class _Latents(nn.Module):
     """Last hidden layers of the actor, and of a critic that sees the state."""
 
-    def __init__(self, actor: nn.Module, width: int) -> None:
+    def __init__(self, actor: nn.Module, state_size: int, width: int) -> None:
         super().__init__()
         self.actor: Any = actor
-        self.critic = nn.Sequential(nn.Linear(STATE_SIZE, width), nn.Tanh(), nn.Linear(width, width), nn.Tanh())
+        self.critic = nn.Sequential(nn.Linear(state_size, width), nn.Tanh(), nn.Linear(width, width), nn.Tanh())
         self.latent_dim_pi, self.latent_dim_vf = self.actor.latent_size, width
 
     def forward(self, seen: Seen) -> tuple[Tensor, Tensor]:
@@ -95,7 +95,9 @@ class ActorCritic(ActorCriticPolicy):
         return obs
 
     def _build_mlp_extractor(self) -> None:
-        self.mlp_extractor = _Latents(self._given[0], self._width)  # type: ignore[assignment]
+        space: Any = self.observation_space
+        state: Any = space["state"] if isinstance(space, spaces.Dict) else space
+        self.mlp_extractor = _Latents(self._given[0], state.shape[0], self._width)  # type: ignore[assignment]
 
     @property
     def _actor(self) -> Any:
@@ -108,12 +110,18 @@ class ActorCritic(ActorCriticPolicy):
         return self._actor
 
 
+def _size(env: VecEnv) -> int:
+    """Components of the worlds' actions."""
+    space: Any = env.action_space
+    return int(space.shape[0])
+
+
 class ByLevels(VecEnvWrapper):
     """Worlds that take the index of a level for each component of an action."""
 
     def __init__(self, env: VecEnv) -> None:
         """Takes the worlds."""
-        super().__init__(env, action_space=spaces.MultiDiscrete([len(LEVELS)] * ACTION_SIZE))
+        super().__init__(env, action_space=spaces.MultiDiscrete([len(LEVELS)] * _size(env)))
         self._levels = np.array(LEVELS, np.float32)
 
     def reset(self) -> Any:
@@ -121,7 +129,7 @@ class ByLevels(VecEnvWrapper):
         return self.venv.reset()
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Goes on by an action, of indices (W, 2)."""
+        """Goes on by an action, of indices (W, n)."""
         self.venv.step_async(self._levels[actions])
 
     def step_wait(self) -> VecEnvStepReturn:

@@ -1,4 +1,4 @@
-"""Networks of policies: from what is seen to an action in [-1, 1]^2.
+"""Networks of policies: from an observation to an action in [-1, 1]^n.
 
 Each component of an action is one of a few levels. The likeliest is taken, and what it and its neighbours are likely by
 settles where between them the action is. A network that gave numbers would give the mean of two good ways around an
@@ -7,22 +7,21 @@ object, which is none, and stand still there.
 Source: Tang and Agrawal, "Discretizing continuous action space for on-policy optimization" (AAAI 2020).
 """
 
-import math
 from collections.abc import Mapping
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from pinwm_drake.learning.spec import LENGTH, PolicySpec
+from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.tasks import Task
 
-STATE_SIZE, ACTION_SIZE = 11, 2
-_MOTION_SIZE = 7  # of the state, without the pusher
 LEVELS = tuple(k / 3.0 for k in range(-3, 4))
 Seen = Tensor | Mapping[str, Tensor]
 
 
 def chosen(logits: Tensor) -> Tensor:
-    """Actions (B, 2) of logits (B, 2, len(LEVELS)): the mean of the likeliest level and its neighbours.
+    """Actions (B, n) of logits (B, n, len(LEVELS)): the mean of the likeliest level and its neighbours.
 
     Not a number where logits are none.
     """
@@ -34,19 +33,19 @@ def chosen(logits: Tensor) -> Tensor:
 
 
 class StateActor(nn.Module):
-    """An action from the state (B, 11): two hidden layers of tanh.
+    """An action from the state (B, state_size): two hidden layers of tanh.
 
     Attributes:
         latent_size: Width of the last hidden layer.
         head: From there to the logits of the action's levels, those of the first component first.
     """
 
-    def __init__(self, width: int = 256) -> None:
-        """Makes layers of a width."""
+    def __init__(self, task: Task, width: int = 256) -> None:
+        """Builds layers of a width for a task's state and action."""
         super().__init__()
-        self.latent_size = width
-        self.body = nn.Sequential(nn.Linear(STATE_SIZE, width), nn.Tanh(), nn.Linear(width, width), nn.Tanh())
-        self.head = nn.Linear(width, ACTION_SIZE * len(LEVELS))
+        self.latent_size, self._components = width, task.action_size
+        self.body = nn.Sequential(nn.Linear(task.state_size, width), nn.Tanh(), nn.Linear(width, width), nn.Tanh())
+        self.head = nn.Linear(width, task.action_size * len(LEVELS))
 
     def latent(self, seen: Seen) -> Tensor:
         """(B, latent_size) of an observation: the state, or a dict with `state`."""
@@ -55,27 +54,25 @@ class StateActor(nn.Module):
         return latent
 
     def logits(self, seen: Seen) -> Tensor:
-        """(B, 2, len(LEVELS)) of an observation."""
-        logits: Tensor = self.head(self.latent(seen)).unflatten(1, (ACTION_SIZE, -1))
+        """Logits (B, n, len(LEVELS)) of an observation."""
+        logits: Tensor = self.head(self.latent(seen)).unflatten(1, (self._components, -1))
         return logits
 
     def forward(self, state: Tensor) -> Tensor:
-        """Actions (B, 2) of states (B, 11) float32."""
+        """Actions (B, n) of states (B, state_size) float32."""
         return chosen(self.logits(state))
 
 
 class ImageActor(nn.Module):
-    """An action from images and the pusher's position: where the object is and how it moves, and what to do then.
+    """An action from images and the pusher's position, by way of an estimate of the state.
 
     Between the two stands a state as `StateActor` takes it, so that what was learned from the state can be taken over.
+    The task says what of it has to be estimated (`Task.assembly`).
     The convolutions have strides of 4, 2 and 1, so that what is left tells where things are.
 
     Attributes:
         actor: From the state to the action.
     """
-
-    placing: Tensor
-    origin: Tensor
 
     def __init__(self, spec: PolicySpec, features: int = 192) -> None:
         """Makes the layers.
@@ -98,14 +95,14 @@ class ImageActor(nn.Module):
         with torch.no_grad():
             size = self.convolutions(torch.zeros(1, channels, height, width)).shape[1]
         self.features = nn.Sequential(nn.Linear(size, features), nn.ReLU())
-        self.estimate = nn.Sequential(nn.Linear(features + 2, features), nn.ReLU(), nn.Linear(features, _MOTION_SIZE))
-        self.actor = StateActor()
-        # From the pusher's position across its box to that from the goal, in units of the state.
-        low, high = torch.tensor(spec.pusher_low), torch.tensor(spec.pusher_high)
-        c, s = math.cos(spec.goal[2]), math.sin(spec.goal[2])
-        R_GW = torch.tensor([[c, s], [-s, c]]) / LENGTH
-        self.register_buffer("placing", 0.5 * R_GW * (high - low), persistent=False)
-        self.register_buffer("origin", R_GW @ (0.5 * (low + high) - torch.tensor(spec.goal[:2])), persistent=False)
+        task = spec.task
+        self.assembly = task.assembly(np.array(spec.pusher_low), np.array(spec.pusher_high))
+        size_of_estimate = task.state_size if self.assembly is None else self.assembly.estimate_size
+        self.estimate = nn.Sequential(
+            nn.Linear(features + task.action_size, features), nn.ReLU(), nn.Linear(features, size_of_estimate)
+        )
+        self.actor = StateActor(task)
+        self._components = task.action_size
         # As images come; convolutions take two thirds of the time with it.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # its stub lacks that
 
@@ -129,19 +126,17 @@ class ImageActor(nn.Module):
         return 1.0 - image.permute(0, 3, 1, 2).float() / 255.0
 
     def state(self, dark: Tensor, pusher: Tensor) -> Tensor:
-        """The state (B, 11), as far as images tell.
+        """The state (B, state_size), as far as images tell.
 
         Args:
             dark: (B, channels, height, width), as `darken` has it.
-            pusher: (B, 2), across its box.
+            pusher: (B, n), across its box.
         """
-        motion = self.estimate(torch.cat([self.features(self.convolutions(dark)), pusher], 1))
-        heading = nn.functional.normalize(motion[:, 2:4])
-        c, s = heading.unbind(1)
-        p = pusher @ self.placing.T + self.origin
-        x, y = (p - motion[:, :2]).unbind(1)
-        seen_from_object = torch.stack([c * x + s * y, c * y - s * x], 1)
-        return torch.cat([motion[:, :2], heading, motion[:, 4:], seen_from_object, p], 1)
+        estimate: Tensor = self.estimate(torch.cat([self.features(self.convolutions(dark)), pusher], 1))
+        if self.assembly is None:
+            return estimate
+        state: Tensor = self.assembly(estimate, pusher)
+        return state
 
     def latent(self, seen: Seen) -> Tensor:
         """(B, latent_size) of an observation with `image` and `pusher`."""
@@ -149,15 +144,15 @@ class ImageActor(nn.Module):
         return self.actor.latent(self.state(self.darken(seen["image"]), seen["pusher"]))
 
     def logits(self, seen: Seen) -> Tensor:
-        """(B, 2, len(LEVELS)) of an observation."""
-        logits: Tensor = self.head(self.latent(seen)).unflatten(1, (ACTION_SIZE, -1))
+        """Logits (B, n, len(LEVELS)) of an observation."""
+        logits: Tensor = self.head(self.latent(seen)).unflatten(1, (self._components, -1))
         return logits
 
     def forward(self, image: Tensor, pusher: Tensor) -> Tensor:
-        """Actions (B, 2).
+        """Actions (B, n).
 
         Args:
             image: (B, height, width, channels) uint8.
-            pusher: (B, 2) float32, x and y across the pusher's box, -1 to 1.
+            pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1.
         """
         return chosen(self.logits({"image": image, "pusher": pusher}))

@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.learning.contract import SCHEMA_VERSION, difference, make_contract
+from pinwm_drake.learning.contract import VERSIONS, difference, make_contract, upgraded
 from pinwm_drake.learning.golden import TOLERANCE, Golden, deviation
 from pinwm_drake.learning.runtime import Network
 from pinwm_drake.learning.safety import SafetyLimits
@@ -51,13 +51,13 @@ class Bundle:
     network: Network
 
     def act(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """d_W (2,) m: x and y by which the pusher is to move over the horizon, no farther than `max_translation`.
+        """Translation d_W (n,) m of the pusher along the task's n axes over the horizon, at most `max_translation`.
 
         It is not a number where the position is none; a position outside the box counts as at its wall.
 
         Args:
             image: (height, width, 3 k) uint8, RGB: the last k images, the oldest first.
-            p_WP: (2,) m, x and y of the pusher when the last image was taken.
+            p_WP: (n,) m, the pusher along the task's axes when the last image was taken.
 
         Raises:
             StateError: A shape, or the image's type, is another.
@@ -67,7 +67,7 @@ class Bundle:
     def predict(
         self, observation: Any, state: None = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, None]:
-        """Actions (2,) or (B, 2) float32 in [-1, 1]^2 and no longer than 1; with the signature of `Policy.predict`.
+        """Actions (n,) or (B, n) float32 in [-1, 1]^n and no longer than 1; with the signature of `Policy.predict`.
 
         Args:
             observation: Of one world or of B, as the environment gives it: a dict of which `image` and `pusher`, across
@@ -86,7 +86,7 @@ class Bundle:
         if image.ndim == 3:
             d_W = self.act(image, p_WP)
         else:
-            d_W = np.array([self.act(*one) for one in zip(image, p_WP, strict=True)]).reshape(-1, 2)
+            d_W = np.array([self.act(*one) for one in zip(image, p_WP, strict=True)]).reshape(-1, self.spec.action_size)
         return (d_W / self.spec.max_translation).astype(np.float32), None
 
 
@@ -175,6 +175,7 @@ def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dic
     except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
     _check_version(path, document)
+    document = upgraded(document)
     try:
         spec = PolicySpec.from_document(document.get("spec"))
         limits = SafetyLimits.from_document(document.get("safety"))
@@ -191,5 +192,6 @@ def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dic
 def _check_version(path: Path, document: Any) -> None:
     if not isinstance(document, dict):
         raise InputError(path, value=f"a {type(document).__name__}", allowed=_AS_WRITTEN)
-    if (version := document.get("schema_version")) != SCHEMA_VERSION or isinstance(version, bool):
-        raise InputError(path, value=f"schema_version {version}", allowed=f"schema_version {SCHEMA_VERSION}")
+    if (version := document.get("schema_version")) not in VERSIONS or isinstance(version, bool):
+        allowed = f"schema_version {' or '.join(map(str, VERSIONS))}"
+        raise InputError(path, value=f"schema_version {version}", allowed=allowed)

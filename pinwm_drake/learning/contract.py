@@ -6,9 +6,9 @@ All of it follows from the specification and the limits, so that a reader can wo
 from typing import Any
 
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.learning.spec import PolicySpec, from_version_1
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION, VERSIONS = 2, (1, 2)
 OPSET = 18
 IMAGE, POSITION, TRANSLATION = "image", "pusher_position", "pusher_translation"
 _PROSE = ("notes", "meaning")
@@ -22,6 +22,7 @@ def make_contract(spec: PolicySpec, limits: SafetyLimits) -> dict[str, Any]:
         limits: That a controller keeps, whatever the policy asks for.
     """
     # Latency is 0: a policy is trained in an environment that waits for it.
+    axes = " and ".join(spec.task.axes)
     often: dict[str, Any] = {"rate": 1.0 / spec.horizon, "latency": 0.0}
     return {
         "schema_version": SCHEMA_VERSION,
@@ -49,10 +50,10 @@ def make_contract(spec: PolicySpec, limits: SafetyLimits) -> dict[str, Any]:
             {
                 "name": POSITION,
                 "dtype": "float32",
-                "shape": [2],
+                "shape": [spec.action_size],
                 "unit": "m",
                 "frame": "W",
-                "meaning": "x and y of the pusher's frame P when the last image was taken",
+                "meaning": f"{axes} of the pusher's frame P when the last image was taken",
                 **often,
             },
         ],
@@ -60,11 +61,11 @@ def make_contract(spec: PolicySpec, limits: SafetyLimits) -> dict[str, Any]:
             {
                 "name": TRANSLATION,
                 "dtype": "float32",
-                "shape": [2],
+                "shape": [spec.action_size],
                 "unit": "m",
                 "frame": "W",
-                "meaning": "x and y by which the pusher is to move in the horizon, no longer than max_translation; its "
-                "height stays",
+                "meaning": f"{axes} by which the pusher is to move in the horizon, no longer than max_translation; its "
+                "other coordinates stay",
                 "horizon": spec.horizon,
                 "max_translation": spec.max_translation,
                 **often,
@@ -73,6 +74,13 @@ def make_contract(spec: PolicySpec, limits: SafetyLimits) -> dict[str, Any]:
         "safety": limits.to_document(),
         "spec": spec.to_document(),
     }
+
+
+def upgraded(document: dict[str, Any]) -> dict[str, Any]:
+    """The contract in the present version: in the first one the push task stood among the specification's keys."""
+    if document.get("schema_version") != 1:
+        return document
+    return {**document, "schema_version": SCHEMA_VERSION, "spec": from_version_1(document.get("spec"))}
 
 
 def difference(found: Any, expected: Any, name: str = "") -> tuple[str, Any, Any] | None:

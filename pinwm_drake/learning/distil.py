@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch.nn.functional import cross_entropy, mse_loss
 
 from pinwm_drake.files import prepare_folder
-from pinwm_drake.learning.actors import STATE_SIZE, ImageActor
+from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.augment import Augment
 from pinwm_drake.learning.image_buffer import Chunk, Frames
 from pinwm_drake.learning.option_checks import check_options
@@ -153,8 +153,8 @@ def _collect(env: VecEnv, actor: Policy, options: DistilOptions, generator: np.r
     chunk = Chunk(
         np.empty((rows, height, width, 3), np.uint8),
         np.empty(rows, bool),
-        np.empty((rows, 2), np.float32),
-        np.empty((rows, STATE_SIZE), np.float32),
+        np.empty((rows, *seen["pusher"].shape[1:]), np.float32),
+        np.empty((rows, *seen["state"].shape[1:]), np.float32),
     )
     starts = np.ones(W, bool)
     for t in range(length):
@@ -162,7 +162,7 @@ def _collect(env: VecEnv, actor: Policy, options: DistilOptions, generator: np.r
         chunk.image[at] = seen["image"][..., -3:]
         chunk.start[at], chunk.pusher[at], chunk.state[at] = starts, seen["pusher"], seen["state"]
         actions = actor.predict(seen)[0]
-        noise = options.noise * generator.standard_normal((W, 2))
+        noise = options.noise * generator.standard_normal(actions.shape)
         seen, _, starts, _ = env.step(np.clip(actions + noise, -1.0, 1.0).astype(np.float32))
     return chunk
 

@@ -63,7 +63,7 @@ class InMetres(nn.Module):
         self.eval()
 
     def forward(self, image: Tensor, p_WP: Tensor) -> Tensor:
-        """d_W (2,) m of an image (height, width, 3 k) uint8 and a position (2,) m."""
+        """Translation d_W (n,) m of an image (height, width, 3 k) uint8 and a position (n,) m."""
         pusher = (2.0 * (p_WP - self.low) / self.size - 1.0).clamp(-1.0, 1.0)
         action: Tensor = self.actor(image[None], pusher[None])[0]
         length = (action * action).sum().sqrt().clamp(min=1.0)
@@ -79,8 +79,8 @@ def export_policy(
         policy: One that observes "rgb".
         folder: New or empty.
         limits: That a controller is to keep.
-        samples: Images (n, height, width, 3 k) uint8 and positions p_WP (n, 2) m of a run of the policy, n of 1 or
-            more. A few that no run has, with positions beyond the box, are added.
+        samples: Images (n, height, width, 3 k) uint8 and positions p_WP (n, action_size) m of a run of the policy, n of
+            1 or more. A few that no run has, with positions beyond the box, are added.
 
     Raises:
         ParameterError: It does not observe images, or the samples do not fit it.
@@ -131,7 +131,7 @@ def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray) -> Gold
     Args:
         policy: Of images.
         images: (n, height, width, 3 k) uint8.
-        p_WP: (n, 2) m.
+        p_WP: (n, action_size) m, along the axes of the task.
 
     Raises:
         ParameterError: A shape or type is another, a number is not finite, or there is no sample.
@@ -141,8 +141,8 @@ def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray) -> Gold
     if images.dtype != np.uint8 or images.shape[1:] != spec.image_shape or len(images) < 1:
         wanted = f"uint8 (n, {', '.join(map(str, spec.image_shape))}) with n of 1 or more"
         raise ParameterError(f"samples: got images of {images.dtype} {images.shape}; allowed: {wanted}")
-    if p_WP.shape != (len(images), 2) or not np.isfinite(p_WP).all():
-        raise ParameterError(f"samples: got positions {p_WP.shape}; allowed: ({len(images)}, 2) finite numbers, m")
+    if p_WP.shape != (shape := (len(images), spec.action_size)) or not np.isfinite(p_WP).all():
+        raise ParameterError(f"samples: got positions {p_WP.shape}; allowed: {shape} finite numbers, m")
     low, high = np.array(spec.pusher_low, np.float32), np.array(spec.pusher_high, np.float32)
     height, width, channels = spec.image_shape
     blocks = np.random.default_rng(0).integers(0, 256, (-(-height // 8), -(-width // 8), channels), np.uint8)
@@ -179,7 +179,7 @@ def onnx_bytes(policy: Policy) -> bytes:
     with _quiet():
         program = torch.onnx.export(
             InMetres(policy.spec, policy.actor),
-            (images, torch.zeros(2)),
+            (images, torch.zeros(policy.spec.action_size)),
             input_names=[IMAGE, POSITION],
             output_names=[TRANSLATION],
             opset_version=OPSET,

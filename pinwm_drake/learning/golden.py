@@ -21,8 +21,8 @@ class Golden:
 
     Attributes:
         images: (n, height, width, 3 k) uint8.
-        p_WP: (n, 2) float32, m.
-        d_W: (n, 2) float32, m.
+        p_WP: (n, k) float32, m, along the k axes of the task.
+        d_W: (n, k) float32, m, likewise.
     """
 
     images: np.ndarray
@@ -53,7 +53,8 @@ class Golden:
                 arrays = {name: file[name] for name in file.files}
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
-        kinds = {IMAGE: (np.uint8, spec.image_shape), POSITION: (np.float32, (2,)), TRANSLATION: (np.float32, (2,))}
+        along = (np.float32, (spec.action_size,))
+        kinds = {IMAGE: (np.uint8, spec.image_shape), POSITION: along, TRANSLATION: along}
         if set(arrays) != set(kinds):
             raise InputError(path, value=f"arrays {sorted(arrays)}", allowed=f"arrays {sorted(kinds)}")
         number = len(arrays[IMAGE]) if arrays[IMAGE].ndim else 0
@@ -67,5 +68,5 @@ class Golden:
 
 
 def deviation(found: np.ndarray, expected: np.ndarray) -> float:
-    """The largest difference of a component of translations (..., 2), m; not a number where one of them is none."""
+    """The largest difference of a component of translations (..., k), m; not a number where one of them is none."""
     return float(np.abs(np.asarray(found, float) - np.asarray(expected, float)).max())

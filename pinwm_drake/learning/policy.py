@@ -18,7 +18,8 @@ from pinwm_drake.learning.spec import PolicySpec, seen_parts
 from pinwm_drake.learning.weights import set_weights, weights
 
 POLICY_FILE, WEIGHTS_FILE = "policy.yaml", "weights.npz"
-_VERSION = 1
+_VERSION, _VERSIONS = 2, (1, 2)
+_WEIGHTS_VERSION = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +39,10 @@ class Policy:
     def predict(
         self, observation: Any, state: None = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, None]:
-        """Actions (2,) or (B, 2) in [-1, 1]^2, with the signature of SB3's `predict`; the policy has no state.
+        """Actions (n,) or (B, n) in [-1, 1]^n, with the signature of SB3's `predict`; the policy has no state.
 
         Args:
-            observation: Of one world or of B, as the environment gives it: an array (11) where it observes "state";
+            observation: Of one world or of B, as the environment gives it: an array where it observes "state";
                 otherwise a dict of which `image` and `pusher` are used.
             state: Not used.
             episode_start: Not used.
@@ -65,7 +66,7 @@ class Policy:
 
 def make_actor(spec: PolicySpec) -> nn.Module:
     """An untrained network for a specification."""
-    return StateActor() if spec.observes == "state" else ImageActor(spec)
+    return StateActor(spec.task) if spec.observes == "state" else ImageActor(spec)
 
 
 def weights_digest(policy: Policy) -> str:
@@ -88,7 +89,7 @@ def write_policy(folder: Path, policy: Policy) -> None:
         InputError: A file cannot be written.
     """
     prepare_folder(folder)
-    write_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, weights(policy.actor))
+    write_arrays(folder / WEIGHTS_FILE, {"schema_version": _WEIGHTS_VERSION}, weights(policy.actor))
     document = {"schema_version": _VERSION, "spec": policy.spec.to_document(), "provenance": policy.provenance}
     with replacing(folder / POLICY_FILE) as path:
         path.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
@@ -105,13 +106,15 @@ def read_policy(folder: Path) -> Policy:
         document = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(path, value=error, allowed="policy.yaml that `pinwm train` wrote") from error
-    if not isinstance(document, dict) or document.get("schema_version") != _VERSION:
-        raise InputError(path, value="another document", allowed=f"a policy with schema_version {_VERSION}")
+    if not isinstance(document, dict) or document.get("schema_version") not in _VERSIONS:
+        raise InputError(
+            path, value="another document", allowed=f"a policy with schema_version {' or '.join(map(str, _VERSIONS))}"
+        )
     try:
         spec = PolicySpec.from_document(document.get("spec"))
     except ParameterError as error:
         raise InputError(path, value=error, allowed="a specification that `pinwm train` wrote") from error
-    arrays = read_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, "policy")
+    arrays = read_arrays(folder / WEIGHTS_FILE, {"schema_version": _WEIGHTS_VERSION}, "policy")
     if arrays is None:
         raise InputError(folder / WEIGHTS_FILE, value="no such file", allowed="the weights beside policy.yaml")
     actor = make_actor(spec)

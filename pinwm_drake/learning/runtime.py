@@ -50,14 +50,14 @@ class Network:
             if found != wanted:
                 allowed = f"{_listed(wanted)}, as the contract says"
                 raise InputError(path, value=f"{what} {_listed(found)}", allowed=allowed)
-        self._shape = tuple(contract["inputs"][0]["shape"])
+        self._shape, self._position = (tuple(entry["shape"]) for entry in contract["inputs"])
 
     def run(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """d_W (2,) float32, m, over the horizon; not a number where the position is none.
+        """Translation d_W (n,) float32, m, over the horizon; not a number where the position is none.
 
         Args:
             image: (height, width, 3 k) uint8.
-            p_WP: (2,) m, x and y.
+            p_WP: (n,) m, along the axes of the task.
 
         Raises:
             StateError: A shape, or the image's type, is another.
@@ -65,8 +65,8 @@ class Network:
         image, position = np.asarray(image), np.asarray(p_WP, np.float32)
         if image.dtype != np.uint8 or image.shape != self._shape:
             raise StateError(f"image: got {image.dtype} {image.shape}; allowed: uint8 {self._shape}")
-        if position.shape != (2,):
-            raise StateError(f"p_WP: got the shape {position.shape}; allowed: (2,), x and y, m")
+        if position.shape != self._position:
+            raise StateError(f"p_WP: got the shape {position.shape}; allowed: {self._position}, m")
         inputs = {IMAGE: np.ascontiguousarray(image), POSITION: np.ascontiguousarray(position)}
         d_W: np.ndarray = self._session.run([TRANSLATION], inputs)[0]
         return d_W

@@ -77,16 +77,19 @@ class SafetyLimits:
 def default_limits(spec: PolicySpec) -> SafetyLimits:
     """Limits that let a policy do what it did in training: its own speed and box, and to turn round between actions.
 
-    The box is that of the policy in x and y, and 10 mm to either side of the pusher's height; the velocity may change
-    from one way at full speed to the other within an action; an image is stale after an action.
+    The box is that of the policy along its task's axes, and 10 mm to either side of where the pusher is along the other
+    ones; the velocity may change from one way at full speed to the other within an action; an image is stale after an
+    action.
 
     Args:
         spec: Of the policy.
     """
-    low, high, speed = spec.pusher_low, spec.pusher_high, round(spec.max_translation / spec.horizon, 9)
+    speed, still = round(spec.max_translation / spec.horizon, 9), np.array([0.0, 0.0, spec.pusher_height])
+    low, high = still - _HALF_HEIGHT, still + _HALF_HEIGHT
+    low[spec.task.axis_indices], high[spec.task.axis_indices] = spec.pusher_low, spec.pusher_high
     return SafetyLimits(
-        box_low=(low[0], low[1], spec.pusher_height - _HALF_HEIGHT),
-        box_high=(high[0], high[1], spec.pusher_height + _HALF_HEIGHT),
+        box_low=_corner("box_low", low),
+        box_high=_corner("box_high", high),
         max_speed=speed,
         max_acceleration=2 * speed / spec.horizon,
         max_image_age=spec.horizon,

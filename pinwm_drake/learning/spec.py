@@ -1,4 +1,4 @@
-"""What a policy sees and does, as plain numbers: without these a network's inputs and outputs mean nothing."""
+"""Specifications of policies: the meaning of a network's inputs and outputs, as plain numbers."""
 
 import math
 from collections.abc import Mapping
@@ -8,10 +8,11 @@ from typing import Any, Literal
 import numpy as np
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.tasks import PushTask, Task, task_from_document
 
 Observes = Literal["rgb", "state"]
 OBSERVES = ("rgb", "state")
-LENGTH = 0.1  # m, what stands for 1 in the state
+_FLAT = ("goal", "q_WO", "tolerance", "turn_tolerance")  # in version 1, which knew the push task alone
 
 
 @dataclass(frozen=True)
@@ -38,21 +39,19 @@ class CameraSpec:
 
 @dataclass(frozen=True)
 class PolicySpec:
-    """What a policy of the push task sees and does.
+    """Inputs and outputs of a policy of one task.
 
     Attributes:
-        observes: "rgb": images and the pusher's position; "state": `PushObserver`'s eleven numbers.
+        observes: "rgb": images and the pusher's position; "state": the numbers of `Task.state`.
         frames: k, how many of the last images it sees, the oldest first, one an action; the first image of an episode
             stands for those before it.
         camera: That takes them: sRGB of the object where it is seen, white elsewhere.
         horizon: s, how long an action lasts.
         max_translation: m, of the pusher in an action; what stands for 1.
-        pusher_low, pusher_high: (2,) m, x and y of the box that the pusher may be in; what stands for -1 and 1.
+        pusher_low, pusher_high: (n,) m, along the task's axes: corners of the box that the pusher may be in; what
+            stands for -1 and 1.
         pusher_height: m, of the pusher's frame P while it pushes.
-        goal: x [m], y [m], yaw [rad] of the object's frame O in the world.
-        q_WO: (4,) wxyz, how the object lies at yaw 0.
-        tolerance: m, within which the object is to come to rest.
-        turn_tolerance: rad.
+        task: Goal, success, axes of the action and size of the state.
         max_steps: Actions in an episode.
 
     Raises:
@@ -64,13 +63,10 @@ class PolicySpec:
     camera: CameraSpec
     horizon: float
     max_translation: float
-    pusher_low: tuple[float, float]
-    pusher_high: tuple[float, float]
+    pusher_low: tuple[float, ...]
+    pusher_high: tuple[float, ...]
     pusher_height: float
-    goal: tuple[float, float, float]
-    q_WO: tuple[float, float, float, float]
-    tolerance: float
-    turn_tolerance: float
+    task: Task
     max_steps: int
 
     def __post_init__(self) -> None:
@@ -80,14 +76,20 @@ class PolicySpec:
         for name in ("frames", "max_steps"):
             if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
                 raise ParameterError(f"{name}: got {getattr(self, name)!r}; allowed: a whole number, 1 or more")
-        for name in ("horizon", "max_translation", "tolerance", "turn_tolerance"):
+        for name in ("horizon", "max_translation"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ParameterError(f"{name}: got {getattr(self, name)}; allowed: more than 0")
         low, high = np.array(self.pusher_low), np.array(self.pusher_high)
-        if low.shape != (2,) or high.shape != (2,) or not (low < high).all() or not np.isfinite([low, high]).all():
-            raise ParameterError(f"pusher_low, pusher_high: got {low} and {high}; allowed: x and y, m, low below high")
+        shape, axes = (self.action_size,), " and ".join(self.task.axes)
+        if low.shape != shape or high.shape != shape or not (low < high).all() or not np.isfinite([low, high]).all():
+            raise ParameterError(f"pusher_low, pusher_high: got {low} and {high}; allowed: {axes}, m, low below high")
         if self.camera.width < 1 or self.camera.height < 1:
             raise ParameterError(f"camera: got {self.camera.width} by {self.camera.height} px; allowed: 1 or more")
+
+    @property
+    def action_size(self) -> int:
+        """Components of an action, one for each of the task's axes."""
+        return self.task.action_size
 
     @property
     def image_shape(self) -> tuple[int, int, int]:
@@ -96,18 +98,33 @@ class PolicySpec:
 
     def to_document(self) -> dict[str, Any]:
         """Plain data, for YAML."""
-        return {name: _plain(value) for name, value in asdict(self).items()}
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values |= {"camera": asdict(self.camera), "task": self.task.to_document()}
+        return {name: _plain(value) for name, value in values.items()}
 
     @classmethod
     def from_document(cls, document: Any) -> "PolicySpec":
-        """Of what `to_document` gave.
+        """The specification that `to_document` described, of this version or the first.
 
         Raises:
             ParameterError: A key is missing or unknown, or a value is out of range.
         """
-        values = _values(cls, document, "spec")
+        values = _values(cls, from_version_1(document), "spec")
         values["camera"] = CameraSpec(**_values(CameraSpec, values["camera"], "camera"))
+        values["task"] = task_from_document(values["task"])
         return cls(**values)
+
+
+def from_version_1(document: Any) -> Any:
+    """The document with its task in an entry of its own: in version 1 the push task's fields stood beside the others.
+
+    Anything else is returned as it is.
+    """
+    if not isinstance(document, dict) or "task" in document or not set(_FLAT) <= set(document):
+        return document
+    task = {"name": PushTask.name} | {name: document[name] for name in _FLAT}
+    rest = {name: value for name, value in document.items() if name not in _FLAT and name != "max_steps"}
+    return rest | {"task": PushTask().changed(task).to_document(), "max_steps": document.get("max_steps")}
 
 
 def _values(kind: type, document: Any, name: str) -> dict[str, Any]:
@@ -121,9 +138,11 @@ def _values(kind: type, document: Any, name: str) -> dict[str, Any]:
         value = document[field.name]
         form = str(field.type)
         if form.startswith("tuple"):
-            length = form.count("float")
-            if not isinstance(value, list | tuple) or len(value) != length or not all(_number(item) for item in value):
-                raise ParameterError(f"{name}.{field.name}: got {value!r}; allowed: {length} finite numbers")
+            length = None if "..." in form else form.count("float")
+            good = isinstance(value, list | tuple) and len(value) == (len(value) if length is None else length)
+            if not good or not all(_number(item) for item in value):
+                allowed = f"{'' if length is None else f'{length} '}finite numbers"
+                raise ParameterError(f"{name}.{field.name}: got {value!r}; allowed: {allowed}")
             value = tuple(float(item) for item in value)
         elif field.type is float and not _number(value):
             raise ParameterError(f"{name}.{field.name}: got {value!r}; allowed: a finite number")

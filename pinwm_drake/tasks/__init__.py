@@ -1,1 +1,10 @@
-"""Tasks: goals, progress, rewards and states that tell one task from another; no Drake."""
+"""Tasks: goal, success, rewards and the policy's state, which tell one task from another; no Drake, no torch.
+
+task.py    the seam: `Task`, `Progress`, and tasks by name
+push.py    an object is pushed to a pose on the floor
+"""
+
+from pinwm_drake.tasks.push import PushTask
+from pinwm_drake.tasks.task import Progress, Task, register, task_from_document
+
+__all__ = ["Progress", "PushTask", "Task", "register", "task_from_document"]

@@ -1,41 +1,27 @@
-"""The push task: where the object is to go, how far it is from there, and what a step is worth."""
+"""The push task: an object is pushed to a pose on the floor, where it is to rest."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydrake.common.eigen_geometry import Quaternion
-from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.tasks.task import Progress, Task, register
+
+if TYPE_CHECKING:
+    from pinwm_drake.spatial.poses import Pose
 
 Reward = Literal["paper", "shaped"]
 REWARDS = ("paper", "shaped")
+LENGTH, SPEED, TURN = 0.1, 0.3, 3.0  # m, m/s, rad/s: what stands for 1 in the state
 
 
-@dataclass(frozen=True, eq=False)
-class Progress:
-    """Where W worlds stand.
-
-    Attributes:
-        distance: d_t (W,) m, horizontal, from the object's origin to the goal.
-        angle: d_r (W,) rad, 0 to pi, between the object's orientation and the goal's.
-        reach: (W,) m, horizontal, from the pusher to the object's origin.
-        at_rest: (W,) bool.
-        success: (W,) bool: near enough, turned little enough, and at rest.
-    """
-
-    distance: np.ndarray
-    angle: np.ndarray
-    reach: np.ndarray
-    at_rest: np.ndarray
-    success: np.ndarray
-
-
+@register
 @dataclass(frozen=True)
-class PushTask:
+class PushTask(Task):
     """An object is to be pushed to a fixed pose on the floor, and to rest there.
 
     Rewards, of a step that ends at d_t [m] and d_r [rad]:
@@ -44,23 +30,38 @@ class PushTask:
         shaped   phi(before) - phi(after) - cost + bonus on success,
                  phi = 10 d_t + d_r + 2 max(0, reach - 0.1)    with the pusher's distance `reach` [m]
 
-    The shaped one is a difference of potentials, so that it leaves the order of policies as it is but for the cost of
-    time; the last term brings the pusher to the object.
+    The last term of phi brings the pusher to the object. Without a discount the shaped reward is a difference of
+    potentials and leaves the order of policies as it is, but for the cost of time. With a discount gamma < 1 that would
+    need phi(before) - gamma phi(after) (Ng, Harada and Russell, ICML 1999), which this is not: then it favours being
+    near the goal by (1 - gamma) phi a step.
+
+    The state, float32 (11), each within [-20, 20], in the frame of the goal: x, y of the goal, axes turned by its yaw:
+
+        0, 1    x, y of the object's origin, in 0.1 m
+        2, 3    cos, sin of the object's yaw
+        4, 5    its velocity, in 0.3 m/s
+        6       its rate of turn about z, in 3 rad/s
+        7, 8    the pusher, seen from the object's origin, axes turned with the object, in 0.1 m
+        9, 10   the pusher, in 0.1 m
 
     Attributes:
         goal: x [m], y [m], yaw [rad] of the object's frame O in the world; yaw is a turn about z after `q_WO`.
-        q_WO: (4,) wxyz, how the object lies at yaw 0.
+        q_WO: (4,) wxyz, how the object lies at yaw 0; a scene's own stands for it in its environments.
         reward: "paper" or "shaped".
         tolerance: m, of d_t.
         turn_tolerance: rad, of d_r.
         rest_speed: m/s, below which the object rests. Friction of 0.03 stops it within 0.05 mm from there.
         rest_turn: rad/s, below which it does.
-        cost: Of a step, in the shaped reward.
-        bonus: On success, in the shaped reward.
+        cost: Cost of an action in the shaped reward.
+        bonus: Bonus on success in the shaped reward.
 
     Raises:
         ParameterError: There is no such reward, or a number is not finite or not positive.
     """
+
+    name: ClassVar[str] = "push"
+    axes: ClassVar[tuple[str, ...]] = ("x", "y")
+    state_size: ClassVar[int] = 11
 
     goal: tuple[float, float, float] = (0.0, 0.0, 0.0)
     q_WO: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
@@ -73,7 +74,7 @@ class PushTask:
     bonus: float = 10.0
 
     def __post_init__(self) -> None:
-        """Checks the values."""
+        """Validates the fields; see the class for what is allowed."""
         if self.reward not in REWARDS:
             raise ParameterError(f"reward: got {self.reward!r}; allowed: {', '.join(REWARDS)}")
         if len(self.goal) != 3 or not all(math.isfinite(value) for value in self.goal):
@@ -83,32 +84,44 @@ class PushTask:
                 raise ParameterError(f"{name}: got {getattr(self, name)}; allowed: more than 0")
 
     @cached_property
-    def R_WG(self) -> RotationMatrix:
-        """The object's orientation at the goal."""
-        q_WO = np.array(self.q_WO)
-        return RotationMatrix.MakeZRotation(self.goal[2]) @ RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO)))
+    def q_WG(self) -> np.ndarray:
+        """Orientation (4,) wxyz of the object at the goal, unit norm."""
+        w, x, y, z = np.array(self.q_WO) / np.linalg.norm(self.q_WO)
+        c, s = math.cos(0.5 * self.goal[2]), math.sin(0.5 * self.goal[2])
+        return np.array([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w])
 
-    @cached_property
-    def _q_WG(self) -> np.ndarray:
-        """(4,) wxyz."""
-        q_WG: np.ndarray = self.R_WG.ToQuaternion().wxyz()
-        return q_WG
+    @property
+    def goal_yaw(self) -> float:
+        """Yaw of the goal, rad."""
+        return self.goal[2]
 
-    def X_WG(self, height: float) -> RigidTransform:
-        """The object's pose at the goal, its origin at a height [m]."""
-        return RigidTransform(self.R_WG, [*self.goal[:2], height])
+    def lying(self, q_WO: Sequence[float]) -> Self:
+        """The task of an object that lies as q_WO (4,) wxyz says at yaw 0."""
+        w, x, y, z = (float(value) for value in q_WO)
+        return replace(self, q_WO=(w, x, y, z))
+
+    def goal_pose(self, height: float) -> "Pose":
+        """Pose X_WG of the object at the goal, its origin at a height [m]."""
+        import torch
+
+        from pinwm_drake.spatial.poses import Pose
+
+        return Pose(torch.from_numpy(self.q_WG), torch.tensor([*self.goal[:2], height], dtype=torch.float64))
+
+    def for_training(self) -> Self:
+        """The task with the shaped reward."""
+        return replace(self, reward="shaped")
+
+    def success_words(self) -> str:
+        """Criterion of success in words."""
+        return f"success is rest within {1e3 * self.tolerance:g} mm and {self.turn_tolerance:g} rad of the goal"
 
     def measure(self, object_state: np.ndarray, p_WP: np.ndarray) -> Progress:
-        """Where worlds stand.
-
-        Args:
-            object_state: (W, 13) as the station's port has it.
-            p_WP: (W, 3) m.
-        """
+        """Horizontal distance, angle and success of W worlds; see `Task.measure`."""
         q_WO, p_WO = object_state[:, :4], object_state[:, 4:6]
         offset = p_WO - self.goal[:2]
         distance = np.hypot(offset[:, 0], offset[:, 1])
-        share = np.abs(q_WO @ self._q_WG) / _lengths(q_WO)
+        share = np.abs(q_WO @ self.q_WG) / _lengths(q_WO)
         angle = 2.0 * np.arccos(np.minimum(share, 1.0))
         reach = np.hypot(*(p_WP[:, :2] - p_WO).T)
         speed, turn = _lengths(object_state[:, 10:13]), _lengths(object_state[:, 7:10])
@@ -117,11 +130,31 @@ class PushTask:
         return Progress(distance, angle, reach, at_rest, success)
 
     def rewards(self, before: Progress, after: Progress) -> np.ndarray:
-        """(W,): what a step from `before` to `after` is worth."""
+        """Rewards (W,) of the kind `reward`."""
         if self.reward == "paper":
             return -after.distance - after.angle
         gain: np.ndarray = _potential(before) - _potential(after) - self.cost + self.bonus * after.success
         return gain
+
+    def state(self, object_state: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
+        """Observation (W, 11) float32; the class says what each number is."""
+        goal, values = np.array(self.goal), np.empty((len(object_state), self.state_size))
+        yaw = turn_from(np.array(self.q_WO), object_state[:, :4])
+        turn = yaw - goal[2]
+        p_WO = object_state[:, 4:6]
+        values[:, 0:2] = _turned(p_WO - goal[:2], goal[2]) / LENGTH
+        values[:, 2], values[:, 3] = np.cos(turn), np.sin(turn)
+        values[:, 4:6] = _turned(object_state[:, 10:12], goal[2]) / SPEED
+        values[:, 6] = object_state[:, 9] / TURN
+        values[:, 7:9] = _turned(p_WP[:, :2] - p_WO, yaw) / LENGTH
+        values[:, 9:11] = _turned(p_WP[:, :2] - goal[:2], goal[2]) / LENGTH
+        return np.clip(np.nan_to_num(values), -self.state_bound, self.state_bound).astype(np.float32)
+
+    def assembly(self, low: np.ndarray, high: np.ndarray) -> Any:
+        """The map from seven estimated numbers and the pusher to the state; see `Task.assembly`."""
+        from pinwm_drake.tasks.push_assembly import PushAssembly
+
+        return PushAssembly(np.array(self.goal), LENGTH, low, high)
 
 
 def turn_from(q_WO: np.ndarray, q_WB: np.ndarray) -> np.ndarray:
@@ -142,6 +175,12 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
     """(W,) of vectors (W, n); numpy's norm takes three times as long for so few."""
     lengths: np.ndarray = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
     return lengths
+
+
+def _turned(vectors: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:
+    """Vectors (W, 2) in axes that are turned by yaw."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.stack([c * vectors[:, 0] + s * vectors[:, 1], c * vectors[:, 1] - s * vectors[:, 0]], axis=1)
 
 
 def _potential(progress: Progress) -> np.ndarray:

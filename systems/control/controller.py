@@ -25,7 +25,7 @@ class Acting(Protocol):
         """What the policy sees and does; it observes "rgb"."""
 
     def act(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """The pusher's translation d_W (2,) m of images (height, width, 3 k) uint8 and its position (2,) m."""
+        """Translation d_W (n,) m of the pusher, of images (height, width, 3 k) uint8 and its position (n,) m."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class _Held:
     safety: Safety = field(default_factory=Safety)
     images: tuple[np.ndarray, ...] = ()
     image_time: float = -np.inf
-    raw_action: tuple[float, float] = (np.nan, np.nan)
+    raw_action: tuple[float, ...] = ()  # none where it is empty
     command_time: float = -1.0
     status: ControlStatus = field(default_factory=ControlStatus)
 
@@ -65,7 +65,7 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
     """Acts every horizon H, and moves the pusher only within limits, once armed, until the first fault.
 
                                               ┌──────────────────┐─► pusher_velocity_W  (3) [m/s], W: limited
-        rgb           ImageRgba8U ───────────►│                  │─► raw_action         (2) [m], W: the policy's own
+        rgb           ImageRgba8U ───────────►│                  │─► raw_action         (n) [m], W: the policy's own
         rgb_time      (1) s, when it was taken│ PolicyController │─► status   Value[ControlStatus]
         pusher_state  (6): p_WP [m],          │                  │─► command_time       (1) s, of the last action
                            v_WP [m/s], W   ──►│                  │
@@ -81,7 +81,7 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
 
     The state is set by an unrestricted update, for the reason that `PusherTranslation` gives: what is due at one
     instant, Drake runs after it, so that the worlds which step at k H move by the action on the image of k H, as in
-    `PushEnv`.
+    `TaskEnv`.
 
     Attributes:
         spec: Of the policy.
@@ -105,7 +105,7 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
             raise ParameterError(f"policy: got one that observes {spec.observes!r}; allowed: 'rgb'")
         self.spec, self.limits, self._bundle = spec, limits, bundle
         size = (spec.camera.height, spec.camera.width)
-        self._filter = SafetyFilter(limits, spec.horizon, size)
+        self._filter = SafetyFilter(limits, spec.horizon, size, spec.task)
         self._period = spec.horizon if period is None else period
         self._periods = whole_multiple("horizon", spec.horizon, self._period)
         self._rgb = self.DeclareAbstractInputPort("rgb", AbstractValue.Make(ImageRgba8U(*reversed(size))))
@@ -114,7 +114,7 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
         self._held = self.DeclareAbstractState(AbstractValue.Make(_Held()))
         held = {self.abstract_state_ticket(self._held)}
         self.DeclareVectorOutputPort("pusher_velocity_W", 3, self._CalcVelocity, held)
-        self.DeclareVectorOutputPort("raw_action", 2, self._CalcRawAction, held)
+        self.DeclareVectorOutputPort("raw_action", spec.action_size, self._CalcRawAction, held)
         self.DeclareAbstractOutputPort("status", lambda: AbstractValue.Make(ControlStatus()), self._CalcStatus, held)
         self.DeclareVectorOutputPort("command_time", 1, self._CalcCommandTime, held)
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Update)
@@ -173,7 +173,7 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
         """The state after the action that is due now; `fault` is that of times and pusher."""
         time = context.get_time()
         told: dict[str, Any] = {"time": time, "image_age": time - image_time}
-        held = replace(held, command_time=time, raw_action=(np.nan, np.nan))
+        held = replace(held, command_time=time, raw_action=())
         if not fault:
             image = np.asarray(self._rgb.Eval(context).data)
             fault = self._filter.image_fault(image.shape)
@@ -183,20 +183,20 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
         held = replace(held, images=images, image_time=image_time)
         stack = np.concatenate([images[0]] * (self.spec.frames - len(images)) + list(images), axis=2)
         try:
-            d_W = np.asarray(self._bundle.act(stack, p_WP[:2].copy()), float)
+            d_W = np.asarray(self._bundle.act(stack, p_WP[self.spec.task.axis_indices]), float)
         except Exception as error:  # whatever it is, a robot is not to go on
             fault = f"policy failed: {type(error).__name__}: {error}"
             return _with(held, self._filter.watch(held.safety, fault), limited=False, **told)
         safety = self._filter.act(held.safety, d_W, p_WP)
-        if d_W.shape == (2,):
-            held = replace(held, raw_action=(float(d_W[0]), float(d_W[1])))
+        if d_W.shape == (self.spec.action_size,):
+            held = replace(held, raw_action=tuple(d_W.tolist()))
         return _with(held, safety, actions=held.status.actions + 1, limited=safety.limited, **told)
 
     def _CalcVelocity(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._get(context).safety.v_WP)
 
     def _CalcRawAction(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._get(context).raw_action)
+        output.SetFromVector(self._get(context).raw_action or np.full(self.spec.action_size, np.nan))
 
     def _CalcStatus(self, context: Context, output: AbstractValue) -> None:
         output.set_value(self._get(context).status)

@@ -18,7 +18,6 @@ from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.systems.sdf.twin import ContactName
 from pinwm_drake.systems.station.station import MakePushStation
-from pinwm_drake.tasks.push import PushTask
 
 _LOOKS = 5  # in an action, how often a robot's faults are looked for
 
@@ -30,7 +29,7 @@ class ControlRow:
     Attributes:
         t: s.
         status: Of the controller.
-        raw_action: (2,) m, what the policy wants; NaN where there is no action.
+        raw_action: (n,) m along the task's axes, what the policy wants; NaN where there is no action.
         p_WP: (3,) m, of the pusher; NaN where it is not known.
         object_state: (13,) as the station's port has it; NaN where a robot is all that there is.
         distance: m, of the object from the goal; NaN where it is not known, and so the next.
@@ -91,9 +90,7 @@ class ControlLoop:
             raise ParameterError(f"engine: got {engine!r} with a simulated arm; allowed: lcm")
         spec = bundle.spec
         self.armed, self._horizon, self._begun = armed, spec.horizon, False
-        self._task = PushTask(
-            goal=spec.goal, q_WO=spec.q_WO, tolerance=spec.tolerance, turn_tolerance=spec.turn_tolerance
-        )
+        self._task = spec.task
         builder = DiagramBuilder()
         self.driver: ArmDriver | None = None
         if engine == "lcm":

@@ -8,6 +8,7 @@ import numpy as np
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.pusher.velocity_limiter import VelocityLimiter
+from pinwm_drake.tasks import Task
 
 Mode = Literal["disarmed", "armed", "running", "latched"]
 _STILL = (0.0, 0.0, 0.0)
@@ -47,20 +48,21 @@ class SafetyFilter:
         horizon: s, over which a translation is spread.
     """
 
-    def __init__(self, limits: SafetyLimits, horizon: float, image_size: tuple[int, int]) -> None:
+    def __init__(self, limits: SafetyLimits, horizon: float, image_size: tuple[int, int], task: Task) -> None:
         """Takes the limits; there is no filter without.
 
         Args:
             limits: Box, speed, acceleration, and age of images.
             horizon: s, between actions.
             image_size: Height and width, px, of images.
+            task: Axes of the actions.
 
         Raises:
             ParameterError: There are no limits, or the horizon is not positive.
         """
         if not isinstance(limits, SafetyLimits):
             raise ParameterError(f"limits: got a {type(limits).__name__}; allowed: SafetyLimits")
-        self.limits, self.horizon, self._size = limits, horizon, image_size
+        self.limits, self.horizon, self._size, self._task = limits, horizon, image_size, task
         self._limiter = VelocityLimiter(limits, horizon)
         self._low, self._high = np.array(limits.box_low), np.array(limits.box_high)
 
@@ -129,21 +131,21 @@ class SafetyFilter:
 
         Args:
             safety: Now, without a fault in what came in.
-            d_W: (2,) m, the policy's translation along the world's x and y; whatever it is.
+            d_W: (n,) m, the policy's translation along the task's axes; whatever it is.
             p_WP: (3,) m, where the pusher is; finite.
         """
         fault = self.action_fault(d_W)
         if fault or safety.mode in ("disarmed", "latched"):
             return self.watch(safety, fault)
-        wanted = np.array([*d_W, 0.0]) / self.horizon
+        wanted = self._task.along_axes(np.asarray(d_W)) / self.horizon
         v_WP = self._limiter.limit(wanted, np.array(safety.v_WP), p_WP)
         x, y, z = (float(value) for value in v_WP)
         return Safety("running", "", (x, y, z), bool((v_WP != wanted).any()))
 
     def action_fault(self, d_W: np.ndarray) -> str:
         """What is wrong with an action; empty if nothing is."""
-        if np.shape(d_W) != (2,):
-            return f"action has shape {np.shape(d_W)}; allowed: (2,)"
+        if np.shape(d_W) != (shape := (self._task.action_size,)):
+            return f"action has shape {np.shape(d_W)}; allowed: {shape}"
         with np.errstate(over="ignore"):
             finite = np.isfinite(np.divide(d_W, self.horizon)).all()
         return "" if finite else f"action is not finite: {_shown(d_W)} m"

@@ -1,34 +1,40 @@
-"""A picture of the push task for people: what the camera sees, with goal and pusher drawn into it."""
+"""Pictures of an environment for people: the camera's image, with goal and pusher drawn into it."""
+
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
+import torch
 
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.occluder import mesh_depth
+from pinwm_drake.spatial.poses import transform
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
-from pinwm_drake.tasks.push import PushTask
 
 _LEAST = 256  # px, of the shorter side
 _GOAL, _PUSHER = (40, 160, 70), (70, 70, 80)  # RGB
 _NEAR = 1e-3  # m
 
 
-class PushPicture:
+class TaskPicture:
     """Draws a picture of one world."""
 
-    def __init__(self, setup: Setup, task: PushTask) -> None:
-        """Finds the outline of the goal."""
+    def __init__(self, setup: Setup) -> None:
+        """Finds the outline of the goal, where the task has one."""
         width, height = setup.camera.width, setup.camera.height
         self._factor = f = -(-_LEAST // min(height, width))
         self._camera = Camera.from_field_of_view(f * width, f * height, setup.scenario.camera.fov_y)
         self._X_CW = setup.X_WC.inverse()
         mesh = load_mesh(setup.twin.mesh_path)
-        X_WG = task.X_WG(StartDistribution(setup).middle().X_WO.translation()[2])
-        goal = self._silhouette(X_WG.multiply(np.asarray(mesh.vertices).T).T, np.asarray(mesh.faces))
-        self._outline = cv2.findContours(goal.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+        X_WG = setup.task.goal_pose(StartDistribution(setup).middle().X_WO.translation()[2])
+        self._outline: Sequence[np.ndarray] = ()
+        if X_WG is not None:
+            vertices_W = transform(X_WG, torch.as_tensor(np.asarray(mesh.vertices))).numpy()
+            goal = self._silhouette(vertices_W, np.asarray(mesh.faces))
+            self._outline = cv2.findContours(goal.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
         pusher = pusher_surface(setup.twin.pusher, sections=24)
         self._pusher = np.asarray(pusher.vertices), np.asarray(pusher.faces)
 

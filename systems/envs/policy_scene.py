@@ -1,5 +1,6 @@
 """From a scene to the specification of a policy, and back to an environment that such a policy can act in."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,38 +9,34 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import CameraSpec, Observes, PolicySpec
-from pinwm_drake.systems.envs.env import PushEnv
+from pinwm_drake.systems.envs.env import TaskEnv
+from pinwm_drake.systems.envs.options import EnvOptions, longest_translation
 from pinwm_drake.systems.scenario.load import Scene
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.tasks.push import PushTask
+from pinwm_drake.tasks import Task
 
 # By how much a scene's camera may be elsewhere: an identified floor lies within a millimetre of the true one.
 _OFF, _TURNED = 2e-3, 5e-3  # m, rad
 _SHARE = 1e-6
 
 
-def policy_spec(
-    setup: Setup, task: PushTask, *, observes: Observes, frames: int, max_translation: float, max_steps: int
-) -> PolicySpec:
-    """What a policy sees and does in a scene.
+def policy_spec(setup: Setup, options: EnvOptions, observes: Observes) -> PolicySpec:
+    """Specification of a policy that is trained in a scene.
 
     Args:
         setup: Of `environment_setup`.
-        task: Goal and tolerances.
+        options: Frames, longest translation and number of steps; the task is the setup's.
         observes: "rgb" or "state".
-        frames: Of images.
-        max_translation: m, in an action.
-        max_steps: Of an episode.
 
     Raises:
         ParameterError: A value is out of range.
     """
-    scenario, camera = setup.scenario, setup.camera
+    scenario, camera, task = setup.scenario, setup.camera, setup.task
     fx, fy, cx, cy = (float(value) for value in camera.intrinsics)
-    q_WC = setup.X_WC.rotation().ToQuaternion().wxyz()
+    low, high = (np.array(corner)[task.axis_indices] for corner in (scenario.pusher.low, scenario.pusher.high))
     return PolicySpec(
         observes=observes,
-        frames=frames,
+        frames=options.frames,
         camera=CameraSpec(
             width=camera.width,
             height=camera.height,
@@ -48,50 +45,50 @@ def policy_spec(
             cx=cx,
             cy=cy,
             p_WC=_floats(setup.X_WC.translation()),
-            q_WC=_floats(q_WC),
+            q_WC=_floats(setup.X_WC.rotation().ToQuaternion().wxyz()),
         ),
         horizon=float(scenario.pusher.horizon),
-        max_translation=float(max_translation),
-        pusher_low=_floats(scenario.pusher.low[:2]),
-        pusher_high=_floats(scenario.pusher.high[:2]),
+        max_translation=longest_translation(setup, options.max_translation),
+        pusher_low=_floats(low),
+        pusher_high=_floats(high),
         pusher_height=float(scenario.start.pusher_height),
-        goal=_floats(task.goal),
-        q_WO=_floats(task.q_WO),
-        tolerance=float(task.tolerance),
-        turn_tolerance=float(task.turn_tolerance),
-        max_steps=int(max_steps),
+        task=task,
+        max_steps=task.max_steps if options.max_steps is None else int(options.max_steps),
     )
 
 
-def spec_environment(spec: PolicySpec, scene: Scene, engine: str | None = None, **options: Any) -> PushEnv:
+def spec_environment(spec: PolicySpec, scene: Scene, engine: str | None = None, **changes: Any) -> TaskEnv:
     """An environment in which a policy sees and does what it is made for.
 
     Args:
-        spec: Of the policy.
-        scene: As `PushEnv` takes it.
+        spec: Specification of the policy.
+        scene: As `TaskEnv` takes it.
         engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
-        options: Of `PushEnv`, in the place of the specification's.
+        changes: Fields of `EnvOptions` in the place of the specification's; a mapping as `task` changes the policy's.
 
     Raises:
         InputError: The scene, or one of its files, cannot be used.
-        ParameterError: The scene's camera, pusher's box or horizon is not that of the policy.
+        ParameterError: The scene's camera, pusher's box or horizon is not that of the policy, or an option is none of
+            those allowed.
     """
     camera = spec.camera
     if camera.width != camera.height:
         raise ParameterError(f"camera: got {camera.width} by {camera.height} px; allowed: as wide as high")
-    chosen: dict[str, Any] = {
-        "observation": "state" if spec.observes == "state" else "rgb",
-        "frames": spec.frames,
-        "goal": spec.goal,
-        "max_steps": spec.max_steps,
-        "max_translation": spec.max_translation,
-        "tolerance": spec.tolerance,
-        "turn_tolerance": spec.turn_tolerance,
-        "image_size": camera.width,
-    }
-    environment = PushEnv(scene, engine, **(chosen | options))
+    options = EnvOptions(
+        observation="state" if spec.observes == "state" else "rgb",
+        frames=spec.frames,
+        task=_task(spec.task, changes.pop("task", None)),
+        max_steps=spec.max_steps,
+        max_translation=spec.max_translation,
+        image_size=camera.width,
+    )
+    environment = TaskEnv(scene, engine, options, **changes)
     check_scene(spec, environment.setup)
     return environment
+
+
+def _task(task: Task, wanted: Task | Mapping[str, Any] | None) -> Task:
+    return wanted if isinstance(wanted, Task) else task.changed(wanted or {})
 
 
 def check_scene(spec: PolicySpec, setup: Setup) -> None:
@@ -103,7 +100,8 @@ def check_scene(spec: PolicySpec, setup: Setup) -> None:
     scenario, camera = setup.scenario, spec.camera
     if abs(scenario.pusher.horizon - spec.horizon) > _SHARE:
         raise ParameterError(f"horizon: got {scenario.pusher.horizon:g} s; allowed: {spec.horizon:g} s, the policy's")
-    box = [*scenario.pusher.low[:2], *scenario.pusher.high[:2]]
+    axes = spec.task.axis_indices
+    box = [*np.array(scenario.pusher.low)[axes].tolist(), *np.array(scenario.pusher.high)[axes].tolist()]
     if not np.allclose(box, [*spec.pusher_low, *spec.pusher_high], rtol=0, atol=_SHARE):
         raise ParameterError(
             f"pusher's box: got {box} m; allowed: the policy's, {spec.pusher_low} to {spec.pusher_high}"

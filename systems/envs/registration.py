@@ -12,7 +12,7 @@ PUSH = "pinwm/Push-v0"
 if PUSH not in gymnasium.registry:
     gymnasium.register(
         PUSH,
-        entry_point="pinwm_drake.systems.envs.env:PushEnv",
+        entry_point="pinwm_drake.systems.envs.env:TaskEnv",
         # For `gymnasium.make_vec(PUSH, num_envs=32, vectorization_mode="vector_entry_point")`.
-        vector_entry_point="pinwm_drake.systems.envs.vector:PushVectorEnv",
+        vector_entry_point="pinwm_drake.systems.envs.vector:TaskVectorEnv",
     )

@@ -1,13 +1,13 @@
-"""A station that is driven action by action."""
+"""A station that is driven action by action, by translations of the pusher."""
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from pinwm_drake.cousins import Cousin
+from pinwm_drake.cousins import Domain
 from pinwm_drake.errors import SolverError
-from pinwm_drake.systems.engines.twin.cousins import SetCousin
+from pinwm_drake.systems.engines.twin.domains import SetDomain
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
-from pinwm_drake.systems.scenario.load import longest_translation
+from pinwm_drake.systems.envs.options import longest_translation
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import MakePushStation
@@ -15,8 +15,8 @@ from pinwm_drake.systems.station.station import MakePushStation
 FAILURES = (SolverError, RuntimeError)  # of the twin, and of Drake's plants
 
 
-class PushRun:
-    """A station, its Simulator, and a translation an action.
+class StationRun:
+    """A station with its Simulator, which advances by one translation an action.
 
     Attributes:
         setup: Of `environment_setup`: one update of the state an action.
@@ -58,32 +58,37 @@ class PushRun:
         self._actions = 0
         self._simulator.Initialize()
 
-    def again(self) -> None:
-        """Makes the next `advance` do what the one that failed did not."""
+    def retry(self) -> None:
+        """Prepares a second try of the action that failed, after worlds have been put elsewhere."""
         self._simulator.Initialize()
 
     def place(self, place: Place, world: int = 0) -> None:
         """Puts object and pusher of a world into place, at rest."""
         self.station.SetPlace(self._context, place, world)
 
-    def put(self, object_state: np.ndarray, p_WP: np.ndarray, world: int) -> None:
-        """Puts object (13,) and pusher (3,) m of one of the twin's worlds into a state."""
+    def set_state(self, object_state: np.ndarray, p_WP: np.ndarray, world: int) -> None:
+        """Sets the state of object (13,) and pusher (3,) m in one of the twin's worlds."""
         model, object_state = self._world_model, object_state.copy()
         object_state[:4] /= np.linalg.norm(object_state[:4])
         model.SetState(model.GetMyMutableContextFromRoot(self._context), object_state, p_WP, world)
 
-    def become(self, cousin: Cousin, world: int, *, colours: bool = True) -> None:
-        """Makes one of the twin's worlds a cousin.
+    def set_domain(self, domain: Domain, world: int, *, colours: bool = True) -> None:
+        """Gives one of the twin's worlds the theta and colours of a domain.
 
         Args:
-            cousin: The cousin.
-            world: Which.
-            colours: Whether it is to look like the cousin too; drawing colours takes longer than some actions.
+            domain: Such as a cousin of the twin.
+            world: Index of the world.
+            colours: Flag: the colours are set too; drawing them takes longer than some actions.
 
         Raises:
             PinwmError: A value is out of range, or the surfels are not those of the twin.
         """
-        SetCousin(self._world_model, self._context, cousin, world, colors=colours)
+        SetDomain(self._world_model, self._context, domain, world, colors=colours)
+
+    @property
+    def world_model(self) -> WorldModel | None:
+        """The twin's worlds; None with other engines."""
+        return self.station.world
 
     @property
     def _world_model(self) -> WorldModel:
@@ -91,23 +96,14 @@ class PushRun:
         assert model is not None
         return model
 
-    def translation(self, action: np.ndarray) -> np.ndarray:
-        """d_W (W, 2) m, no longer than `max_translation`, of actions (W, 2) in [-1, 1]^2; nothing where not finite."""
-        action = np.asarray(action, float).reshape(self.num_worlds, 2)
-        action = np.where(np.isfinite(action).all(axis=1)[:, None], np.clip(action, -1.0, 1.0), 0.0)
-        length = np.hypot(action[:, :1], action[:, 1:])
-        d_W: np.ndarray = self.max_translation * action / np.maximum(length, 1.0)
-        return d_W
-
     def advance(self, action: np.ndarray) -> None:
-        """Goes on by one action (W, 2).
+        """Goes on by one action (W, action_size) in [-1, 1], of the scene's task.
 
         Raises:
             SolverError, RuntimeError: The contacts have no solution that is found; see `FAILURES`.
         """
-        values = np.zeros((self.num_worlds, 3))
-        values[:, :2] = self.translation(action)
-        self._d_W.GetMutableData().get_mutable_value().SetFromVector(values.ravel())
+        d_W = self.setup.task.translation(action, self.max_translation)
+        self._d_W.GetMutableData().get_mutable_value().SetFromVector(d_W.ravel())
         self._simulator.AdvanceTo((self._actions + 1) * self.setup.period)
         self._actions += 1
 

@@ -1,131 +1,43 @@
-"""The worlds that a policy is trained in: cousins of a twin, or the twin alone."""
+"""The worlds that a policy is trained in: domains around a twin, or the twin alone."""
 
-from typing import Any
+import dataclasses
 
 import numpy as np
 
-from pinwm_drake.cousins import Cousin, CousinDraw
+from pinwm_drake.cousins import CousinDomains, Domain, DomainDraw, DomainSource
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import Observes, PolicySpec
 from pinwm_drake.systems.envs.observation import Kind
+from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.policy_scene import policy_spec
-from pinwm_drake.systems.envs.vector import PushVecEnv
-from pinwm_drake.systems.scenario.load import Scene, environment_setup, scene_hash, with_start_yaw
-from pinwm_drake.tasks.push import PushTask
+from pinwm_drake.systems.envs.vector import TaskVecEnv
+from pinwm_drake.systems.scenario.load import Scene, load_setup, scene_hash
+from pinwm_drake.systems.scenario.start import with_start_yaw
 
 # Twelve steps of physics an action, and eight directions of friction: tenths of a millimetre do not count here.
-_TIME_STEP, _DIRECTIONS = 1 / 120, 8
-_POOL = 64  # cousins in a round
+_PHYSICS = EnvOptions(frames=3, max_translation=0.02, time_step=1 / 120, friction_directions=8, image_size=64)
+_POOL = 64  # domains in a round
 
 
-class TrainingWorlds:
-    """Makes worlds, for the state and for images, in which the same cousins live.
-
-    Attributes:
-        setup: The scene, of one world.
-        pool: Where episodes get their cousins; None where all are the twin.
-        about: What the worlds are, as JSON takes it.
-    """
-
-    def __init__(
-        self,
-        scene: Scene,
-        *,
-        num_worlds: int = 64,
-        image_size: int = 64,
-        frames: int = 3,
-        max_translation: float = 0.02,
-        max_steps: int = 100,
-        delta: float = 0.1,
-        from_intervals: bool = False,
-        seed: int = 0,
-        yaw: float | None = None,
-        tolerance: float = PushTask.tolerance,
-        turn_tolerance: float = PushTask.turn_tolerance,
-    ) -> None:
-        """Loads the scene.
-
-        Args:
-            scene: The folder of a twin, or what else `PushWorlds` takes.
-            num_worlds: W.
-            image_size: px, width and height.
-            frames: Of images that a policy sees.
-            max_translation: m, in an action.
-            max_steps: Of an episode.
-            delta: Of the cousins; 0 for the twin alone.
-            from_intervals: Whether cousins' theta is drawn from identified intervals.
-            seed: Of the cousins.
-            yaw: rad, by which the object is turned at the start at most, either way; None for the scene's range.
-            tolerance: m, how near to the goal is success.
-            turn_tolerance: rad, likewise of the orientation.
-
-        Raises:
-            InputError: The scene, or one of its files, cannot be used.
-            ParameterError: An option is out of range.
-        """
-        setup = environment_setup(scene, time_step=_TIME_STEP, friction_directions=_DIRECTIONS, image_size=image_size)
-        if yaw is not None:
-            setup = with_start_yaw(setup, yaw)
-        self.setup, self._worlds = setup, num_worlds
-        self._options: dict[str, Any] = {
-            "frames": frames,
-            "max_steps": max_steps,
-            "max_translation": max_translation,
-            "tolerance": tolerance,
-            "turn_tolerance": turn_tolerance,
-            "time_step": _TIME_STEP,
-            "friction_directions": _DIRECTIONS,
-        }
-        draw = CousinDraw(setup.twin, delta=delta, from_intervals=from_intervals, seed=seed)
-        self.pool = CousinPool(draw, _POOL) if delta > 0 or from_intervals else None
-        self.about: dict[str, object] = {
-            "scene": setup.scenario.name,
-            "scene_sha256": scene_hash(setup),
-            "delta": delta,
-            "from_intervals": from_intervals,
-            "cousin_seed": seed,
-            "start_yaw": list(setup.scenario.start.yaw),
-        }
-
-    def worlds(self, observation: Kind) -> PushVecEnv:
-        """Worlds of one diagram, with the shaped reward."""
-        return PushVecEnv(
-            self.setup,
-            self._worlds,
-            observation=observation,
-            reward="shaped",
-            on_reset=self.pool,
-            **self._options,
-        )
-
-    def spec(self, env: PushVecEnv, observes: Observes) -> PolicySpec:
-        """Of a policy that acts in worlds that were made here."""
-        keys = ("frames", "max_translation", "max_steps")
-        return policy_spec(
-            self.setup, env.worlds.task, observes=observes, **{name: self._options[name] for name in keys}
-        )
-
-    def begin(self, seed: int) -> None:
-        """Draws the cousins of a round."""
-        if self.pool is not None:
-            self.pool.begin(seed)
+def training_options(**changes: object) -> EnvOptions:
+    """Options of environments as trainings have them, with single fields changed."""
+    return dataclasses.replace(_PHYSICS, **changes)  # type: ignore[arg-type]
 
 
-class CousinPool:
-    """Gives each episode one of a number of cousins; a round of the training has cousins of its own.
+class DomainPool:
+    """One of a number of domains for each episode; a round of the training has domains of its own.
 
-    Meant as `PushWorlds.on_reset`.
+    Meant as `Worlds.domain`. The domains are drawn beforehand, as drawing colours takes longer than some actions.
 
     Attributes:
-        draw: Where the cousins come from.
-        size: How many there are in a round.
+        size: Number of domains in a round.
     """
 
-    def __init__(self, draw: CousinDraw, size: int = 64) -> None:
+    def __init__(self, draw: DomainDraw, size: int = _POOL) -> None:
         """Draws the first round's.
 
         Args:
-            draw: Of the twin.
+            draw: The domain of a number.
             size: 1 or more.
 
         Raises:
@@ -133,15 +45,80 @@ class CousinPool:
         """
         if size < 1:
             raise ParameterError(f"size: got {size}; allowed: 1 or more")
-        self.draw, self.size = draw, size
+        self._draw, self.size = draw, size
         self.begin(0)
 
     def begin(self, seed: int) -> None:
-        """Draws other cousins, which follow from a seed."""
+        """Draws other domains, which follow from a seed."""
         self._random = np.random.default_rng(seed)
         numbers = self._random.integers(1 << 31, size=self.size)
-        self._members = [self.draw.cousin(int(number)) for number in numbers]
+        self._members = [self._draw(int(number)) for number in numbers]
 
-    def __call__(self, world: int) -> Cousin:
-        """The cousin that a world becomes."""
+    def __call__(self, world: int) -> Domain:
+        """The domain of a world's next episode."""
         return self._members[int(self._random.integers(self.size))]
+
+
+class TrainingWorlds:
+    """Worlds of the same domains, for the state and for images.
+
+    Attributes:
+        setup: The scene, of one world, with the task that a policy's specification names.
+        options: Options of the environments.
+        pool: Domains of the episodes; None where every world is the twin.
+        about: Scene, task, domains and starts, as JSON takes them.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        options: EnvOptions | None = None,
+        *,
+        num_worlds: int = 64,
+        domains: DomainSource | None = None,
+        yaw: float | None = None,
+    ) -> None:
+        """Loads the scene.
+
+        Args:
+            scene: The folder of a twin, or what else `load_setup` takes.
+            options: Options of the environments; None for `training_options()`.
+            num_worlds: W.
+            domains: Distribution of the domains; None for cousins with a delta of 0.1.
+            yaw: rad, by which the object is turned at the start at most, either way; None for the scene's range.
+
+        Raises:
+            InputError: The scene, or one of its files, cannot be used.
+            ParameterError: An option is out of range.
+        """
+        self.options = options or training_options()
+        setup = environment_setup(load_setup(scene), self.options)
+        if yaw is not None:
+            setup = with_start_yaw(setup, yaw)
+        self.setup, self._num_worlds = setup, num_worlds
+        domains = CousinDomains() if domains is None else domains
+        draw = domains.draw(setup.twin)
+        self.pool = None if draw is None else DomainPool(draw)
+        self.about: dict[str, object] = {
+            "scene": setup.scenario.name,
+            "scene_sha256": scene_hash(setup),
+            "task": setup.task.to_document(),
+            **domains.about(),
+            "start_yaw": list(setup.scenario.start.yaw),
+        }
+
+    def worlds(self, observation: Kind) -> TaskVecEnv:
+        """Worlds of one diagram, with the rewards that the task has for training."""
+        task = self.setup.task.for_training()
+        return TaskVecEnv(
+            self.setup, self._num_worlds, self.options, domain=self.pool, observation=observation, task=task
+        )
+
+    def spec(self, observes: Observes) -> PolicySpec:
+        """Specification of a policy that acts in these worlds."""
+        return policy_spec(self.setup, self.options, observes)
+
+    def begin(self, seed: int) -> None:
+        """Draws the domains of a round."""
+        if self.pool is not None:
+            self.pool.begin(seed)

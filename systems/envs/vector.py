@@ -11,17 +11,21 @@ from gymnasium.vector.utils import batch_space
 from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.envs.env import changed_options, row_of
 from pinwm_drake.systems.envs.observation import Observation
-from pinwm_drake.systems.envs.worlds import Outcome, PushWorlds
+from pinwm_drake.systems.envs.options import EnvOptions
+from pinwm_drake.systems.envs.worlds import Advance, OnReset, Worlds
 from pinwm_drake.systems.scenario.load import Scene
 
-
-def _actions() -> spaces.Box:
-    return spaces.Box(-1.0, 1.0, (2,), np.float32)
+_ENGINE = "twin"
 
 
-class PushVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
-    """`PushWorlds` for gymnasium; a world whose episode ends begins the next in the same step.
+def _actions(worlds: Worlds) -> spaces.Box:
+    return spaces.Box(-1.0, 1.0, (worlds.task.action_size,), np.float32)
+
+
+class TaskVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
+    """`Worlds` for gymnasium; a world whose episode ends begins the next in the same step.
 
     `infos`: `distance`, `angle`, `success`, `step` (W,) at the end of the action, also of worlds that ended; where
     some did, `final_obs` and `final_info`, as `SyncVectorEnv` has them with AutoresetMode.SAME_STEP.
@@ -32,22 +36,32 @@ class PushVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012  # as gymnasium has it
 
-    def __init__(self, scenario: Scene = "push_t", num_envs: int = 32, **options: Any) -> None:
-        """Makes the worlds.
+    def __init__(
+        self,
+        scene: Scene = "push_t",
+        num_envs: int = 32,
+        options: EnvOptions | None = None,
+        *,
+        domain: OnReset | None = None,
+        **changes: Any,
+    ) -> None:
+        """Builds the worlds.
 
         Args:
-            scenario: A scenario or setup, the name of a scenario that ships, its path, or the folder of a twin.
+            scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
             num_envs: W.
-            options: Of `PushWorlds`.
+            options: See `EnvOptions`; None for the defaults.
+            domain: See `Worlds`.
+            changes: Single fields of `EnvOptions`, in the place of those of `options`.
 
         Raises:
             InputError: The scenario, or one of its files, cannot be used.
             ParameterError: An option is none of those allowed.
         """
-        options.pop("render_mode", None)
-        self.worlds = PushWorlds(scenario, num_envs, **options)
+        changes.pop("render_mode", None)
+        self.worlds = Worlds(scene, _ENGINE, num_envs, changed_options(options, changes), domain=domain)
         self.num_envs = num_envs
-        self.single_observation_space, self.single_action_space = self.worlds.observation_space, _actions()
+        self.single_observation_space, self.single_action_space = self.worlds.observation_space, _actions(self.worlds)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
@@ -58,7 +72,7 @@ class PushVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
 
         Args:
             seed: World k takes `seed + k`; or one for each.
-            options: Of `PushEnv.reset`, alike in all worlds.
+            options: Of `TaskEnv.reset`, alike in all worlds.
         """
         seeds = [int(seed) + world for world in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
         observation = self.worlds.reset(seeds, None if options is None else [options] * self.num_envs)
@@ -66,32 +80,41 @@ class PushVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         return observation, _columns(progress.distance, progress.angle, progress.success, np.zeros(self.num_envs, int))
 
     def step(self, actions: np.ndarray) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Goes on by one action (W, 2) in [-1, 1]^2 each."""
-        out = self.worlds.step(actions)
+        """Goes on by one action each, (W, n) in [-1, 1]^n."""
+        out = self.worlds.advance(actions)
         progress = out.progress
         infos = _columns(progress.distance, progress.angle, progress.success, out.steps)
+        observation, last = _go_on(self.worlds, out)
         for row, world in enumerate(out.ended.tolist()):
-            final = {"final_obs": _row(out.last, row), "final_info": _info(out, world)}
+            final = {"final_obs": row_of(last, row), "final_info": out.info(world, _ENGINE)}
             infos = self._add_info(infos, final, world)
-        return out.observation, out.reward, out.terminated, out.truncated, infos
+        return observation, out.reward, out.terminated, out.truncated, infos
 
 
-class PushVecEnv(VecEnv):
-    """`PushWorlds` for Stable-Baselines3.
+class TaskVecEnv(VecEnv):
+    """`Worlds` for Stable-Baselines3; a world whose episode ends begins the next in the same step.
 
-    `infos` of a world at the end of an episode: those of `PushEnv`, `terminal_observation`, `TimeLimit.truncated` and,
+    `infos` of a world at the end of an episode: those of `TaskEnv`, `terminal_observation`, `TimeLimit.truncated` and,
     for SB3's log, `episode` and `is_success`; before that they are empty.
 
     Attributes:
         worlds: What does the work.
     """
 
-    def __init__(self, scenario: Scene = "push_t", num_envs: int = 32, **options: Any) -> None:
-        """Makes the worlds; see `PushVectorEnv`."""
-        self.worlds = PushWorlds(scenario, num_envs, **options)
+    def __init__(
+        self,
+        scene: Scene = "push_t",
+        num_envs: int = 32,
+        options: EnvOptions | None = None,
+        *,
+        domain: OnReset | None = None,
+        **changes: Any,
+    ) -> None:
+        """Builds the worlds; see `TaskVectorEnv`."""
+        self.worlds = Worlds(scene, _ENGINE, num_envs, changed_options(options, changes), domain=domain)
         self.render_mode = None
-        super().__init__(num_envs, self.worlds.observation_space, _actions())
-        self._next = np.zeros((num_envs, 2))
+        super().__init__(num_envs, self.worlds.observation_space, _actions(self.worlds))
+        self._next = np.zeros((num_envs, self.worlds.task.action_size))
         self._sums = np.zeros(num_envs)
 
     def reset(self) -> Observation:
@@ -103,23 +126,24 @@ class PushVecEnv(VecEnv):
         return observation
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keeps the actions (W, 2)."""
+        """Keeps the actions (W, n)."""
         self._next = actions
 
     def step_wait(self) -> tuple[Observation, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Goes on by the actions."""
-        out = self.worlds.step(self._next)
+        out = self.worlds.advance(self._next)
+        observation, last = _go_on(self.worlds, out)
         self._sums += out.reward
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for row, world in enumerate(out.ended.tolist()):
-            infos[world] = _info(out, world) | {
-                "terminal_observation": _row(out.last, row),
+            infos[world] = out.info(world, _ENGINE) | {
+                "terminal_observation": row_of(last, row),
                 "TimeLimit.truncated": bool(out.truncated[world]),
                 "is_success": bool(out.progress.success[world]),
                 "episode": {"r": float(self._sums[world]), "l": int(out.steps[world]), "t": 0.0},
             }
         self._sums[out.ended] = 0.0
-        return out.observation, out.reward.astype(np.float32), out.terminated | out.truncated, infos
+        return observation, out.reward.astype(np.float32), out.terminated | out.truncated, infos
 
     def close(self) -> None:
         """There is nothing to close."""
@@ -149,28 +173,17 @@ class PushVecEnv(VecEnv):
             raise ParameterError(f"indices: got {indices}; allowed: None, as the worlds are one object")
 
 
+def _go_on(worlds: Worlds, out: Advance) -> tuple[Observation, Observation | None]:
+    """Begins the next episode where one ended; the observation of all worlds, and the last one of those that ended."""
+    last, ended = None, out.ended
+    if len(ended):
+        last = worlds.observe(ended)
+        worlds.begin(ended)
+    return worlds.observe(), last
+
+
 def _columns(distance: np.ndarray, angle: np.ndarray, success: np.ndarray, steps: np.ndarray) -> dict[str, Any]:
     """Infos of all worlds, in gymnasium's form."""
     infos: dict[str, Any] = {"distance": distance, "angle": angle, "success": success, "step": steps}
     everyone = np.ones(len(steps), bool)
     return infos | {f"_{name}": everyone for name in infos}
-
-
-def _info(out: Outcome, world: int) -> dict[str, Any]:
-    """As `PushEnv` has it."""
-    progress = out.progress
-    info = {
-        "distance": float(progress.distance[world]),
-        "angle": float(progress.angle[world]),
-        "success": bool(progress.success[world]),
-        "step": int(out.steps[world]),
-        "engine": "twin",
-    }
-    return info | ({"failure": out.failures[world]} if world in out.failures else {})
-
-
-def _row(observation: Observation, row: int) -> Observation:
-    """One world's part."""
-    if isinstance(observation, dict):
-        return {name: values[row] for name, values in observation.items()}
-    return observation[row]

@@ -1,4 +1,4 @@
-"""The push task in many worlds of one twin at once, each of which begins anew when its episode ends."""
+"""The worlds of an environment: one step, one reset, for one world of any engine and for many worlds of a twin."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -6,122 +6,137 @@ from typing import Any
 
 import numpy as np
 from gymnasium.utils import seeding
+from pydrake.math import RigidTransform
 
-from pinwm_drake.cousins import Cousin
+from pinwm_drake.cousins import Domain
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.systems.envs.env import chosen_place, make_task, whole_steps
-from pinwm_drake.systems.envs.observation import Kind, Observation, PushObserver
-from pinwm_drake.systems.envs.station_run import FAILURES, PushRun
-from pinwm_drake.systems.scenario.load import Scene, environment_setup
-from pinwm_drake.systems.scenario.start import StartDistribution
-from pinwm_drake.tasks.push import Progress, PushTask, Reward
+from pinwm_drake.systems.envs.observation import Observation, Observer
+from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+from pinwm_drake.systems.envs.station_run import FAILURES, StationRun
+from pinwm_drake.systems.scenario.load import Scene, load_setup
+from pinwm_drake.systems.scenario.start import Place, StartDistribution
+from pinwm_drake.tasks import Progress
 
-OnReset = Callable[[int], Cousin | None]
+RESET_OPTIONS = ("place", "X_WO", "p_WP")
+OnReset = Callable[[int], Domain | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
-    """What came of one action in W worlds.
+class Advance:
+    """Outcome of one action in W worlds.
 
     Attributes:
-        observation: Of all worlds; of those that ended, the first of the next episode.
         reward: (W,).
-        terminated: (W,) bool.
-        truncated: (W,) bool.
-        progress: At the end of the action.
-        steps: (W,) int, of the episodes, that action included.
-        ended: (m,) int: the worlds whose episodes ended.
-        last: What these m worlds saw last; None where m is 0.
-        failures: Why the physics of a world failed.
+        terminated: (W,) bool: success.
+        truncated: (W,) bool: the time limit, or a failure of the physics.
+        progress: Progress at the end of the action.
+        steps: (W,) int, actions of the episodes, this one included.
+        failures: Why the physics failed, by world.
     """
 
-    observation: Observation
     reward: np.ndarray
     terminated: np.ndarray
     truncated: np.ndarray
     progress: Progress
     steps: np.ndarray
-    ended: np.ndarray
-    last: Observation | None
     failures: dict[int, str]
 
+    @property
+    def ended(self) -> np.ndarray:
+        """Indices (m,) of the worlds whose episodes ended."""
+        return np.flatnonzero(self.terminated | self.truncated)
 
-class PushWorlds:
-    """W worlds of one diagram; actions, observations, rewards and ends are those of `PushEnv`.
+    def info(self, world: int, engine: str) -> dict[str, Any]:
+        """`info` of one world, as gymnasium has it."""
+        found = {**progress_info(self.progress, world), "step": int(self.steps[world]), "engine": engine}
+        return found | ({"failure": self.failures[world]} if world in self.failures else {})
 
-    World k draws its starts from a generator of its own, seeded with `seed + k`, so that its first episode is that of
-    a `PushEnv` with this seed, and the next ones do not depend on the other worlds.
+
+class Worlds:
+    """W worlds of one station, in which episodes begin and advance by actions; nothing begins by itself.
+
+    World k draws its starts from a generator of its own, seeded with `seed + k` by the environments, so that its
+    episodes do not depend on the other worlds. Engines other than the twin have one world.
 
     Attributes:
-        setup: The scene.
-        task: Goal, reward and tolerances.
+        setup: The scene, with the task.
+        task: Goal, success and rewards.
         run: The station, and what drives it.
+        engine: Name of the engine.
+        max_steps: Actions after which an episode is truncated.
         observation_space: Of one world.
-        on_reset: Called with a world's index before it begins an episode; gives the cousin that it becomes, or None.
-            Its colours are not asked for where no images are seen.
+        domain: Called with a world's index before it begins an episode; gives the theta and colours of that episode, or
+            None to leave them. Colours are not asked for where no images are seen.
     """
 
     def __init__(
         self,
-        scenario: Scene = "push_t",
-        num_worlds: int = 32,
+        scene: Scene = "push_t",
+        engine: str | None = "twin",
+        num_worlds: int = 1,
+        options: EnvOptions | None = None,
         *,
-        observation: Kind = "state",
-        frames: int = 1,
-        reward: Reward = "paper",
-        goal: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        tolerance: float = PushTask.tolerance,
-        turn_tolerance: float = PushTask.turn_tolerance,
-        max_steps: int = 100,
-        max_translation: float | None = None,
-        time_step: float | None = None,
-        friction_directions: int | None = None,
-        image_size: int | None = None,
-        on_reset: OnReset | None = None,
+        domain: OnReset | None = None,
     ) -> None:
-        """Makes the station; see `PushEnv` for the options.
+        """Builds the station.
+
+        Args:
+            scene: See `load_setup`.
+            engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
+            num_worlds: W; 1 for engines other than the twin.
+            options: See `EnvOptions`; None for the defaults.
+            domain: See the class.
 
         Raises:
-            InputError: The scenario, or one of its files, cannot be used.
+            InputError: The scene, or one of its files, cannot be used.
             ParameterError: An option is none of those allowed.
         """
         if num_worlds < 1:
             raise ParameterError(f"num_envs: got {num_worlds}; allowed: 1 or more")
-        self.max_steps, self.on_reset = whole_steps(max_steps), on_reset
-        self.setup = environment_setup(
-            scenario,
-            num_worlds=num_worlds,
-            time_step=time_step,
-            friction_directions=friction_directions,
-            image_size=image_size,
-        )
-        self.task = make_task(self.setup.scenario.start.q_WO, goal, reward, tolerance, turn_tolerance)
-        self.run = PushRun(self.setup, "twin", max_translation)
-        self._observer = PushObserver(self.setup, self.task, observation, frames)
+        options = options or EnvOptions()
+        self.setup = environment_setup(load_setup(scene), options, num_worlds=num_worlds)
+        self.task, self.domain = self.setup.task, domain
+        self.max_steps = self.task.max_steps if options.max_steps is None else int(options.max_steps)
+        self.run = StationRun(self.setup, engine, options.max_translation)
+        self.engine = self.run.station.engine.name
+        self._observer = Observer(self.setup, options.observation, options.frames)
         self.observation_space = self._observer.space
         self._start = StartDistribution(self.setup)
         self._steps = np.zeros(num_worlds, int)
         self._random = [seeding.np_random(None)[0] for _ in range(num_worlds)]
-        self._progress = self._measure()
+        self._take_state()
 
     @property
     def progress(self) -> Progress:
-        """Where the worlds stand now."""
+        """Progress of the worlds now."""
         return self._progress
 
     @property
     def num_worlds(self) -> int:
-        """W."""
+        """Number of worlds, W."""
         return self.run.num_worlds
+
+    @property
+    def steps(self) -> np.ndarray:
+        """Actions (W,) int of the present episodes."""
+        return self._steps.copy()
+
+    def set_generator(self, world: int, generator: np.random.Generator) -> None:
+        """Sets the generator that a world draws its starts from."""
+        self._random[world] = generator
 
     def reset(
         self, seeds: Sequence[int | None] | None = None, options: Sequence[dict[str, Any] | None] | None = None
     ) -> Observation:
-        """Begins an episode in every world.
+        """Begins an episode in every world, at time 0 of the simulation.
 
         Args:
             seeds: (W,) of the worlds' generators; None goes on with a generator, or with all.
-            options: (W,) see `PushEnv.reset`.
+            options: (W,) any of {"place": Place, "X_WO": RigidTransform, "p_WP": (3,) m}: where things are, in place
+                of what the scenario's start draws; None for nothing.
+
+        Returns:
+            The observation of all worlds.
 
         Raises:
             ParameterError: There is no such option, or not one for each world.
@@ -133,64 +148,111 @@ class PushWorlds:
             if seed is not None:
                 self._random[world] = seeding.np_random(seed)[0]
         self.run.restart()
-        self._begin(np.arange(self.num_worlds), options)
-        return self._observer.observe(self.run.object_state, self.run.p_WP)
+        self.begin(np.arange(self.num_worlds), options)
+        return self.observe()
 
-    def step(self, actions: np.ndarray) -> Outcome:
-        """Goes on by one action (W, 2) in [-1, 1]^2."""
+    def begin(self, worlds: np.ndarray, options: Sequence[dict[str, Any] | None] | None = None) -> None:
+        """Begins an episode in some worlds.
+
+        Args:
+            worlds: (m,) int, their indices.
+            options: (W,) as for `reset`.
+
+        Raises:
+            ParameterError: There is no such option.
+        """
+        for world in worlds.tolist():
+            if self.domain is not None and (domain := self.domain(world)) is not None:
+                self.run.set_domain(domain, world, colours=self._observer.needs_images)
+            drawn = self._start.draw(self._random[world])
+            self.run.place(_chosen_place(drawn, options[world] if options else None), world)
+        self._steps[worlds] = 0
+        self._take_state()
+        if self._observer.needs_images:
+            # The port renders all worlds; at the start of an episode those that begin are enough.
+            images = self.run.images() if self.run.world_model is None else self.run.images_of(worlds)
+            self._observer.begin(worlds, images)
+
+    def advance(self, actions: np.ndarray) -> Advance:
+        """Goes on by one action in every world.
+
+        A world whose physics finds no solution stays where it was, and its episode is truncated.
+
+        Args:
+            actions: (W, task.action_size) in [-1, 1].
+        """
         before = self._progress
         self._steps += 1
         failures = self._advance(actions)
-        progress = self._progress = self._measure()
-        failed = np.zeros(self.num_worlds, bool)
+        progress, failed = self._progress, np.zeros(self.num_worlds, bool)
         failed[list(failures)] = True
         terminated = progress.success & ~failed
         truncated = failed | ((self._steps >= self.max_steps) & ~terminated)
-        reward, steps = self.task.rewards(before, progress), self._steps.copy()
-        if self._observer.needs_images:
+        if self._observer.needs_images and not failed.all():
             self._observer.see(self.run.images())
-        ended, last = np.flatnonzero(terminated | truncated), None
-        if len(ended):
-            last = self._observer.observe(self.run.object_state, self.run.p_WP, ended)
-            self._begin(ended)
-        observation = self._observer.observe(self.run.object_state, self.run.p_WP)
-        return Outcome(observation, reward, terminated, truncated, progress, steps, ended, last, failures)
+        reward = self.task.rewards(before, progress)
+        return Advance(reward, terminated, truncated, progress, self._steps.copy(), failures)
+
+    def observe(self, worlds: np.ndarray | slice = np.s_[:]) -> Observation:
+        """The observation of some worlds, (m,) int or a slice, in arrays of its own."""
+        return self._observer.observe(self._object_state, self._p_WP, worlds)
 
     def _advance(self, actions: np.ndarray) -> dict[int, str]:
         """One action; worlds whose physics fails are put back to where they were, and named."""
         failures: dict[int, str] = {}
-        state, p_WP = self.run.object_state.copy(), self.run.p_WP.copy()
+        last = self._object_state, self._p_WP
         try:
             self.run.advance(actions)
         except FAILURES as error:
             failures = dict.fromkeys(getattr(error, "worlds", ()), str(error))
+            if not failures and self.num_worlds == 1:
+                failures = {0: str(error)}
             if not failures:
                 raise
+            if self.run.world_model is None:  # a plant is not put back: its next episode begins with a restart
+                self._take_state(*last)
+                return failures
             middle = self._start.middle()
             for world in failures:
                 self.run.place(middle, world)
-            self.run.again()
+            self.run.retry()
             self.run.advance(actions)
         lost = np.flatnonzero(~np.isfinite(self.run.object_state).all(axis=1)).tolist()
         failures |= dict.fromkeys(lost, "the object's state is not finite")
+        if failures and self.run.world_model is None:
+            self._take_state(*last)
+            return failures
         for world in failures:
-            self.run.put(state[world], p_WP[world], world)
+            self.run.set_state(last[0][world], last[1][world], world)
+        self._take_state()
         return failures
 
-    def _begin(self, worlds: np.ndarray, options: Sequence[dict[str, Any] | None] | None = None) -> None:
-        """Begins an episode in some worlds (m,)."""
-        for world in worlds.tolist():
-            if self.on_reset is not None:
-                cousin = self.on_reset(world)
-                if cousin is not None:
-                    self.run.become(cousin, world, colours=self._observer.needs_images)
-            drawn = self._start.draw(self._random[world])
-            self.run.place(chosen_place(drawn, options[world] if options else None), world)
-        self._steps[worlds] = 0
-        self._progress = self._measure()
-        if self._observer.needs_images:
-            # The port renders all worlds; at the start of an episode those that begin are enough.
-            self._observer.begin(worlds, self.run.images_of(worlds))
+    def _take_state(self, object_state: np.ndarray | None = None, p_WP: np.ndarray | None = None) -> None:
+        """Takes the state of the station, or one given, (W, 13) and (W, 3), as that of the worlds."""
+        self._object_state = self.run.object_state.copy() if object_state is None else object_state
+        self._p_WP = self.run.p_WP.copy() if p_WP is None else p_WP
+        self._progress = self.task.measure(self._object_state, self._p_WP)
 
-    def _measure(self) -> Progress:
-        return self.task.measure(self.run.object_state, self.run.p_WP)
+
+def progress_info(progress: Progress, world: int) -> dict[str, Any]:
+    """`info` of one world's progress: `distance` [m], `angle` [rad] and `success`."""
+    return {
+        "distance": float(progress.distance[world]),
+        "angle": float(progress.angle[world]),
+        "success": bool(progress.success[world]),
+    }
+
+
+def _chosen_place(drawn: Place, options: dict[str, Any] | None) -> Place:
+    """A place with what the options of a reset say; raises ParameterError where there is no such option."""
+    options = options or {}
+    for name in options:
+        if name not in RESET_OPTIONS:
+            raise ParameterError(f"options: got {name!r}; allowed: {', '.join(RESET_OPTIONS)}")
+    place = options.get("place", drawn)
+    X_WO, p_WP = options.get("X_WO", place.X_WO), np.asarray(options.get("p_WP", place.p_WP), float)
+    if not isinstance(X_WO, RigidTransform):
+        raise ParameterError(f"X_WO: got a {type(X_WO).__name__}; allowed: a RigidTransform")
+    if p_WP.shape != (3,) or not np.isfinite(p_WP).all():
+        raise ParameterError(f"p_WP: got {p_WP.tolist()}; allowed: three finite numbers, m")
+    return Place(X_WO, p_WP)

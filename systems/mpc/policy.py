@@ -6,13 +6,11 @@ from typing import Any
 import numpy as np
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.learning.spec import LENGTH
-from pinwm_drake.systems.envs.observation import SPEED, STATE_SIZE, TURN
+from pinwm_drake.systems.envs.options import longest_translation
 from pinwm_drake.systems.mpc.model import planar_body, rotated
 from pinwm_drake.systems.mpc.planner import Plan, PushPlanner
-from pinwm_drake.systems.scenario.load import longest_translation
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.tasks.push import PushTask
+from pinwm_drake.tasks.push import LENGTH, SPEED, TURN, PushTask
 
 
 def make_planner(setup: Setup, task: PushTask, max_translation: float | None = None) -> PushPlanner:
@@ -37,7 +35,7 @@ def make_planner(setup: Setup, task: PushTask, max_translation: float | None = N
     return PushPlanner(planar_body(setup), task, length, low, high)
 
 
-class MpcPolicy:
+class PushMpcPolicy:
     """Plans from the environment's observation `state`, with the signature of SB3's `predict`.
 
     What it plans it hands out as the policy's state and takes back with the next observation: it keeps nothing itself.
@@ -68,8 +66,10 @@ class MpcPolicy:
         """
         seen = observation.get("state") if isinstance(observation, Mapping) else observation
         rows = np.asarray(seen if seen is not None else np.zeros(0), float)
-        if rows.ndim not in (1, 2) or rows.shape[-1] != STATE_SIZE:
-            raise ParameterError(f"observation: got {_named(observation)}; allowed: `state`, {STATE_SIZE} numbers")
+        if rows.ndim not in (1, 2) or rows.shape[-1] != PushTask.state_size:
+            raise ParameterError(
+                f"observation: got {_named(observation)}; allowed: `state`, {PushTask.state_size} numbers"
+            )
         worlds = np.atleast_2d(rows)
         plans: list[Plan | None] = list(state) if state is not None else [None] * len(worlds)
         if len(plans) != len(worlds):

@@ -5,6 +5,8 @@ import types
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from pinwm_drake.capture.documents import Entry
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.tasks import task_from_document
 
 # Ranges [low, high] are drawn from; low must not be above high.
 _RANGES = ("x", "y", "yaw", "pusher_angle", "pusher_gap")
@@ -25,10 +27,20 @@ def check_scenario(entry: Entry, schema: type) -> None:
         raise entry.refusal("either an object or a twin", found="both" if _given(entry, "twin") else "neither")
     if _given(entry, "twin") and _given(entry, "theta"):
         raise entry["theta"].refusal("null or nothing beside a twin, which has its own")
+    task = entry.find("task")
+    if task is not None:
+        _check_task(task)
     for key, check in (("pusher", _check_pusher), ("camera", _check_camera), ("start", _check_start)):
         found = entry.find(key)
         if found is not None:
             check(found, getattr(schema(), key))
+
+
+def _check_task(task: Entry) -> None:
+    try:
+        task_from_document(task.value)
+    except ParameterError as error:
+        raise task.refusal(str(error)) from error
 
 
 def _check_pusher(pusher: Entry, default: Any) -> None:
@@ -87,6 +99,8 @@ def _check_value(entry: Entry, kind: Any, about: Any) -> None:
         if entry.value is None:
             return
         kind = next(arg for arg in get_args(kind) if arg is not types.NoneType)
+    if get_origin(kind) is dict:
+        return  # a task, which `_check_task` looks at
     if dataclasses.is_dataclass(kind):
         _check(entry, kind)  # type: ignore[arg-type]  # a class, as the fields say
     elif kind is str:

@@ -210,6 +210,7 @@ class Scenario:
         twin: A twin's folder, relative to the file; null with an object.
         engine: What moves it: the "twin", or Drake's plant with "hydroelastic" or "point" contact.
         theta: The physical parameters of an object; null for those of the twin.
+        task: The name of a task, and those of its fields that are not as its class has them.
         pusher: What pushes it.
         physics: Settings of the twin's physics.
         plant: Settings of Drake's plants.
@@ -230,6 +231,7 @@ class Scenario:
     twin: str | None = None
     engine: str = _choice("twin", ENGINES)
     theta: Theta | None = None
+    task: dict[str, Any] = field(default_factory=lambda: {"name": "push"})
     pusher: Pusher = field(default_factory=Pusher)
     physics: Physics = field(default_factory=Physics)
     plant: Plant = field(default_factory=Plant)
@@ -259,8 +261,12 @@ def load_scenario(path: Path | str) -> Scenario:
     file = resolve(str(path))
     entry = read_yaml(file)
     check_scenario(entry, Scenario)
-    # Numbers such as 1e-3, which YAML 1.1 takes for text, have become numbers in `read_yaml`.
+    # Numbers such as 1e-3, which YAML 1.1 takes for text, have become numbers in `read_yaml`. A task's own class has
+    # checked its entry, whose keys Drake's loader cannot know.
+    task = entry.value.pop("task", None)
     scenario: Scenario = yaml_load_typed(schema=Scenario, data=yaml.safe_dump(entry.value))
+    if task is not None:
+        scenario.task = task
     if scenario.twin is not None:
         folder = file.parent / scenario.twin
         if not folder.is_dir():

@@ -20,6 +20,7 @@ from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario.check import check_scenario
 from pinwm_drake.systems.scenario.schema import Scenario, Theta
 from pinwm_drake.systems.scenario.viewpoints import look_at
+from pinwm_drake.tasks import Task, task_from_document
 from pinwm_drake.twin import THETA, Estimate, Twin, read_twin
 
 _TIME_STEP, _DIRECTIONS, _GRAVITY = 1 / 240, 32, 9.81
@@ -39,6 +40,7 @@ class Setup:
         X_WC: Its pose, OpenCV axes.
         period: s, at which the pusher's velocity is sampled; also that of the twin's updates.
         plant_time_step: s, of Drake's plants; a whole number of them make a period.
+        task: The scenario's, of an object that lies as `scenario.start.q_WO` has it.
     """
 
     scenario: Scenario
@@ -48,6 +50,7 @@ class Setup:
     X_WC: RigidTransform
     period: float
     plant_time_step: float
+    task: Task
 
     def with_theta(self, **values: float) -> "Setup":
         """The same with other values of some of `THETA`'s parameters, such as friction_floor=0.1.
@@ -108,6 +111,7 @@ def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:
         X_WC=look_at(np.array(view.p_WC), np.array(view.p_WT)),
         period=period,
         plant_time_step=step,
+        task=task_from_document(scenario.task).lying(scenario.start.q_WO),
     )
 
 

@@ -1,5 +1,6 @@
 """Draws where object and pusher are at first."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -83,3 +84,16 @@ def level_height(setup: Setup) -> float:
     mesh, shape = load_mesh(setup.twin.mesh_path), upright_shape(setup.twin.pusher)
     p_OB_z = (StartDistribution(setup).middle().X_WO @ mass_properties(mesh, mass=1.0).p_com)[2]
     return pushing_height(shape, setup.twin.floor_height, float(p_OB_z))
+
+
+def with_start_yaw(setup: Setup, yaw: float, goal_yaw: float | None = None) -> Setup:
+    """The scene whose object is turned at the start by `yaw` [rad] from the goal at most, either way.
+
+    Args:
+        setup: The scene.
+        yaw: rad, 0 or more.
+        goal_yaw: rad, yaw of the goal; None for that of the scene's task.
+    """
+    middle = setup.task.goal_yaw if goal_yaw is None else goal_yaw
+    start = dataclasses.replace(setup.scenario.start, yaw=[middle - yaw, middle + yaw])
+    return dataclasses.replace(setup, scenario=dataclasses.replace(setup.scenario, start=start))

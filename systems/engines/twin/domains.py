@@ -1,34 +1,34 @@
-"""Cousins as Contexts: puts theta and colours of cousins into the worlds of a WorldModel."""
+"""Domains as Contexts: theta and colours of cousins, or of other domains, in the worlds of a WorldModel."""
 
 from pydrake.systems.framework import Context
 
-from pinwm_drake.cousins import Cousin, Cousins
+from pinwm_drake.cousins import Cousins, Domain
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
 
 
-def SetCousin(
-    world_model: WorldModel, context: Context, cousin: Cousin, world: int | None = None, *, colors: bool = True
+def SetDomain(
+    world_model: WorldModel, context: Context, domain: Domain, world: int | None = None, *, colors: bool = True
 ) -> None:
-    """Makes one world a cousin; states stay as they are, and so do the other worlds.
+    """Gives one world the theta and colours of a domain; states stay as they are, and so do the other worlds.
 
     Args:
         world_model: Of the same twin; a station's is `station.world`.
         context: Of the world model, or of the outermost diagram around it, where there is one.
-        cousin: The cousin.
-        world: Which; None makes all worlds this cousin.
-        colors: Whether it shall look like the cousin, too; without it takes a tenth of the time.
+        domain: Theta and colours, such as a cousin of the same twin.
+        world: Index of the world; None for all of them.
+        colors: Flag: colours are set too; without them it takes a tenth of the time.
 
     Raises:
-        ParameterError: The cousin's surfels are not those of the world model.
+        ParameterError: The domain's surfels are not those of the world model.
         StateError: There is no such world.
     """
     mine = world_model.GetMyMutableContextFromRoot(context)
-    parameters = cousin.parameters(world_model.physics.scene)
+    parameters = domain.parameters(world_model.physics.scene)
     if world is None:
         parameters = parameters.expand(world_model.num_worlds)
     if colors:
-        world_model.SetColors(mine, cousin.sh, world)
+        world_model.SetColors(mine, domain.sh, world)
     world_model.SetParameters(mine, parameters, world)
 
 

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context
 
 from pinwm_drake.cousins import Cousins, draw_cousins
 from pinwm_drake.errors import ParameterError, StateError
-from pinwm_drake.systems.engines.twin.cousins import SetCousin, SetCousins
+from pinwm_drake.systems.engines.twin.domains import SetDomain, SetCousins
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
 from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta, View
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
@@ -98,7 +98,7 @@ def test_one_world_is_replaced_and_the_others_go_on():
     SetCousins(world, context, draw_cousins(setup_of(3).twin, 3, 0.5))
     before, seen = world.GetParameters(context), world.GetOutputPort("rgb_batch").Eval(context).copy()
     copy = context.Clone()
-    SetCousin(world, context, cousins[3], 1)
+    SetDomain(world, context, cousins[3], 1)
     after, now = world.GetParameters(context), world.GetOutputPort("rgb_batch").Eval(context)
     for name in NAMES:
         old, new = getattr(before, name), getattr(after, name)
@@ -109,7 +109,7 @@ def test_one_world_is_replaced_and_the_others_go_on():
     assert (now[1] != seen[1]).any()
     # Neither a copy of the context nor the cousins that it was made of have changed.
     assert (world.GetOutputPort("rgb_batch").Eval(copy) == seen).all()
-    SetCousin(world, copy, cousins[3], 1)
+    SetDomain(world, copy, cousins[3], 1)
     assert (world.GetOutputPort("rgb_batch").Eval(copy) == now).all()
     again = pushed(world)
     SetCousins(world, again, draw_cousins(setup_of(3).twin, 3, 0.5))
@@ -120,11 +120,11 @@ def test_one_cousin_for_one_world_of_the_default_context_or_for_all():
     world, cousin = world_model(), cousins_of()[0]
     context = pushed(world)
     seen = world.GetOutputPort("rgb_batch").Eval(context).copy()
-    SetCousin(world, context, cousin, 2)
+    SetDomain(world, context, cousin, 2)
     now = world.GetOutputPort("rgb_batch").Eval(context).copy()
     assert (now[:2] == seen[:2]).all()
     assert (now[2] != seen[2]).any()
-    SetCousin(world, context, cousin)
+    SetDomain(world, context, cousin)
     everywhere = world.GetOutputPort("rgb_batch").Eval(context)
     assert (everywhere == now[2]).all()
     assert torch.equal(world.GetParameters(context).mass, torch.full((3, 1), cousin.theta["mass"], dtype=torch.float64))
@@ -135,7 +135,7 @@ def test_a_cousin_may_keep_the_twins_colours():
     world, cousin = world_model(), dataclasses.replace(cousins_of()[0], looks=None)  # which are not even drawn
     context = pushed(world)
     seen = world.GetOutputPort("rgb_batch").Eval(context).copy()
-    SetCousin(world, context, cousin, 1, colors=False)
+    SetDomain(world, context, cousin, 1, colors=False)
     assert (world.GetOutputPort("rgb_batch").Eval(context) == seen).all()
     assert float(world.GetParameters(context).mass[1, 0]) == cousin.theta["mass"]
 
@@ -156,7 +156,7 @@ def test_a_stations_context_takes_cousins():
     station = MakePushStation(setup_of(1), "twin")
     context = station.CreateDefaultContext()
     seen = station.GetOutputPort("rgb").Eval(context).data.copy()
-    SetCousin(station.world, context, cousins_of()[0], 0)
+    SetDomain(station.world, context, cousins_of()[0], 0)
     assert (station.GetOutputPort("rgb").Eval(context).data != seen).any()
     mine = station.world.GetMyContextFromRoot(context)
     assert float(station.world.GetParameters(mine).friction[0, 0]) == cousins_of()[0].theta["friction_floor"]
@@ -170,9 +170,9 @@ def test_what_does_not_fit_is_refused(tmp_path):
             SetCousins(world, context, cousins_of(n=number))
     for number in (-1, 3):
         with pytest.raises(StateError, match=f"world: got {number}; allowed: 0 to 2"):
-            SetCousin(world, context, cousins_of()[0], number)
+            SetDomain(world, context, cousins_of()[0], number)
     stranger = draw_cousins(cube_twin(tmp_path, surfels=cloud(20)), 1)[0]
     with pytest.raises(ParameterError, match="sh: got"):
-        SetCousin(world, context, stranger, 0)
+        SetDomain(world, context, stranger, 0)
     with pytest.raises(ParameterError, match="sh: got"):
         world.SetColors(context, cousins_of().sh(), 0)

@@ -1,0 +1,71 @@
+"""Domains: what a world becomes when an episode begins, and where training gets one for each episode.
+
+Cousins of a twin are domains; methods that randomise otherwise differ from them in the domain alone.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from torch import Tensor
+
+from pinwm_drake.cousins.cousin import CousinDraw
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.scene import Scene
+from pinwm_drake.twin.twin import Twin
+
+
+class Domain(Protocol):
+    """Physical parameters and colours of one world."""
+
+    @property
+    def theta(self) -> Mapping[str, float]:
+        """Values of `THETA`'s parameters, SI units."""
+
+    @property
+    def sh(self) -> Tensor:
+        """Harmonics (N, K, 3) float32 of the surfels; asked for only where images are seen."""
+
+    def parameters(self, scene: Scene) -> Parameters:
+        """The same theta as the parameters of one world of a scene."""
+
+
+DomainDraw = Callable[[int], Domain]
+
+
+class DomainSource(Protocol):
+    """A distribution of domains around a twin, which tells one training from another."""
+
+    def draw(self, twin: Twin) -> DomainDraw | None:
+        """The domain of a number, 0 or more; None where every world is the twin itself."""
+
+    def about(self) -> dict[str, object]:
+        """Settings as JSON takes them: checkpoints of other settings are refused."""
+
+
+@dataclass(frozen=True)
+class CousinDomains:
+    """Physics-aware digital cousins (PIN-WM, eq. 11) as the domains of a training.
+
+    Attributes:
+        delta: Relative half-width of what is drawn, 0 or more, less than 1; with 0 all worlds are the twin.
+        from_intervals: Flag: theta is drawn from the identified 95 % intervals, where there are any.
+        seed: Seed of the draws, 0 or more.
+    """
+
+    delta: float = 0.1
+    from_intervals: bool = False
+    seed: int = 0
+
+    def draw(self, twin: Twin) -> DomainDraw | None:
+        """The cousin of a number, or None with a delta of 0.
+
+        Raises:
+            ParameterError: delta or seed is out of range.
+        """
+        cousins = CousinDraw(twin, delta=self.delta, from_intervals=self.from_intervals, seed=self.seed)
+        return cousins.cousin if self.delta > 0 or self.from_intervals else None
+
+    def about(self) -> dict[str, object]:
+        """The settings."""
+        return {"delta": self.delta, "from_intervals": self.from_intervals, "cousin_seed": self.seed}

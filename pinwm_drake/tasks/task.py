@@ -1,0 +1,212 @@
+"""The seam between a task and everything that is the same for all of them: environments, training, evaluation, bundles.
+
+A task is a frozen dataclass whose fields are plain numbers, texts and tuples, so that it can stand in a scenario, in a
+policy and in a bundle. It sees W worlds at once.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+
+import numpy as np
+
+from pinwm_drake.errors import ParameterError
+
+if TYPE_CHECKING:  # it loads torch, which a robot's controller does without
+    from pinwm_drake.spatial.poses import Pose
+
+_AXES = ("x", "y", "z")
+_NAME = "name"
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """State of W worlds on the way to a goal.
+
+    Attributes:
+        distance: d_t (W,) m, from the object to the goal, as the task measures it.
+        angle: d_r (W,) rad, 0 to pi, between the object's orientation and the goal's.
+        reach: (W,) m, from the pusher to the object's origin.
+        at_rest: (W,) bool.
+        success: (W,) bool.
+    """
+
+    distance: np.ndarray
+    angle: np.ndarray
+    reach: np.ndarray
+    at_rest: np.ndarray
+    success: np.ndarray
+
+
+class Task(ABC):
+    """One task; subclasses are frozen dataclasses that `register` makes known by their names.
+
+    Attributes:
+        name: Such as "push".
+        axes: World axes along which an action moves the pusher, such as ("x", "y"); its other coordinates stay.
+        state_size: Numbers in `state`.
+        state_bound: Largest absolute value in `state`.
+        max_steps: Actions of an episode, unless an environment is told otherwise.
+    """
+
+    name: ClassVar[str]
+    axes: ClassVar[tuple[str, ...]]
+    state_size: ClassVar[int]
+    state_bound: ClassVar[float] = 20.0
+    max_steps: ClassVar[int] = 100
+
+    @abstractmethod
+    def measure(self, object_state: np.ndarray, p_WP: np.ndarray) -> Progress:
+        """Distance to the goal and success of W worlds.
+
+        Args:
+            object_state: (W, 13), as the station's port has it: q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
+            p_WP: (W, 3) m, the pusher, world.
+        """
+
+    @abstractmethod
+    def rewards(self, before: Progress, after: Progress) -> np.ndarray:
+        """Rewards (W,) of the actions that led from one progress to another."""
+
+    @abstractmethod
+    def state(self, object_state: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
+        """Observation (W, state_size) float32 of the state, for teachers, critics and planners.
+
+        Args:
+            object_state: (W, 13), as for `measure`.
+            p_WP: (W, 3) m.
+        """
+
+    @property
+    def action_size(self) -> int:
+        """Components of an action, one for each of `axes`."""
+        return len(self.axes)
+
+    @cached_property
+    def axis_indices(self) -> np.ndarray:
+        """Indices (action_size,) of `axes` in a vector of the world: 0 for x, 1 for y, 2 for z."""
+        return np.array([_AXES.index(axis) for axis in self.axes])
+
+    def translation(self, action: np.ndarray, longest: float) -> np.ndarray:
+        """Translations d_W (W, 3) m of the pusher, none longer than `longest`.
+
+        Args:
+            action: (W, action_size) in [-1, 1], in units of `longest`; a row that is not finite is no translation.
+            longest: m.
+        """
+        action = np.asarray(action, float).reshape(-1, self.action_size)
+        action = np.where(np.isfinite(action).all(axis=1)[:, None], np.clip(action, -1.0, 1.0), 0.0)
+        length = np.sqrt(np.einsum("ij,ij->i", action, action))[:, None]
+        return self.along_axes(longest * action / np.maximum(length, 1.0))
+
+    def along_axes(self, components: np.ndarray) -> np.ndarray:
+        """World vectors (..., 3) of their components (..., action_size) along `axes`; zero along the other ones."""
+        vectors = np.zeros((*np.shape(components)[:-1], 3))
+        vectors[..., self.axis_indices] = components
+        return vectors
+
+    def goal_pose(self, height: float) -> "Pose | None":
+        """Pose X_WG of the object at the goal, for pictures; None where any of many poses will do.
+
+        Args:
+            height: m, world: z of the object's origin at the goal.
+        """
+        return None
+
+    @property
+    def goal_yaw(self) -> float:
+        """Turn of the goal about the world's z, rad, from which ranges of starts are counted."""
+        return 0.0
+
+    def lying(self, q_WO: Sequence[float]) -> Self:
+        """The task of an object that lies at the start as q_WO (4,) wxyz says, before it is turned about z."""
+        return self
+
+    def for_training(self) -> Self:
+        """The task with the rewards that a policy learns from."""
+        return self
+
+    def changed(self, changes: Mapping[str, Any]) -> "Task":
+        """The task with some fields changed, or another one where the changes name it.
+
+        Args:
+            changes: Fields by name, and "name" where that is another one.
+
+        Raises:
+            ParameterError: There is no such task or field, or a value is of the wrong kind or out of range.
+        """
+        same = changes.get(_NAME, self.name) == self.name
+        return task_from_document({**(self.to_document() if same else {}), **changes})
+
+    def success_words(self) -> str:
+        """Criterion of success in words, for reports."""
+        return f"success in the task {self.name}"
+
+    def assembly(self, low: np.ndarray, high: np.ndarray) -> Any:
+        """A torch module from a network's estimate (B, n) and the pusher (B, action_size) to the state; None for none.
+
+        With None the estimate is the state itself. A module has `estimate_size`, n, and makes use of what need not be
+        estimated: the pusher is known.
+
+        Args:
+            low: (action_size,) m, lower corner of the pusher's box along `axes`, where its observation is -1.
+            high: (action_size,) m, upper corner.
+        """
+        return None
+
+    def to_document(self) -> dict[str, Any]:
+        """Plain data, for YAML and JSON: the name and all fields."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        return {_NAME: self.name} | {key: list(v) if isinstance(v, tuple) else v for key, v in values.items()}
+
+
+TaskClass = TypeVar("TaskClass", bound=type[Task])
+_TASKS: dict[str, type[Task]] = {}
+
+
+def register(task: TaskClass) -> TaskClass:
+    """Makes a task known by its name; a class decorator."""
+    _TASKS[task.name] = task
+    return task
+
+
+def task_from_document(document: Any) -> Task:
+    """The task that `Task.to_document` described; fields that are left out have their defaults.
+
+    Args:
+        document: A mapping with "name" and any of the fields.
+
+    Raises:
+        ParameterError: There is no such task or field, or a value is of the wrong kind or out of range.
+    """
+    if not isinstance(document, Mapping) or document.get(_NAME) not in _TASKS:
+        given = document.get(_NAME) if isinstance(document, Mapping) else document
+        allowed = f"a mapping whose name is one of {', '.join(sorted(_TASKS))}"
+        raise ParameterError(f"task: got {given!r}; allowed: {allowed}")
+    kind = _TASKS[document[_NAME]]
+    known = {field.name: field for field in fields(kind)}  # type: ignore[arg-type]
+    values = {}
+    for name, value in document.items():
+        if name == _NAME:
+            continue
+        if name not in known:
+            raise ParameterError(f"task.{name}: got an unknown key; allowed: {', '.join(known)}")
+        values[name] = _like(f"task.{name}", value, known[name].default)
+    return kind(**values)
+
+
+def _like(name: str, value: Any, default: Any) -> Any:
+    """A value of the kind of a field's default: a number, a text, or a tuple of numbers; raises ParameterError."""
+    if isinstance(default, tuple):
+        if not isinstance(value, list | tuple) or len(value) != len(default):
+            raise ParameterError(f"{name}: got {value!r}; allowed: {len(default)} numbers")
+        return tuple(_like(name, item, part) for item, part in zip(value, default, strict=True))
+    if isinstance(default, str):
+        if not isinstance(value, str):
+            raise ParameterError(f"{name}: got {value!r}; allowed: a text")
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ParameterError(f"{name}: got {value!r}; allowed: a number")
+    return type(default)(value)

@@ -1,0 +1,113 @@
+"""Options of environments, and the setup of a scene whose state is updated once an action."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.systems.envs.observation import Kind
+from pinwm_drake.systems.sampling import whole_multiple
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.tasks import Task
+
+_ROUNDING = 1e-9  # by which a translation may exceed what is allowed, relative
+
+
+@dataclass(frozen=True)
+class EnvOptions:
+    """Options that environments of one world and of many share; the defaults are those of the scene and its task.
+
+    Attributes:
+        observation: "state", "rgb", or "rgb_state" for both.
+        frames: Number of the last images that are seen, 1 or more.
+        task: A task; or fields of the scene's task that are to be others, such as {"reward": "shaped"}; or None.
+        max_steps: Actions after which an episode is truncated; None for the task's.
+        max_translation: m, longest translation of the pusher in an action; None for what its speed allows.
+        time_step: s, of the twin's physics; None for that of the scene. It divides the horizon of an action.
+        friction_directions: Directions of the twin's friction cone; None for those of the scene.
+        image_size: px, width and height of images; None for those of the scene's camera.
+
+    Raises:
+        ParameterError: `max_steps` is less than 1.
+    """
+
+    observation: Kind = "state"
+    frames: int = 1
+    task: Task | Mapping[str, Any] | None = None
+    max_steps: int | None = None
+    max_translation: float | None = None
+    time_step: float | None = None
+    friction_directions: int | None = None
+    image_size: int | None = None
+
+    def __post_init__(self) -> None:
+        """Validates the number of steps; scene and task validate the rest."""
+        if self.max_steps is not None and self.max_steps < 1:
+            raise ParameterError(f"max_steps: got {self.max_steps}; allowed: 1 or more")
+
+    def task_in(self, setup: Setup) -> Task:
+        """The task in a scene, whose object lies as it does there.
+
+        Raises:
+            ParameterError: There is no such task or field, or a value is out of range.
+        """
+        if isinstance(self.task, Task):
+            return self.task.lying(setup.scenario.start.q_WO)
+        return setup.task.changed(self.task or {}).lying(setup.scenario.start.q_WO)
+
+
+def environment_setup(setup: Setup, options: EnvOptions | None = None, *, num_worlds: int = 1) -> Setup:
+    """The setup of an environment.
+
+    The velocity of the pusher is constant in an action, so that state and sample are taken once an action, whatever
+    the scenario says: the steps of the physics are the same, and the diagram is run less often.
+
+    Args:
+        setup: The scene.
+        options: Task, physics and image size; None for those of the scene.
+        num_worlds: 1 or more.
+
+    Raises:
+        ParameterError: The horizon is no whole multiple of the time step, or the task cannot be.
+    """
+    options = options or EnvOptions()
+    scenario, twin, camera, view = setup.scenario, setup.twin, setup.camera, setup.scenario.camera
+    settings: dict[str, Any] = {
+        "time_step": options.time_step,
+        "friction_directions": options.friction_directions,
+    }
+    given = {name: value for name, value in settings.items() if value is not None}
+    twin = dataclasses.replace(twin, **given)
+    if options.image_size is not None:
+        view = dataclasses.replace(view, width=options.image_size, height=options.image_size)
+        camera = Camera.from_field_of_view(options.image_size, options.image_size, view.fov_y)
+    steps = whole_multiple("pusher.horizon", scenario.pusher.horizon, twin.time_step, "the time step")
+    physics = dataclasses.replace(scenario.physics, steps_per_update=steps, **given)
+    pusher = dataclasses.replace(scenario.pusher, period=None)
+    scenario = dataclasses.replace(scenario, num_worlds=num_worlds, physics=physics, pusher=pusher, camera=view)
+    period = twin.time_step * steps
+    whole_multiple("pusher.horizon", period, setup.plant_time_step, "plant.time_step")
+    task = options.task_in(setup)
+    return dataclasses.replace(setup, scenario=scenario, twin=twin, camera=camera, period=period, task=task)
+
+
+def longest_translation(setup: Setup, wanted: float | None) -> float:
+    """Longest translation of the pusher in an action, m.
+
+    Args:
+        setup: The scene.
+        wanted: m; None for what the pusher's speed allows.
+
+    Raises:
+        ParameterError: It is not positive, or longer than the pusher's speed allows.
+    """
+    pusher = setup.scenario.pusher
+    longest = pusher.horizon * pusher.max_speed
+    if wanted is None:
+        return longest
+    if not 0 < wanted <= longest * (1 + _ROUNDING):
+        allowed = f"more than 0, at most {longest:g} m, as horizon and max_speed of the pusher say"
+        raise ParameterError(f"max_translation: got {wanted} m; allowed: {allowed}")
+    return float(wanted)
