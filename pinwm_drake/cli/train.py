@@ -1,9 +1,17 @@
-"""`pinwm train`: its options. The work is in `train_run`."""
+"""`pinwm train`: options, a bar for each stage of the training, and the files that it leaves."""
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from pinwm_drake.cli.console import progress_bar, say
+
+if TYPE_CHECKING:
+    from pinwm_drake.learning.progress import Report, Step
 
 
 def train(
@@ -51,9 +59,10 @@ def train(
     resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run ended.")] = False,
 ) -> None:
     """Trains a policy in cousins of a twin, with progress, checkpoints and TensorBoard."""
-    from pinwm_drake.cli.train_run import TrainRequest, run_train
+    from pinwm_drake.experiments import training
+    from pinwm_drake.learning.policy import POLICY_FILE
 
-    request = TrainRequest(
+    request = training.TrainRequest(
         scene=scene,
         out=out,
         task=task,
@@ -77,4 +86,28 @@ def train(
         threads=threads,
         resume=resume,
     )
-    run_train(request)
+    begun = time.monotonic()
+    try:
+        with _shown() as report:
+            training.train(request, report=report)
+    except KeyboardInterrupt:
+        say(f"interrupted; go on with --resume (rounds that are done are in {out})")
+        raise SystemExit(1) from None
+    minutes = (time.monotonic() - begun) / 60
+    say(f"trained for {minutes:.1f} minutes in this run; wrote {out / training.FIGURE_FILE}")
+    say(f"wrote {out / POLICY_FILE}; try it with: pinwm evaluate {out} --engine hydroelastic")
+
+
+@contextmanager
+def _shown() -> Iterator["Report"]:
+    """Shows where a training stands, in a bar for each stage."""
+    with progress_bar("{task.percentage:.0f} %  {task.fields[figures]}") as bar:
+        tasks = {}
+
+        def report(step: "Step") -> None:
+            if step.stage not in tasks:
+                tasks[step.stage] = bar.add_task(step.stage, total=1.0)
+            figures = f"{step.steps:,} steps  loss {step.loss:.4f}  success {step.success:.0%} in {step.length:.0f}"
+            bar.update(tasks[step.stage], completed=step.done, figures=f"{figures}  best {step.best:.0%}")
+
+        yield report

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from pinwm_drake.cli.app import app
-from pinwm_drake.cli.train_run import TrainRequest
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.experiments.training import TrainRequest
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
 
