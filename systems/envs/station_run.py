@@ -1,6 +1,9 @@
 """A station that is driven action by action."""
 
+from collections.abc import Mapping
+
 import numpy as np
+import torch
 from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.cousins import Cousin
@@ -84,6 +87,37 @@ class PushRun:
             PinwmError: A value is out of range, or the surfels are not those of the twin.
         """
         SetCousin(self._world_model, self._context, cousin, world, colors=colours)
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Everything that changes in the twin's worlds, for `set_state`: motion, theta, colours, number of actions."""
+        model, groups = self._world_model, range(len(self._begin))
+        states = {f"discrete.{group}": self._context.get_discrete_state(group).value().copy() for group in groups}
+        mine = model.GetMyContextFromRoot(self._context)
+        parameters = {
+            f"numeric.{number}": mine.get_numeric_parameter(number).CopyToVector()
+            for number in range(mine.num_numeric_parameter_groups())
+        }
+        sh = model.GetColors(mine)
+        # Colours that all worlds share are those of the twin.
+        return (
+            states
+            | parameters
+            | ({"sh": sh.numpy().copy()} if sh.ndim == 4 else {})
+            | {"actions": np.array(self._actions)}
+        )
+
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Puts what `get_state` gave back."""
+        self._actions = int(arrays["actions"])
+        self._context.SetTime(self._actions * self.setup.period)
+        for group in range(len(self._begin)):
+            self._context.SetDiscreteState(group, arrays[f"discrete.{group}"])
+        model = self._world_model
+        mine = model.GetMyMutableContextFromRoot(self._context)
+        for number in range(mine.num_numeric_parameter_groups()):
+            mine.get_mutable_numeric_parameter(number).SetFromVector(arrays[f"numeric.{number}"])
+        model.SetColors(mine, torch.from_numpy(arrays["sh"]) if "sh" in arrays else self.setup.twin.surfels.sh)
+        self._simulator.Initialize()
 
     @property
     def _world_model(self) -> WorldModel:

@@ -1,9 +1,11 @@
 """The worlds that a policy is trained in: cousins of a twin, or the twin alone."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.cousins import Cousin, CousinDraw
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import Observes, PolicySpec
@@ -141,6 +143,14 @@ class CousinPool:
         self._random = np.random.default_rng(seed)
         numbers = self._random.integers(1 << 31, size=self.size)
         self._members = [self.draw.cousin(int(number)) for number in numbers]
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """State of the draw, for `set_state`; the cousins follow from `begin`."""
+        return {"generator": generator_state(self._random)}
+
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Puts what `get_state` gave back."""
+        set_generator_state(self._random, arrays["generator"])
 
     def __call__(self, world: int) -> Cousin:
         """The cousin that a world becomes."""

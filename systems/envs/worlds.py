@@ -1,12 +1,13 @@
 """The push task in many worlds of one twin at once, each of which begins anew when its episode ends."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from gymnasium.utils import seeding
 
+from pinwm_drake.checkpoints import Resumable, generator_state, set_generator_state
 from pinwm_drake.cousins import Cousin
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.env import chosen_place, make_task, whole_steps
@@ -16,6 +17,7 @@ from pinwm_drake.systems.scenario.load import Scene, environment_setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.tasks.push import Progress, PushTask, Reward
 
+_RESET = "on_reset."
 OnReset = Callable[[int], Cousin | None]
 
 
@@ -155,6 +157,26 @@ class PushWorlds:
             self._begin(ended)
         observation = self._observer.observe(self.run.object_state, self.run.p_WP)
         return Outcome(observation, reward, terminated, truncated, progress, steps, ended, last, failures)
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Everything that changes, for `set_state`: the station, images, steps, generators, and that of `on_reset`."""
+        state = self.run.get_state() | self._observer.get_state() | {"steps": self._steps.copy()}
+        state["generators"] = np.stack([generator_state(one) for one in self._random])
+        if isinstance(self.on_reset, Resumable):
+            state |= {f"{_RESET}{name}": values for name, values in self.on_reset.get_state().items()}
+        return state
+
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Puts what `get_state` gave back, in worlds that were made alike; they go on bit by bit."""
+        self.run.set_state(arrays)
+        self._observer.set_state(arrays)
+        self._steps = arrays["steps"].copy()
+        for generator, state in zip(self._random, arrays["generators"], strict=True):
+            set_generator_state(generator, state)
+        if isinstance(self.on_reset, Resumable):
+            names = [name for name in arrays if name.startswith(_RESET)]
+            self.on_reset.set_state({name.removeprefix(_RESET): arrays[name] for name in names})
+        self._progress = self._measure()
 
     def _advance(self, actions: np.ndarray) -> dict[int, str]:
         """One action; worlds whose physics fails are put back to where they were, and named."""
