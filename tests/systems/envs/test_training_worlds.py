@@ -60,11 +60,10 @@ def test_worlds_go_on_bit_by_bit_from_a_state_that_they_gave(worlds, kind):
 
     def play(env, some):
         out = [env.step(action) for action in some]
-        seen = [
-            one[0] if kind == "state" else np.concatenate([part.ravel() for part in one[0].values()]) for one in out
-        ]
+        seen = [[one[0]] if kind == "state" else list(one[0].values()) for one in out]
+        rows = np.stack([np.concatenate([part.ravel() for part in parts]) for parts in seen])
         infos = [[{k: v for k, v in info.items() if not k.startswith("terminal")} for info in one[3]] for one in out]
-        return np.stack(seen), np.stack([one[1] for one in out]), np.stack([one[2] for one in out]), infos
+        return rows, np.stack([one[1] for one in out]), np.stack([one[2] for one in out]), infos
 
     env = other.worlds(kind)
     other.begin(3)
