@@ -4,11 +4,23 @@ import json
 import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import replacing
+
+
+@runtime_checkable
+class Resumable(Protocol):
+    """Work that goes on bit by bit from a state that it gave."""
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """All that changes, copied, as arrays that a checkpoint takes."""
+
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Puts what `get_state` gave back, in an object that was made alike."""
 
 
 def write_arrays(
@@ -28,6 +40,16 @@ def write_arrays(
     with replacing(path) as temporary:
         save = np.savez_compressed if compressed else np.savez
         save(temporary, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+
+
+def generator_state(generator: np.random.Generator) -> np.ndarray:
+    """The state of a generator, () of text, for `set_generator_state`."""
+    return np.array(json.dumps(generator.bit_generator.state))
+
+
+def set_generator_state(generator: np.random.Generator, state: np.ndarray) -> None:
+    """Puts a generator of the same kind into a state that `generator_state` gave."""
+    generator.bit_generator.state = json.loads(str(state))
 
 
 def read_arrays(

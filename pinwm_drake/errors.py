@@ -86,5 +86,21 @@ class InputError(PinwmError):
         return _input_error, (type(self), self.path, self.allowed, self.row, value)
 
 
+def require(name: str, value: object, allowed: bool, range_in_words: str) -> None:
+    """Checks an option.
+
+    Args:
+        name: Of the option, as its user writes it.
+        value: As it was given.
+        allowed: The outcome of the check.
+        range_in_words: The values that are allowed, for the message.
+
+    Raises:
+        ParameterError: The value is not allowed.
+    """
+    if not allowed:
+        raise ParameterError(f"{name}: got {value}; allowed: {range_in_words}")
+
+
 def _input_error(kind: type[InputError], path: str, allowed: str, row: int | None, value: str | None) -> InputError:
     return kind(path, allowed=allowed, row=row, value=value)

@@ -12,7 +12,8 @@ from rich.console import Console
 from pinwm_drake.cli.control_run import require, require_common
 from pinwm_drake.systems.arm.driver import ArmDriver, MakeArmDriver
 from pinwm_drake.systems.engines.lcm.link import make_lcm
-from pinwm_drake.systems.scenario.load import environment_setup, with_url
+from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+from pinwm_drake.systems.scenario.load import load_setup, with_url
 from pinwm_drake.systems.sdf.twin import contact_name
 from pinwm_drake.systems.view.scene import make_meshcat
 
@@ -56,7 +57,9 @@ def run_arm(options: ArmOptions) -> None:
     """
     console = Console()
     logging.getLogger("drake").setLevel(logging.WARNING)
-    setup = with_url(environment_setup(options.scene, image_size=options.image_size), options.lcm_url)
+    setup = with_url(
+        environment_setup(load_setup(options.scene), EnvOptions(image_size=options.image_size)), options.lcm_url
+    )
     meshcat = make_meshcat(port=options.port) if options.meshcat else None
     lcm = make_lcm(setup.scenario.lcm)
     driver = MakeArmDriver(setup, lcm, contact=contact_name(options.contact), meshcat=meshcat)

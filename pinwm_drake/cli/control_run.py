@@ -14,7 +14,8 @@ from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.models import policy_path
 from pinwm_drake.systems.control.loop import ControlLoop, ControlRow
-from pinwm_drake.systems.scenario.load import environment_setup, with_url
+from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+from pinwm_drake.systems.scenario.load import load_setup, with_url
 from pinwm_drake.systems.scenario.schema import MEMORY
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.sdf.twin import contact_name
@@ -67,7 +68,7 @@ def run_control(policy: str, options: ControlOptions) -> None:
     console = Console()
     logging.getLogger("drake").setLevel(logging.WARNING)
     bundle = read_bundle(policy_path(policy))
-    setup = environment_setup(options.scene, image_size=bundle.spec.camera.width)
+    setup = environment_setup(load_setup(options.scene), EnvOptions(image_size=bundle.spec.camera.width))
     if options.engine == "lcm":
         setup = with_url(setup, MEMORY if options.simulate_arm else options.lcm_url)
     meshcat = make_meshcat(port=options.port) if options.meshcat else None

@@ -16,7 +16,7 @@ from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.report.figures.crosscheck import Differences, PathFrom, crosscheck_figure
 from pinwm_drake.report.twin.data import read_ground_truth
 from pinwm_drake.systems.crosscheck.crosscheck import PLANTS, CrossCheck, CrossCheckOptions, cross_check
-from pinwm_drake.systems.scenario.load import read_setup
+from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 
 TABLE_FILE, FIGURE_FILE = "crosscheck.csv", "crosscheck.png"
@@ -61,7 +61,7 @@ def run_crosscheck(
         threshold_rotation=math.radians(threshold_rotation),
         processes=min(2, os.cpu_count() or 1) if processes is None else processes,
     )
-    setup = read_setup(twin)
+    setup = load_setup(twin)
     known = None if truth is None else _read_truth(truth)
     if out is not None:
         prepare_folder(out)

@@ -1,9 +1,16 @@
-"""`pinwm evaluate`: its options. The work is in `evaluate_run`."""
+"""`pinwm evaluate`: options, a bar of the episodes, and the results in a few lines."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from pinwm_drake.cli.console import progress_bar, say
+
+if TYPE_CHECKING:
+    from pinwm_drake.experiments.evaluation.run import EvaluationProgress, ProgressCallback
 
 
 def evaluate(
@@ -51,8 +58,9 @@ def evaluate(
     resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run ended.")] = False,
 ) -> None:
     """Tests a policy: how often it succeeds, how soon, and what failed."""
-    from pinwm_drake.cli.evaluate_run import run_evaluate
+    from pinwm_drake.experiments.evaluation import run
     from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+    from pinwm_drake.report.evaluation.report import details, headline
 
     request = EvaluateRequest(
         policy=policy,
@@ -67,4 +75,46 @@ def evaluate(
         max_translation=max_translation,
         model=model,
     )
-    run_evaluate(request, out, workers=workers, resume=resume)
+    done = 0
+    try:
+        with _shown() as show:
+
+            def progress(stands: "EvaluationProgress") -> None:
+                nonlocal done
+                done = stands.done
+                show(stands)
+
+            evaluation = run.evaluate(request, out, workers=workers, resume=resume, progress=progress)
+    except KeyboardInterrupt:
+        say(f"interrupted after {done} episodes; go on with --resume")
+        raise SystemExit(1) from None
+    say(headline(evaluation), style="bold")
+    for line in details(evaluation):
+        say(f"  {line}")
+    for name in (run.SUMMARY_FILE, run.TABLE_FILE, run.VIDEO_FILE, run.REPORT_FILE):
+        say(f"wrote {out / name}")
+
+
+@contextmanager
+def _shown() -> Iterator["ProgressCallback"]:
+    """Shows where an evaluation stands: a bar of its episodes, then one of film and report."""
+    with progress_bar("{task.fields[figures]}") as bar:
+        tasks = {}
+
+        def task(name: str, completed: float, total: float, figures: str) -> None:
+            if name not in tasks:
+                tasks[name] = bar.add_task(name, total=total, completed=int(completed), figures=figures)
+            bar.update(tasks[name], completed=completed, figures=figures)
+
+        def show(stands: "EvaluationProgress") -> None:
+            if "evaluating" not in tasks and stands.done:
+                bar.console.print(f"{stands.done} of {stands.total} episodes are done already", highlight=False)
+            found, figures = stands.evaluation, "getting ready"
+            if found is not None:
+                figures = f"success {100 * found.success_rate:.1f} %  {found.mean_steps:.1f} actions"
+            if stands.drawn is None:
+                task("evaluating", stands.done, stands.total, f"{stands.done}/{stands.total}  {figures}")
+            else:
+                task("drawing", stands.drawn, 1.0, f"{stands.drawn:.0%}")
+
+        yield show

@@ -1,12 +1,19 @@
-"""`pinwm export`: its options. The work is in `export_run`."""
+"""`pinwm export`: options, and what is in the bundle in a few lines."""
 
+import time
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
+from pinwm_drake.cli.console import say
+
+if TYPE_CHECKING:
+    from pinwm_drake.learning.bundle import Bundle
+
 _Corner: TypeAlias = tuple[float, float, float] | None
 _LIMITS = "Limits"
+_CALLS = 100  # of the network, that are timed
 
 
 def export(
@@ -44,7 +51,7 @@ def export(
     ] = None,
 ) -> None:
     """Makes a bundle of a policy: network in ONNX, contract, limits, golden samples; onnxruntime alone runs it."""
-    from pinwm_drake.cli.export_run import run_export
+    from pinwm_drake.experiments.golden_samples import export_bundle
 
     limits = {
         "max_speed": max_speed,
@@ -54,4 +61,27 @@ def export(
         "box_high": box_high,
     }
     given = {name: value for name, value in limits.items() if value is not None}
-    run_export(policy, bundle, scene=scene, seed=seed, limits=given)
+    for line in _described(export_bundle(policy, bundle, scene=scene, seed=seed, limits=given), bundle):
+        say(line)
+
+
+def _described(bundle: "Bundle", folder: Path) -> list[str]:
+    """Limits, golden samples, the time of a call, and files."""
+    import numpy as np
+
+    golden, limits = bundle.provenance["golden"], bundle.limits
+    image, p_WP = np.full(bundle.spec.image_shape, 255, np.uint8), 0.5 * np.add(limits.box_low, limits.box_high)[:2]
+    seconds = []
+    for _ in range(_CALLS):
+        start = time.perf_counter()
+        bundle.act(image, p_WP)
+        seconds.append(time.perf_counter() - start)
+    low, high = (" ".join(f"{value:g}" for value in corner) for corner in (limits.box_low, limits.box_high))
+    return [
+        f"limits: {limits.max_speed:.3g} m/s, {limits.max_acceleration:.3g} m/s^2, image no older than "
+        f"{limits.max_image_age:g} s, pusher within {low} to {high} m",
+        f"{golden['samples']} golden samples; onnxruntime is {golden['deviation_from_torch']:.1e} m from torch at most",
+        f"{1e3 * np.median(seconds):.2f} ms a call on one core",
+        *(f"wrote {path} ({path.stat().st_size / 1e3:.1f} kB)" for path in sorted(folder.iterdir())),
+        f"SHA-256 of the bundle: {bundle.sha256}",
+    ]

@@ -14,14 +14,15 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from pinwm_drake.capture.episode_tables import PusherTrajectory, read_trajectory
-from pinwm_drake.cli.simulate_options import SimulateOptions, find_setup
-from pinwm_drake.errors import InputError
+from pinwm_drake.cli.simulate_options import SimulateOptions
+from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import appearing, prepare_folder
 from pinwm_drake.report.video import write_video
 from pinwm_drake.systems.pusher.choice import random_push
 from pinwm_drake.systems.runs.episode import Episode, Record
 from pinwm_drake.systems.runs.episode_folder import EpisodeFolder, start_of_log
 from pinwm_drake.systems.runs.film import Film
+from pinwm_drake.systems.scenario.load import load_setup, shipped_scenarios
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import MakePushStation, PushStation
 from pinwm_drake.systems.view.scene import make_meshcat, recorded
@@ -34,7 +35,7 @@ def run_simulate(scenario: str | None, twin: Path | None, options: SimulateOptio
     """Simulates an episode, and more of them where Meshcat shows them.
 
     Args:
-        scenario: What there is; see `simulate_options.find_setup`.
+        scenario: What there is; see `load_setup`.
         twin: Folder of a twin in place of the scenario's object, or None.
         options: The options.
 
@@ -47,7 +48,11 @@ def run_simulate(scenario: str | None, twin: Path | None, options: SimulateOptio
     for path in (options.record, options.video):
         if path is not None:
             _require_free(path)
-    setup = find_setup(scenario, twin)
+    scene = twin if scenario is None else scenario
+    if scene is None:
+        allowed = f"a file, {', '.join(shipped_scenarios())}, or a twin's folder"
+        raise ParameterError(f"SCENARIO: got none, and no --twin; allowed: {allowed}")
+    setup = load_setup(scene, twin=None if scenario is None else twin)
     meshcat = None
     if options.meshcat or options.record is not None:
         meshcat = make_meshcat(options.host, options.port)

@@ -9,7 +9,7 @@ learning" (AISTATS 2011); the teacher's privilege as in Chen et al., "Learning b
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn.functional import cross_entropy, mse_loss
 
+from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.augment import Augment
@@ -33,6 +34,8 @@ from pinwm_drake.learning.weights import pack, set_weights, unpack, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 
 STAGE = "distil"
+_COLLECTING = 0.4  # share of a round's time, roughly; the rest goes into updates
+_TOLD = 20  # actions or updates between two reports
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,8 @@ def train_distil(
         InputError: A checkpoint cannot be used, or a file cannot be written.
     """
     told = {"options": asdict(options), "seed": seed, "spec": spec.to_document(), "worlds": env.num_envs}
-    rounds = Rounds(folder, STAGE, {**told, **(about or {})}, seed, resume=resume)
+    about = {**told, **(about or {})}
+    rounds = Rounds(folder, STAGE, about, seed, resume=resume, total=options.rounds, report=report)
     student, optimizer = _begin(spec, teacher, options)
     logger = configure(str(folder / "tensorboard"), ["tensorboard"])
     frames, images = Frames(env.num_envs, spec.frames, options.keep), prepare_folder(folder / "images")
@@ -121,15 +125,28 @@ def train_distil(
         generator = np.random.default_rng(np.random.randint(1 << 31))  # noqa: NPY002  # seeded by `begin`
         if rounds.number == 0:
             student, optimizer = _begin(spec, teacher, options)
-        # In the first round the teacher acts: an untrained student would see little that matters.
-        actor = teacher if rounds.number == 0 else Policy(spec, student)
-        chunk = _collect(env, actor, options, generator)
-        chunk.write(images / f"{rounds.number:04}.npz")
+        path, losses = images / f"{rounds.number:04}.npz", []
+        kept = rounds.restore(env)
+        if kept is None:
+            # In the first round the teacher acts: an untrained student would see little that matters.
+            actor = teacher if rounds.number == 0 else Policy(spec, student)
+            chunk = _collect(env, actor, options, generator, rounds)
+            chunk.write(path)
+        else:
+            chunk = Chunk.read(path)
+            unpack(kept, student, optimizer)
+            set_generator_state(generator, kept["generator"])
+            losses = kept["losses"].tolist()
         frames.add(chunk)
-        loss = _learn(student, optimizer, frames, augment, options, rounds.number, generator)
+        for _ in _learn(student, optimizer, frames, augment, options, rounds.number, generator, losses):
+            rounds.keep(env, _Kept(student, optimizer, generator, losses))
+            if len(losses) % _TOLD == 0:
+                share = _COLLECTING + (1.0 - _COLLECTING) * len(losses) / options.updates
+                rounds.tell(share, steps=len(chunk.start), loss=losses[-1])
+        # Of the last tenth of the updates.
+        loss = float(np.mean(losses[-max(1, len(losses) // 10) :]))
         found = evaluate_worlds(env, Policy(spec, student), options.episodes, seed=EVALUATION_SEED)
         rounds.end(pack(student, optimizer), student, found, steps=len(chunk.start), loss=loss, logger=logger)
-        report(rounds.told(options.rounds))
     return Policy(spec, rounds.best_actor(spec))
 
 
@@ -143,7 +160,23 @@ def _begin(spec: PolicySpec, teacher: Policy, options: DistilOptions) -> tuple[I
     return student, torch.optim.Adam(learned, options.learning_rate)
 
 
-def _collect(env: VecEnv, actor: Policy, options: DistilOptions, generator: np.random.Generator) -> Chunk:
+@dataclass(frozen=True)
+class _Kept:
+    """State of a round between two updates, as arrays."""
+
+    student: ImageActor
+    optimizer: torch.optim.Optimizer
+    generator: np.random.Generator
+    losses: list[float]
+
+    def __call__(self) -> dict[str, np.ndarray]:
+        state = {"generator": generator_state(self.generator), "losses": np.array(self.losses)}
+        return pack(self.student, self.optimizer) | state
+
+
+def _collect(
+    env: VecEnv, actor: Policy, options: DistilOptions, generator: np.random.Generator, rounds: Rounds
+) -> Chunk:
     """Episodes of a policy."""
     W = env.num_envs
     length = math.ceil(options.round_images / W)
@@ -164,6 +197,8 @@ def _collect(env: VecEnv, actor: Policy, options: DistilOptions, generator: np.r
         actions = actor.predict(seen)[0]
         noise = options.noise * generator.standard_normal(actions.shape)
         seen, _, starts, _ = env.step(np.clip(actions + noise, -1.0, 1.0).astype(np.float32))
+        if (t + 1) % _TOLD == 0:
+            rounds.tell(_COLLECTING * (t + 1) / length, steps=(t + 1) * W)
     return chunk
 
 
@@ -175,11 +210,11 @@ def _learn(
     options: DistilOptions,
     number: int,
     generator: np.random.Generator,
-) -> float:
-    """Updates of a round; gives the mean loss of the last tenth of them."""
-    losses = []
+    losses: list[float],
+) -> Iterator[None]:
+    """Updates of a round, from the one that follows those whose losses are there; yields after each."""
     total = options.rounds * options.updates
-    for update in range(options.updates):
+    for update in range(len(losses), options.updates):
         share = (number * options.updates + update) / total
         rate = options.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * share)))
         for group in optimizer.param_groups:
@@ -196,4 +231,4 @@ def _learn(
         loss.backward()
         optimizer.step()
         losses.append(float(loss.detach()))
-    return float(np.mean(losses[-max(1, len(losses) // 10) :]))
+        yield

@@ -1,22 +1,27 @@
-"""What is told of a training while it goes on."""
+"""Progress of a training, for a bar, a line or a plot."""
 
+import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Step:
-    """Where a training stands.
+    """State of a training that goes on.
 
     Attributes:
         stage: "teacher", "distil" or "ppo".
         done: Share of the stage's work, 0 to 1.
         steps: Of the worlds so far, in this stage.
         success: Share of the episodes of the last round's evaluation that succeeded; NaN before the first.
-        length: Mean number of actions, of all of them.
-        loss: Of the last update; of PPO its value loss.
-        best: Success of the best round so far.
+        length: Mean number of actions, of all of them; NaN before the first.
+        loss: Of the last update; of PPO its value loss; NaN before the first.
+        best: Success of the best round so far; NaN before the first.
         seconds: Time taken, all runs of the stage together.
+        recent: Share of the last episodes of the training itself that succeeded; NaN where it is not known.
+        rate: 1/s, steps of the worlds in this run of the stage; NaN before the first.
+        left: s, until the stage is done at the pace of this run; NaN before the first step.
     """
 
     stage: str
@@ -27,6 +32,9 @@ class Step:
     loss: float
     best: float
     seconds: float
+    recent: float = math.nan
+    rate: float = math.nan
+    left: float = math.nan
 
 
 Report = Callable[[Step], None]
@@ -34,3 +42,26 @@ Report = Callable[[Step], None]
 
 def silent(step: Step) -> None:
     """Tells nothing."""
+
+
+class Pace:
+    """Pace of one run of a stage, from its first call on."""
+
+    def __init__(self) -> None:
+        """Begins with the first call."""
+        self._first: tuple[float, float, int] | None = None
+
+    def __call__(self, done: float, steps: int) -> tuple[float, float]:
+        """Steps a second, and seconds that are left, since the first call; NaN where nothing has been done since.
+
+        Args:
+            done: Share of the stage's work, 0 to 1.
+            steps: Of the worlds so far.
+        """
+        now = time.monotonic()
+        if self._first is None:
+            self._first = (now, done, steps)
+        begun, done_then, steps_then = self._first
+        seconds, share = now - begun, done - done_then
+        rate = (steps - steps_then) / seconds if steps > steps_then and seconds > 0.0 else math.nan
+        return rate, seconds * (1.0 - done) / share if share > 0.0 else math.nan

@@ -1,35 +1,43 @@
 """Training in rounds: each begins from a seed of its own, so that one that was killed goes on with the same result.
 
 What a round does depends on the networks, on the settings and on its number only: worlds, cousins and generators begin
-anew. A checkpoint at the end of a round is therefore all that there is to keep.
+anew. A checkpoint at the end of a round is therefore all that there is to keep between rounds. Within a round, the
+generators and the worlds' states are kept beside the networks, so that a round too goes on bit by bit.
 """
 
 import csv
 import io
+import json
+import math
+import random
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import torch
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.checkpoints import Resumable, read_arrays, write_arrays
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.evaluation import Evaluation
 from pinwm_drake.learning.policy import make_actor
-from pinwm_drake.learning.progress import Step
+from pinwm_drake.learning.progress import Pace, Report, Step, silent
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import set_weights, weights
 
 CHECKPOINT_FILE, HISTORY_FILE = "checkpoint.npz", "history.csv"
+ROUND_FILE = "round.npz"  # of a round that is not done
 OnRound = Callable[[int], None]
 EVALUATION_SEED = 1_000_000  # of the first world, in every round: rounds are compared on the same starts
-_BEST = "best."
+_BEST, _WORLDS = "best.", "worlds."
+_PERIOD = 30.0  # s, between two checkpoints within a round, at least
 
 
 @dataclass(frozen=True)
@@ -61,7 +69,17 @@ class Rounds:
         arrays: Of the checkpoint that was read; empty where there was none.
     """
 
-    def __init__(self, folder: Path, stage: str, about: Mapping[str, object], seed: int, *, resume: bool) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        stage: str,
+        about: Mapping[str, object],
+        seed: int,
+        *,
+        resume: bool,
+        total: int,
+        report: Report = silent,
+    ) -> None:
         """Empty, or as an earlier run left it.
 
         Args:
@@ -70,6 +88,8 @@ class Rounds:
             about: What the training depends on, as JSON takes it; a checkpoint of another one is refused.
             seed: 0 or more.
             resume: Whether to go on from a checkpoint, if there is one.
+            total: Rounds of the stage.
+            report: Is told where the stage stands.
 
         Raises:
             InputError: The checkpoint cannot be read, or is of another training.
@@ -82,7 +102,11 @@ class Rounds:
         self.history = [Round(int(row[0]), int(row[1]), *(float(value) for value in row[2:])) for row in rows]
         best = [name for name in self.arrays if name.startswith(_BEST)]
         self._weights = {name.removeprefix(_BEST): self.arrays.pop(name) for name in best}
+        self.total, self._report = total, report
+        self._resume, self._pace = resume, Pace()
         self._begun = time.monotonic() - self.seconds
+        self._kept = time.monotonic()
+        self.tell()
 
     @property
     def number(self) -> int:
@@ -117,6 +141,46 @@ class Rounds:
             on_round(int(words[1] >> 1))
         env.seed(int(words[1] >> 1))
 
+    def keep(self, env: VecEnv, arrays: Callable[[], Mapping[str, np.ndarray]]) -> None:
+        """Keeps a round that goes on, where the last time is 30 s ago and the worlds are `Resumable`.
+
+        Args:
+            env: The worlds.
+            arrays: Gives what the training needs to go on; generators and worlds are added.
+
+        Raises:
+            InputError: The file cannot be written.
+        """
+        if not isinstance(env, Resumable) or time.monotonic() - self._kept < _PERIOD:
+            return
+        worlds = {f"{_WORLDS}{name}": values for name, values in env.get_state().items()}
+        kept = {**arrays(), **worlds, **_generators(), "number": np.array(self.number)}
+        write_arrays(self.folder / ROUND_FILE, self._about, kept)
+        self._kept = time.monotonic()
+
+    def restore(self, env: VecEnv) -> dict[str, np.ndarray] | None:
+        """Puts generators and worlds into the state in which an earlier run kept the round that has just begun.
+
+        Args:
+            env: The worlds.
+
+        Returns:
+            What `keep` was given; None where the round begins anew.
+
+        Raises:
+            InputError: The file cannot be read, or is of another training.
+        """
+        if not self._resume or not isinstance(env, Resumable):
+            return None
+        self._resume = False  # Later rounds are of this run.
+        arrays = read_arrays(self.folder / ROUND_FILE, self._about, self.stage, ["number"])
+        if arrays is None or int(arrays.pop("number")) != self.number:
+            return None
+        worlds = [name for name in arrays if name.startswith(_WORLDS)]
+        env.set_state({name.removeprefix(_WORLDS): arrays.pop(name) for name in worlds})
+        _set_generators(arrays)
+        return arrays
+
     def end(
         self,
         arrays: Mapping[str, np.ndarray],
@@ -148,11 +212,13 @@ class Rounds:
         rows = np.array([list(asdict(one).values()) for one in self.history], float)
         best = {f"{_BEST}{name}": value for name, value in self._weights.items()}
         write_arrays(self.folder / CHECKPOINT_FILE, self._about, {**arrays, **best, "history": rows})
+        (self.folder / ROUND_FILE).unlink(missing_ok=True)
         with replacing(self.folder / HISTORY_FILE) as path:
             path.write_text(_table(self.history))
         logger.record("evaluation/success", done.success)
         logger.record("evaluation/length", done.length)
         logger.dump(done.steps)
+        self.tell()
 
     def best_actor(self, spec: PolicySpec) -> nn.Module:
         """The network of the best round; raises ParameterError before the first."""
@@ -162,12 +228,50 @@ class Rounds:
         set_weights(actor, self._weights)
         return actor.eval()
 
-    def told(self, total: int) -> Step:
-        """Where the stage stands, of a number of rounds."""
-        last, best = self.history[-1], self.best
-        assert best is not None
-        share = len(self.history) / total
-        return Step(self.stage, share, last.steps, last.success, last.length, last.loss, best.success, last.seconds)
+    def tell(self, share: float = 0.0, *, steps: int = 0, loss: float = math.nan, recent: float = math.nan) -> None:
+        """Reports where the stage stands.
+
+        Args:
+            share: Of the round that goes on, 0 to 1.
+            steps: Of the worlds in that round.
+            loss: Of the last update in it; NaN for that of the last round.
+            recent: Share of the last episodes of the training itself that succeeded.
+        """
+        last = self.history[-1] if self.history else Round(0, 0, math.nan, math.nan, math.nan, 0.0)
+        best, done, steps = self.best or last, (self.number + share) / self.total, self.steps + steps
+        rate, left = self._pace(done, steps)
+        step = Step(
+            stage=self.stage,
+            done=done,
+            steps=steps,
+            success=last.success,
+            length=last.length,
+            loss=last.loss if math.isnan(loss) else loss,
+            best=best.success,
+            seconds=time.monotonic() - self._begun,
+            recent=recent,
+            rate=rate,
+            left=left,
+        )
+        self._report(step)
+
+
+def _generators() -> dict[str, np.ndarray]:
+    """States of the generators of python, numpy and torch."""
+    legacy: Any = np.random.get_state(legacy=False)  # noqa: NPY002  # SB3 draws from it
+    legacy["state"]["key"] = legacy["state"]["key"].tolist()
+    return {
+        "random.python": np.array(json.dumps(random.getstate())),
+        "random.numpy": np.array(json.dumps(legacy)),
+        "random.torch": torch.get_rng_state().numpy(),
+    }
+
+
+def _set_generators(arrays: Mapping[str, np.ndarray]) -> None:
+    version, words, gauss = json.loads(str(arrays["random.python"]))
+    random.setstate((version, tuple(words), gauss))
+    np.random.set_state(json.loads(str(arrays["random.numpy"])))  # noqa: NPY002
+    torch.set_rng_state(torch.from_numpy(arrays["random.torch"]))
 
 
 def _key(stage: str) -> int:

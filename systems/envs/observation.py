@@ -1,5 +1,6 @@
 """Observations of policies: numbers of the state, or masked images and the pusher's own position."""
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import cv2
@@ -75,6 +76,15 @@ class Observer:
     def begin(self, worlds: np.ndarray, images: np.ndarray) -> None:
         """Takes images (m, height, width, 4) as all that some worlds (m,) have seen."""
         self._images[worlds] = np.tile(images[..., :3], self._images.shape[3] // 3)
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """The images that the worlds have seen last, for `set_state`."""
+        return {"images": self._images.copy()} if self.needs_images else {}
+
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Puts what `get_state` gave back."""
+        if self.needs_images:
+            self._images = arrays["images"].copy()
 
     def observe(self, object_state: np.ndarray, p_WP: np.ndarray, worlds: np.ndarray | slice = np.s_[:]) -> Observation:
         """Observations, in arrays of their own.

@@ -1,6 +1,9 @@
 """A station that is driven action by action, by translations of the pusher."""
 
+from collections.abc import Mapping
+
 import numpy as np
+import torch
 from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.cousins import Domain
@@ -66,7 +69,7 @@ class StationRun:
         """Puts object and pusher of a world into place, at rest."""
         self.station.SetPlace(self._context, place, world)
 
-    def set_state(self, object_state: np.ndarray, p_WP: np.ndarray, world: int) -> None:
+    def set_world_state(self, object_state: np.ndarray, p_WP: np.ndarray, world: int) -> None:
         """Sets the state of object (13,) and pusher (3,) m in one of the twin's worlds."""
         model, object_state = self._world_model, object_state.copy()
         object_state[:4] /= np.linalg.norm(object_state[:4])
@@ -89,6 +92,37 @@ class StationRun:
     def world_model(self) -> WorldModel | None:
         """The twin's worlds; None with other engines."""
         return self.station.world
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Everything that changes in the twin's worlds, for `set_state`: motion, theta, colours, number of actions."""
+        model, groups = self._world_model, range(len(self._begin))
+        states = {f"discrete.{group}": self._context.get_discrete_state(group).value().copy() for group in groups}
+        mine = model.GetMyContextFromRoot(self._context)
+        parameters = {
+            f"numeric.{number}": mine.get_numeric_parameter(number).CopyToVector()
+            for number in range(mine.num_numeric_parameter_groups())
+        }
+        sh = model.GetColors(mine)
+        # Colours that all worlds share are those of the twin.
+        return (
+            states
+            | parameters
+            | ({"sh": sh.numpy().copy()} if sh.ndim == 4 else {})
+            | {"actions": np.array(self._actions)}
+        )
+
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Puts what `get_state` gave back."""
+        self._actions = int(arrays["actions"])
+        self._context.SetTime(self._actions * self.setup.period)
+        for group in range(len(self._begin)):
+            self._context.SetDiscreteState(group, arrays[f"discrete.{group}"])
+        model = self._world_model
+        mine = model.GetMyMutableContextFromRoot(self._context)
+        for number in range(mine.num_numeric_parameter_groups()):
+            mine.get_mutable_numeric_parameter(number).SetFromVector(arrays[f"numeric.{number}"])
+        model.SetColors(mine, torch.from_numpy(arrays["sh"]) if "sh" in arrays else self.setup.twin.surfels.sh)
+        self._simulator.Initialize()
 
     @property
     def _world_model(self) -> WorldModel:

@@ -1,9 +1,11 @@
 """The worlds that a policy is trained in: domains around a twin, or the twin alone."""
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 
+from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.cousins import CousinDomains, Domain, DomainDraw, DomainSource
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import Observes, PolicySpec
@@ -53,6 +55,14 @@ class DomainPool:
         self._random = np.random.default_rng(seed)
         numbers = self._random.integers(1 << 31, size=self.size)
         self._members = [self._draw(int(number)) for number in numbers]
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """State of the draw, for `set_state`; the domains follow from `begin`."""
+        return {"generator": generator_state(self._random)}
+
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Restores the arrays of `get_state`."""
+        set_generator_state(self._random, arrays["generator"])
 
     def __call__(self, world: int) -> Domain:
         """The domain of a world's next episode."""

@@ -1,6 +1,6 @@
 """Many worlds of one twin as a vectorised environment, for gymnasium and for Stable-Baselines3."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -144,6 +144,17 @@ class TaskVecEnv(VecEnv):
             }
         self._sums[out.ended] = 0.0
         return observation, out.reward.astype(np.float32), out.terminated | out.truncated, infos
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Everything that changes in the worlds, for `set_state`."""
+        return self.worlds.get_state() | {"sums": self._sums.copy()}
+
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Puts what `get_state` gave back; seeds and options that wait for a reset are dropped."""
+        self._reset_seeds()
+        self._reset_options()
+        self._sums = arrays["sums"].copy()
+        self.worlds.set_state(arrays)
 
     def close(self) -> None:
         """There is nothing to close."""

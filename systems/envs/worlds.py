@@ -1,6 +1,6 @@
 """The worlds of an environment: one step, one reset, for one world of any engine and for many worlds of a twin."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium.utils import seeding
 from pydrake.math import RigidTransform
 
+from pinwm_drake.checkpoints import Resumable, generator_state, set_generator_state
 from pinwm_drake.cousins import Domain
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.observation import Observation, Observer
@@ -17,6 +18,7 @@ from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.tasks import Progress
 
+_DOMAIN = "domain."
 RESET_OPTIONS = ("place", "X_WO", "p_WP")
 OnReset = Callable[[int], Domain | None]
 
@@ -197,6 +199,26 @@ class Worlds:
         """The observation of some worlds, (m,) int or a slice, in arrays of its own."""
         return self._observer.observe(self._object_state, self._p_WP, worlds)
 
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Arrays of everything that changes, for `set_state`: station, images, steps, generators, state of `domain`."""
+        state = self.run.get_state() | self._observer.get_state() | {"steps": self._steps.copy()}
+        state["generators"] = np.stack([generator_state(one) for one in self._random])
+        if isinstance(self.domain, Resumable):
+            state |= {f"{_DOMAIN}{name}": values for name, values in self.domain.get_state().items()}
+        return state
+
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Restores the arrays of `get_state`, in worlds that were made alike; they go on bit by bit."""
+        self.run.set_state(arrays)
+        self._observer.set_state(arrays)
+        self._steps = arrays["steps"].copy()
+        for generator, state in zip(self._random, arrays["generators"], strict=True):
+            set_generator_state(generator, state)
+        if isinstance(self.domain, Resumable):
+            names = [name for name in arrays if name.startswith(_DOMAIN)]
+            self.domain.set_state({name.removeprefix(_DOMAIN): arrays[name] for name in names})
+        self._take_state()
+
     def _advance(self, actions: np.ndarray) -> dict[int, str]:
         """One action; worlds whose physics fails are put back to where they were, and named."""
         failures: dict[int, str] = {}
@@ -223,7 +245,7 @@ class Worlds:
             self._take_state(*last)
             return failures
         for world in failures:
-            self.run.set_state(last[0][world], last[1][world], world)
+            self.run.set_world_state(last[0][world], last[1][world], world)
         self._take_state()
         return failures
 

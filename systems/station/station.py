@@ -18,8 +18,9 @@ from pinwm_drake.systems.engines.twin.engine import AddTwinEngine
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
 from pinwm_drake.systems.pusher.limits import PusherLimits
 from pinwm_drake.systems.pusher.translation import PusherTranslation
-from pinwm_drake.systems.scenario.schema import ENGINES, Scenario
-from pinwm_drake.systems.scenario.setup import Setup, make_setup
+from pinwm_drake.systems.scenario.load import Scene, load_setup
+from pinwm_drake.systems.scenario.schema import ENGINES
+from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.systems.sdf.twin import contact_name
 from pinwm_drake.systems.view.scene import AddSceneView
@@ -156,7 +157,7 @@ def _add_command(builder: DiagramBuilder, parts: Engine, setup: Setup, command: 
 
 
 def MakePushStation(
-    scenario: Scenario | Setup,
+    scene: Scene,
     engine: str | None = None,
     *,
     command: Command = "velocity",
@@ -167,7 +168,7 @@ def MakePushStation(
     """Assembles a station.
 
     Args:
-        scenario: What there is; a Setup of it where that has been loaded already.
+        scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
         engine: "twin", "hydroelastic", "point" or "lcm"; None for that of the scenario.
         command: Whether the input is `pusher_velocity_W` or `pusher_translation_W`.
         meshcat: Shows everything, if given.
@@ -182,7 +183,7 @@ def MakePushStation(
         ParameterError: There is no such engine or command, one that is not the twin is to hold several worlds, or an
             address of LCM cannot be used.
     """
-    setup = scenario if isinstance(scenario, Setup) else make_setup(scenario)
+    setup = load_setup(scene)
     engine = engine or setup.scenario.engine
     if engine not in STATION_ENGINES:
         raise ParameterError(f"engine: got {engine!r}; allowed: {', '.join(STATION_ENGINES)}")

@@ -148,7 +148,7 @@ def test_an_interrupted_run_says_how_to_go_on(pinwm, scenario, tmp_path, monkeyp
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("pinwm_drake.cli.evaluate_run.run_episodes", interrupted)
+        patch.setattr("pinwm_drake.experiments.evaluation.run.run_episodes", interrupted)
         code, output, _ = pinwm(*base)
     assert code == 1
     assert "interrupted after 2 episodes; go on with --resume" in output

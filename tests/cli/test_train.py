@@ -1,4 +1,5 @@
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -9,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from pinwm_drake.cli.app import app
-from pinwm_drake.cli.train_run import TrainRequest
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.experiments.training import TrainRequest
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
 
@@ -30,6 +31,11 @@ def test_a_teacher_is_trained_and_kept(tmp_path):
     closer = ["--tolerance", 0.01, "--turn-tolerance", 0.1]
     out = train("push_t", "-o", tmp_path / "run", "--method", "state", "--steps", 512, *closer, *SHORT)
     assert out.exit_code == 0, out.output
+    # Not a terminal: plain lines, of the beginning, of rollouts and of the round.
+    lines = [line for line in out.output.splitlines() if line.startswith("teacher ")]
+    assert lines[0] == "teacher   0%  getting ready (the first run compiles for minutes)  -:--:-- left"
+    assert re.search(r"teacher 100%  512 steps  \d+ steps/s  loss .* success \d+% in \d+ actions, best", lines[-1])
+    assert lines[-1].endswith("0:00:00 left")
     policy = read_policy(tmp_path / "run")
     assert policy.spec.observes == "state"
     assert policy.provenance["trained_in"]["delta"] == 0.1

@@ -4,6 +4,7 @@ import torch
 from torch.nn.functional import cross_entropy
 
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.learning import distil, rounds
 from pinwm_drake.learning.actors import ImageActor, StateActor
 from pinwm_drake.learning.distil import DistilOptions, train_distil
 from pinwm_drake.learning.image_buffer import Chunk, Frames
@@ -52,19 +53,29 @@ def test_the_student_learns_to_act_from_images(tmp_path, teacher):
     assert found.success_rate > 0.9
 
 
-def test_a_distillation_that_was_killed_goes_on_with_the_same_result(tmp_path, teacher):
+# While images of the third round are collected, and after all and four of the eight updates of the second.
+@pytest.mark.parametrize(("done", "updates"), [(0.51, 0), (0.5, 8), (0.41, 4)])
+def test_a_distillation_that_was_killed_goes_on_with_the_same_result(tmp_path, teacher, monkeypatch, done, updates):
+    monkeypatch.setattr(rounds, "_PERIOD", 0.0)
+    monkeypatch.setattr(distil, "_TOLD", 4)
     spec = toy_spec("rgb")
     whole = train_distil(ToyWorlds(), teacher, spec, tmp_path / "a", SHORT)
 
     def kill(step):
-        if step.done > 0.4:
+        if step.done >= done:
             raise Killed
 
     with pytest.raises(Killed):
         train_distil(ToyWorlds(), teacher, spec, tmp_path / "b", SHORT, report=kill)
+    kept = tmp_path / "b" / rounds.ROUND_FILE
+    assert kept.exists() == (updates > 0)
+    if updates:
+        with np.load(kept) as file:
+            assert len(file["losses"]) == updates
     rest = train_distil(ToyWorlds(), teacher, spec, tmp_path / "b", SHORT, resume=True)
     a, b = weights(whole), weights(rest)
     assert all(np.array_equal(a[name], b[name]) for name in a)
+    assert not kept.exists()
 
 
 def test_images_that_are_missing_are_named(tmp_path, teacher):

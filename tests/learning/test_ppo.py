@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.learning import rounds
 from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
 from pinwm_drake.learning.actors import ImageActor, StateActor, chosen
 from pinwm_drake.learning.augment import Augment
@@ -53,26 +54,63 @@ def untrained(spec):
     return Policy(spec, make_actor(spec))
 
 
+@pytest.fixture
+def often(monkeypatch):
+    """Rounds are kept before every rollout and after every update."""
+    monkeypatch.setattr(rounds, "_PERIOD", 0.0)
+
+
+# The first report is that of the beginning; then one for each of a round's two rollouts, and one for the round. A round
+# is kept before its second rollout, so that after the sixth report, in the second round, its first one is not redone.
+@pytest.mark.parametrize(("reports", "redone", "kept"), [(4, 3, 0), (5, 3, 0), (6, 3, 1), (7, 2, 0)])
 @pytest.mark.parametrize(("observes", "images"), [("state", False), ("rgb", True)])
-def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, observes, images):
+@pytest.mark.usefixtures("often")
+def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, observes, images, reports, redone, kept):
     spec, begun = toy_spec(observes), []
     whole = train_ppo(ToyWorlds(images=images), spec, tmp_path / "a", SHORT, stage="ppo", on_round=begun.append)
 
+    told = []
+
     def kill(step):
-        if step.done > 0.4:
+        told.append(step)
+        if len(told) == reports:
             raise Killed
 
     with pytest.raises(Killed):
         train_ppo(ToyWorlds(images=images), spec, tmp_path / "b", SHORT, stage="ppo", report=kill)
-    again = []
-    rest = train_ppo(
-        ToyWorlds(images=images), spec, tmp_path / "b", SHORT, stage="ppo", resume=True, on_round=again.append
-    )
+    again, told = [], []
+    follow = {"on_round": again.append, "report": told.append}
+    rest = train_ppo(ToyWorlds(images=images), spec, tmp_path / "b", SHORT, stage="ppo", resume=True, **follow)
     assert same(weights(whole), weights(rest))
     assert len(begun) == 4
-    assert begun[2:] == again
+    assert begun[-redone:] == again
+    assert len(told) == 1 + 3 * redone - kept
+    assert not (tmp_path / "b" / rounds.ROUND_FILE).exists()
     rows = list(csv.DictReader((tmp_path / "b" / "history.csv").read_text().splitlines()))
     assert [int(row["steps"]) for row in rows] == [256, 512, 768, 1024]
+
+
+def test_progress_tells_of_every_rollout(tmp_path):
+    told = []
+    train_ppo(ToyWorlds(images=False), toy_spec("state"), tmp_path, SHORT, stage="ppo", report=told.append)
+    assert [step.steps for step in told] == [0, 128, 256, 256, 384, 512, 512, 640, 768, 768, 896, 1024, 1024]
+    assert [step.done for step in told] == [step.steps / 1024 for step in told]
+    assert np.isnan([told[0].success, told[0].rate, told[0].left]).all()
+    assert all(step.rate > 0.0 and step.left >= 0.0 for step in told[1:])
+    assert not np.isnan([(step.success, step.loss) for step in told[3:]]).any()
+
+
+@pytest.mark.usefixtures("often")
+def test_a_round_of_another_training_is_refused(tmp_path):
+    def kill(step):
+        if step.steps == 256:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train_ppo(ToyWorlds(images=False), toy_spec("state"), tmp_path, SHORT, stage="ppo", report=kill)
+    assert (tmp_path / rounds.ROUND_FILE).exists()
+    with pytest.raises(InputError, match="seed = 0"):
+        train_ppo(ToyWorlds(images=False), toy_spec("state"), tmp_path, SHORT, stage="ppo", seed=1, resume=True)
 
 
 def test_another_seed_gives_another_policy(tmp_path):

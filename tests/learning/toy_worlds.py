@@ -4,6 +4,7 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
+from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.learning.spec import CameraSpec, PolicySpec
 
 SIZE = 16  # px
@@ -81,6 +82,15 @@ class ToyWorlds(VecEnv):
             infos[world]["terminal_observation"] = self._of(last, world)
             self._begin(world)
         return self._see(), rewards, dones, infos
+
+    def get_state(self):
+        state = {"place": self._place.copy(), "steps": self._steps.copy(), "stack": self._stack.copy()}
+        return state | {"generators": np.stack([generator_state(one) for one in self._generators])}
+
+    def set_state(self, arrays):
+        self._place, self._steps, self._stack = (arrays[name].copy() for name in ("place", "steps", "stack"))
+        for generator, state in zip(self._generators, arrays["generators"], strict=True):
+            set_generator_state(generator, state)
 
     def close(self):
         pass

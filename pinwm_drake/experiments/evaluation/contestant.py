@@ -10,15 +10,18 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from pinwm_drake.errors import InputError
+from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.experiments.evaluation.request import MPC, RANDOM, EvaluateRequest
 from pinwm_drake.learning.evaluation import Acts
 from pinwm_drake.learning.policy import POLICY_FILE, read_policy, weights_digest
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.models import policy_path, shipped_policies
-from pinwm_drake.systems.envs.env import PushEnv
+from pinwm_drake.systems.envs.env import TaskEnv
+from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.policy_scene import spec_environment
-from pinwm_drake.systems.scenario.load import environment_setup, scene_hash, with_start_yaw
+from pinwm_drake.systems.scenario.load import load_setup, scene_hash
+from pinwm_drake.systems.scenario.start import with_start_yaw
+from pinwm_drake.tasks import PushTask
 
 _MAX_TRANSLATION = 0.02  # m, as `pinwm train` has it
 
@@ -53,7 +56,7 @@ class Contestant:
     identity: str
     spec: PolicySpec | None
     provenance: dict[str, Any]
-    make: Callable[[PushEnv], Acts]
+    make: Callable[[TaskEnv], Acts]
 
     @property
     def observes(self) -> str:
@@ -89,7 +92,7 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
     )
 
 
-def make_environment(contestant: Contestant, request: EvaluateRequest) -> PushEnv:
+def make_environment(contestant: Contestant, request: EvaluateRequest) -> TaskEnv:
     """The environment that an evaluation runs in.
 
     Raises:
@@ -97,27 +100,35 @@ def make_environment(contestant: Contestant, request: EvaluateRequest) -> PushEn
         ParameterError: An option is out of range, or the scene is not one that the policy is made for.
     """
     spec = contestant.spec
-    setup = environment_setup(request.scene)
+    setup = load_setup(request.scene)
     if request.yaw is not None:
-        setup = with_start_yaw(setup, request.yaw, 0.0 if spec is None else spec.goal[2])
-    named = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance", "max_steps")}
-    given = {name: value for name, value in named.items() if value is not None}
+        setup = with_start_yaw(setup, request.yaw, None if spec is None else spec.task.goal_yaw)
+    named = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
+    task = {name: value for name, value in named.items() if value is not None}
     if spec is None:
         longest = _MAX_TRANSLATION if request.max_translation is None else request.max_translation
-        return PushEnv(setup, request.engine, observation="state", max_translation=longest, **given)
-    return spec_environment(spec, setup, request.engine, **given)
+        options = EnvOptions(task=task, max_steps=request.max_steps, max_translation=longest)
+        return TaskEnv(setup, request.engine, options)
+    steps: dict[str, Any] = {} if request.max_steps is None else {"max_steps": request.max_steps}
+    return spec_environment(spec, setup, request.engine, task=task, **steps)
 
 
 def _mpc(model: str) -> Contestant:
     """The controller, which plans with the parameters of a scene, be they the true ones or not."""
-    from pinwm_drake.systems.mpc.policy import MpcPolicy
+    from pinwm_drake.systems.mpc.policy import PushMpcPolicy
 
-    known = environment_setup(model)
+    known = environment_setup(load_setup(model))
     theta = {name: float(estimate.value) for name, estimate in known.twin.theta.items()}
+
+    def make(env: TaskEnv) -> Acts:
+        if not isinstance(env.task, PushTask):
+            raise ParameterError(f"policy: got {MPC} for the task {env.task.name}; allowed: for {PushTask.name}")
+        return PushMpcPolicy(known, env.task, env.run.max_translation)
+
     return Contestant(
         MPC,
         scene_hash(known),
         None,
         {"model": known.scenario.name, "theta": theta},
-        lambda env: MpcPolicy(known, env.task, env.run.max_translation),
+        make,
     )

@@ -23,7 +23,7 @@ from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.film import EpisodeFilm
 from pinwm_drake.report.evaluation.report import EvaluationStory
-from pinwm_drake.systems.envs.env import PushEnv
+from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.runs.film import coloured_actors
 
 _TILE, _SECTIONS = 200, 12  # px of a picture of an episode, and sides of a pusher that is shown that small
@@ -33,7 +33,7 @@ _COLUMNS = (
 )
 
 
-def settings_of(request: EvaluateRequest, contestant: Contestant, env: PushEnv, scene_sha256: str) -> dict[str, Any]:
+def settings_of(request: EvaluateRequest, contestant: Contestant, env: TaskEnv, scene_sha256: str) -> dict[str, Any]:
     """What the results depend on, but for the seeds; plain data."""
     return {
         "policy": contestant.kind,
@@ -41,9 +41,7 @@ def settings_of(request: EvaluateRequest, contestant: Contestant, env: PushEnv, 
         "scene": env.setup.scenario.name,
         "scene_sha256": scene_sha256,
         "engine": env.engine,
-        "goal": [float(value) for value in env.task.goal],
-        "tolerance": env.task.tolerance,
-        "turn_tolerance": env.task.turn_tolerance,
+        "task": env.task.to_document(),
         "start_yaw": [float(value) for value in env.setup.scenario.start.yaw],
         "max_steps": env.max_steps,
         "max_translation": env.run.max_translation,
@@ -120,28 +118,33 @@ def write_episodes(path: Path, records: Sequence[EpisodeRecord], q_WO: tuple[flo
 
 def story_of(
     request: EvaluateRequest,
-    env: PushEnv,
+    env: TaskEnv,
     records: Sequence[EpisodeRecord],
     settings: Mapping[str, Any],
     provenance: Mapping[str, Any],
 ) -> EvaluationStory:
     """What the report tells."""
     task, setup = env.task, env.setup
-    near = f"{1e3 * task.tolerance:g} mm and {task.turn_tolerance:g} rad"
     return EvaluationStory(
         title=f"Evaluation of {request.policy}",
-        about=f"{request.policy} in {setup.scenario.name}, {env.engine}; success is rest within {near} of the goal",
+        about=f"{request.policy} in {setup.scenario.name}, {env.engine}; {task.success_words()}",
         records=records,
         max_steps=env.max_steps,
         horizon=setup.period,
-        q_WO=task.q_WO,
+        q_WO=lying(env),
         settings=settings,
         provenance=provenance,
         film=_film(env),
     )
 
 
-def _film(env: PushEnv) -> EpisodeFilm:
+def lying(env: TaskEnv) -> tuple[float, float, float, float]:
+    """Orientation q_WO (4,) wxyz in which the object of a scene lies, before it is turned about z."""
+    w, x, y, z = env.setup.scenario.start.q_WO
+    return w, x, y, z
+
+
+def _film(env: TaskEnv) -> EpisodeFilm:
     """Episodes as seen from where the scene's camera is."""
     setup = env.setup
     X_WC, scale = setup.X_WC, _TILE / setup.camera.height
@@ -153,6 +156,5 @@ def _film(env: PushEnv) -> EpisodeFilm:
         coloured_actors(setup.visual_path),
         load_mesh(setup.twin.mesh_path),
         pusher_surface(setup.twin.pusher, sections=_SECTIONS),
-        env.task.R_WG.matrix(),
-        np.array(env.task.goal[:2]),
+        env.task.goal_pose(setup.twin.floor_height),
     )

@@ -10,6 +10,7 @@ from pinwm_drake.report.captions import write_caption
 from pinwm_drake.report.evaluation.episode import EpisodeRecord, rotation
 from pinwm_drake.report.outline import boundary, silhouette
 from pinwm_drake.report.scene import Actor, Stage
+from pinwm_drake.spatial.poses import Pose
 
 _GOAL, _PUSHER = (0.02, 0.42, 0.10), (0.10, 0.25, 0.55)  # linear RGB
 _FRAMES = {"success": (59, 143, 90), "time limit": (200, 67, 47), "failure": (122, 79, 163)}
@@ -31,8 +32,7 @@ class EpisodeFilm:
         actors: Sequence[Actor],
         mesh: trimesh.Trimesh,
         pusher: trimesh.Trimesh,
-        R_WG: np.ndarray,
-        p_WG: np.ndarray,
+        X_WG: Pose | None,
     ) -> None:
         """Takes over what does not move.
 
@@ -42,13 +42,14 @@ class EpisodeFilm:
             actors: The object's surfaces, frame O.
             mesh: The object, m, frame O.
             pusher: m, frame P.
-            R_WG: (3, 3), the object's orientation at the goal.
-            p_WG: (2,) m, x and y of its origin there.
+            X_WG: Pose of the object at the goal, of which height does not count; None where there is no one goal.
         """
         self.camera, self._stage = camera, Stage(camera, floor_height)
         self._object, self._pusher = list(actors), Actor.from_mesh(pusher, _PUSHER, smooth=True)
-        outline = boundary(*silhouette(mesh, R_WG)) + np.asarray(p_WG)
-        self._goal = [(segment, _GOAL) for segment in outline]
+        self._goal = []
+        if X_WG is not None:
+            outline = boundary(*silhouette(mesh, rotation(X_WG.q.numpy()).as_matrix())) + X_WG.p[:2].numpy()
+            self._goal = [(segment, _GOAL) for segment in outline]
 
     def picture(self, record: EpisodeRecord, step: int) -> np.ndarray:
         """What there was after some actions, or in the end: (height, width, 3) uint8, sRGB."""

@@ -184,6 +184,11 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
             # In place, as the Context alone has this tensor; through numpy, since torch would wake all its threads.
             parameter.get_value().numpy()[worlds] = sh.detach().numpy()
 
+    def GetColors(self, context: Context) -> torch.Tensor:
+        """Harmonics of the surfels, (N, K, 3) of all worlds or (W, N, K, 3); not a copy."""
+        sh: torch.Tensor = context.get_abstract_parameter(self._sh).get_value()
+        return sh
+
     def TakePictures(self, context: Context, worlds: np.ndarray) -> np.ndarray:
         """Pictures of some worlds (m,) int, as the ports have them: (m, height, width, 4) uint8; not kept."""
         state, p_WP = self._state(context)

@@ -53,6 +53,36 @@ def test_worlds_of_a_round_follow_from_its_seed(worlds):
     assert not np.array_equal(first["image"], other["image"])
 
 
+@pytest.mark.parametrize("kind", ["state", "rgb_state"])
+def test_worlds_go_on_bit_by_bit_from_a_state_that_they_gave(worlds, kind):
+    actions = np.random.default_rng(0).uniform(-1, 1, (14, 3, 2)).astype(np.float32)
+    other = TrainingWorlds("push_t", num_worlds=3, image_size=32, frames=2, seed=4, max_steps=4)
+
+    def play(env, some):
+        out = [env.step(action) for action in some]
+        seen = [[one[0]] if kind == "state" else list(one[0].values()) for one in out]
+        rows = np.stack([np.concatenate([part.ravel() for part in parts]) for parts in seen])
+        infos = [[{k: v for k, v in info.items() if not k.startswith("terminal")} for info in one[3]] for one in out]
+        return rows, np.stack([one[1] for one in out]), np.stack([one[2] for one in out]), infos
+
+    env = other.worlds(kind)
+    other.begin(3)
+    env.seed(3)
+    env.reset()
+    play(env, actions[:6])
+    state = env.get_state()
+    whole = play(env, actions[6:])
+    again = other.worlds(kind)
+    other.begin(3)
+    again.seed(9)
+    again.set_state(state)
+    rest = play(again, actions[6:])
+    assert whole[2].any()
+    for a, b in zip(whole[:3], rest[:3], strict=True):
+        assert np.array_equal(a, b)
+    assert whole[3] == rest[3]
+
+
 def test_worlds_of_state_and_of_images_are_alike(worlds):
     state, images = worlds.worlds("state"), worlds.worlds("rgb_state")
     for env in (state, images):

@@ -1,0 +1,108 @@
+"""PIN-WM's policies: PPO in domains of a twin, from the state, from images, or from images by way of a teacher.
+
+Source: Li et al., "PIN-WM" (RSS 2025), which trains with PPO from images; the teacher and its student are this
+project's.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pinwm_drake.baselines.method import MakeWorlds, MethodData
+from pinwm_drake.errors import InputError
+from pinwm_drake.learning.distil import STAGE, DistilOptions, train_distil
+from pinwm_drake.learning.policy import Policy, read_policy, weights_digest, write_policy
+from pinwm_drake.learning.ppo import PpoOptions, train_ppo
+from pinwm_drake.learning.progress import Report
+
+TEACHER, IMAGES = "teacher", "ppo"  # folders of stages, beside STAGE of the distillation
+STAGES = (TEACHER, STAGE, IMAGES)
+
+
+@dataclass(frozen=True)
+class StatePpo:
+    """PPO of a policy that sees the state.
+
+    Attributes:
+        options: Settings of PPO.
+    """
+
+    options: PpoOptions = field(default_factory=PpoOptions)
+
+    def train(
+        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
+    ) -> Policy:
+        """Trains the policy in `out/teacher`, and writes it there; see `Method.train`."""
+        policy = train_ppo(
+            make_worlds.worlds("state"),
+            make_worlds.spec("state"),
+            out / TEACHER,
+            self.options,
+            stage=TEACHER,
+            **_common(make_worlds, seed, resume, report),
+        )
+        write_policy(out / TEACHER / "policy", policy)
+        return policy
+
+
+@dataclass(frozen=True)
+class ImagePpo:
+    """PPO of a policy that sees images, with a critic that sees the state.
+
+    Attributes:
+        options: Settings of PPO.
+    """
+
+    options: PpoOptions = field(default_factory=PpoOptions.for_images)
+
+    def train(
+        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
+    ) -> Policy:
+        """Trains the policy in `out/ppo`; see `Method.train`."""
+        return train_ppo(
+            make_worlds.worlds("rgb_state"),
+            make_worlds.spec("rgb"),
+            out / IMAGES,
+            self.options,
+            stage=IMAGES,
+            **_common(make_worlds, seed, resume, report),
+        )
+
+
+@dataclass(frozen=True)
+class Distillation:
+    """A teacher that sees the state, and a student of images that learns from it.
+
+    Attributes:
+        teacher: Training of the teacher; or the folder of one that is there, a policy of the state.
+        options: Settings of the distillation.
+    """
+
+    teacher: StatePpo | Path = field(default_factory=StatePpo)
+    options: DistilOptions = field(default_factory=DistilOptions)
+
+    def train(
+        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
+    ) -> Policy:
+        """Trains the student in `out/distil`; see `Method.train`."""
+        if isinstance(self.teacher, Path):
+            teacher = read_policy(self.teacher)
+            if teacher.spec.observes != "state":
+                raise InputError(self.teacher, value="a policy of images", allowed="one of the state")
+        else:
+            teacher = self.teacher.train(data, make_worlds, out, seed=seed, resume=resume, report=report)
+        common = _common(make_worlds, seed, resume, report)
+        common["about"] = {**make_worlds.about, "teacher": weights_digest(teacher)}
+        spec = make_worlds.spec("rgb")
+        return train_distil(make_worlds.worlds("rgb_state"), teacher, spec, out / STAGE, self.options, **common)
+
+
+def _common(make_worlds: MakeWorlds, seed: int, resume: bool, report: Report) -> dict[str, Any]:
+    """Arguments that every stage takes."""
+    return {
+        "seed": seed,
+        "about": make_worlds.about,
+        "on_round": make_worlds.begin,
+        "resume": resume,
+        "report": report,
+    }

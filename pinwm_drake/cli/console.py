@@ -1,0 +1,49 @@
+"""The console: lines, and bars that tell of long work; where the output is no terminal, lines in their place."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+_PERIOD = 1800.0  # s, over which the time left is reckoned; an episode in a plant takes most of a minute
+
+
+def say(text: str, *, style: str | None = None) -> None:
+    """Prints a line as it is: neither broken nor coloured by what it says."""
+    Console().print(text, style=style, highlight=False, soft_wrap=True, markup=False)
+
+
+def duration(seconds: float) -> str:
+    """A duration in hours, minutes and seconds; dashes where it is not a number."""
+    if not math.isfinite(seconds):
+        return "-:--:--"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02}:{rest:02}"
+
+
+@contextmanager
+def progress_bar(
+    figures: str = "{task.percentage:.0f} %",
+    *,
+    left: str | None = None,
+    elapsed: bool = True,
+    transient: bool = False,
+) -> Iterator[Progress]:
+    """A bar for each task that is added, with the time left.
+
+    Args:
+        figures: Between bar and times, as rich formats it.
+        left: The time that is left, as rich formats it; None for rich's own estimate.
+        elapsed: Whether the time so far is shown too.
+        transient: Whether the bar goes when it is done.
+
+    Yields:
+        The bars.
+    """
+    columns: list[ProgressColumn] = [TextColumn("{task.description}"), BarColumn(bar_width=20), TextColumn(figures)]
+    columns += [TimeElapsedColumn()] if elapsed else []
+    columns += [TimeRemainingColumn(), TextColumn("left")] if left is None else [TextColumn(left)]
+    with Progress(*columns, transient=transient, speed_estimate_period=_PERIOD) as bar:
+        yield bar

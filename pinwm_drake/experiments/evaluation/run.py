@@ -1,0 +1,124 @@
+"""The evaluation of a policy: episodes that are kept as they end, and what is written of them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pinwm_drake.errors import require
+from pinwm_drake.experiments.evaluation.contestant import read_contestant
+from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner, run_episodes
+from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+from pinwm_drake.experiments.evaluation.results import (
+    lying,
+    provenance_of,
+    settings_of,
+    story_of,
+    write_episodes,
+    write_evaluation,
+)
+from pinwm_drake.experiments.evaluation.store import EpisodeStore
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.learning.evaluation import Evaluation
+from pinwm_drake.report.evaluation.episode import EpisodeRecord
+from pinwm_drake.report.evaluation.report import EvaluationStory, write_evaluation_report
+from pinwm_drake.report.video import write_video
+from pinwm_drake.systems.scenario.load import scene_hash
+from pinwm_drake.threads import available
+
+EPISODES = "episodes"
+SUMMARY_FILE, TABLE_FILE, VIDEO_FILE, REPORT_FILE = "evaluation.json", "episodes.csv", "episodes.mp4", "report.html"
+
+
+@dataclass(frozen=True)
+class EvaluationProgress:
+    """The state of an evaluation that goes on.
+
+    Attributes:
+        done: Episodes that have ended, those of an earlier run included.
+        total: Episodes that are asked for.
+        evaluation: Of the episodes that have ended; None before the first.
+        drawn: Share of film and report that is drawn, 0 to 1; None while episodes run.
+    """
+
+    done: int
+    total: int
+    evaluation: Evaluation | None
+    drawn: float | None = None
+
+
+ProgressCallback = Callable[[EvaluationProgress], None]
+
+
+def evaluate(
+    request: EvaluateRequest,
+    out: Path,
+    *,
+    workers: int | None = None,
+    resume: bool = False,
+    progress: ProgressCallback = lambda progress: None,
+) -> Evaluation:
+    """Evaluates a policy and writes episodes, `evaluation.json`, `episodes.csv`, `episodes.mp4` and `report.html`.
+
+    Args:
+        request: The policy, its scene and the episodes.
+        out: Folder of the results; made if need be.
+        workers: Processes, which do not change the results; None for one on each core.
+        resume: Whether to go on with the episodes that are in `out`.
+        progress: Called before the first episode, after each, and while film and report are drawn.
+
+    Returns:
+        The episodes' results, in the order of their seeds.
+
+    Raises:
+        PinwmError: An input was refused, or a file cannot be written.
+    """
+    require("--workers", workers, workers is None or workers >= 1, "1 or more")
+    workers = workers or available()
+    contestant = read_contestant(request)
+    runner = EpisodeRunner(contestant, request)
+    settings = settings_of(request, contestant, runner.env, scene_hash(runner.env.setup))
+    store = EpisodeStore(prepare_folder(out) / EPISODES, settings, resume=resume)
+    records = _run_all(runner, request, store, workers, progress)
+    evaluation = _evaluation(records)
+    provenance = provenance_of(request, contestant, records, workers)
+    write_evaluation(out / SUMMARY_FILE, evaluation, request.seeds, settings, provenance)
+    write_episodes(out / TABLE_FILE, records, lying(runner.env))
+    done = len(records)
+    _draw(
+        out,
+        story_of(request, runner.env, records, settings, provenance),
+        lambda share: progress(EvaluationProgress(done, done, evaluation, share)),
+    )
+    return evaluation
+
+
+def _run_all(
+    runner: EpisodeRunner, request: EvaluateRequest, store: EpisodeStore, workers: int, progress: ProgressCallback
+) -> list[EpisodeRecord]:
+    """Every episode in the order of the seeds, those that were there and those that were not."""
+    found = store.read(request.seeds)
+    left = [seed for seed in request.seeds if seed not in found]
+
+    def tell() -> None:
+        so_far = _evaluation(list(found.values())) if found else None
+        progress(EvaluationProgress(len(found), request.episodes, so_far))
+
+    tell()
+    for record in run_episodes(runner, request, left, workers):
+        store.write(record)
+        found[record.result.seed or 0] = record
+        tell()
+    return [found[seed] for seed in request.seeds]
+
+
+def _evaluation(records: list[EpisodeRecord]) -> Evaluation:
+    return Evaluation(tuple(record.result for record in records))
+
+
+def _draw(out: Path, story: EvaluationStory, progress: Callable[[float], None]) -> None:
+    """Draws film and report."""
+    grid = story.grid
+    progress(0.0)
+    write_video(out / VIDEO_FILE, grid.pictures(), rate=1.0 / story.horizon, size=grid.size)
+    progress(0.5)
+    write_evaluation_report(out / REPORT_FILE, story, lambda share: progress(0.5 + 0.5 * share))

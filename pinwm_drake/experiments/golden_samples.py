@@ -1,0 +1,77 @@
+"""A trained policy as a bundle, with golden samples of what it sees in a scene."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinwm_drake.errors import require
+from pinwm_drake.files import appearing
+from pinwm_drake.learning.bundle import Bundle, read_bundle
+from pinwm_drake.learning.export import export_policy, require_images
+from pinwm_drake.learning.policy import Policy, read_policy
+from pinwm_drake.learning.safety import default_limits
+from pinwm_drake.systems.envs.policy_scene import spec_environment
+
+_EPISODES, _ACTIONS, _EVERY = 3, 13, 4
+
+
+def export_bundle(
+    folder: Path, out: Path, *, scene: str = "push_t", seed: int = 0, limits: Mapping[str, Any] | None = None
+) -> Bundle:
+    """Writes the bundle of a policy, with golden samples that it sees in a scene.
+
+    Args:
+        folder: The policy's.
+        out: The bundle's: new or empty.
+        scene: The scene of the golden samples: see `spec_environment`.
+        seed: Of the first episode's start, 0 or more.
+        limits: Values of `SafetyLimits` in the place of the default ones, by name.
+
+    Returns:
+        The bundle, as it was read back.
+
+    Raises:
+        PinwmError: The policy cannot be read or is not one of images, the scene is not one that it is made for, a limit
+            is out of range, or the folder cannot be written.
+    """
+    require("--seed", seed, seed >= 0, "0 or more")
+    policy = read_policy(folder)
+    require_images(policy)
+    chosen = dataclasses.replace(default_limits(policy.spec), **(limits or {}))
+    with appearing(out) as temporary:
+        export_policy(policy, temporary, limits=chosen, samples=seen_samples(policy, scene, seed))
+    return read_bundle(out)
+
+
+def seen_samples(policy: Policy, scene: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Images and positions that the policy meets in the twin's station in a few short episodes in which it acts.
+
+    Args:
+        policy: Of images.
+        scene: See `spec_environment`.
+        seed: Of the first episode.
+
+    Returns:
+        Images (n, height, width, 3 k) uint8, and positions of the pusher (n, action_size) m, world frame, along the
+        task's axes.
+
+    Raises:
+        ParameterError: The scene is not one that the policy is made for.
+        InputError: The scene cannot be used.
+    """
+    environment = spec_environment(policy.spec, scene, "twin", observation="rgb_state")
+    images, p_WP = [], []
+    for episode in range(_EPISODES):
+        observation, _ = environment.reset(seed=seed + episode)
+        for step in range(_ACTIONS):
+            if step % _EVERY == 0:
+                images.append(observation["image"])
+                p_WP.append(environment.run.p_WP[0, environment.task.axis_indices])
+            action, _ = policy.predict(observation)
+            observation, _, terminated, truncated, _ = environment.step(action)
+            if terminated or truncated:
+                break
+    return np.stack(images), np.stack(p_WP)

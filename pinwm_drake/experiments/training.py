@@ -1,0 +1,143 @@
+"""The training of a policy in the cousins of a twin, in one or two stages, with all files that it leaves."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from pinwm_drake.baselines.method import Method, MethodData
+from pinwm_drake.baselines.pin_wm import STAGES, Distillation, ImagePpo, StatePpo
+from pinwm_drake.cousins import CousinDomains
+from pinwm_drake.errors import InputError, require
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.learning.distil import DistilOptions
+from pinwm_drake.learning.policy import Policy, write_policy
+from pinwm_drake.learning.ppo import PpoOptions
+from pinwm_drake.learning.progress import Report, silent
+from pinwm_drake.learning.rounds import CHECKPOINT_FILE, HISTORY_FILE
+from pinwm_drake.provenance import timestamp, versions
+from pinwm_drake.report.figures.training import training_figure
+from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
+from pinwm_drake.systems.scenario.load import load_setup
+
+METHODS = ("distil", "ppo", "state")
+FIGURE_FILE = "training.png"
+
+
+@dataclass(frozen=True)
+class TrainRequest:
+    """A training, named and in units as the options of `pinwm train`, which describes them.
+
+    Raises:
+        ParameterError: An option is none of those allowed.
+    """
+
+    scene: str
+    out: Path
+    task: str | None = None
+    method: str = "distil"
+    delta: float = 0.1
+    from_intervals: bool = False
+    yaw: float | None = None
+    tolerance: float | None = None
+    turn_tolerance: float | None = None
+    seed: int = 0
+    worlds: int = 64
+    image_size: int = 64
+    frames: int = 3
+    max_translation: float = 0.02
+    steps: int | None = None
+    round_steps: int | None = None
+    rounds: int | None = None
+    images: int | None = None
+    shift: int | None = None
+    teacher: Path | None = None
+    threads: int | None = None
+    resume: bool = False
+
+    def __post_init__(self) -> None:
+        """Checks the options that nothing else checks."""
+        require("--method", repr(self.method), self.method in METHODS, ", ".join(METHODS))
+        for name in ("worlds", "threads", "steps", "round_steps", "rounds", "images"):
+            value = getattr(self, name)
+            require(f"--{name.replace('_', '-')}", value, value is None or value >= 1, "1 or more")
+        require("--seed", self.seed, self.seed >= 0, "0 or more")
+        require("--yaw", self.yaw, self.yaw is None or 0.0 <= self.yaw <= math.pi + 1e-9, "0 to pi")
+        with_teacher = self.teacher is None or self.method == "distil"
+        require("--teacher", f"one for method {self.method}", with_teacher, "with method distil")
+
+
+def train(request: TrainRequest, *, report: Report = silent) -> Policy:
+    """Trains a policy and writes it to `request.out`, with checkpoints, `training.png` and each stage's history.
+
+    A run that was interrupted or killed goes on with `request.resume`.
+
+    Args:
+        request: The training.
+        report: Called with where the training stands.
+
+    Returns:
+        The best policy, with its provenance.
+
+    Raises:
+        PinwmError: An option is out of range, the scene cannot be read, or a file cannot be written.
+    """
+    out = prepare_folder(request.out)
+    stages = [out / stage for stage in STAGES]
+    if not request.resume and any((stage / CHECKPOINT_FILE).exists() for stage in stages):
+        raise InputError(out, value="a training that was begun", allowed="a new folder, or --resume to go on")
+    if request.threads is not None:
+        torch.set_num_threads(request.threads)
+    worlds = _training_worlds(request)
+    policy = _method(request).train(MethodData(), worlds, out, seed=request.seed, resume=request.resume, report=report)
+    assert isinstance(policy, Policy)
+    histories = {stage.name: stage / HISTORY_FILE for stage in stages if (stage / HISTORY_FILE).exists()}
+    training_figure(out / FIGURE_FILE, histories)
+    policy = replace(policy, provenance=_provenance(request, worlds))
+    write_policy(out, policy)
+    return policy
+
+
+def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]:
+    return {
+        "task": worlds.setup.task.name,
+        "method": request.method,
+        "trained_in": worlds.about,
+        "seed": request.seed,
+        "worlds": request.worlds,
+        "time": timestamp(),
+        "versions": versions(),
+    }
+
+
+def _training_worlds(request: TrainRequest) -> TrainingWorlds:
+    setup = load_setup(request.scene)
+    changes = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
+    given = {name: value for name, value in changes.items() if value is not None}
+    options = training_options(
+        task=given if request.task is None else {"name": request.task} | given,
+        image_size=request.image_size,
+        frames=request.frames,
+        max_translation=request.max_translation,
+    )
+    domains = CousinDomains(request.delta, request.from_intervals, request.seed)
+    return TrainingWorlds(setup, options, num_worlds=request.worlds, domains=domains, yaw=request.yaw)
+
+
+def _method(request: TrainRequest) -> Method:
+    """The method of a request, with the settings that are given."""
+    steps: dict[str, Any] = {"steps": request.steps, "round_steps": request.round_steps}
+    if request.method == "ppo":
+        return ImagePpo(_with(PpoOptions.for_images(), **steps, shift=request.shift))
+    teacher = StatePpo(_with(PpoOptions(), **steps))
+    if request.method == "state":
+        return teacher
+    options = _with(DistilOptions(), rounds=request.rounds, round_images=request.images, shift=request.shift)
+    return Distillation(request.teacher or teacher, options)
+
+
+def _with(options: Any, **values: Any) -> Any:
+    """Options with those values that are given."""
+    return replace(options, **{name: value for name, value in values.items() if value is not None})
