@@ -1,6 +1,6 @@
 """Steps a second of the push environments: 32 worlds of one twin, and Drake's point contact in SubprocVecEnv.
 
-Ours is `PushVecEnv`, 12 steps of 1/120 s an action; the other is `PushEnv` over the station's "point" engine, in
+Ours is `TaskVecEnv`, 12 steps of 1/120 s an action; the other is `TaskEnv` over the station's "point" engine, in
 Stable-Baselines3's SubprocVecEnv with a process for each of two CPUs. Task, observations and the policy that acts are
 the same: it heads for the object, so that most steps are in contact. A round is one episode of 100 actions of ours and
 a few actions of the others, mostly without a reset.
@@ -19,8 +19,8 @@ import numpy as np  # noqa: E402
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv  # noqa: E402
 
 from pinwm_drake.cousins import CousinDraw  # noqa: E402
-from pinwm_drake.systems.envs.env import PushEnv  # noqa: E402
-from pinwm_drake.systems.envs.vector import PushVecEnv  # noqa: E402
+from pinwm_drake.systems.envs.env import TaskEnv  # noqa: E402
+from pinwm_drake.systems.envs.vector import TaskVecEnv  # noqa: E402
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Scenario, load_scenario  # noqa: E402
 
 SCENE = "package://pinwm_models/scenarios/push_t.scenario.yaml"
@@ -65,7 +65,7 @@ def scene(plant_step: float | None = None) -> Scenario:
 
 def ours(kind: str, directions: int, *, cousins: bool = False) -> Player:
     """32 worlds, each one a new cousin for every episode where that is asked for."""
-    env = PushVecEnv(
+    env = TaskVecEnv(
         scene(),
         WORLDS,
         observation=KINDS[kind],
@@ -79,9 +79,9 @@ def ours(kind: str, directions: int, *, cousins: bool = False) -> Player:
     return Player(env)
 
 
-def one_of_point(kind: str, plant_step: float | None) -> PushEnv:
+def one_of_point(kind: str, plant_step: float | None) -> TaskEnv:
     """What a process of SubprocVecEnv holds."""
-    return PushEnv(scene(plant_step), "point", observation=KINDS[kind], reward="shaped", image_size=SIZE)
+    return TaskEnv(scene(plant_step), "point", observation=KINDS[kind], reward="shaped", image_size=SIZE)
 
 
 def point(kind: str, plant_step: float | None) -> Player:

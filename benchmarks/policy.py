@@ -21,6 +21,7 @@ from pinwm_drake.learning.export import InMetres, export_policy  # noqa: E402
 from pinwm_drake.learning.policy import Policy, make_actor  # noqa: E402
 from pinwm_drake.learning.safety import default_limits  # noqa: E402
 from pinwm_drake.learning.spec import CameraSpec, PolicySpec  # noqa: E402
+from pinwm_drake.tasks import PushTask  # noqa: E402
 
 SIZE, FRAMES = 64, 3
 BAR = 1.0  # ms
@@ -40,10 +41,7 @@ def make_policy() -> Policy:
         pusher_low=(-0.35, -0.35),
         pusher_high=(0.35, 0.35),
         pusher_height=0.025,
-        goal=(0.0, 0.0, 0.0),
-        q_WO=(1.0, 0.0, 0.0, 0.0),
-        tolerance=0.02,
-        turn_tolerance=0.2,
+        task=PushTask(),
         max_steps=100,
     )
     torch.manual_seed(0)

@@ -7,19 +7,18 @@ import pytest
 from pinwm_drake.learning.export import export_policy
 from pinwm_drake.learning.policy import Policy
 from pinwm_drake.learning.safety import default_limits
-from pinwm_drake.systems.envs.env import make_task
+from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import policy_spec
-from pinwm_drake.systems.scenario.load import environment_setup
 from tests.learning.bundles import exported, pictures, untrained_policy
+from tests.systems.stations import action_setup
 
 SIZE = 32
 
 
 @pytest.fixture(scope="module")
 def policy() -> Policy:
-    setup = environment_setup("push_t", image_size=SIZE)
-    task = make_task(setup.scenario.start.q_WO, (0.0, 0.0, 0.0), "shaped")
-    spec = policy_spec(setup, task, observes="rgb", frames=2, max_translation=0.02, max_steps=100)
+    setup = action_setup("push_t", image_size=SIZE)
+    spec = policy_spec(setup, EnvOptions(frames=2, max_translation=0.02, max_steps=100), "rgb")
     return untrained_policy(spec)
 
 

@@ -7,10 +7,10 @@ import torch
 from pinwm_drake.experiments.evaluation.contestant import read_contestant
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
-from pinwm_drake.systems.envs.env import make_task
+from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import policy_spec
-from pinwm_drake.systems.scenario.load import environment_setup
 from tests.cli.evaluations import document, rows, write_scenario
+from tests.systems.stations import action_setup
 
 
 @pytest.fixture(scope="module")
@@ -21,11 +21,11 @@ def scenario(tmp_path_factory) -> str:
 @pytest.fixture(scope="module")
 def policies(scenario, tmp_path_factory) -> dict[str, str]:
     """Untrained ones, of images and of the state."""
-    folder, setup = tmp_path_factory.mktemp("policies"), environment_setup(scenario)
-    task, found = make_task(setup.scenario.start.q_WO, (0.0, 0.0, 0.0), "paper"), {}
+    folder, setup = tmp_path_factory.mktemp("policies"), action_setup(scenario)
+    found = {}
     torch.manual_seed(0)
     for observes in ("rgb", "state"):
-        spec = policy_spec(setup, task, observes=observes, frames=2, max_translation=0.02, max_steps=6)
+        spec = policy_spec(setup, EnvOptions(frames=2, max_translation=0.02, max_steps=6), observes)
         write_policy(folder / observes, Policy(spec, make_actor(spec), {"trained": "never"}))
         found[observes] = str(folder / observes)
     return found

@@ -49,7 +49,7 @@ def test_what_it_writes(evaluated):
     assert found["results"]["episodes"] == 3
     assert found["seeds"] == [5, 7]
     settings = found["settings"]
-    assert (settings["policy"], settings["engine"], settings["tolerance"], settings["max_steps"]) == (
+    assert (settings["policy"], settings["engine"], settings["task.tolerance"], settings["max_steps"]) == (
         *("random", "twin", 0.02, 4),
     )
     assert set(found["provenance"]["versions"]) >= {"pinwm_drake", "drake", "torch", "python"}
@@ -120,7 +120,7 @@ def test_resuming_asks_for_the_same_settings(pinwm, scenario, evaluated):
     assert "got episodes of an evaluation; allowed: a new folder, or --resume" in errors
     code, _, errors = pinwm(*base, "--resume", "--tolerance", "0.01")
     assert code == 1
-    assert "got a test with tolerance = 0.02; allowed: one with tolerance = 0.01" in errors
+    assert "got a test with task.tolerance = 0.02; allowed: one with task.tolerance = 0.01" in errors
     code, _, errors = pinwm(*base, "--resume", "--yaw", "0.2")
     assert code == 1
     assert "scene_sha256" in errors

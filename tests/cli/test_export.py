@@ -8,9 +8,9 @@ import torch
 from pinwm_drake.learning.bundle import HASHED, PROVENANCE_FILE, read_bundle
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
 from pinwm_drake.learning.safety import default_limits
-from pinwm_drake.systems.envs.env import make_task
+from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import policy_spec
-from pinwm_drake.systems.scenario.load import environment_setup
+from tests.systems.stations import action_setup
 
 SIZE = 32
 
@@ -18,9 +18,8 @@ SIZE = 32
 @pytest.fixture(scope="module")
 def policy() -> Policy:
     """An untrained one of the shipped scene, which is decided all the same."""
-    setup = environment_setup("push_t", image_size=SIZE)
-    task = make_task(setup.scenario.start.q_WO, (0.0, 0.0, 0.0), "shaped")
-    spec = policy_spec(setup, task, observes="rgb", frames=2, max_translation=0.02, max_steps=100)
+    setup = action_setup("push_t", image_size=SIZE)
+    spec = policy_spec(setup, EnvOptions(frames=2, max_translation=0.02, max_steps=100), "rgb")
     torch.manual_seed(0)
     actor = make_actor(spec)
     with torch.no_grad():

@@ -13,7 +13,7 @@ from pinwm_drake.cli.app import app
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.experiments.training import TrainRequest
 from pinwm_drake.learning.policy import read_policy
-from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
+from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 
 SHORT = ["--worlds", "4", "--image-size", "32", "--threads", "1"]
 
@@ -43,7 +43,9 @@ def test_a_teacher_is_trained_and_kept(tmp_path):
     assert (tmp_path / "run" / "training.png").stat().st_size > 1000
     assert list((tmp_path / "run" / "teacher" / "tensorboard").iterdir())
     # What it acts in is what it was trained in.
-    worlds = TrainingWorlds("push_t", num_worlds=4, image_size=32, tolerance=0.01, turn_tolerance=0.1)
+    worlds = TrainingWorlds(
+        "push_t", training_options(image_size=32, task={"tolerance": 0.01, "turn_tolerance": 0.1}), num_worlds=4
+    )
     assert worlds.spec(worlds.worlds("state"), "state") == policy.spec
 
 

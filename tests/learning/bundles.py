@@ -15,6 +15,7 @@ from pinwm_drake.learning.export import export_policy
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.learning.spec import CameraSpec, PolicySpec
+from pinwm_drake.tasks import PushTask
 
 LOW, HIGH, LONGEST = (-0.3, -0.2), (0.25, 0.35), 0.02
 
@@ -30,10 +31,7 @@ def image_spec(size: int = 32, frames: int = 2, **changes: Any) -> PolicySpec:
         "pusher_low": LOW,
         "pusher_high": HIGH,
         "pusher_height": 0.02,
-        "goal": (0.0, 0.0, 0.0),
-        "q_WO": (1.0, 0.0, 0.0, 0.0),
-        "tolerance": 0.02,
-        "turn_tolerance": 0.2,
+        "task": PushTask(),
         "max_steps": 100,
     }
     return PolicySpec(**(values | changes))

@@ -122,7 +122,7 @@ def put(document: dict, name: str, value: object) -> None:
         ("spec.max_translation", 0.2, "outputs[0].max_translation: 0.02; allowed: 0.2"),
         ("spec.horizon", 0.2, "inputs[0].rate: 10.0; allowed: 5.0"),
         ("spec.horizon", -1.0, "horizon: got -1.0; allowed: more than 0"),
-        ("spec.goal", None, "spec.goal: got None; allowed: 3 finite numbers"),
+        ("spec.task.goal", None, "task.goal: got None; allowed: 3 numbers"),
         ("spec.observes", "state", "spec.observes: state; allowed: rgb"),
         ("safety.max_speed", float("inf"), "max_speed: got inf; allowed: a finite number, more than 0"),
         ("safety", {}, "limits: got []; allowed: the keys box_low"),

@@ -10,6 +10,7 @@ from pinwm_drake.learning.distil import DistilOptions, train_distil
 from pinwm_drake.learning.image_buffer import Chunk, Frames
 from pinwm_drake.learning.policy import Policy
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from pinwm_drake.tasks import PushTask
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
 
 SHORT = DistilOptions(rounds=4, round_images=160, updates=8, batch_size=32, episodes=8)
@@ -19,7 +20,7 @@ SHORT = DistilOptions(rounds=4, round_images=160, updates=8, batch_size=32, epis
 def teacher():
     """Moves the square to the middle."""
     torch.manual_seed(0)
-    actor = StateActor()
+    actor = StateActor(PushTask())
     optimizer = torch.optim.Adam(actor.parameters(), 3e-3)
     for _ in range(300):
         state = torch.zeros(256, 11)

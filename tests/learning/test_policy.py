@@ -7,6 +7,7 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning.actors import LEVELS, chosen
 from pinwm_drake.learning.policy import Policy, make_actor, read_policy, weights_digest, write_policy
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.tasks import PushTask
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
 
 
@@ -47,7 +48,7 @@ def test_the_likeliest_level_is_taken_and_its_neighbours_are_heard():
 
 
 def test_the_pusher_stands_in_the_state_of_images_where_it_does_in_that_of_worlds():
-    spec = toy_spec("rgb", goal=(0.05, -0.1, 0.7))
+    spec = toy_spec("rgb", task=PushTask(goal=(0.05, -0.1, 0.7)))
     actor = make_actor(spec)
     state = actor.state(torch.rand(3, 6, 16, 16), torch.tensor([[-1.0, 1.0], [0.2, -0.4], [0.0, 0.0]])).detach().numpy()
     x, y, c, s = state[:, :4].T
@@ -83,11 +84,12 @@ def test_a_policy_of_the_state_takes_the_state_alone_or_among_others():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(schema_version=2), "schema_version"),
+        (lambda d: d.update(schema_version=3), "schema_version"),
         (lambda d: d["spec"].update(frames=0), "frames"),
         (lambda d: d["spec"].update(colour=1), "colour"),
         (lambda d: d["spec"].update(horizon=float("nan")), "horizon"),
-        (lambda d: d["spec"].update(goal=[0.0, 1.0]), "goal"),
+        (lambda d: d["spec"]["task"].update(goal=[0.0, 1.0]), "task.goal"),
+        (lambda d: d["spec"]["task"].update(name="juggle"), "juggle"),
         (lambda d: d["spec"].update(frames=1), "weights"),
     ],
 )

@@ -10,6 +10,7 @@ import yaml
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits, default_limits
 from pinwm_drake.learning.spec import CameraSpec, PolicySpec
+from pinwm_drake.tasks import PushTask
 
 GIVEN = {
     "box_low": (-0.3, -0.2, 0.01),
@@ -90,10 +91,7 @@ def spec_of(**changes):
         "pusher_low": (-0.35, -0.3),
         "pusher_high": (0.35, 0.4),
         "pusher_height": 0.025,
-        "goal": (0.0, 0.0, 0.0),
-        "q_WO": (1.0, 0.0, 0.0, 0.0),
-        "tolerance": 0.02,
-        "turn_tolerance": 0.2,
+        "task": PushTask(),
         "max_steps": 100,
     }
     return PolicySpec(**(values | changes))

@@ -6,6 +6,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.learning.spec import CameraSpec, PolicySpec
+from pinwm_drake.tasks import PushTask
 
 SIZE = 16  # px
 
@@ -21,10 +22,7 @@ def toy_spec(observes="rgb", frames=2, **changes):
         "pusher_low": (-0.3, -0.2),
         "pusher_high": (0.3, 0.4),
         "pusher_height": 0.02,
-        "goal": (0.0, 0.0, 0.0),
-        "q_WO": (1.0, 0.0, 0.0, 0.0),
-        "tolerance": 0.02,
-        "turn_tolerance": 0.2,
+        "task": PushTask(),
         "max_steps": 20,
     }
     return PolicySpec(**(values | changes))

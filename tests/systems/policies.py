@@ -6,12 +6,11 @@ from functools import cache
 import numpy as np
 
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import policy_spec
-from pinwm_drake.systems.scenario.load import environment_setup
 from pinwm_drake.systems.scenario.schema import View
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
-from pinwm_drake.tasks.push import PushTask
-from tests.systems.stations import scenario
+from tests.systems.stations import action_setup, scenario
 
 LONGEST, SIZE = 0.02, 32  # m, px
 
@@ -20,11 +19,11 @@ LONGEST, SIZE = 0.02, 32  # m, px
 def small_setup(updates: int = 1) -> Setup:
     """A T-block, small images, and 1 or 24 updates of the state in an action."""
     small = replace(scenario(), camera=View(width=SIZE, height=SIZE))
-    return environment_setup(small) if updates == 1 else make_setup(small)
+    return action_setup(small) if updates == 1 else make_setup(small)
 
 
 def spec_of(setup: Setup, frames: int = 2) -> PolicySpec:
-    return policy_spec(setup, PushTask(), observes="rgb", frames=frames, max_translation=LONGEST, max_steps=100)
+    return policy_spec(setup, EnvOptions(frames=frames, max_translation=LONGEST), "rgb")
 
 
 @dataclass(eq=False)
@@ -40,7 +39,7 @@ class Follower:
         return np.clip((last + 2.0 * (last - first) - p_WP) / LONGEST, -1.0, 1.0)
 
     def act(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """(2,) m, shortened as `PushRun.translation` does it, to the last bit."""
+        """(2,) m, shortened as `Task.translation` does it, to the last bit."""
         assert image.shape == self.spec.image_shape
         assert image.dtype == np.uint8
         assert p_WP.shape == (2,)

@@ -8,6 +8,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
+from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.schema import Physics, Pusher, Scenario, Start, Theta, View
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import Place
@@ -39,6 +41,11 @@ def scenario(**changes: object) -> Scenario:
 @cache
 def setup_of() -> Setup:
     return make_setup(scenario())
+
+
+def action_setup(scene: Scene = "push_t", num_worlds: int = 1, **options: Any) -> Setup:
+    """The setup of an environment with some options."""
+    return environment_setup(load_setup(scene), EnvOptions(**options), num_worlds=num_worlds)
 
 
 @cache

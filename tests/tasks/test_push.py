@@ -3,7 +3,8 @@ import math
 
 import numpy as np
 import pytest
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.tasks.push import PushTask
@@ -76,8 +77,11 @@ def test_the_shaped_reward_pays_for_success_once():
 
 
 def test_the_goals_pose():
-    X_WG = PushTask(goal=(0.1, 0.2, 0.3)).X_WG(0.025)
-    assert X_WG.IsNearlyEqualTo(RigidTransform(RollPitchYaw(0.0, 0.0, 0.3), [0.1, 0.2, 0.025]), 1e-12)
+    goal = PushTask(goal=(0.1, 0.2, 0.3), q_WO=tuple(RollPitchYaw(0.4, 0.0, 0.0).ToQuaternion().wxyz()))
+    pose = goal.goal_pose(0.025)
+    X_WG = RigidTransform(Quaternion(wxyz=pose.q.numpy()), pose.p.numpy())
+    expected = RotationMatrix.MakeZRotation(0.3) @ RotationMatrix.MakeXRotation(0.4)
+    assert X_WG.IsNearlyEqualTo(RigidTransform(expected, [0.1, 0.2, 0.025]), 1e-12)
 
 
 @pytest.mark.parametrize(

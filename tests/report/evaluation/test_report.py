@@ -12,6 +12,7 @@ from pinwm_drake.report.evaluation.film import EpisodeFilm, FilmGrid
 from pinwm_drake.report.evaluation.report import EvaluationStory, strip_steps, write_evaluation_report
 from pinwm_drake.report.scene import Actor
 from pinwm_drake.report.video import write_video
+from pinwm_drake.spatial.poses import identity
 from tests.report.twin.test_report import Page
 
 LYING = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)  # a quarter turn about x
@@ -36,7 +37,7 @@ def record(seed, outcome="success", steps=5, yaw=0.0, views=True):
 def film():
     camera = ViewCamera.look_at(np.array([0.0, -0.45, 0.55]), np.zeros(3), width=64, height=48, field_of_view=0.7)
     actor = Actor.from_mesh(BOX, (0.7, 0.1, 0.1), smooth=False)
-    return EpisodeFilm(camera, 0.0, [actor], BOX, trimesh.creation.icosphere(1, 0.01), np.eye(3), np.zeros(2))
+    return EpisodeFilm(camera, 0.0, [actor], BOX, trimesh.creation.icosphere(1, 0.01), identity())
 
 
 def story(film, records):

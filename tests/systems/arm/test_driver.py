@@ -17,9 +17,9 @@ from pinwm_drake.systems.control.loop import ControlLoop
 from pinwm_drake.systems.engines.lcm.link import make_lcm
 from pinwm_drake.systems.envs.env import make_task
 from pinwm_drake.systems.envs.policy_scene import policy_spec
-from pinwm_drake.systems.scenario.load import environment_setup
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
+from tests.systems.stations import action_setup
 
 HEIGHT, SPEED = 0.025, 0.15
 PLACE = Place(RigidTransform([0.0, 0.05, HEIGHT]), np.array([0.01, -0.12, HEIGHT]))
@@ -29,7 +29,7 @@ GOAL = np.array([0.0, 0.03])  # m, of the pusher: 30 mm into where the object is
 @pytest.fixture(scope="module")
 def setup() -> Setup:
     # With so much friction the object stops at once.
-    return environment_setup("push_t", image_size=32).with_theta(friction_floor=0.3)
+    return action_setup("push_t", image_size=32).with_theta(friction_floor=0.3)
 
 
 class Towards:

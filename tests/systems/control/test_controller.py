@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.systems.control.controller import AddPolicyController, PolicyController
-from pinwm_drake.systems.envs.env import PushEnv
+from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import MakePushStation
 from tests.systems.policies import LONGEST, Follower, small_setup, spec_of
@@ -51,8 +51,8 @@ class Loop:
 
 
 def in_environment(setup, engine="twin"):
-    """The path (ACTIONS, 16) of object and pusher, and the actions (ACTIONS, 2) m, in PushEnv."""
-    env = PushEnv(setup, engine, observation="rgb", frames=2, max_translation=LONGEST)
+    """The path (ACTIONS, 16) of object and pusher, and the actions (ACTIONS, 2) m, in TaskEnv."""
+    env = TaskEnv(setup, engine, observation="rgb", frames=2, max_translation=LONGEST)
     policy, path, actions = Follower(spec_of(env.setup)), [], []
     seen = env.reset(options={"place": PLACE})[0]
     for _ in range(ACTIONS):

@@ -8,12 +8,13 @@ from hypothesis import strategies as st
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.control.safety_filter import Safety, SafetyFilter
+from pinwm_drake.tasks import PushTask
 
 LOW, HIGH = np.array([-0.3, -0.2, 0.0]), np.array([0.3, 0.2, 0.1])
 LIMITS = SafetyLimits(tuple(LOW), tuple(HIGH), 0.2, 1.0, 0.1, box_tolerance=0.005)
 H, SIZE = 0.1, (24, 32)
 MIDDLE = np.array([0.0, 0.0, 0.05, 0.0, 0.0, 0.0])
-FILTER = SafetyFilter(LIMITS, H, SIZE)
+FILTER = SafetyFilter(LIMITS, H, SIZE, PushTask())
 
 # Finite ones whose quotient by H is none are a fault too, and tested below.
 anything = st.floats(-1e299, 1e299) | st.sampled_from([np.nan, np.inf, -np.inf]) | st.floats(-0.05, 0.05)
@@ -140,6 +141,6 @@ def test_nothing_moves_before_it_is_armed():
 @pytest.mark.parametrize("limits", [None, {}, 0.2])
 def test_there_is_no_filter_without_limits(limits):
     with pytest.raises(ParameterError, match="limits: got a"):
-        SafetyFilter(limits, H, SIZE)
+        SafetyFilter(limits, H, SIZE, PushTask())
     with pytest.raises(TypeError):
-        SafetyFilter(horizon=H, image_size=SIZE)
+        SafetyFilter(horizon=H, image_size=SIZE, task=PushTask())

@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 
 from pinwm_drake.errors import InputError, ParameterError, SolverError
-from pinwm_drake.systems.envs.env import PushEnv
+from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.registration import PUSH
 from pinwm_drake.systems.scenario.schema import ENGINES
 from pinwm_drake.systems.scenario.start import Place
@@ -22,7 +22,7 @@ NOWHERE = np.zeros(2)
 
 
 def environment(engine="twin", **options):
-    return PushEnv(setup_of(), engine, **options)
+    return TaskEnv(setup_of(), engine, **options)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -32,11 +32,11 @@ def test_it_passes_both_checkers(engine, observation):
         warnings.simplefilter("error")
         env = gymnasium.make(
             PUSH,
-            scenario=setup_of(),
+            scene=setup_of(),
             engine=engine,
             observation=observation,
             frames=2,
-            reward="shaped",
+            task={"reward": "shaped"},
             render_mode="rgb_array",
             disable_env_checker=True,
         ).unwrapped
@@ -82,7 +82,7 @@ def test_the_goal_reached_terminates(engine):
 
 
 def test_another_goal():
-    env = environment(goal=(0.03, -0.02, 0.6))
+    env = environment(task={"goal": (0.03, -0.02, 0.6)})
     env.reset(options={"X_WO": TURNED, "p_WP": FAR})
     assert env.step(NOWHERE)[2]
 
@@ -95,7 +95,7 @@ def test_tolerances_are_those_that_were_asked_for():
         ({"turn_tolerance": 0.1}, False),
         ({"tolerance": 0.016, "turn_tolerance": 0.16}, True),
     ):
-        env = environment(**options)
+        env = environment(task=options)
         env.reset(options=here)
         assert env.step(NOWHERE)[2] == success, options
 
@@ -160,10 +160,14 @@ def test_the_picture_shows_goal_and_pusher():
     [
         ({"engine": "lcm"}, "engine: got 'lcm'"),
         ({"observation": "depth"}, "state, rgb, rgb_state"),
-        ({"reward": "sparse"}, "paper, shaped"),
+        ({"task": {"reward": "sparse"}}, "paper, shaped"),
+        ({"task": {"speed": 1.0}}, "task.speed: got an unknown key; allowed: goal, q_WO"),
+        ({"task": {"goal": [0.0, 0.0]}}, r"task.goal: got \[0.0, 0.0\]; allowed: 3 numbers"),
+        ({"task": {"name": "juggle"}}, "task: got 'juggle'; allowed: a mapping whose name is one of .*push"),
+        ({"frame": 2}, "options: got 'frame'; allowed: observation, frames, task"),
         ({"max_steps": 0}, "max_steps: got 0"),
-        ({"tolerance": 0.0}, "tolerance: got 0.0"),
-        ({"turn_tolerance": -0.1}, "turn_tolerance: got -0.1"),
+        ({"task": {"tolerance": 0.0}}, "tolerance: got 0.0"),
+        ({"task": {"turn_tolerance": -0.1}}, "turn_tolerance: got -0.1"),
         ({"max_translation": 0.06}, "at most 0.05 m"),
         ({"time_step": 0.03}, "whole multiple"),
         ({"render_mode": "human"}, "rgb_array"),
@@ -188,9 +192,9 @@ def test_options_of_a_reset_that_cannot_be_are_refused(options, words):
 
 
 def test_shipped_scenarios_are_known_by_name():
-    assert PushEnv("push_cube").setup.scenario.object == "cube"
+    assert TaskEnv("push_cube").setup.scenario.object == "cube"
     with pytest.raises(InputError, match=r"push_tea.*push_cube"):
-        PushEnv("push_tea")
+        TaskEnv("push_tea")
 
 
 def test_what_knows_the_name_loads_nothing_heavy():
@@ -203,5 +207,5 @@ def test_what_knows_the_name_loads_nothing_heavy():
 
 
 def test_gymnasium_imports_it_when_told_where():
-    env = gymnasium.make(f"pinwm_drake.systems.envs.registration:{PUSH}", scenario=setup_of())
-    assert isinstance(env.unwrapped, PushEnv)
+    env = gymnasium.make(f"pinwm_drake.systems.envs.registration:{PUSH}", scene=setup_of())
+    assert isinstance(env.unwrapped, TaskEnv)

@@ -52,7 +52,7 @@ def test_a_bundle_in_a_station_does_what_the_policy_does_in_the_environment(poli
     for _ in range(ACTIONS):
         action = policy.predict(seen)[0]
         seen = env.step(action)[0]
-        expected.append([*env.run.translation(action[None])[0], *env.run.object_state[0, 4:7]])
+        expected.append([*env.task.translation(action, LONGEST)[0, :2], *env.run.object_state[0, 4:7]])
     builder = DiagramBuilder()
     station = builder.AddSystem(MakePushStation(small_setup(), "twin"))
     controller = AddPolicyController(builder, station, bundle, bundle.limits)

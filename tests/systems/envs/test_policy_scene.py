@@ -4,20 +4,19 @@ import numpy as np
 import pytest
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.systems.envs.env import PushEnv
+from pinwm_drake.systems.envs.env import TaskEnv
+from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import check_scene, policy_spec, spec_environment
 
 
 @pytest.fixture(scope="module")
 def env():
-    return PushEnv("push_t", "twin", observation="rgb", frames=2, image_size=32, max_translation=0.02)
+    return TaskEnv("push_t", "twin", observation="rgb", frames=2, image_size=32, max_translation=0.02)
 
 
 @pytest.fixture(scope="module")
 def spec(env):
-    return policy_spec(
-        env.setup, env.task, observes="rgb", frames=2, max_translation=env.run.max_translation, max_steps=env.max_steps
-    )
+    return policy_spec(env.setup, EnvOptions(frames=2, max_translation=env.run.max_translation), "rgb")
 
 
 def test_an_environment_of_a_specification_is_the_one_that_it_was_taken_from(env, spec):
@@ -45,7 +44,7 @@ def test_the_camera_is_the_scenes(env, spec):
 
 
 def test_options_go_before_the_specification(spec):
-    env = spec_environment(spec, "push_t", "point", max_steps=7, tolerance=0.01)
+    env = spec_environment(spec, "push_t", "point", max_steps=7, task={"tolerance": 0.01})
     assert env.max_steps == 7
     assert env.task.tolerance == 0.01
 

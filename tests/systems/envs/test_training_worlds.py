@@ -1,14 +1,19 @@
 import numpy as np
 import pytest
 
-from pinwm_drake.cousins import CousinDraw
+from pinwm_drake.cousins import CousinDomains, CousinDraw
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.systems.envs.training_worlds import CousinPool, TrainingWorlds
+from pinwm_drake.systems.envs.training_worlds import DomainPool, TrainingWorlds, training_options
+
+
+def training_worlds(**changes):
+    options = training_options(image_size=32, frames=2, **changes)
+    return TrainingWorlds("push_t", options, num_worlds=3, domains=CousinDomains(seed=4))
 
 
 @pytest.fixture(scope="module")
 def worlds():
-    return TrainingWorlds("push_t", num_worlds=3, image_size=32, frames=2, seed=4)
+    return training_worlds()
 
 
 def thetas(pool, n=12):
@@ -17,7 +22,7 @@ def thetas(pool, n=12):
 
 def test_a_pool_follows_from_its_seed_and_gives_several_cousins(worlds):
     draw = CousinDraw(worlds.setup.twin, seed=1)
-    pool = CousinPool(draw, 8)
+    pool = DomainPool(draw.cousin, 8)
     pool.begin(5)
     first = thetas(pool)
     pool.begin(6)
@@ -32,7 +37,7 @@ def test_a_pool_follows_from_its_seed_and_gives_several_cousins(worlds):
 
 def test_a_pool_of_none_is_refused(worlds):
     with pytest.raises(ParameterError, match="size"):
-        CousinPool(CousinDraw(worlds.setup.twin), 0)
+        DomainPool(CousinDraw(worlds.setup.twin).cousin, 0)
 
 
 def test_worlds_of_a_round_follow_from_its_seed(worlds):
@@ -56,7 +61,7 @@ def test_worlds_of_a_round_follow_from_its_seed(worlds):
 @pytest.mark.parametrize("kind", ["state", "rgb_state"])
 def test_worlds_go_on_bit_by_bit_from_a_state_that_they_gave(worlds, kind):
     actions = np.random.default_rng(0).uniform(-1, 1, (14, 3, 2)).astype(np.float32)
-    other = TrainingWorlds("push_t", num_worlds=3, image_size=32, frames=2, seed=4, max_steps=4)
+    other = training_worlds(max_steps=4)
 
     def play(env, some):
         out = [env.step(action) for action in some]
@@ -88,12 +93,12 @@ def test_worlds_of_state_and_of_images_are_alike(worlds):
     for env in (state, images):
         env.seed(7)
     assert np.allclose(state.reset(), images.reset()["state"])
-    assert worlds.spec(state, "state").image_shape == (32, 32, 6)
-    assert worlds.spec(images, "rgb").max_translation == 0.02
+    assert worlds.spec("state").image_shape == (32, 32, 6)
+    assert worlds.spec("rgb").max_translation == 0.02
 
 
 def test_without_delta_all_worlds_are_the_twin():
-    worlds = TrainingWorlds("push_t", num_worlds=2, delta=0.0)
+    worlds = TrainingWorlds("push_t", num_worlds=2, domains=CousinDomains(0.0))
     assert worlds.pool is None
     worlds.begin(1)
     assert worlds.about["delta"] == 0.0
@@ -109,8 +114,9 @@ def test_the_range_of_the_start_can_be_widened():
 
 
 def test_what_success_is_can_be_narrowed():
-    worlds = TrainingWorlds("push_t", num_worlds=2, tolerance=0.01, turn_tolerance=0.1)
+    worlds = TrainingWorlds("push_t", training_options(task={"tolerance": 0.01, "turn_tolerance": 0.1}), num_worlds=2)
     env = worlds.worlds("state")
     assert (env.worlds.task.tolerance, env.worlds.task.turn_tolerance) == (0.01, 0.1)
-    spec = worlds.spec(env, "rgb")
-    assert (spec.tolerance, spec.turn_tolerance) == (0.01, 0.1)
+    spec = worlds.spec("rgb")
+    assert (spec.task.tolerance, spec.task.turn_tolerance) == (0.01, 0.1)
+    assert (env.worlds.task.reward, spec.task.reward) == ("shaped", "paper")

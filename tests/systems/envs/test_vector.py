@@ -8,16 +8,16 @@ from gymnasium.vector import AutoresetMode
 from pydrake.math import RigidTransform
 
 from pinwm_drake.errors import ParameterError, SolverError
-from pinwm_drake.systems.envs.env import PushEnv
+from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.registration import PUSH
-from pinwm_drake.systems.envs.vector import PushVecEnv, PushVectorEnv
+from pinwm_drake.systems.envs.vector import TaskVecEnv, TaskVectorEnv
 from tests.systems.stations import FAR, REST, setup_of
 
 W = 3
 
 
 def vector(num_envs=W, **options):
-    return PushVectorEnv(setup_of(), num_envs, **options)
+    return TaskVectorEnv(setup_of(), num_envs, **options)
 
 
 def actions(steps, worlds=W):
@@ -36,9 +36,9 @@ def equal(one, other):
 
 @pytest.mark.parametrize("reward", ["paper", "shaped"])
 def test_every_world_is_an_environment_of_its_own(reward):
-    options = {"observation": "rgb_state", "frames": 2, "reward": reward, "max_steps": 3}
+    options = {"observation": "rgb_state", "frames": 2, "task": {"reward": reward}, "max_steps": 3}
     env = vector(**options)
-    singles = [PushEnv(setup_of(), "twin", **options) for _ in range(W)]
+    singles = [TaskEnv(setup_of(), "twin", **options) for _ in range(W)]
     seen, _ = env.reset(seed=7)
     for world, single in enumerate(singles):
         equal(part(seen, world), single.reset(seed=7 + world)[0])
@@ -63,7 +63,7 @@ def test_spaces_and_mode_are_declared():
     assert env.observation_space.contains(seen)
     assert env.single_observation_space.contains(part(seen, 1))
     assert env.action_space.shape == (W, 2)
-    made = gymnasium.make_vec(PUSH, num_envs=2, vectorization_mode="vector_entry_point", scenario=setup_of())
+    made = gymnasium.make_vec(PUSH, num_envs=2, vectorization_mode="vector_entry_point", scene=setup_of())
     assert made.unwrapped.worlds.num_worlds == 2
 
 
@@ -72,7 +72,7 @@ def test_a_world_that_ends_does_not_touch_the_others():
     for env in (ended, going):
         env.reset(seed=1)
     # World 1 stands at the goal in one of the two.
-    ended.worlds.run.put(np.array([1.0, 0.0, 0.0, 0.0, *REST.translation(), *np.zeros(6)]), FAR, 1)
+    ended.worlds.run.set_world_state(np.array([1.0, 0.0, 0.0, 0.0, *REST.translation(), *np.zeros(6)]), FAR, 1)
     for step, action in enumerate(actions(3)):
         one, other = ended.step(action), going.step(action)
         np.testing.assert_array_equal(one[0][[0, 2]], other[0][[0, 2]])
@@ -101,7 +101,7 @@ def test_a_world_becomes_what_the_hook_gives():
             sh=setup_of().twin.surfels.sh * 0.0,
         )
 
-    env = vector(observation="rgb", max_steps=2, on_reset=fresh)
+    env = vector(observation="rgb", max_steps=2, domain=fresh)
     here = {"X_WO": REST, "p_WP": FAR + np.array([0.0, 0.0, 0.05])}
     seen, _ = env.reset(seed=0, options=here)
     assert reset == [0, 1, 2]
@@ -122,11 +122,11 @@ def test_a_hook_with_other_colours_is_refused():
         nominal = env.worlds.run.station.world.physics.parameters(1)
         return SimpleNamespace(parameters=lambda _: nominal, sh=setup_of().twin.surfels.sh[:-1])
 
-    env = vector(observation="rgb", on_reset=wrong)
+    env = vector(observation="rgb", domain=wrong)
     with pytest.raises(ParameterError, match="sh: got"):
         env.reset()
     # Where no images are seen, colours are not looked at: to draw them takes longer than an action.
-    env = vector(on_reset=wrong)
+    env = vector(domain=wrong)
     env.reset()
 
 
@@ -157,7 +157,7 @@ def test_a_world_without_a_solution_is_truncated_and_the_others_go_on(monkeypatc
 
 
 def test_stable_baselines_sees_the_same():
-    env, sb3 = vector(max_steps=2), PushVecEnv(setup_of(), W, max_steps=2)
+    env, sb3 = vector(max_steps=2), TaskVecEnv(setup_of(), W, max_steps=2)
     sb3.seed(4)
     np.testing.assert_array_equal(sb3.reset(), env.reset(seed=4)[0])
     sums, lengths = np.zeros(W), np.zeros(W, int)
@@ -180,14 +180,14 @@ def test_stable_baselines_sees_the_same():
 def test_stable_baselines_takes_its_images():
     from stable_baselines3 import PPO
 
-    env = PushVecEnv(setup_of(), 2, observation="rgb", frames=2)
+    env = TaskVecEnv(setup_of(), 2, observation="rgb", frames=2)
     model = PPO("MultiInputPolicy", env, n_steps=2, batch_size=4, n_epochs=1)
     model.learn(4)
     assert model.num_timesteps == 4
 
 
 def test_options_of_stable_baselines():
-    env = PushVecEnv(setup_of(), 2)
+    env = TaskVecEnv(setup_of(), 2)
     env.set_options([{"X_WO": REST, "p_WP": FAR}, {"X_WO": RigidTransform([0.1, 0.0, 0.025]), "p_WP": FAR}])
     env.reset()
     _, _, dones, infos = env.step(np.zeros((2, 2)))
@@ -204,7 +204,7 @@ def test_options_of_stable_baselines():
 def test_tolerances_are_those_that_were_asked_for():
     here = {"X_WO": RigidTransform([0.015, 0.0, 0.025]), "p_WP": FAR}
     for tolerance, success in ((0.01, False), (0.02, True)):
-        env = vector(tolerance=tolerance)
+        env = vector(task={"tolerance": tolerance})
         env.reset(options=here)
         assert env.step(np.zeros((W, 2)))[2].tolist() == [success] * W
 

@@ -8,18 +8,18 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.systems.envs.env import PushEnv
-from pinwm_drake.systems.envs.observation import PushObserver
+from pinwm_drake.systems.envs.env import TaskEnv
+from pinwm_drake.systems.envs.observation import Observer
 from pinwm_drake.systems.mpc.controller import AddPushMpc, PushMpc
 from pinwm_drake.systems.mpc.model import rotated
 from pinwm_drake.systems.mpc.outline import Outline
 from pinwm_drake.systems.mpc.path import Walk
 from pinwm_drake.systems.mpc.planner import PushPlanner
-from pinwm_drake.systems.mpc.policy import MpcPolicy, make_planner
-from pinwm_drake.systems.scenario.load import environment_setup
+from pinwm_drake.systems.mpc.policy import PushMpcPolicy, make_planner
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import MakePushStation
 from pinwm_drake.tasks.push import PushTask
+from tests.systems.stations import action_setup
 
 LONGEST, SPEED = 0.03, 0.3  # m in an action, m/s
 BOX = 0.35  # m, of the scenario, to either side
@@ -28,12 +28,12 @@ HEIGHT = 0.025  # m, of the block's middle, and of the pusher
 
 @pytest.fixture(scope="module")
 def setup():
-    return environment_setup("push_t", time_step=1 / 120, friction_directions=8)
+    return action_setup("push_t", time_step=1 / 120, friction_directions=8)
 
 
 @pytest.fixture(scope="module")
 def policy(setup):
-    return MpcPolicy(setup, PushTask())
+    return PushMpcPolicy(setup, PushTask())
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def body(policy):
 
 @pytest.fixture(scope="module")
 def env(setup):
-    return PushEnv(setup, "twin")
+    return TaskEnv(setup, "twin")
 
 
 def object_state(pose, velocity=(0.0, 0.0, 0.0)):
@@ -105,10 +105,10 @@ def test_a_plan_is_dropped_when_the_pusher_is_elsewhere(policy):
 
 def test_an_observation_tells_what_the_state_does(setup, body):
     task = PushTask(goal=(0.1, -0.05, 0.7))
-    policy = MpcPolicy(setup, task)
+    policy = PushMpcPolicy(setup, task)
     policy.planner.body = dataclasses.replace(body, p_OB=np.array([0.01, -0.02]))
     state, p_WP = object_state((-0.07, 0.02, -2.9), (0.1, -0.2, 1.5)), np.array([0.12, 0.21, HEIGHT])
-    row = PushObserver(setup, task, "state").observe(state[None], p_WP[None])[0]
+    row = Observer(setup, task, "state").observe(state[None], p_WP[None])[0]
     x, p = policy.read(row.astype(float))
     np.testing.assert_allclose(x, policy.planner.body.planar(state), atol=1e-6)  # float32
     np.testing.assert_allclose(p, p_WP[:2], atol=1e-7)
@@ -223,7 +223,7 @@ def test_a_translation_is_one_that_the_pusher_can_make(setup, length):
 
 def test_an_object_that_is_to_lie_otherwise_is_refused(setup):
     with pytest.raises(ParameterError, match="q_WO"):
-        MpcPolicy(setup, PushTask(q_WO=(1.0, 1.0, 0.0, 0.0)))
+        PushMpcPolicy(setup, PushTask(q_WO=(1.0, 1.0, 0.0, 0.0)))
 
 
 def test_an_object_without_a_side_to_push_is_refused(setup, body):

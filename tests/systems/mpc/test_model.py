@@ -8,12 +8,12 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.systems.envs.station_run import PushRun
+from pinwm_drake.systems.envs.station_run import StationRun
 from pinwm_drake.systems.mpc.model import SUB_STEPS, coast, coasting_time, planar_body, push_step, rotated
 from pinwm_drake.systems.mpc.path import Detours
 from pinwm_drake.systems.mpc.program import ACTIONS, GAP, Push, PushProgram
-from pinwm_drake.systems.scenario.load import environment_setup
 from pinwm_drake.systems.scenario.start import Place
+from tests.systems.stations import action_setup
 
 LONGEST = 0.03  # m in an action
 HEIGHT = 0.025  # m, of the block's middle, and of the pusher
@@ -23,7 +23,7 @@ STRAIGHT = np.array([1.0, 0.0])  # an action of full length along the normal
 
 @pytest.fixture(scope="module")
 def setup():
-    return environment_setup("push_t")
+    return action_setup("push_t")
 
 
 @pytest.fixture(scope="module")
@@ -113,8 +113,8 @@ PUSHES = [
 @pytest.mark.parametrize("push", PUSHES)
 def test_a_push_leads_where_the_model_says(body, program, push):
     # Of eight friction directions, the nearest drives an object sideways by a tenth of its way.
-    round_cone = environment_setup("push_t", time_step=1 / 120)
-    run, pose = PushRun(round_cone, "twin", None), np.array([0.03, -0.02, 0.6])
+    round_cone = action_setup("push_t", time_step=1 / 120)
+    run, pose = StationRun(round_cone, "twin", None), np.array([0.03, -0.02, 0.6])
     p = program.start(pose, push)
     found = program.rest_after([*pose, 0, 0, 0], p, push.actions.ravel(), program.edge(push.edge))
     rest = np.asarray(found[0], float).ravel()

@@ -6,17 +6,17 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RollPitchYaw, RotationMatrix
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.systems.scenario.load import _without_yaw, environment_setup
+from pinwm_drake.systems.scenario.load import _without_yaw
 from pinwm_drake.systems.scenario.schema import load_scenario
 from pinwm_drake.twin import write_twin
-from tests.systems.stations import scenario, setup_of
+from tests.systems.stations import action_setup, scenario, setup_of
 
 
 @pytest.mark.parametrize(
     "scene", [scenario(), setup_of(), "push_t", "package://pinwm_models/scenarios/push_t.scenario.yaml"]
 )
 def test_the_state_is_updated_once_an_action(scene):
-    setup = environment_setup(scene, num_worlds=3)
+    setup = action_setup(scene, num_worlds=3)
     assert setup.scenario.physics.steps_per_update == 24
     assert setup.period == pytest.approx(0.1)
     assert setup.scenario.num_worlds == 3
@@ -24,25 +24,25 @@ def test_the_state_is_updated_once_an_action(scene):
 
 
 def test_settings_of_the_physics_and_the_camera():
-    setup = environment_setup("push_t", time_step=1 / 120, friction_directions=8, image_size=48)
+    setup = action_setup("push_t", time_step=1 / 120, friction_directions=8, image_size=48)
     assert setup.scenario.physics.steps_per_update == 12
     assert (setup.twin.time_step, setup.twin.friction_directions) == (1 / 120, 8)
     assert (setup.camera.width, setup.camera.height) == (48, 48)
     view = load_scenario("package://pinwm_models/scenarios/push_t.scenario.yaml").camera
     # The same field of view: the focal length shrinks with the image.
-    whole = environment_setup("push_t").camera
+    whole = action_setup("push_t").camera
     assert setup.camera.intrinsics[1] / 48 == pytest.approx(whole.intrinsics[1] / view.height)
 
 
 def test_a_time_step_that_does_not_divide_the_action_is_refused():
     with pytest.raises(ParameterError, match="a whole multiple of the time step"):
-        environment_setup("push_t", time_step=0.03)
+        action_setup("push_t", time_step=0.03)
 
 
 def test_a_twins_folder_is_the_usual_scene_with_the_twin(tmp_path):
-    twin = dataclasses.replace(environment_setup("push_t").twin, name="mine", friction_directions=16)
+    twin = dataclasses.replace(action_setup("push_t").twin, name="mine", friction_directions=16)
     write_twin(tmp_path / "twin", twin)
-    setup, usual = environment_setup(tmp_path / "twin"), environment_setup("push_t")
+    setup, usual = action_setup(tmp_path / "twin"), action_setup("push_t")
     assert (setup.twin.name, setup.twin.friction_directions, setup.twin.pusher.shape) == ("mine", 16, twin.pusher.shape)
     assert setup.scenario.start.x == usual.scenario.start.x
     assert setup.scenario.pusher.low == pytest.approx(usual.scenario.pusher.low)

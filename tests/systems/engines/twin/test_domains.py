@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context
 
 from pinwm_drake.cousins import Cousins, draw_cousins
 from pinwm_drake.errors import ParameterError, StateError
-from pinwm_drake.systems.engines.twin.domains import SetDomain, SetCousins
+from pinwm_drake.systems.engines.twin.domains import SetCousins, SetDomain
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
 from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta, View
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
