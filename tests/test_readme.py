@@ -1,30 +1,60 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
-README = Path(__file__).resolve().parent.parent / "README.md"
+ROOT = Path(__file__).resolve().parent.parent
+README, STATION, PYTHON = ROOT / "README.md", ROOT / "docs" / "station.md", ROOT / "docs" / "python.md"
+PAGES = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
-def run_example(number):
-    """The names that an example of the README defines."""
-    examples = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-    assert len(examples) == 3
+def run_example(page, number, of):
+    """The names that one of a page's examples, of which there are so many, defines."""
+    examples = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(examples) == of
     names: dict = {}
-    exec(compile(examples[number], README.name, "exec"), names)
+    exec(compile(examples[number], page.name, "exec"), names)
     return names
 
 
-def test_the_stations_example_runs_and_does_what_it_says(capsys):
-    names = run_example(0)
+def anchors(page):
+    """The anchors that GitHub gives to a page's headings."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_the_readme_is_short():
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 120
+
+
+def test_the_readmes_example_runs_and_does_what_it_says(capsys):
+    names = run_example(README, 0, of=1)
     assert "(128, 128, 4)" in capsys.readouterr().out
     # At 0.1 m/s for 1 s the pusher goes 100 mm, and takes the T-block with it.
     assert names["station"].object_pose(names["context"]).translation()[0] < -0.01
 
 
+def test_the_stations_example_runs_and_does_what_it_says():
+    names = run_example(STATION, 0, of=2)
+    state = names["station"].GetOutputPort("pusher_state")
+    moved = state.Eval(names["context"])[:3] - state.Eval(names["station"].CreateDefaultContext())[:3]
+    # 0.1 m/s for 0.5 s, less the time that it takes to get there.
+    np.testing.assert_allclose(moved, [-0.05, 0.0, 0.0], atol=0.005)
+
+
+def test_the_environments_example_runs_and_does_what_it_says(capsys):
+    names = run_example(STATION, 1, of=2)
+    assert names["observation"].shape == names["environment"].observation_space.shape
+    assert f"{names['observation'].shape} {names['info']['distance']}" in capsys.readouterr().out
+    # The object starts within 8 cm of the goal along each axis; one action of 0.1 s does not take it far.
+    assert 0.0 < names["info"]["distance"] < 0.15
+    assert np.isfinite(names["reward"])
+
+
 def test_the_renderers_example_runs_and_does_what_it_says(capsys):
-    names = run_example(2)
+    names = run_example(PYTHON, 1, of=2)
     assert "torch.Size([1, 200, 200, 3])" in capsys.readouterr().out
     # The disc's radius is 50 px.
     assert names["image"].alpha[0, 80:120, 80:120].mean() > 0.9
@@ -35,8 +65,8 @@ def test_the_renderers_example_runs_and_does_what_it_says(capsys):
     assert gradient[2].abs() > gradient[:2].abs().max()
 
 
-def test_the_python_example_runs_and_does_what_it_says(capsys):
-    names = run_example(1)
+def test_the_physics_example_runs_and_does_what_it_says(capsys):
+    names = run_example(PYTHON, 0, of=2)
     assert "tensor" in capsys.readouterr().out
     # The pusher starts 5 mm before the face and moves 100 mm; contacts give by far less than 10 µm.
     assert names["end"].p_WB[0, 0, 0].item() == pytest.approx(0.095, abs=1e-5)
@@ -45,6 +75,10 @@ def test_the_python_example_runs_and_does_what_it_says(capsys):
     assert torch.isfinite(names["V_WP"].grad).all()
 
 
-def test_the_files_it_points_to_are_there():
-    for target in re.findall(r"\]\((?!http)([^)#]+)\)", README.read_text()):
-        assert (README.parent / target).is_file(), target
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_what_a_page_points_to_is_there(page):
+    for target in re.findall(r"\]\(((?!\w+:)[^)]+)\)", page.read_text(encoding="utf-8")):
+        path, _, anchor = target.partition("#")
+        file = page.parent / path if path else page
+        assert file.is_file(), target
+        assert not anchor or anchor in anchors(file), target
