@@ -1,4 +1,4 @@
-"""The one check that every spatial function makes of its arguments."""
+"""Check of the last axis, which every spatial function makes of its arguments."""
 
 import torch
 
