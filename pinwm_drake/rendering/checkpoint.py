@@ -21,7 +21,7 @@ _FREE = ("checkpoint_every",)
 
 
 def describe(views: Sequence[View], mesh: trimesh.Trimesh, options: FitOptions, threads: int) -> dict[str, object]:
-    """What a fit depends on: its options, and the hash of its views and mesh."""
+    """Description of a fit's inputs: its options, and the hash of its views and mesh."""
     digest = hashlib.sha256()
     for view in views:
         digest.update(f"{view.name} {view.camera.width} {view.camera.height}".encode())

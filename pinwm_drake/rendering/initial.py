@@ -90,7 +90,7 @@ def initial_surfels(
 
 
 def _colors(patches: Patches, sights: Sequence[Sight]) -> np.ndarray:
-    """(n, 3), mean of the colours in the views, each by the cosine of its angle; grey where no mask has a patch."""
+    """Mean colours (n, 3) in the views, each by the cosine of its angle; grey where no mask has a patch."""
     total, weights = np.zeros((patches.number, 3)), np.zeros((patches.number, 1))
     for sight in sights:
         colors, on_mask = sight.colors(patches)

@@ -39,22 +39,22 @@ class Patches:
 
     @property
     def number(self) -> int:
-        """N."""
+        """Number of patches n."""
         return len(self.points)
 
     def select(self, chosen: np.ndarray) -> "Patches":
-        """Those that a mask or indices choose."""
+        """Subset of the patches that a mask or indices choose."""
         return Patches(self.points[chosen], self.normals[chosen], self.tangents[chosen], self.scales[chosen])
 
     @staticmethod
     def join(*parts: "Patches") -> "Patches":
-        """All patches of some parts."""
+        """Patches of several parts in one, in the order of the parts."""
         names = ("points", "normals", "tangents", "scales")
         return Patches(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     @staticmethod
     def none() -> "Patches":
-        """No patch."""
+        """Empty set of patches."""
         return Patches(*(np.zeros((0, k)) for k in (3, 3, 3, 2)))
 
 

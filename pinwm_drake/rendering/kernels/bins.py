@@ -1,4 +1,4 @@
-"""Which surfels touch which tile, front to back (numba).
+"""Lists of the surfels that touch each tile, front to back (numba).
 
 Indices are unsigned where they come out of arrays: signed ones would first be tried for counting from the end.
 """

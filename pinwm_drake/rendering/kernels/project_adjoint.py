@@ -36,7 +36,7 @@ from pinwm_drake.rendering.kernels.project import (
 
 @kernel
 def _add_outer(R_bar, part, v, x, y, z, a, b, c):
-    """R_bar += (x, y, z) (a, b, c)'."""
+    """Adds an outer product: R_bar += (x, y, z) (a, b, c)'."""
     R_bar[part, v, 0, 0] += x * a
     R_bar[part, v, 0, 1] += x * b
     R_bar[part, v, 0, 2] += x * c
