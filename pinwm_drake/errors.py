@@ -39,7 +39,7 @@ class SolverError(PinwmError):
     """
 
     def __init__(self, message: str, *, worlds: tuple[int, ...] = ()) -> None:
-        """Keeps the worlds beside the message."""
+        """Error with a message and the indices of the worlds that failed."""
         super().__init__(message)
         self.worlds = worlds
 
@@ -81,7 +81,7 @@ class InputError(PinwmError):
         super().__init__(f"{where}: {found}allowed: {allowed}")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The parts, so that a process can send the error to another; a value goes as text."""
+        """Constructor and arguments, so that a process can send the error to another; a value goes as text."""
         value = None if self.value is None else str(self.value)
         return _input_error, (type(self), self.path, self.allowed, self.row, value)
 
