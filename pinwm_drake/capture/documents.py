@@ -33,7 +33,7 @@ _Loader.add_implicit_resolver(
 
 @dataclass(frozen=True)
 class Entry:
-    """A value of a document.
+    """Entry of a document: a value with its file and its place.
 
     Attributes:
         path: The file.

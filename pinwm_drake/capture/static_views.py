@@ -95,7 +95,7 @@ def read_frame_image(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
 
 
 def find_mask(folder: Path, image_path: Path) -> Path | None:
-    """The mask of an image.
+    """Path of the mask of an image.
 
     Args:
         folder: Folder in which `masks` may be.

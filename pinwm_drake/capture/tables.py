@@ -40,7 +40,7 @@ class Table:
         return len(self.lines)
 
     def refusal(self, row: int, column: str, allowed: str, found: str | None = None) -> InputError:
-        """The error of one cell.
+        """Error of one cell, with file, row and column.
 
         Args:
             row: Counted from 0, without the header.

@@ -66,7 +66,7 @@ def descend(
         state: State to begin with; changed in place.
         iterations: Steps in all.
         rate: Learning rate at first, in units of z.
-        blocks: See `image_loss.squares`.
+        blocks: Sides of the blocks of pixels, px, as for `image_loss.squares`.
         grow: Share of the iterations during which the frames that count grow from the first quarter to all: a push
             amplifies errors, and late frames are no guide before the early ones are right.
         report: Called after each step with the state and the losses (W,) over all frames.

@@ -38,7 +38,7 @@ class Problem:
         Args:
             pictures: The pictures to explain; n frames.
             z: (W, p).
-            blocks: See `image_loss.squares`.
+            blocks: Sides of the blocks of pixels, px, as for `image_loss.squares`.
 
         Returns:
             (n, W), differentiable in z but for `outline`; infinite where the physics found no solution.

@@ -11,7 +11,7 @@ from pinwm_drake.spatial.poses import Pose
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The result of a search.
+    """Optimum that a search found, with its losses and its log.
 
     Attributes:
         support: The one that explains the video best.

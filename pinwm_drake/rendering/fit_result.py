@@ -33,7 +33,7 @@ class FitResult:
     """Result of a fit: surfels, history and quality.
 
     Attributes:
-        surfels: in O, with harmonics of the chosen degree.
+        surfels: surfels in O, with harmonics of the chosen degree.
         history: course of the fit.
         psnr_train: PSNR of each view that was fitted, by its name, over the whole image, dB.
         psnr_test: PSNR of each held-out view, by its name, over the whole image, dB.

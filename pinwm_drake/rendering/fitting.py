@@ -53,10 +53,10 @@ def fit(
     for all views, as half a pixel is easily lost between two conventions.
 
     Args:
-        views: at least one that is not held out.
+        views: views of the object, at least one that is not held out.
         mesh: the object's surface in O, m.
         options: None for the defaults.
-        folder: where checkpoints go, an existing folder; None for none.
+        folder: existing folder for checkpoints; None for none.
         resume: go on from the folder's checkpoint, if there is one. The result is the same, bit for bit, as that of a
             fit that was not interrupted.
         progress: called after every iteration with its number from 1, the number of iterations, the loss, the mean PSNR

@@ -35,13 +35,13 @@ def initial_surfels(
 
     Args:
         mesh: surface of the object in O, m; its parts may touch or overlap.
-        views: at least one.
-        number: of surfels.
-        degree: of the spherical harmonics, which are 0 beyond the constant.
-        opacity: of each surfel, between 0 and 1.
+        views: views of the object, at least one.
+        number: number of surfels.
+        degree: degree of the spherical harmonics, which are 0 beyond the constant.
+        opacity: opacity of each surfel, between 0 and 1.
         crease_share: share of the surfels that line creases, where there are any; 0 to 1.
-        seed: of the samples.
-        num_threads: of the renderer, which finds out what is seen.
+        seed: seed of the samples.
+        num_threads: threads of the renderer, which finds the visible parts.
 
     Returns:
         `number` surfels.

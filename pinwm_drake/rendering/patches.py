@@ -77,7 +77,7 @@ def line_creases(mesh: trimesh.Trimesh, pixel: float, number: int, seen: Callabl
     Args:
         mesh: surface in O, m.
         pixel: size of a typical view's pixel on the object, m.
-        number: of patches, about; they lie at least half a pixel apart.
+        number: number of patches, about; they lie at least half a pixel apart.
         seen: tells of patches (n) which are seen, (n,) bool.
 
     Returns:
@@ -136,7 +136,7 @@ def farthest(points: np.ndarray, taken: np.ndarray, number: int) -> tuple[np.nda
     Args:
         points: (n, 3), m, to choose from.
         taken: (k, 3), m, points that are already there.
-        number: how many to choose, at most n.
+        number: number of points to choose, at most n.
 
     Returns:
         (number,), indices in the order of choice; the distance of the last one to its nearest neighbour, m.

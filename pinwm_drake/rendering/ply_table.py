@@ -35,7 +35,7 @@ class Vertices:
 
     Attributes:
         path: the file.
-        count: how many rows.
+        count: number of rows.
         properties: the columns by name.
     """
 

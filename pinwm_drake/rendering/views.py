@@ -14,10 +14,10 @@ _NEAR = 1e-6  # m; nothing nearer to the camera can be projected
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One image, where it was taken from, and where the object is in it.
+    """View of an object: an image, its camera, and the mask and pose of the object in it.
 
     Attributes:
-        name: what messages call it, such as its file's name.
+        name: name of the view in messages, such as its file's name.
         camera: one camera.
         X_CO: pose of the object in the camera frame (OpenCV axes): q (4,), p (3,), m, float64.
         image: (H, W, 3) float32, colours from 0 to 1, white behind the object.

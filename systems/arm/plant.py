@@ -24,7 +24,7 @@ _EYE, _TARGET = np.array([1.3, -1.3, 1.0]), np.array([0.0, 0.15, 0.35])  # m, wo
 
 @dataclass(frozen=True, eq=False)
 class ArmPlant:
-    """Parts of a pushing scene with an arm.
+    """Parts of a pushing scene with an arm in a diagram.
 
     Attributes:
         parts: Object, pusher, plant and scene graph; the pusher has no joints of its own.

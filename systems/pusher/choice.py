@@ -1,6 +1,7 @@
 """Choice of straight pushes: random ones that meet the object, and the speed of the pusher.
 
-`choose_push` draws a push for a mesh and a pusher; `random_push` draws one for a scene, inside the pusher's box."""
+`choose_push` draws a push for a mesh and a pusher; `random_push` draws one for a scene, inside the pusher's box.
+"""
 
 import math
 

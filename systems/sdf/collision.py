@@ -1,7 +1,8 @@
 """Collision geometry for Drake: meshes of objects and pushers as texts of OBJ files, and spheres to stand on.
 
 For hydroelastic contact a mesh is divided into small triangles (`fine_mesh`). For point contact an object has convex
-pieces for the pusher (`piece_mesh`) and small spheres for the floor (`support_spheres`). Renderers take `seen_mesh`."""
+pieces for the pusher (`piece_mesh`) and small spheres for the floor (`support_spheres`). Renderers take `seen_mesh`.
+"""
 
 import numpy as np
 import trimesh

@@ -1,7 +1,8 @@
 """Coefficients of Drake's contacts: the constants of floor, pusher and supports, and those that follow from theta.
 
 Drake gives coefficients to surfaces, theta gives them to pairs of bodies: `Surfaces.of_pairs` finds the surfaces whose
-pairs have the friction and the restitution that are wanted."""
+pairs have the friction and the restitution that are wanted.
+"""
 
 import math
 from dataclasses import dataclass

@@ -135,7 +135,7 @@ def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comme
         folder: Folder in whose subfolder `meshes` the meshes are written.
         prefix: Prefix of the names of meshes in the text.
         comment: First line of the text.
-        driven: See `pusher_sdf`.
+        driven: Whether the pusher has joints and drives, as for `pusher_sdf`.
 
     Returns:
         The text.

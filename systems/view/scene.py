@@ -95,7 +95,8 @@ def AddSceneView(
         meshcat: The server.
         setup: Setup that the engine was built from.
         period: Simulated time between publishes, s.
-        prefix: Prefix of all paths in Meshcat's tree; `meshcat.SetTransform(prefix, ...)` puts one station beside another.
+        prefix: Prefix of all paths in Meshcat's tree; `meshcat.SetTransform(prefix, ...)` puts one station beside
+            another.
 
     Returns:
         The visualizer of the geometries.

@@ -27,7 +27,7 @@ class Binary:
         return min(int(count), len(self._data) + 1)
 
     def take(self, code: str, row: int | None) -> tuple[Any, ...]:
-        """The next values, by their `struct` format.
+        """Takes the next values, by their `struct` format.
 
         Args:
             code: Without its byte order.

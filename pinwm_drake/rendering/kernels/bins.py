@@ -17,7 +17,7 @@ def sort_by_depth(number, keys, order, spare, counts):
     """Stable radix sort of order[:number] by keys[order[i]].
 
     Args:
-        number: how many.
+        number: number of entries to sort.
         keys: (N,) int32, bits of positive floats, which sort like the floats.
         order: (>=number,) int32, overwritten.
         spare: (>=number,) int32, work.

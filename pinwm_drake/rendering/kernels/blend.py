@@ -177,7 +177,7 @@ def blend_tile(v, slot, row, column, splats, boxes, starts, entries, background,
 
     Args:
         v: the view.
-        slot: where in `splats`, `boxes` and `starts` it is.
+        slot: index of the view in `splats`, `boxes` and `starts`.
         row, column: the tile.
         splats: (slots, N, 16), projected surfels.
         boxes: (slots, N, 5), rows of pixels and columns of tiles that a surfel may reach; and whether only

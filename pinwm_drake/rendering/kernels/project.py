@@ -238,7 +238,7 @@ def project_surfels(v, slot, surfels, sh, view, size, splats, depths, boxes, bas
 
     Args:
         v: the view.
-        slot: where in `splats`, `depths` and `boxes` it goes.
+        slot: index in `splats`, `depths` and `boxes` that receives the view.
         surfels: p_OS (N, 3), q_OS (N, 4), log_scale (N, 2), logit_opacity (N,).
         sh: (1 or V, N, K, 3).
         view: R_CO (V, 3, 3), p_CO (V, 3), intrinsics (V, 4).

@@ -83,7 +83,7 @@ class FilmGrid:
         """Takes the episodes, one or more.
 
         Args:
-            film: Draws them.
+            film: Pictures of single episodes.
             records: The episodes.
             columns: Number of episodes side by side.
             keep: Number of pictures that are kept at most.

@@ -52,8 +52,8 @@ class PushPlant:
         plant: The plant, with the input port `pusher_desired_state`: p_WP (3) [m], v_WP (3) [m/s].
         scene_graph: The geometries of the plant.
         object: Free body; frame O is its body frame.
-        object_instance: Model instance of the object: positions q_WO (4) wxyz, p_WO (3) [m], velocities w_WO (3) [rad/s],
-            v_WO (3) [m/s] of O.
+        object_instance: Model instance of the object: positions q_WO (4) wxyz, p_WO (3) [m], velocities w_WO (3)
+            [rad/s], v_WO (3) [m/s] of O.
         pusher: Body whose frame is P; translates along three axes of the world, unless something else holds it.
         pusher_instance: Model instance of the pusher: positions p_WP (3) [m], velocities v_WP (3) [m/s].
     """

@@ -130,7 +130,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         pushers[worlds, :3], pushers[worlds, 3:] = p_WP, 0.0
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
-        """Sets the state of an object as `engine.Handle` does; `context` may be that of a diagram that holds this system."""
+        """Sets an object's state as `engine.Handle` does; `context` may be that of a diagram that holds this system."""
         mine = self.GetMyMutableContextFromRoot(context)
         p_WP = self._state(mine)[1]
         self.SetState(mine, rest_state(X_WO, V_WO), p_WP[world], world)
