@@ -66,7 +66,7 @@ def make_scene(
         gravity: m/s^2, downwards.
         floor_height: z of the floor, m.
         time_step: s.
-        friction_directions: Number of edges of the polyhedral friction cone.
+        friction_directions: Number of directions of the polyhedral friction cone.
         support: "corners" carries the object's weight on the corners of its convex pieces, "patch" on points
             within the face that it rests on, as uniform pressure does; see `geometry/patch.py`.
 

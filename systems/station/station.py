@@ -164,7 +164,7 @@ def MakePushStation(
     lcm: DrakeLcmInterface | None = None,
     armed: bool = False,
 ) -> PushStation:
-    """Assembles a station.
+    """Assembles the station of a scenario.
 
     Args:
         scenario: The scene; a Setup of it where that has been loaded already.

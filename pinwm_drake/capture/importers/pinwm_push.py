@@ -45,7 +45,7 @@ class Push:
 
 
 def read_push(path: Path, *, pusher_height: float | None = None, camera: int | None = None) -> Push:
-    """Reads one `dynamic_train*.json`.
+    """Reads a push from its `dynamic_train*.json`.
 
     Args:
         path: The file; paths of images count from its folder.

@@ -53,7 +53,7 @@ class SignalReceiver(LeafSystem):  # type: ignore[misc]  # pydrake has no usable
         Args:
             size: Number n of values.
             period: Period of the state's updates, s.
-            timeout: Silence after which the values are not live, s.
+            timeout: Silence after which `values` is NaN, s.
             first: (n,), values that `last` shows before the first message; None for zeros.
         """
         super().__init__()
