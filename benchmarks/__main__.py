@@ -1,4 +1,4 @@
-"""`python -m benchmarks`: run every benchmark and rewrite the tables of benchmarks/README.md."""
+"""Entry point of `python -m benchmarks`: runs every benchmark and rewrites the tables of benchmarks/README.md."""
 
 from benchmarks.run import main
 

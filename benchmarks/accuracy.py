@@ -1,4 +1,4 @@
-"""Where the block is after the push, according to the three engines: a check that they do the same work.
+"""Pose of the block after the push in the three engines: a check that they do the same work.
 
 The push is nearly along the line of the centre of mass, which is unstable: the turn of the block is what
 tells contact models apart. A hard contact, a soft one (MuJoCo) and one with a margin (Bullet) cannot agree to
@@ -30,7 +30,7 @@ _HEADINGS = (0.0, 11.25, 22.5)  # degrees; 22.5 is halfway between two of 8 dire
 
 
 def _pose(trace: dict) -> dict[str, float]:
-    """x, y, z in mm and yaw in degrees of a trace's final pose."""
+    """Final pose of a trace: x, y, z in mm and yaw in degrees."""
     x, y, z = (1e3 * value for value in trace["p"])
     return {"x": x, "y": y, "z": z, "yaw": math.degrees(push.yaw(trace["q"]))}
 
@@ -45,7 +45,7 @@ def _turned(directions: int, heading: float) -> dict[str, float]:
 
 
 def table(data: dict) -> str:
-    """The figures in Markdown."""
+    """Table of the figures, in Markdown."""
     lines = [
         "| pusher | engine | x, mm | y, mm | z, mm | yaw, degrees |",
         "| --- | --- | --- | --- | --- | --- |",
@@ -63,7 +63,7 @@ def table(data: dict) -> str:
 
 
 def main() -> None:
-    """Measures and reports."""
+    """Measures and reports the figures."""
     given = results.arguments(__doc__ or "").parse_args()
     pushers = {
         pusher: {name: _pose(engine(pusher).trace()) for name, engine in _ENGINES.items()} for pusher in push.PUSHERS

@@ -1,4 +1,4 @@
-"""The push in Bullet (PyBullet, DIRECT): default solver, a compound of two boxes, no damping, one world.
+"""Push in Bullet (PyBullet, DIRECT): default solver, a compound of two boxes, no damping, one world.
 
 The pusher is a body of 1000 kg whose velocity is set before every step; the upward part of that velocity
 cancels what gravity adds within the step. Bullet multiplies the frictions of the two bodies of a pair: the
@@ -16,7 +16,7 @@ _GRAVITY = 9.81  # m/s^2
 
 
 class BulletPush:
-    """One world of the push in a physics server of its own."""
+    """Push in Bullet, one world in a physics server of its own."""
 
     def __init__(self, pusher: str) -> None:
         self._start = push.pusher_start(pusher)
@@ -49,7 +49,7 @@ class BulletPush:
         )  # fmt: skip
 
     def reset(self) -> None:
-        """Back to the start: the block at rest, the pusher touching it."""
+        """Resets to the start: the block at rest, the pusher touching it."""
         upright, client = [0.0, 0.0, 0.0, 1.0], self.client
         for body, place in ((self.block, (0.0, 0.0, push.BLOCK_HEIGHT)), (self.pusher, self._start)):
             pybullet.resetBasePositionAndOrientation(body, place, upright, physicsClientId=client)
@@ -59,7 +59,7 @@ class BulletPush:
         pybullet.resetBaseVelocity(self.pusher, self._velocity, [0.0] * 3, physicsClientId=self.client)
 
     def loop(self) -> Case:
-        """One velocity command and one step at a time from Python: Bullet's only way to take many steps."""
+        """Loop of one velocity command and one step at a time from Python: Bullet's only way to take many steps."""
 
         def run() -> None:
             client, pusher, velocity, spin = self.client, self.pusher, self._velocity, [0.0] * 3
@@ -71,7 +71,7 @@ class BulletPush:
 
     @staticmethod
     def call_overhead() -> Case:
-        """The same two calls in a world that holds one body and no contact."""
+        """Overhead of the loop: the same two calls in a world that holds one body and no contact."""
         client = pybullet.connect(pybullet.DIRECT)
         body = pybullet.createMultiBody(1.0, physicsClientId=client)
         velocity, spin = [0.0, 0.0, 0.0], [0.0] * 3

@@ -1,4 +1,4 @@
-"""The torch path on CUDA with 4,096 worlds, beside the same path and the numba kernels on the CPU."""
+"""Timings of the torch path on CUDA with 4,096 worlds, beside the same path and the numba kernels on the CPU."""
 
 import torch
 
@@ -11,7 +11,7 @@ _STEPS = 2 * push.SUBSTEPS
 
 
 def _synchronised(case: timing.Case) -> timing.Case:
-    """The same case, timed until the device has finished."""
+    """Case that is timed until the device has finished."""
 
     def run() -> None:
         case.run()
@@ -53,7 +53,7 @@ def measure(rounds: int) -> dict:
 
 
 def table(data: dict) -> str:
-    """The figures in Markdown."""
+    """Table of the figures, in Markdown."""
     lines = [
         "| path | worlds | forward, µs a world-step | forward and backward, µs a world-step |",
         "| --- | --- | --- | --- |",

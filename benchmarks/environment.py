@@ -34,16 +34,16 @@ GROWTH = 5.0  # MB
 
 
 class Player:
-    """A policy that heads for the object, with some noise, in an environment."""
+    """Player of an environment: a policy that heads for the object, with some noise."""
 
     def __init__(self, env: VecEnv) -> None:
-        """Begins the first episodes."""
+        """Begins the first episodes of an environment."""
         self.env, self._random = env, np.random.default_rng(0)
         env.seed(0)
         self._seen = env.reset()
 
     def play(self, actions: int) -> None:
-        """Acts."""
+        """Takes a number of actions in every world."""
         for _ in range(actions):
             self._seen = self.env.step(self._action())[0]
 
@@ -57,41 +57,41 @@ class Player:
 
 
 def scene(plant_step: float | None = None) -> Scenario:
-    """The T-block."""
+    """Scenario of the T-block in both environments."""
     scenario = load_scenario(SCENE)
     scenario.physics, scenario.plant = Physics(time_step=TIME_STEP), Plant(time_step=plant_step)
     return scenario
 
 
 def ours(kind: str, directions: int, *, cousins: bool = False) -> Player:
-    """32 worlds, each one a new cousin for every episode where that is asked for."""
+    """Player of ours with 32 worlds, each one a new cousin for every episode where that is asked for."""
     env = TaskVecEnv(
         scene(),
         WORLDS,
         observation=KINDS[kind],
-        reward="shaped",
+        task={"reward": "shaped"},
         friction_directions=directions,
         image_size=SIZE,
     )
     if cousins:
         draw, numbers = CousinDraw(env.worlds.setup.twin, delta=0.1), iter(range(1 << 30))
-        env.worlds.on_reset = lambda _: draw.cousin(next(numbers))
+        env.worlds.domain = lambda _: draw.cousin(next(numbers))
     return Player(env)
 
 
 def one_of_point(kind: str, plant_step: float | None) -> TaskEnv:
-    """What a process of SubprocVecEnv holds."""
-    return TaskEnv(scene(plant_step), "point", observation=KINDS[kind], reward="shaped", image_size=SIZE)
+    """Environment that one process of SubprocVecEnv holds."""
+    return TaskEnv(scene(plant_step), "point", observation=KINDS[kind], task={"reward": "shaped"}, image_size=SIZE)
 
 
 def point(kind: str, plant_step: float | None) -> Player:
-    """Two processes."""
+    """Player of Drake's point contact in two processes."""
     makers = [functools.partial(one_of_point, kind, plant_step) for _ in range(PROCESSES)]
     return Player(SubprocVecEnv(makers, start_method="spawn"))
 
 
 def measure(rounds: int) -> dict:
-    """Times all in turn."""
+    """Times all environments in turn."""
     players: dict[str, tuple[Player, int, int]] = {}
     for kind in KINDS:
         for directions in DIRECTIONS:
@@ -136,7 +136,7 @@ def memory(steps: int) -> dict:
 
 
 def table(data: dict) -> str:
-    """The figures in Markdown."""
+    """Table of the figures, in Markdown."""
     figures = data["steps_per_second"]
     lines = [
         "| environment | state, steps/s | 64 x 64 image, steps/s |",
@@ -165,7 +165,7 @@ def table(data: dict) -> str:
 
 
 def main() -> None:
-    """Measures and reports."""
+    """Measures and reports the figures."""
     parser = results.arguments(__doc__ or "")
     parser.add_argument("--rounds", type=int, default=8)
     parser.add_argument("--memory-steps", type=int, default=1_000_000)

@@ -1,4 +1,4 @@
-"""What the settings of Drake's hydroelastic contact do to a push: the tables of docs/hydroelastic.md.
+"""Effect of the settings of Drake's hydroelastic contact on a push: the tables of docs/hydroelastic.md.
 
 One setting at a time is changed by a factor; the same pushes of the T-block then end elsewhere, by as much as the
 table says. Beside it stand what a contact without bounce ought to have (the object leaves an impact no faster than the
@@ -45,7 +45,7 @@ _TWINS = {
 
 
 def study() -> str:
-    """The table of the settings, in Markdown."""
+    """Table of the settings, in Markdown."""
     shipped = scene("t_block", _FRICTION)
     trials = draw_trials(shipped, shipped, _PUSHES, _SEED)
     # The meshes of a twin are made afresh, those of a shipped object are not.
@@ -102,13 +102,13 @@ def _apart(motions: list[Motion], others: list[Motion], *, most: bool) -> str:
 
 
 def _ends(differences: list[Difference]) -> tuple[np.ndarray, np.ndarray]:
-    """Of translation [mm] and rotation [degrees] after rest."""
+    """Differences in translation [mm] and rotation [degrees] after rest, one of each for every push."""
     ways, angles = np.array([[1e3 * one.translation, math.degrees(one.rotation)] for one in differences]).T
     return ways, angles
 
 
 def agreement() -> str:
-    """How far the twin is from both contact models and, for comparison, from itself, in Markdown."""
+    """Table of the twin's differences from both contact models and, for comparison, from itself, in Markdown."""
     lines = [
         "| object | friction | compared with | after rest: median | most | pushes above 3 mm or 2° |",
         "| --- | --- | --- | --- | --- | --- |",
@@ -128,7 +128,7 @@ def agreement() -> str:
 
 
 def _agreement_row(name: str, friction: float, other: str, ways: np.ndarray, angles: np.ndarray) -> str:
-    """Of differences in mm and degrees; what failed is counted and left out of the largest."""
+    """Row of the table of differences in mm and degrees; failed pushes are counted and left out of the largest."""
     above, ended = int(((ways > 3) | (angles > 2)).sum()), np.isfinite(ways)
     medians = f"{np.median(ways):.2f} mm, {np.median(angles):.2f}°"
     most = f"{ways[ended].max():.1f} mm, {angles[ended].max():.1f}°"
@@ -137,7 +137,7 @@ def _agreement_row(name: str, friction: float, other: str, ways: np.ndarray, ang
 
 
 def twins() -> str:
-    """Settings of the twin, against hydroelastic contact, in Markdown."""
+    """Table of settings of the twin, against hydroelastic contact, in Markdown."""
     usual = scene("t_block", _FRICTION)
     trials = draw_trials(usual, usual, 2 * _PUSHES, _SEED)
     rig = PushRig(usual, "hydroelastic")
@@ -151,7 +151,7 @@ def twins() -> str:
 
 
 def steps() -> str:
-    """The hardest pushes with shorter and shorter steps of Drake's plants, against the twin, in Markdown."""
+    """Table of the hardest pushes with shorter and shorter steps of Drake's plants, against the twin, in Markdown."""
     usual = scene("t_block", _HARD_FRICTION)
     drawn = draw_trials(usual, usual, max(_HARD) + 1, _SEED)
     trials = [drawn[k] for k in _HARD]
@@ -187,7 +187,7 @@ def publish(name: str, table: str, command: str, write: bool) -> None:
 
 
 def main() -> None:
-    """Measures and reports."""
+    """Measures and reports the figures."""
     parser = results.arguments(__doc__ or "")
     parser.add_argument("--agreement", action="store_true", help="measure the twin against both contact models too")
     given = parser.parse_args()

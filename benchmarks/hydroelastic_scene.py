@@ -1,4 +1,4 @@
-"""The scene of the study of hydroelastic contact, and what is measured in it."""
+"""Scene of the study of hydroelastic contact, and the measurements in it."""
 
 import math
 import time
@@ -22,17 +22,17 @@ _REST = (0.1, 0.2)  # s, between which an object that was put down creeps
 
 
 def scene(name: str, friction: float, physics: Physics | None = None) -> Setup:
-    """An object of 1 kg with the same friction on floor and pusher, at any yaw."""
+    """Setup of an object of 1 kg with the same friction on floor and pusher, at any yaw."""
     start, theta = Start(yaw=[-math.pi, math.pi]), Theta(1.0, friction, friction, 0.0)
     return unlimited(make_setup(Scenario(object=name, theta=theta, start=start, physics=physics or Physics())))
 
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What a variant did.
+    """Measurements of a variant.
 
     Attributes:
-        motions: Of the pushes.
+        motions: Motions of the object in the pushes.
         bounce: m/s by which the object leaves a central impact faster than the pusher is.
         sinking: m, into the floor, at rest.
         creep: m/s, at most: put down, or after a push, where it may lean on the pusher.
@@ -47,7 +47,7 @@ class Findings:
 
 
 def measure(setup: Setup, engine: str, trials: list[Trial]) -> Findings:
-    """Pushes, hits and puts down."""
+    """Measures a variant: pushes, central impacts and objects that are put down."""
     rig = PushRig(setup, engine)
     before = time.process_time()
     motions = [rig.run(trial) for trial in trials]
@@ -64,7 +64,7 @@ def measure(setup: Setup, engine: str, trials: list[Trial]) -> Findings:
 
 
 def _creep(motion: Motion) -> float:
-    """m/s after it had come to rest."""
+    """Speed of creep, m/s, after the object had come to rest."""
     if motion.rest is None or motion.rest + 1 >= len(motion.t):
         return math.nan
     # The first half of that time, in which a speed below 1 mm/s dies down, is left out.
@@ -84,7 +84,7 @@ def _put_down(rig: PushRig, trial: Trial) -> tuple[float, float]:
 
 
 def _bounce(rig: PushRig, lowest: float) -> float:
-    """m/s by which the object leaves faster than the pusher that hits it in line with its centre of mass."""
+    """Speed, m/s, by which the object leaves faster than the pusher that hits it in line with its centre of mass."""
     mesh, radius = load_mesh(rig.setup.twin.mesh_path), rig.setup.twin.pusher.shape.radius
     floor, gap = rig.setup.twin.floor_height, 0.012
     start = np.array([0.0, mesh.bounds[0, 1] - radius - gap, floor - lowest])

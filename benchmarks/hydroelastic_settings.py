@@ -19,8 +19,8 @@ class Variant:
     """A change of one setting.
 
     Attributes:
-        name: What is changed.
-        value: Of a setting, for the table.
+        name: Name of the setting that is changed.
+        value: Value of the setting, for the table.
         patches: Module and name of a constant, and its value.
         time_step: s, of the plant; None for its own.
     """
@@ -46,7 +46,7 @@ def _approximation(name: str) -> Variant:
 
 
 def variants() -> list[Variant]:
-    """All of them; the first one changes nothing."""
+    """Variants of the study; the first one changes nothing."""
     settings, tenfold, twofold = contact_settings, (0.1, 10.0), (0.5, 2.0)
     return [
         Variant("as it is", ""),

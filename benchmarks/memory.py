@@ -76,7 +76,7 @@ def _measure(worlds: int, length: int, gradient: bool) -> dict[str, float]:
 
 
 def table(data: dict) -> str:
-    """The figures in Markdown."""
+    """Table of the figures, in Markdown."""
     lines = [
         "| rollout | worlds | steps | resident before, MB | added at the peak, MB |",
         "| --- | --- | --- | --- | --- |",
@@ -95,7 +95,7 @@ def table(data: dict) -> str:
 
 
 def main() -> None:
-    """Measures and reports."""
+    """Measures and reports the figures."""
     parser = results.arguments(__doc__ or "")
     parser.add_argument("--child", nargs=3, type=int, metavar=("WORLDS", "LENGTH", "GRADIENT"))
     given = parser.parse_args()

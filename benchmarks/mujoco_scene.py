@@ -1,4 +1,4 @@
-"""The push in MuJoCo: its default solver (Newton, pyramidal cone, condim 3), Euler integration, one world.
+"""Push in MuJoCo: its default solver (Newton, pyramidal cone, condim 3), Euler integration, one world.
 
 The pusher is a body on one frictionless slide joint, of 1000 kg, that starts at the pushing speed: nothing
 has to be commanded, so that the whole rollout is a single call, `mj_step(model, data, nstep=320)`, whose loop
@@ -45,7 +45,7 @@ def _xml(pusher: str) -> str:
 
 
 class MujocoPush:
-    """One world of the push."""
+    """Push in MuJoCo, one world."""
 
     def __init__(self, pusher: str, elliptic: bool = False) -> None:
         self.model = mujoco.MjModel.from_xml_string(_xml(pusher))
@@ -54,7 +54,7 @@ class MujocoPush:
         self.data = mujoco.MjData(self.model)
 
     def reset(self) -> None:
-        """Back to the start: the block at rest, the pusher at its speed."""
+        """Resets to the start: the block at rest, the pusher at its speed."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qvel[6] = push.SPEED
 

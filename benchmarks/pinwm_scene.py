@@ -1,4 +1,4 @@
-"""The push in pinwm_drake: 8 friction directions, either backend, any number of worlds."""
+"""Push in pinwm_drake: 8 friction directions, either backend, any number of worlds."""
 
 import copy
 import math
@@ -38,7 +38,7 @@ class PinwmPush:
     """A batch of worlds that all perform the push, the whole scene turned about z by `heading` (rad).
 
     Attributes:
-        parameters, state, V_WP: what a rollout starts from; V_WP is (steps, W, 6), the pusher's velocity.
+        parameters, state, V_WP: inputs of a rollout; V_WP is (steps, W, 6), the pusher's velocity.
         record_every: steps between recorded poses.
     """
 

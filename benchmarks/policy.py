@@ -49,7 +49,7 @@ def make_policy() -> Policy:
 
 
 def repeated(call, calls: int = CALLS):
-    """The call, as often as that."""
+    """Function that repeats a call."""
 
     def run() -> None:
         for _ in range(calls):
@@ -59,7 +59,7 @@ def repeated(call, calls: int = CALLS):
 
 
 def measure(policy: Policy, bundle: Bundle, image: np.ndarray, p_WP: np.ndarray, rounds: int) -> dict:
-    """Times all in turn."""
+    """Times policy, network and bundle in turn."""
     module = InMetres(policy.spec, policy.actor)
 
     def in_torch() -> np.ndarray:
@@ -81,7 +81,7 @@ def measure(policy: Policy, bundle: Bundle, image: np.ndarray, p_WP: np.ndarray,
 
 
 def table(data: dict) -> str:
-    """The figures in Markdown."""
+    """Table of the figures, in Markdown."""
     lines = ["| policy, 64 x 64 px, three images | ms a call | onnxruntime / torch |", "| --- | --- | --- |"]
     for name, each in data["milliseconds"].items():
         ratio = results.spread(data["ratio"][name], 2) if name in data["ratio"] else ""
@@ -99,7 +99,7 @@ def table(data: dict) -> str:
 
 
 def main() -> None:
-    """Measures and reports."""
+    """Measures and reports the figures."""
     parser = results.arguments(__doc__ or "")
     parser.add_argument("--rounds", type=int, default=30)
     given = parser.parse_args()

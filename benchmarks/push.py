@@ -1,4 +1,4 @@
-"""The push that every engine performs: T-block, floor, pusher. The engines are in `*_scene.py`.
+"""Push that every engine performs: T-block, floor, pusher. The engines are in `*_scene.py`.
 
 The block (bar 100 x 40 mm, stem 40 x 100 mm, 50 mm thick, 1 kg) rests on the floor, its centre of mass at the
 origin and the bar towards +y. The pusher starts in touch with the middle of the bar's long side, 1 mm off the
@@ -35,7 +35,7 @@ def pusher_start(pusher: str) -> tuple[float, float, float]:
 
 
 def block_inertia() -> np.ndarray:
-    """(3,) principal moments of the block about its centre of mass, in kg m^2, uniform density."""
+    """Principal moments (3,) of the block about its centre of mass, in kg m^2, uniform density."""
     moments = np.zeros(3)
     for size, center in ((BAR_SIZE, BAR_CENTER), (STEM_SIZE, STEM_CENTER)):
         x2, y2, z2 = np.square(size)

@@ -1,4 +1,4 @@
-"""The renderer against Drake's VTK renderer and against its own torch reference; how its cost grows.
+"""Timings of the renderer, Drake's VTK renderer and the torch reference, and the growth of the renderer's cost.
 
 All on one core, but for the rows that say otherwise: each setting runs in a process of its own, bound to its cores.
 VTK draws the mesh of the same T-block under the same camera, and is timed as `QueryObject.RenderColorImage`, from
@@ -30,7 +30,7 @@ BARS = {"forward_800": 1.3, "gradient_800": 4.0, "forward_64": 0.5, "reference":
 
 
 def _added(name: str) -> float:
-    """MB that a call adds to this process's resident memory at its peak, after a small one of its kind; Linux only."""
+    """Memory [MB] that a call adds to this process's at its peak, after a small one of its kind; Linux only."""
     timing.limit_threads(1)
     from benchmarks import render_scene as scene
     from pinwm_drake.rendering import Surfels, render
@@ -178,7 +178,7 @@ def plot(data: dict) -> None:
 
 
 def table(data: dict) -> str:
-    """The figures in Markdown."""
+    """Table of the figures, in Markdown."""
     lines = [
         "| image | surfels | what | one core, ms | / VTK | two cores, ms | / VTK |",
         "| --- | --- | --- | --- | --- | --- | --- |",

@@ -1,4 +1,4 @@
-"""What the renderer's benchmark shows: the T-block, as surfels for us and as its mesh for Drake's VTK renderer."""
+"""Scene of the renderer's benchmark: the T-block, as surfels for us and as its mesh for Drake's VTK renderer."""
 
 from pathlib import Path
 
@@ -16,13 +16,13 @@ DISTANCE = 0.53  # m, as there: the block covers 6 % of the image
 
 
 def camera(size: int) -> Camera:
-    """A square image of the capture's field of view."""
+    """Camera of a square image with the capture's field of view."""
     focal = FOCAL * size
     return Camera(size, size, torch.tensor([focal, focal, 0.5 * size, 0.5 * size], dtype=torch.float64))
 
 
 def poses(number: int) -> Pose:
-    """X_CO from cameras on a circle around the block, looking down at it at 37 degrees: q (V, 4), p (V, 3)."""
+    """Poses X_CO from cameras on a circle around the block, looking down at it at 37 degrees: q (V, 4), p (V, 3)."""
     parts = []
     for angle in np.linspace(0.0, 2.0 * np.pi, number, endpoint=False) + 0.3:
         p_OC = DISTANCE * np.array([0.8 * np.cos(angle), 0.8 * np.sin(angle), 0.6])
@@ -40,7 +40,7 @@ def block() -> trimesh.Trimesh:
 
 
 def surfels(number: int, views: int | None = None) -> Surfels:
-    """That many surfels, evenly on the block's surface, of degree 3: flat, opaque, just large enough to close it.
+    """Surfels of degree 3, evenly on the block's surface: flat, opaque, just large enough to close it.
 
     With `views`, each view has harmonics of its own.
     """

@@ -1,4 +1,4 @@
-"""Where the figures go: to the screen, into results.json and into the tables of README.md."""
+"""Output of the figures: to the screen, into results.json and into the tables of README.md."""
 
 import argparse
 import datetime
@@ -71,7 +71,7 @@ def publish(name: str, data: dict, table: str, write: bool) -> None:
 
     Args:
         name: Name of the benchmark: its key in results.json and its block in README.md.
-        data: Its figures, ready for JSON.
+        data: Figures of the benchmark, ready for JSON.
         table: The same in Markdown.
         write: Whether to update the two files.
 
@@ -99,7 +99,7 @@ def spread(summary: dict[str, float], digits: int = 1) -> str:
 
 
 def verdict(value: float, bar: float, at_most: bool = True) -> str:
-    """How a figure stands to its bar, e.g. "2.31, bar at most 2.5: met"."""
+    """Verdict on a figure against its bar, e.g. "2.31, bar at most 2.5: met"."""
     met = value <= bar if at_most else value >= bar
     side = "at most" if at_most else "at least"
     return f"{value:.2f}, bar {side} {bar:g}: {'met' if met else 'MISSED'}"

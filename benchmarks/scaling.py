@@ -48,11 +48,11 @@ def _plate(name: str, size: tuple[float, float, float]) -> Body:
 
 
 class Sliding:
-    """A given number of sliding contacts, in a few equal worlds.
+    """Scene with a given number of sliding contacts, in a few equal worlds.
 
     Attributes:
         model: the scene.
-        worlds: how many; some, so that the cost of the call itself hardly counts in 80 steps.
+        worlds: number of worlds; some, so that the cost of the call itself hardly counts in 80 steps.
     """
 
     def __init__(self, kind: str, contacts: int, backend: str = "numba", worlds: int = 4) -> None:
@@ -186,7 +186,7 @@ def plot(data: dict) -> None:
 
 
 def table(data: dict) -> str:
-    """The figures in Markdown."""
+    """Table of the figures, in Markdown."""
     series = data["series"]
     contacts = series["nails_forward"]["contacts"]
     lines = [

@@ -1,4 +1,4 @@
-"""What the station costs beyond the bare step and render: one action of 0.1 s and one 64 x 64 image, 1 and 32 worlds.
+"""Cost of the station beyond the bare step and render: one action of 0.1 s and one 64 x 64 image, 1 and 32 worlds.
 
 The bare loop calls `Stepper.rollout`, the batched API, as often as the diagram updates its state, and `render` once.
 The unchecked one calls `Stepper.advance` instead, as the station does: plain arrays, nothing looked at. The station
@@ -28,7 +28,7 @@ SPEED = 0.3  # m/s
 
 
 class Action:
-    """One action in a station, and the same without it."""
+    """Action in a station, and the same without the station."""
 
     def __init__(self, worlds: int, steps_per_update: int) -> None:
         """Advances both to where the block is being pushed."""
@@ -76,12 +76,12 @@ class Action:
         self.simulator.Initialize()
 
     def in_station(self) -> None:
-        """The action in the diagram."""
+        """Takes the action in the station's diagram."""
         self.simulator.AdvanceTo(WARM_UP + STEPS / 240 - 1e-6)
         self.image.Eval(self.context)
 
     def bare(self) -> None:
-        """The action without it."""
+        """Takes the action without the station."""
         state, V_WP = State(*(torch.from_numpy(np.ascontiguousarray(part)) for part in self.state)), self.V_WP
         parameters = Parameters(*(torch.from_numpy(values) for values in self.theta))
         velocities = torch.from_numpy(V_WP)
@@ -90,7 +90,7 @@ class Action:
         self._render(state.p_WB[:, 0].numpy())
 
     def unchecked(self) -> None:
-        """The action without it, and without any check."""
+        """Takes the action without the station, and without any check."""
         state = self.state
         for _ in range(self.updates):
             state = self.stepper.advance(self.theta, state, self.V_WP)
@@ -120,7 +120,7 @@ def measure(rounds: int) -> dict:
 
 
 def table(data: dict) -> str:
-    """The figures in Markdown."""
+    """Table of the figures, in Markdown."""
     lines = [
         "| worlds | steps an update | bare, ms an action | unchecked, ms | station, ms | over bare | over unchecked |",
         "| --- | --- | --- | --- | --- | --- | --- |",
@@ -139,7 +139,7 @@ def table(data: dict) -> str:
 
 
 def main() -> None:
-    """Measures and reports."""
+    """Measures and reports the figures."""
     parser = results.arguments(__doc__ or "")
     parser.add_argument("--rounds", type=int, default=40)
     given = parser.parse_args()

@@ -28,7 +28,7 @@ def measure(pusher: str, rounds: int) -> dict:
     """Times the push with one shape of pusher.
 
     Args:
-        pusher: One of `push.PUSHERS`.
+        pusher: Name of the pusher, one of `push.PUSHERS`.
         rounds: Number of timed rounds.
 
     Raises:
@@ -74,7 +74,7 @@ def measure(pusher: str, rounds: int) -> dict:
 
 
 def table(data: dict) -> str:
-    """The figures in Markdown."""
+    """Table of the figures, in Markdown."""
     lines = [
         "| pusher | engine | µs a step: median (quartiles) | / MuJoCo | / Bullet | contacts: mean (range) "
         "| steps with the pusher | block moved |",
@@ -116,7 +116,7 @@ def table(data: dict) -> str:
 
 
 def main() -> None:
-    """Measures and reports."""
+    """Measures and reports the figures."""
     parser = results.arguments(__doc__ or "")
     parser.add_argument("--rounds", type=int, default=150)
     parser.add_argument("--pushers", nargs="+", choices=push.PUSHERS, default=list(push.PUSHERS))

@@ -32,7 +32,7 @@ class CompetingLoad:
     suffer alike), but a reader should know of it. Linux only; NaN elsewhere.
 
     Attributes:
-        percent: Of all CPUs together; set when the block ends.
+        percent: Share of all CPUs together, per cent; set when the block ends.
     """
 
     percent = float("nan")
@@ -62,12 +62,12 @@ _Name = TypeVar("_Name", bound=Hashable)
 
 @dataclass(frozen=True)
 class Case:
-    """One thing to time.
+    """Case to time: a call, its preparation, and its units.
 
     Attributes:
         run: The timed call.
         prepare: Called, untimed, before each `run`.
-        units: What one `run` is divided into, e.g. the number of steps that it takes.
+        units: Number of units in one `run`, e.g. the number of steps that it takes.
     """
 
     run: Callable[[], object]
@@ -112,7 +112,7 @@ def interleave(
     within a round.
 
     Args:
-        cases: What to time.
+        cases: Cases to time.
         rounds: Number of timed rounds.
         warmup: Number of rounds that are run first and not counted (compilation, caches, allocations).
         clock: Time in seconds. For cases of one thread `time.process_time` is the better one: it stops while

@@ -1,4 +1,4 @@
-"""32 worlds on one thread and on two: the push, forward, and forward with backward."""
+"""Timings of the push in 32 worlds on one thread and on two, forward, and forward with backward."""
 
 import os
 
@@ -33,7 +33,7 @@ def measure(rounds: int) -> dict:
 
 
 def table(data: dict) -> str:
-    """The figures in Markdown."""
+    """Table of the figures, in Markdown."""
     lines = [
         "| rollout | 1 thread, µs a world-step | 2 threads, µs a world-step | speed-up (quartiles) |",
         "| --- | --- | --- | --- |",
@@ -52,7 +52,7 @@ def table(data: dict) -> str:
 
 
 def main() -> None:
-    """Measures and reports."""
+    """Measures and reports the figures."""
     parser = results.arguments(__doc__ or "")
     parser.add_argument("--rounds", type=int, default=30)
     given = parser.parse_args()

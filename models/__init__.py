@@ -99,7 +99,7 @@ def model_names() -> list[str]:
 
 
 def model_path(name: str) -> Path:
-    """Finds a model file, in a checkout as in an installed package.
+    """Path of a model file, in a checkout as in an installed package.
 
     Args:
         name: Path inside the package with forward slashes, such as "t_block/t_block.obj".

@@ -34,11 +34,11 @@ Polygon = np.ndarray  # (n, 3) [m], convex, plane, counter-clockwise seen from o
 
 @dataclass(frozen=True)
 class Paint:
-    """How a mesh is coloured.
+    """Colouring of a mesh: the cells of its surface, and the colour of each.
 
     Attributes:
-        cuts: For each axis of O, where planes cut the surface into cells [m].
-        colour: From a cell's middle (3,) [m] and outward normal (3,) to the name of its colour.
+        cuts: Places of the planes that cut the surface into cells, for each axis of O [m].
+        colour: Function of a cell's middle (3,) [m] and outward normal (3,) that gives the name of its colour.
     """
 
     cuts: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
@@ -46,7 +46,7 @@ class Paint:
 
 
 def _side(normal: np.ndarray) -> int:
-    """Which of +x, -x, +y, -y, +z, -z a normal is nearest to, 0 to 5."""
+    """Number, 0 to 5, of the direction +x, -x, +y, -y, +z or -z that a normal is nearest to."""
     axis = int(np.argmax(np.abs(normal)))
     return 2 * axis + int(normal[axis] < 0)
 
@@ -103,7 +103,7 @@ PAINTS = {
 
 
 def read_plain(path: Path) -> tuple[list[str], list[str], np.ndarray, np.ndarray]:
-    """A plain OBJ file of triangles.
+    """Parts of a plain OBJ file of triangles.
 
     Returns:
         Its comments and "o" lines; its "v" lines; corners (n, 3) [m]; faces (m, 3), counted from 0.
@@ -170,7 +170,7 @@ def painted(path: Path, paint: Paint) -> tuple[str, str]:
 
 
 def texts() -> dict[Path, str]:
-    """Every file that this module writes, and what is to stand in it."""
+    """Text of every file that this module writes, by path."""
     found = {}
     for name, paint in PAINTS.items():
         path = _ROOT / name / f"{name}.obj"
@@ -214,7 +214,7 @@ def _halves(polygon: Polygon, axis: int, place: float) -> list[Polygon]:
 
 
 def _numbers(values: np.ndarray) -> str:
-    """Nine digits each; rounding errors of a zero are zero."""
+    """Text of numbers with nine digits each; rounding errors of a zero are zero."""
     return " ".join(f"{0.0 if abs(value) < 1e-15 else value:.9g}" for value in values)
 
 

@@ -26,12 +26,12 @@ class Resumable(Protocol):
 def write_arrays(
     path: Path, about: Mapping[str, object], arrays: Mapping[str, np.ndarray], *, compressed: bool = False
 ) -> None:
-    """Writes a checkpoint over the earlier one.
+    """Writes a checkpoint file, over the earlier one where there is one.
 
     Args:
-        path: Its file; the folder exists.
-        about: What the work depends on, as JSON takes it.
-        arrays: To keep, by name; not called "about".
+        path: File of the checkpoint; its folder exists.
+        about: Inputs that the work depends on, as JSON takes them.
+        arrays: Arrays to keep, by name; none is called "about".
         compressed: Whether to write less and take longer.
 
     Raises:
@@ -55,13 +55,13 @@ def set_generator_state(generator: np.random.Generator, state: np.ndarray) -> No
 def read_arrays(
     path: Path, about: Mapping[str, object], work: str, names: Iterable[str] = ()
 ) -> dict[str, np.ndarray] | None:
-    """Reads a checkpoint.
+    """Reads the checkpoint of some work, and refuses that of other work.
 
     Args:
-        path: Its file.
-        about: What the work that wants to go on depends on.
-        work: What messages call it, such as "fit".
-        names: Of arrays that it has to hold.
+        path: File of the checkpoint.
+        about: Inputs that the work which wants to go on depends on.
+        work: Name of the work in messages, such as "fit".
+        names: Names of the arrays that it has to hold.
 
     Returns:
         Its arrays, or None where there is no checkpoint.

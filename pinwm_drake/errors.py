@@ -1,4 +1,4 @@
-"""The one family of exceptions. A message says what was given and what is allowed.
+"""Exceptions of the package, one family. A message says what was given and what is allowed.
 
 `pinwm` prints any `PinwmError` as one line and exits with 1, so a message has to be enough to mend the input.
 """
@@ -35,11 +35,11 @@ class SolverError(PinwmError):
     """A solver stopped before it reached its tolerance.
 
     Attributes:
-        worlds: Which of several worlds failed; empty where there is no telling.
+        worlds: Indices of the worlds that failed; empty where there is no telling.
     """
 
     def __init__(self, message: str, *, worlds: tuple[int, ...] = ()) -> None:
-        """Keeps the worlds beside the message."""
+        """Error with a message and the indices of the worlds that failed."""
         super().__init__(message)
         self.worlds = worlds
 
@@ -52,8 +52,8 @@ class InputError(PinwmError):
     Attributes:
         path: The file or folder.
         row: The line or record in it, counted from 1, or None.
-        value: What was found there, or None.
-        allowed: What would have been accepted.
+        value: Value that was found there, or None.
+        allowed: Values that would have been accepted, in words.
     """
 
     def __init__(
@@ -68,9 +68,9 @@ class InputError(PinwmError):
 
         Args:
             path: The file or folder.
-            allowed: What would have been accepted, in words.
+            allowed: Values that would have been accepted, in words.
             row: The line or record in it, counted from 1.
-            value: What was found there.
+            value: Value that was found there.
         """
         self.path = os.fspath(path)
         self.row = row
@@ -81,7 +81,7 @@ class InputError(PinwmError):
         super().__init__(f"{where}: {found}allowed: {allowed}")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The parts, so that a process can send the error to another; a value goes as text."""
+        """Constructor and arguments, so that a process can send the error to another; a value goes as text."""
         value = None if self.value is None else str(self.value)
         return _input_error, (type(self), self.path, self.allowed, self.row, value)
 

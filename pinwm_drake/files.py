@@ -1,4 +1,4 @@
-"""Where results are written: a checked folder, and files that appear whole or not at all."""
+"""Output folders that are checked before use, and output files that appear whole or not at all."""
 
 import os
 import shutil
@@ -14,7 +14,7 @@ def prepare_folder(folder: Path) -> Path:
     """Makes an output folder and tries whether it takes files.
 
     Args:
-        folder: Where results are to go; parents are made too.
+        folder: Folder that results are to go to; parents are made too.
 
     Returns:
         The folder.

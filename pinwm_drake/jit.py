@@ -1,4 +1,4 @@
-"""How the compiled kernels are compiled, and the care their disk cache needs.
+"""Decorators that compile the numba kernels, and the care that their disk cache needs.
 
 numba keeps compiled kernels beside their source files, but looks only at the file of the outermost function: a
 change in a kernel that others call would leave those others stale. So the sources, and the modules that they import,

@@ -1,4 +1,4 @@
-"""When something was made, and with which versions."""
+"""Provenance of a result: the time at which it was made, and the versions of the libraries."""
 
 import platform
 import time
@@ -10,7 +10,7 @@ _LIBRARIES = ("numba", "numpy", "torch")
 
 
 def timestamp() -> str:
-    """Now, UTC, as ISO 8601."""
+    """Present time, UTC, as ISO 8601."""
     return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
 
 

@@ -33,7 +33,7 @@ PAIR_FLOOR, PAIR_PUSHER = 0, 1
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What does not change between rollouts of one object and one pusher.
+    """Constant part of all rollouts of one object and one pusher: physics model and mesh.
 
     Attributes:
         model: One body, the floor and the pusher; nominal mass 1 kg and the inertia of a uniform solid.
@@ -66,7 +66,7 @@ def make_scene(
         gravity: m/s^2, downwards.
         floor_height: z of the floor, m.
         time_step: s.
-        friction_directions: Of the polyhedral friction cone.
+        friction_directions: Number of directions of the polyhedral friction cone.
         support: "corners" carries the object's weight on the corners of its convex pieces, "patch" on points
             within the face that it rests on, as uniform pressure does; see `geometry/patch.py`.
 
@@ -143,7 +143,7 @@ def scaled_inertia(scene: Scene, mass: float, factors: Tensor) -> Tensor:
     factors; the inertia is tr(Sigma') 1 - Sigma'. It is that of a body for any factors. Differentiable in them.
 
     Args:
-        scene: Has the uniform solid.
+        scene: Scene whose uniform solid is scaled.
         mass: kg.
         factors: (..., 3), 0 or more.
     """
@@ -218,9 +218,9 @@ def rollout_poses(
         scene: Model and meshes.
         parameters: theta of W worlds.
         X_WO: Start, at rest: q (W, 4), p (W, 3), m.
-        motion: Of the pusher; its tensors may have a leading axis of W where worlds differ (V_WP (T, W, 6)).
+        motion: Motion of the pusher; its tensors may have a leading axis of W where worlds differ (V_WP (T, W, 6)).
         after: (n,), times since the start, s, from 0 to T time steps.
-        num_threads: Of the physics.
+        num_threads: Threads of the physics.
 
     Returns:
         q_WO (n, W, 4), p_WO (n, W, 3), m: on the straight line between the two steps around each time.

@@ -17,8 +17,8 @@ def share(kernel: Callable[..., None], arguments: tuple, number: int, num_thread
 
     Args:
         kernel: releases Python's lock, and writes nothing that another part reads or writes.
-        arguments: what comes before the range.
-        number: how many items there are, such as worlds or views.
+        arguments: arguments of the kernel before the range.
+        number: number of items, such as worlds or views.
         num_threads: threads at the most.
     """
     threads = min(num_threads, number)

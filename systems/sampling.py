@@ -1,4 +1,4 @@
-"""Times at which something is sampled and held, and checks of the numbers that say so.
+"""Sampling periods: the index of a period, whole multiples of one, and checks of such numbers.
 
 Drake runs what is due at one instant together, and two instants are one only if they are equal to the last bit:
 0.1 x 3 is not (1 / 240) x 72. So whatever is to happen together has events of one and the same period, and what
@@ -14,15 +14,15 @@ _ROUNDING = 1e-6
 
 
 def period_index(t: float, period: float) -> int:
-    """Which period the time t is in: k for k period <= t < (k + 1) period, whatever rounding did to t."""
+    """Index of the period that holds the time t: k for k period <= t < (k + 1) period, whatever rounding did to t."""
     return math.floor(t / period + _ROUNDING)
 
 
 def whole_multiple(name: str, duration: float, period: float, of: str = "the period") -> int:
-    """How many periods a duration has.
+    """Number of periods in a duration, a whole one.
 
     Args:
-        name: Of the duration, for the message.
+        name: Name of the duration, for the message.
         duration: s.
         period: s.
         of: The name of the period, for the message.
@@ -39,7 +39,7 @@ def whole_multiple(name: str, duration: float, period: float, of: str = "the per
 
 
 def require_positive(name: str, value: float, unit: str = "") -> float:
-    """The value, if it is finite and more than 0; raises ParameterError otherwise."""
+    """Validated value, finite and more than 0; raises ParameterError otherwise."""
     if not 0 < value < math.inf:
         raise ParameterError(f"{name}: got {value:g}; allowed: more than 0{unit and ' ' + unit}")
     return value

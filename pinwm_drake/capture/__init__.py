@@ -1,4 +1,4 @@
-"""The capture format: what a robot records of an object, read, checked and written."""
+"""Capture format, a robot's records of an object: read, checked and written."""
 
 from pinwm_drake.capture.episodes import (
     Episode,

@@ -1,4 +1,4 @@
-"""All problems of a capture, found in one go."""
+"""Check of a whole capture, which finds all of its problems in one go."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from pinwm_drake.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class CheckResult:
-    """What a check found.
+    """Result of the check of a capture.
 
     Attributes:
         problems: Errors and warnings, in the order of the files.
-        views: How many static views there are.
-        images: How many images each episode has, by its name.
+        views: Number of static views.
+        images: Number of images of each episode, by its name.
     """
 
     problems: list[Problem]
@@ -30,12 +30,12 @@ class CheckResult:
 
     @property
     def errors(self) -> int:
-        """How many errors there are."""
+        """Number of errors."""
         return sum(problem.severity == "error" for problem in self.problems)
 
     @property
     def warnings(self) -> int:
-        """How many warnings there are."""
+        """Number of warnings."""
         return len(self.problems) - self.errors
 
 

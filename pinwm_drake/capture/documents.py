@@ -33,12 +33,12 @@ _Loader.add_implicit_resolver(
 
 @dataclass(frozen=True)
 class Entry:
-    """A value of a document.
+    """Entry of a document: a value with its file and its place.
 
     Attributes:
         path: The file.
-        place: Where in it, as in `frames[2].fl_x`; empty for the whole document.
-        value: What stands there.
+        place: Place in the file, as in `frames[2].fl_x`; empty for the whole document.
+        value: The value at that place.
     """
 
     path: Path
@@ -49,8 +49,8 @@ class Entry:
         """The error that names file, place and value.
 
         Args:
-            allowed: What would have been accepted, in words.
-            found: What was found; None for the value itself.
+            allowed: Values that would have been accepted, in words.
+            found: The finding, in words; None for the value itself.
         """
         if found is None:
             found = _quoted(self.value)
@@ -151,7 +151,7 @@ class Entry:
 
 
 def read_json(path: Path) -> Entry:
-    """Reads a JSON file.
+    """Reads a JSON file as a document.
 
     Raises:
         InputError: It is missing, unreadable or not JSON; the message names the line.

@@ -1,4 +1,4 @@
-"""The tables of an episode: when its images were taken, where the pusher was and where the object was."""
+"""Tables of an episode: times of its images, poses of the pusher and poses of the object."""
 
 import os
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _FASTEST, _STRONGEST = 1e3, 1e6  # m/s, N
 
 @dataclass(frozen=True, eq=False)
 class PusherTrajectory:
-    """Where the pusher was, m times; in between it moves on straight lines.
+    """Poses of the pusher at m times; in between it moves on straight lines.
 
     Attributes:
         t: (m,) [s], increasing.
@@ -46,7 +46,7 @@ class PusherTrajectory:
 
 @dataclass(frozen=True, eq=False)
 class ObjectPoses:
-    """Where the object was, n times.
+    """Poses of the object at n times.
 
     Attributes:
         t: (n,) [s], increasing.
@@ -63,7 +63,7 @@ def read_trajectory(folder: Path, refuse: Refuse = raise_it) -> PusherTrajectory
     """The pusher's log from `trajectory.csv`.
 
     Args:
-        folder: That of the episode.
+        folder: Folder of the episode.
         refuse: Receives the problems of rows and cells; where it does not raise, NaN takes their place.
 
     Raises:
@@ -84,8 +84,8 @@ def read_object_poses(folder: Path, refuse: Refuse = raise_it) -> ObjectPoses | 
     """The object's poses from `object_poses.csv`; None where there is no such file.
 
     Args:
-        folder: That of the episode.
-        refuse: As for `read_trajectory`.
+        folder: Folder of the episode.
+        refuse: Receives problems, as for `read_trajectory`.
 
     Raises:
         InputError: The table cannot be used; see `episodes.read_episode`.
@@ -101,7 +101,7 @@ def read_pose_table(path: Path, refuse: Refuse = raise_it) -> ObjectPoses:
 
     Args:
         path: The file.
-        refuse: As for `read_trajectory`.
+        refuse: Receives problems, as for `read_trajectory`.
 
     Raises:
         InputError: The table cannot be used; see `episodes.read_episode`.
@@ -116,9 +116,9 @@ def read_frame_table(
     """The images of an episode from `frames.csv`: their names as written, and their times (n,) [s].
 
     Args:
-        folder: That of the episode.
+        folder: Folder of the episode.
         trajectory_t: (m,) [s], the times of the pusher's log; None leaves the comparison out.
-        refuse: As for `read_trajectory`.
+        refuse: Receives problems, as for `read_trajectory`.
 
     Raises:
         InputError: The table cannot be used, or an image is missing; see `episodes.read_episode`.
@@ -149,7 +149,7 @@ def _require_image(table: Table, row: int, path: Path) -> None:
 
 
 def frame_numbers(table: Table) -> np.ndarray:
-    """The column `frame` of `frames.csv`: (n,) float64, whole and increasing.
+    """Column `frame` of `frames.csv`: (n,) float64, whole and increasing.
 
     Raises:
         InputError: A cell is something else.

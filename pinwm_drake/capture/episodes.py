@@ -1,4 +1,4 @@
-"""One push: its camera, its images, the pusher's log and, where they are known, the object's poses."""
+"""Episode of one push: camera, images, the pusher's log and, where they are known, the object's poses."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,14 +41,14 @@ class Episode:
     """One push of the object, seen by a camera that stands still.
 
     Attributes:
-        name: That of its folder.
+        name: Name of its folder.
         folder: `episodes/<name>` of the capture.
         camera: Size and intrinsics (4,).
         X_WC: Pose of the camera in the world, OpenCV axes; q (4,), p (3,) [m].
         file_names: The n images, as written in `frames.csv`: paths that count from `folder`.
         t: (n,) [s], when they were taken; the clock is that of the trajectory.
-        trajectory: Where the pusher was, from the first image to the last or longer.
-        object_poses: Where the object was; to score, never to fit. None where that is not known.
+        trajectory: Poses of the pusher, from the first image to the last or longer.
+        object_poses: Poses of the object; to score, never to fit. None where they are not known.
     """
 
     name: str
@@ -61,12 +61,12 @@ class Episode:
     object_poses: ObjectPoses | None
 
     def pusher_pose(self, time: float) -> Pose:
-        """X_WP at a time [s]; see `pose_at`."""
+        """Pose X_WP of the pusher at a time [s]; see `pose_at`."""
         return pose_at(self.trajectory.t, self.trajectory.p_WP, self.trajectory.q_WP, time)
 
 
 def pose_at(t: np.ndarray, p: np.ndarray, q: np.ndarray, time: float) -> Pose:
-    """A pose between the rows of a table: straight in p, shortest in q.
+    """Pose between the rows of a table: straight in p, shortest in q.
 
     Args:
         t: (n,) [s], increasing.
@@ -92,7 +92,7 @@ def read_episode(capture: Capture, name: str) -> Episode:
 
     Args:
         capture: The capture.
-        name: One of `capture.episode_names`.
+        name: Name of the episode, one of `capture.episode_names`.
 
     Returns:
         The episode.

@@ -1,4 +1,4 @@
-"""The true parameters of a simulated capture: what an identification is scored by, and never sees."""
+"""True parameters of a simulated capture, by which an identification is scored and which it never sees."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def write_ground_truth(
     friction_pusher: float,
     restitution: float,
 ) -> None:
-    """Writes `ground_truth.yaml`.
+    """Writes the true parameters of a capture into its `ground_truth.yaml`.
 
     Args:
         folder: The capture.
@@ -28,7 +28,7 @@ def write_ground_truth(
         inertia: (3, 3) kg m^2, about the centre of mass, axes of O.
         friction_floor: Coulomb coefficient of the pair object and floor.
         friction_pusher: Coulomb coefficient of the pair object and pusher.
-        restitution: Of both pairs.
+        restitution: Coefficient of restitution of both pairs.
 
     Raises:
         InputError: The file cannot be written.

@@ -1,4 +1,4 @@
-"""Images of an object: colour on white, and which pixels show it."""
+"""Images of an object: colour on white, and the mask of the pixels that show it."""
 
 import warnings
 from pathlib import Path

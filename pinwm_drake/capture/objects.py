@@ -1,4 +1,4 @@
-"""The object of a capture: its name, mesh and pose, from `capture.yaml`."""
+"""Object of a capture: its name, mesh and pose, from `capture.yaml`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,9 +23,9 @@ class CaptureObject:
     """The object that a capture shows.
 
     Attributes:
-        name: Its name.
-        mesh_path: Its mesh, metres, object frame O.
-        X_WO: Its pose in the world in the static views and at the start of an episode; q (4,), p (3,) [m].
+        name: Name of the object.
+        mesh_path: File of its mesh, metres, object frame O.
+        X_WO: Pose of the object in the world in the static views and at the start of an episode; q (4,), p (3,) [m].
         mass: kg; None where it was not measured.
     """
 
@@ -36,7 +36,7 @@ class CaptureObject:
 
 
 def read_capture_object(folder: Path) -> CaptureObject:
-    """Reads what `capture.yaml` says about the object.
+    """Reads the object of a capture from its `capture.yaml`.
 
     Args:
         folder: The capture.

@@ -1,4 +1,4 @@
-"""Whether a file that another file names is there, and can be opened."""
+"""Checks that a file which another file names is there, and can be opened."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,7 @@ from pinwm_drake.errors import InputError
 
 
 def is_file(path: Path) -> bool:
-    """Whether a path is a file that may be read; false too for names that no file can have."""
+    """Flag: a path is a file that may be read; false too for names that no file can have."""
     try:
         return path.is_file() and os.access(path, os.R_OK)
     except (OSError, ValueError):  # too long a name, a folder that may not be entered, a NUL
@@ -15,7 +15,7 @@ def is_file(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a path is a folder that may be listed; false too for names that no folder can have."""
+    """Flag: a path is a folder that may be listed; false too for names that no folder can have."""
     try:
         return path.is_dir() and os.access(path, os.R_OK | os.X_OK)
     except (OSError, ValueError):
@@ -23,11 +23,11 @@ def is_folder(path: Path) -> bool:
 
 
 def require_file(path: Path, allowed: str) -> Path:
-    """The path, where it is a file that can be read.
+    """Validated path of a file that can be read.
 
     Args:
         path: A file.
-        allowed: What should be there, in words.
+        allowed: File that should be there, in words.
 
     Raises:
         InputError: It is missing, a folder, or may not be read.

@@ -1,4 +1,4 @@
-"""The surface of a pusher, whether it is given as a mesh or as a shape."""
+"""Surface, shape and height of a pusher that is given as a mesh or as a shape."""
 
 import numpy as np
 import trimesh
@@ -11,14 +11,14 @@ _CLEARANCE = 0.004  # m, between floor and pusher
 
 
 def pusher_surface(pusher: PusherGeometry, *, sections: int = 48) -> trimesh.Trimesh:
-    """A pusher's closed surface.
+    """Closed surface of a pusher.
 
     Args:
-        pusher: Its shape, or else its mesh.
-        sections: Edges around a round shape, 8 or more.
+        pusher: The pusher's shape, or else its mesh.
+        sections: Number of edges around a round shape, 8 or more.
 
     Returns:
-        m, in frame P. Round shapes are inscribed by 1 % of the radius or less with 48 sections, 3 % with
+        The surface, m, frame P. Round shapes are inscribed by 1 % of the radius or less with 48 sections, 3 % with
         24, 10 % with 12.
 
     Raises:
@@ -44,7 +44,7 @@ def _shape_surface(shape: PusherShape, sections: int) -> trimesh.Trimesh:
 
 
 def upright_shape(pusher: PusherGeometry) -> PusherShape:
-    """A pusher's shape; an upright cylinder around one that is a mesh.
+    """Shape of a pusher; an upright cylinder around one that is a mesh.
 
     Raises:
         InputError: The mesh cannot be used.

@@ -1,4 +1,4 @@
-"""What happens to a problem of an input: it is raised, or handed on so that the rest gets checked too."""
+"""Refusal of an input: its problem is raised, or handed on so that the rest gets checked too."""
 
 from collections.abc import Callable
 from typing import NoReturn, TypeVar
@@ -15,10 +15,10 @@ def raise_it(error: PinwmError) -> NoReturn:
 
 
 def attempt(work: Callable[[], _Result], refuse: Refuse) -> _Result | None:
-    """What `work` returns, or None where it was refused and `refuse` did not raise.
+    """Result of `work`, or None where it was refused and `refuse` did not raise.
 
     Args:
-        work: Reads something; may raise a PinwmError.
+        work: Function that reads something; may raise a PinwmError.
         refuse: Receives that error.
     """
     try:
@@ -29,10 +29,10 @@ def attempt(work: Callable[[], _Result], refuse: Refuse) -> _Result | None:
 
 
 def passes(work: Callable[[], None], refuse: Refuse) -> bool:
-    """Whether `work`, a check, found nothing to refuse.
+    """Flag: `work`, a check, found nothing to refuse.
 
     Args:
-        work: Checks something; may raise a PinwmError.
+        work: Function that checks something; may raise a PinwmError.
         refuse: Receives that error.
     """
     try:

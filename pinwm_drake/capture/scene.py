@@ -1,4 +1,4 @@
-"""What `capture.yaml` says: the object, what pushes it, the floor and gravity."""
+"""Scene of a capture from its `capture.yaml`: the object, the pusher, the floor and gravity."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ class PusherShape:
     """A pusher as a simple shape, its middle the origin of the pusher frame P.
 
     Attributes:
-        kind: What it is; a capsule or cylinder stands along z of P.
+        kind: Kind of the shape; a capsule or cylinder stands along z of P.
         radius: m.
         length: m, of the straight part along z; 0 for a sphere.
     """
@@ -34,11 +34,11 @@ class PusherShape:
 
 @dataclass(frozen=True, eq=False)
 class PusherGeometry:
-    """What pushes the object: a shape, which wins where both are there, or a mesh.
+    """Geometry of a pusher: a shape, which wins where both are there, or a mesh.
 
     Attributes:
-        mesh_path: Its mesh, metres, pusher frame P; or None.
-        shape: Its shape; or None. Both are None in captures without episodes only.
+        mesh_path: File of the mesh, metres, pusher frame P; or None.
+        shape: The shape; or None. Both are None in captures without episodes only.
     """
 
     mesh_path: Path | None
@@ -47,12 +47,12 @@ class PusherGeometry:
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """A capture, without its images and tables.
+    """Capture without its images and tables.
 
     Attributes:
-        folder: Where it is.
-        object: What it shows.
-        pusher: What pushes it.
+        folder: Folder of the capture.
+        object: The object that it shows.
+        pusher: The pusher of the object.
         floor_height: m, z of the floor in the world.
         gravity: m/s^2, downwards, along -z of the world.
         episode_names: The folders in `episodes`, sorted.
@@ -67,7 +67,7 @@ class Capture:
 
 
 def read_capture(folder: Path) -> Capture:
-    """Reads `capture.yaml`, and which episodes there are.
+    """Reads `capture.yaml`, and the names of the episodes.
 
     Args:
         folder: The capture.
@@ -131,7 +131,7 @@ def read_pusher(pusher: Entry, *, required: bool) -> PusherGeometry:
 
 
 def read_shape(shape: Entry) -> PusherShape:
-    """A pusher's shape.
+    """Shape of a pusher from the entry `shape`.
 
     Raises:
         InputError: Its kind is unknown, or a size is missing or out of range.
@@ -149,7 +149,7 @@ def read_shape(shape: Entry) -> PusherShape:
 
 
 def episode_names(folder: Path) -> list[str]:
-    """The names of the folders in `episodes`, sorted; those that begin with a dot are left out.
+    """Names of the folders in `episodes`, sorted; those that begin with a dot are left out.
 
     Raises:
         InputError: `episodes` cannot be listed, or a name cannot be printed.

@@ -19,7 +19,7 @@ TRANSFORMS = "transforms.json"
 
 
 def is_capture(folder: Path) -> bool:
-    """Whether a folder is a capture: it has a `capture.yaml`."""
+    """Flag: a folder is a capture, as it has a `capture.yaml`."""
     return is_file(folder / CAPTURE_FILE)
 
 
@@ -95,10 +95,10 @@ def read_frame_image(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
 
 
 def find_mask(folder: Path, image_path: Path) -> Path | None:
-    """The mask of an image.
+    """Path of the mask of an image.
 
     Args:
-        folder: Where `masks` may be.
+        folder: Folder in which `masks` may be.
         image_path: The image; its mask has its name up to the suffix.
 
     Returns:
@@ -119,7 +119,7 @@ def find_mask(folder: Path, image_path: Path) -> Path | None:
 
 
 def _escape(name: str) -> str:
-    """A name for glob, taken literally."""
+    """Pattern for glob that takes a name literally."""
     return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in name)
 
 
@@ -168,7 +168,7 @@ def require_seen(frame: Frame, X_CO: Pose, mask: np.ndarray, mesh: trimesh.Trime
 
 
 def winding_number(mesh: trimesh.Trimesh, p_O: np.ndarray) -> float:
-    """How often a closed surface winds around a point: 0 outside, 1 or more inside.
+    """Winding number of a closed surface around a point: 0 outside, 1 or more inside.
 
     Args:
         mesh: Closed, faces turned outwards, m.

@@ -1,4 +1,4 @@
-"""CSV tables whose every problem names file, line, column and value."""
+"""Tables in CSV files; every problem names file, line, column and value."""
 
 import csv
 import io
@@ -21,7 +21,7 @@ _LONGEST_QUOTE = 60  # characters of a value that a message repeats
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A table as its file has it.
+    """Table of a CSV file, its cells as text.
 
     Attributes:
         path: The file.
@@ -36,26 +36,26 @@ class Table:
     refuse: Refuse = raise_it
 
     def __len__(self) -> int:
-        """Rows."""
+        """Number of rows."""
         return len(self.lines)
 
     def refusal(self, row: int, column: str, allowed: str, found: str | None = None) -> InputError:
-        """The error of one cell.
+        """Error of one cell, with file, row and column.
 
         Args:
             row: Counted from 0, without the header.
-            column: Its name.
-            allowed: What would have been accepted, in words.
-            found: What was found; None for the text of the cell.
+            column: Name of the column.
+            allowed: Values that would have been accepted, in words.
+            found: The finding, in words; None for the text of the cell.
         """
         found = quote(self.cells[column][row]) if found is None else found
         return InputError(self.path, row=self.lines[row], value=f"{column} = {found}", allowed=allowed)
 
     def numbers(self, columns: tuple[str, ...], bound: float = math.inf) -> np.ndarray:
-        """Columns of finite numbers.
+        """Values of columns of finite numbers.
 
         Args:
-            columns: Their names.
+            columns: Names of the columns.
             bound: The largest magnitude, in the unit of the columns.
 
         Returns:
@@ -77,7 +77,7 @@ class Table:
         return values
 
     def times(self, column: str = "t") -> np.ndarray:
-        """A column of times, each later than the one before: (rows,) [s].
+        """Times (rows,) [s] of a column, each later than the one before.
 
         Raises:
             InputError: A cell is no finite number, or not later than the one above it.
@@ -113,7 +113,7 @@ def read_table(
     Args:
         path: The file.
         columns: The columns that it has to have.
-        optional: Those that it may have besides, all of them or none.
+        optional: Columns that it may have besides, all of them or none.
         refuse: Receives the problems of the table's rows and cells.
 
     Returns:
@@ -151,6 +151,6 @@ def read_table(
 
 
 def quote(text: str) -> str:
-    """A text as a message repeats it: printable, and not too long of it."""
+    """Quotation of a text in a message: printable, and cut where it is long."""
     text = text if len(text) <= _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "..."
     return text if text.isprintable() and text else ascii(text)

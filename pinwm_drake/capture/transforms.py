@@ -1,4 +1,4 @@
-"""Cameras and their poses from the `transforms.json` of nerfstudio.
+"""Cameras and their poses, read from the `transforms.json` of nerfstudio.
 
 nerfstudio writes poses of cameras in the world with OpenGL's axes (x right, y up, z backward). They become
 OpenCV's (x right, y down, z forward) here, and nowhere else.
@@ -29,10 +29,10 @@ class Frame:
     """One posed image of a `transforms.json`.
 
     Attributes:
-        entry: Where it stands, for error messages.
+        entry: Entry of the frame, for error messages.
         file_path: The image, as written in the file.
         image_path: The image.
-        mask_path: Its mask as the file names it, or None.
+        mask_path: Path of its mask as the file names it, or None.
         camera: Size and intrinsics.
         X_WC: Pose of the camera in the world, OpenCV axes; q (4,), p (3,) [m].
     """
@@ -46,7 +46,7 @@ class Frame:
 
 
 def read_transforms(path: Path) -> list[Frame]:
-    """Reads a `transforms.json`.
+    """Reads the frames of a `transforms.json`.
 
     Intrinsics of a frame replace those of the file.
 
@@ -138,7 +138,7 @@ def opencv_pose(entry: Entry, matrix: np.ndarray) -> Pose:
     """A camera's pose in OpenCV axes from its matrix (4, 4) [m] in OpenGL axes.
 
     Args:
-        entry: Where the matrix stands.
+        entry: Entry of the matrix.
         matrix: Finite numbers.
 
     Raises:

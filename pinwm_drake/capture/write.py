@@ -1,4 +1,4 @@
-"""Writes the files of a capture; each appears whole or not at all."""
+"""Writing of a capture's files, each of which appears whole or not at all."""
 
 import csv
 import io
@@ -41,17 +41,17 @@ def write_capture_yaml(
     floor_height: float,
     gravity: float,
 ) -> None:
-    """Writes `capture.yaml`.
+    """Writes the scene of a capture to its `capture.yaml`.
 
     Args:
         folder: The capture; made if need be.
-        name: Of the object.
+        name: Name of the object.
         mesh: Path of the object's mesh, from `folder`.
-        mass: kg; None where it was not measured.
+        mass: Mass of the object, kg; None where it was not measured.
         X_WO: Pose of the object in the static views and at the start of an episode; q (4,), p (3,) [m].
         pusher_mesh: Path of the pusher's mesh, from `folder`; or None.
-        pusher_shape: Its shape; or None.
-        floor_height: m.
+        pusher_shape: The pusher's shape; or None.
+        floor_height: Height of the floor, m.
         gravity: m/s^2, downwards.
 
     Raises:
@@ -82,8 +82,8 @@ def write_transforms(path: Path, camera: Camera, frames: list[tuple[str, Pose]])
 
     Args:
         path: The file; its folder is made if need be.
-        camera: Of all frames; intrinsics (4,).
-        frames: Of each, the image's path from the folder of the file, and X_WC (OpenCV axes), q (4,), p (3,) [m].
+        camera: Camera of all frames; intrinsics (4,).
+        frames: Path of each image from the folder of the file, and X_WC (OpenCV axes), q (4,), p (3,) [m].
 
     Raises:
         InputError: The file cannot be written.
@@ -96,7 +96,7 @@ def write_posed_images(path: Path, frames: list[tuple[str, Camera, Pose]]) -> No
 
     Args:
         path: The file; its folder is made if need be.
-        frames: Of each image, its path from the folder of the file, its camera with intrinsics (4,), and X_WC.
+        frames: Path of each image from the folder of the file, its camera with intrinsics (4,), and X_WC.
 
     Raises:
         InputError: The file cannot be written.
@@ -122,13 +122,13 @@ def write_episode_tables(
     """Writes `camera.json`, `frames.csv`, `trajectory.csv` and, where they are known, `object_poses.csv`.
 
     Args:
-        folder: That of the episode; made if need be.
+        folder: Folder of the episode; made if need be.
         camera: Size and intrinsics (4,).
-        X_WC: Its pose (OpenCV axes), q (4,), p (3,) [m].
+        X_WC: Pose of the camera (OpenCV axes), q (4,), p (3,) [m].
         file_names: The images, n paths from `folder`.
         t: (n,) [s], when they were taken.
-        trajectory: Where the pusher was.
-        object_poses: Where the object was; None leaves the file out, and removes an earlier one.
+        trajectory: Poses of the pusher.
+        object_poses: Poses of the object; None leaves the file out, and removes an earlier one.
 
     Raises:
         InputError: A file cannot be written.

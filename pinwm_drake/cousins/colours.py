@@ -1,4 +1,4 @@
-"""Draws the colours of a cousin.
+"""Random colours of cousins.
 
 Every coefficient w of a surfel's spherical harmonics is drawn from w (1 - delta) to w (1 + delta). A colour that would
 leave [0, 1] in some direction is moved back towards the twin's, all coefficients of one surfel and channel by the same
@@ -24,7 +24,7 @@ _NEAR = 1e-4  # of a colour: more than what single precision gets wrong
 
 
 class ColourDraw:
-    """The colours of one twin, and how far each may go."""
+    """Colours of one twin, and the limits that each has in a draw."""
 
     def __init__(self, surfels: Surfels) -> None:
         """Looks at every surfel from all directions.
@@ -48,10 +48,10 @@ class ColourDraw:
         self._ceiling: np.ndarray = np.maximum(self._high, 1.0)
 
     def draw(self, generator: np.random.Generator, delta: float) -> tuple[torch.Tensor, float]:
-        """Colours of a cousin.
+        """Draws the colours of a cousin.
 
         Args:
-            generator: Drawn from a fixed number of times.
+            generator: Source of randomness; drawn from a fixed number of times.
             delta: Relative half-width.
 
         Returns:
@@ -65,7 +65,7 @@ class ColourDraw:
         return torch.from_numpy(self._sh + change), moved
 
     def _share(self, change: np.ndarray) -> np.ndarray:
-        """(3 N,): how much of a change (N, K, 3) each colour can take."""
+        """Shares (3 N,) of a change (N, K, 3) that the colours can take."""
         norms = np.sqrt(np.add.reduceat(change * change, self._starts, axis=1))
         most = np.tensordot(self._reach, norms, axes=(0, 1)).ravel() + _NEAR
         share = np.ones(len(most))
@@ -94,7 +94,7 @@ class ColourDraw:
 
 
 def _directions(number: int) -> torch.Tensor:
-    """(number, 3) unit vectors, spread evenly."""
+    """Unit vectors (number, 3), spread evenly."""
     k = torch.arange(number, dtype=torch.float64) + 0.5
     z, angle = 1.0 - 2.0 * k / number, math.pi * (1.0 + math.sqrt(5.0)) * k
     radius = (1.0 - z * z).sqrt()

@@ -1,4 +1,4 @@
-"""Cousins: what is drawn, from what, and how a number leads to a cousin.
+"""Cousins of a twin: the draws that make them, and the cousin that belongs to a number.
 
 Source: PIN-WM, eq. 11: physical parameters and colours from U(w (1 - delta), w (1 + delta)). Here the draws are cut to
 what can be: see `ranges.py`, `theta.py` and `colours.py`.
@@ -49,7 +49,7 @@ class Cousin:
 
     @property
     def sh(self) -> Tensor:
-        """(N, K, 3) float32, harmonics of the surfels."""
+        """Harmonics (N, K, 3) float32 of the surfels."""
         return self._looks[0]
 
     @property
@@ -63,10 +63,10 @@ class Cousin:
         return dataclasses.replace(self.of, theta=self._estimates(), surfels=surfels)
 
     def parameters(self, scene: Scene) -> Parameters:
-        """Theta of one world.
+        """Parameters theta of the cousin, one world.
 
         Args:
-            scene: The twin's, of any orientation.
+            scene: The twin's scene, of any orientation.
         """
         return twin_parameters(dataclasses.replace(self.of, theta=self._estimates()), scene)
 
@@ -78,16 +78,17 @@ class CousinDraw:
     """Gives the cousin of a number; seed and number tell it, whatever was drawn before.
 
     Attributes:
-        twin, delta, from_intervals, seed: As given.
-        ranges: Of theta, by name; each says whether it comes from delta or from an identified interval.
+        twin, delta, from_intervals, seed: Arguments of the draw.
+        ranges: Ranges of the parameters theta, by name; each says whether it comes from delta or from an identified
+            interval.
     """
 
     def __init__(self, twin: Twin, *, delta: float = 0.1, from_intervals: bool = False, seed: int = 0) -> None:
-        """Looks at the twin.
+        """Prepares the ranges and the colours of the twin.
 
         Args:
             twin: The twin.
-            delta: Relative half-width of what is drawn, 0 or more, less than 1.
+            delta: Relative half-width of the ranges, 0 or more, less than 1.
             from_intervals: Whether theta is drawn from the identified 95 % intervals, where there are any.
             seed: 0 or more.
 
@@ -103,7 +104,7 @@ class CousinDraw:
         self._colours = ColourDraw(twin.surfels)
 
     def cousin(self, number: int) -> Cousin:
-        """The cousin of a number. Its colours are drawn when they are asked for, which takes a few ms.
+        """Cousin of a number, 0 or more. Its colours are drawn when they are asked for, which takes a few ms.
 
         Raises:
             ParameterError: The number is out of range.
@@ -127,7 +128,7 @@ class Cousins:
     """Cousins 0 to n - 1 of a twin.
 
     Attributes:
-        draw: What they were drawn from; gives further ones.
+        draw: The draw that they come from; it gives further ones.
         members: The cousins, by number.
     """
 
@@ -141,10 +142,10 @@ class Cousins:
         return self.members[number]
 
     def parameters(self, scene: Scene | None = None) -> Parameters:
-        """Theta of n worlds.
+        """Parameters theta of n worlds, one for each cousin.
 
         Args:
-            scene: The twin's, of any orientation; None makes one, which takes longer.
+            scene: The twin's scene, of any orientation; None makes one, which takes longer.
 
         Raises:
             InputError: A mesh cannot be used.
@@ -155,7 +156,7 @@ class Cousins:
         return Parameters(*(torch.cat([getattr(one, item.name) for one in each]) for item in fields(Parameters)))
 
     def sh(self) -> Tensor:
-        """(n, N, K, 3) float32, harmonics of the surfels."""
+        """Harmonics (n, N, K, 3) float32 of the surfels."""
         return torch.stack([cousin.sh for cousin in self.members])
 
 
@@ -164,7 +165,7 @@ def draw_cousins(twin: Twin, n: int, delta: float = 0.1, *, seed: int = 0, from_
 
     Args:
         twin: The twin.
-        n: How many, 1 or more.
+        n: Number of cousins, 1 or more.
         delta: Relative half-width of what is drawn, 0 or more, less than 1; with 0, all are the twin.
         seed: 0 or more.
         from_intervals: Whether theta is drawn from the identified 95 % intervals, where there are any.
@@ -178,7 +179,7 @@ def draw_cousins(twin: Twin, n: int, delta: float = 0.1, *, seed: int = 0, from_
 
 
 def _whole(name: str, value: int, low: int, high: int | None) -> int:
-    """A whole number; raises ParameterError."""
+    """Validated whole number; raises ParameterError for anything else."""
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not whole or value < low or (high is not None and value > high):
         allowed = f"a whole number, {low} or more" if high is None else f"a whole number from {low} to {high}"

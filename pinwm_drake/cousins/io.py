@@ -1,4 +1,4 @@
-"""Cousins in a file: an npz without pickles that holds their values, and of which twin and draw they are."""
+"""File of cousins: an npz without pickles that holds their values, the draw, and the hash of their twin."""
 
 import hashlib
 import json
@@ -53,11 +53,11 @@ def write_cousins(path: Path, cousins: Cousins) -> None:
 
 
 def read_cousins(path: Path, twin: Twin) -> Cousins:
-    """Reads cousins.
+    """Reads the cousins of a twin from a file.
 
     Args:
         path: A file that `write_cousins` wrote.
-        twin: The twin that they are of.
+        twin: The twin of these cousins.
 
     Returns:
         The very cousins that were written, and the draw that gives further ones.
@@ -113,7 +113,7 @@ def _check(path: Path, about: dict[str, Any], arrays: dict[str, np.ndarray], twi
 
 
 def hash_twin(twin: Twin) -> str:
-    """SHA-256 of what a twin's motion and looks depend on: not of its name, nuisances, provenance or place on disk.
+    """SHA-256 of all that a twin's motion and looks depend on: not of its name, nuisances, provenance or place on disk.
 
     Args:
         twin: Read or in memory; writing and reading does not change it.
@@ -153,7 +153,7 @@ def hash_twin(twin: Twin) -> str:
 
 
 def _hash(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> str:
-    """SHA-256 of everything that a file holds."""
+    """SHA-256 of all arrays in a file of cousins."""
     digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
     for name in _ARRAYS:
         digest.update(f"{name} {arrays[name].dtype} {arrays[name].shape}".encode())

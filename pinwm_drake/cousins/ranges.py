@@ -1,4 +1,4 @@
-"""From which range each physical parameter of a cousin is drawn."""
+"""Ranges from which the physical parameters of a cousin are drawn."""
 
 import math
 from collections.abc import Mapping
@@ -16,10 +16,10 @@ _SHARES = ("restitution_floor", "restitution_pusher")
 
 @dataclass(frozen=True)
 class Range:
-    """Where a parameter is drawn from, evenly.
+    """Range from which a parameter is drawn, evenly.
 
     Attributes:
-        low, high: In the parameter's unit.
+        low, high: Ends of the range, in the parameter's unit.
         source: "delta" for (1 - delta) to (1 + delta) times the twin's value, "interval" for the identified one, and
             what the low and the high end are from where that differs.
     """
@@ -30,7 +30,7 @@ class Range:
 
 
 def theta_ranges(theta: Mapping[str, Estimate], delta: float, *, from_intervals: bool) -> dict[str, Range]:
-    """The range of each parameter, cut to what a body can have.
+    """Range of each parameter, cut to values that a body can have.
 
     Args:
         theta: The twin's.
@@ -66,7 +66,7 @@ _SOURCES: dict[tuple[bool, bool], Source] = {
 
 
 def _allowed(key: str, end: float) -> float:
-    """An end of a range, moved to where coefficients are: 0 or more, restitutions 1 or less."""
+    """End of a range, moved into the range of coefficients: 0 or more, restitutions 1 or less."""
     if key in _POSITIVE:
         return end
     return min(max(end, 0.0), 1.0) if key in _SHARES else max(end, 0.0)

@@ -1,4 +1,4 @@
-"""Draws the physical parameters of a cousin."""
+"""Random physical parameters of cousins."""
 
 from collections.abc import Mapping
 
@@ -25,7 +25,7 @@ def draw_theta(generator: np.random.Generator, twin: np.ndarray, ranges: Mapping
     Args:
         generator: Drawn from a fixed number of times.
         twin: (8,), the twin's, in the order of `THETA`.
-        ranges: By name.
+        ranges: Ranges of the parameters, by name.
 
     Returns:
         (8,), in the order and the units of `THETA`.
@@ -45,7 +45,7 @@ def _between(low: np.ndarray, high: np.ndarray, share: np.ndarray) -> np.ndarray
 
 
 def _of_a_body(twin: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """The first of moments (n, 3) that a body can have, else the last, moved towards the twin's."""
+    """First of the moments (n, 3) that a body can have, else the last, moved towards the twin's."""
     fits = (_excess(moments) >= -_ROUNDING * moments).all(axis=1)
     if fits.any():
         first: np.ndarray = moments[int(fits.argmax())]
@@ -58,6 +58,6 @@ def _of_a_body(twin: np.ndarray, moments: np.ndarray) -> np.ndarray:
 
 
 def _excess(moments: np.ndarray) -> np.ndarray:
-    """By how much the other two moments of (..., 3) are more than each: twice the second moments of mass."""
+    """Excess of the other two moments of (..., 3) over each: twice the second moments of mass."""
     excess: np.ndarray = moments.sum(axis=-1, keepdims=True) - 2.0 * moments
     return excess

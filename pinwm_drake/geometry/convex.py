@@ -18,7 +18,7 @@ def decompose(
         threshold: Concavity that a piece may keep, 0.01 to 1, as a fraction of the mesh's extent: smaller
             follows the mesh more closely with more pieces.
         max_pieces: No more pieces than this; reaching it can close hollows.
-        seed: Of the search. The same seed gives the same pieces.
+        seed: Seed of the search. The same seed gives the same pieces.
 
     Returns:
         The pieces, frame of the mesh.
@@ -71,7 +71,7 @@ def hollow_mug(
         length: m. Along z of B, base included.
         diameter: m. Across the corners of the outline.
         wall: m. Thickness of wall and base.
-        segments: Of the wall, 3 or more.
+        segments: Number of segments of the wall, 3 or more.
 
     Returns:
         The base, then the segments, in the body frame B: z is the axis, the base is at -z and the opening at

@@ -63,14 +63,14 @@ def load_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
     """Reads a mesh whose closed parts are convex, as decompositions are stored.
 
     Args:
-        path: As for `load_mesh`.
+        path: File of the mesh, as for `load_mesh`.
 
     Returns:
         The convex hull of each object and each separate component, in the order of the file, frame of the
         mesh.
 
     Raises:
-        InputError: As for `load_mesh`, or a part that is not convex.
+        InputError: The file is refused as by `load_mesh`, or a part is not convex.
     """
     pieces = []
     for number, part in enumerate(_load_parts(Path(path)), start=1):

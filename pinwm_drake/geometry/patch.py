@@ -40,7 +40,7 @@ def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) ->
     Args:
         mesh: Watertight, m, frame O.
         R_WO: (3, 3), orientation at rest; z of W is up.
-        seed: Of the sampling of the face.
+        seed: Seed of the sampling of the face.
 
     Returns:
         (n, 3), m, frame O; None where the object does not rest on a flat face.
@@ -104,7 +104,7 @@ def _sliding(points: np.ndarray, centres: np.ndarray, size: float) -> np.ndarray
 
 
 def _outermost(points: np.ndarray, R_WO: np.ndarray) -> np.ndarray:
-    """Those of the points (n, 3) that are farthest along one of four level directions."""
+    """Subset of the points (n, 3): those that are farthest along one of four level directions."""
     angles = 2.0 * np.pi * (np.arange(_OUTLINE) + 0.5) / _OUTLINE
     directions = np.stack([np.cos(angles), np.sin(angles)], -1) @ R_WO[:2]
     return points[np.unique(np.argmax(points @ directions.T, axis=0))]

@@ -43,13 +43,13 @@ def write_part(rows, count, column, kind, px, py, pz, ux, uy, uz, radius):
 
 @internal_kernel
 def dot(ax, ay, az, bx, by, bz):
-    """Scalar product."""
+    """Scalar product of two vectors."""
     return ax * bx + ay * by + az * bz
 
 
 @internal_kernel
 def cross(ax, ay, az, bx, by, bz):
-    """Vector product."""
+    """Vector product of two vectors."""
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
@@ -61,7 +61,7 @@ def norm(x, y, z):
 
 @internal_kernel
 def rotate_back(R, x, y, z):
-    """R' v."""
+    """Vector turned back: R' v for a matrix R (3, 3)."""
     return (
         R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
         R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
@@ -71,7 +71,7 @@ def rotate_back(R, x, y, z):
 
 @internal_kernel
 def transform(X, x, y, z):
-    """X p, with a pose as twelve scalars: rotation by rows, then position."""
+    """Transformed point X p, with a pose as twelve scalars: rotation by rows, then position."""
     return (
         X[0] * x + X[1] * y + X[2] * z + X[9],
         X[3] * x + X[4] * y + X[5] * z + X[10],
@@ -81,19 +81,19 @@ def transform(X, x, y, z):
 
 @internal_kernel
 def turn(X, x, y, z):
-    """R v of such a pose."""
+    """Vector turned by a pose: R v, the pose as for `transform`."""
     return X[0] * x + X[1] * y + X[2] * z, X[3] * x + X[4] * y + X[5] * z, X[6] * x + X[7] * y + X[8] * z
 
 
 @internal_kernel
 def turn_back(X, x, y, z):
-    """R' v of such a pose."""
+    """Vector turned back by a pose: R' v, the pose as for `transform`."""
     return X[0] * x + X[3] * y + X[6] * z, X[1] * x + X[4] * y + X[7] * z, X[2] * x + X[5] * y + X[8] * z
 
 
 @internal_kernel
 def relative_pose(R_WA, p_WA, R_WB, p_WB):
-    """X_BA as twelve scalars."""
+    """Relative pose X_BA as twelve scalars, from the poses of A and B in W."""
     px, py, pz = rotate_back(R_WB, p_WA[0] - p_WB[0], p_WA[1] - p_WB[1], p_WA[2] - p_WB[2])
     xx, yx, zx = rotate_back(R_WB, R_WA[0, 0], R_WA[1, 0], R_WA[2, 0])
     xy, yy, zy = rotate_back(R_WB, R_WA[0, 1], R_WA[1, 1], R_WA[2, 1])
@@ -103,7 +103,7 @@ def relative_pose(R_WA, p_WA, R_WB, p_WB):
 
 @internal_kernel
 def inverse_pose(X):
-    """X_AB from X_BA."""
+    """Inverse pose: X_AB from X_BA, both as twelve scalars."""
     px, py, pz = turn_back(X, -X[9], -X[10], -X[11])
     return X[0], X[3], X[6], X[1], X[4], X[7], X[2], X[5], X[8], px, py, pz
 
@@ -139,7 +139,7 @@ def write_vertex(table, v, rows, count, column):
 def write_line(table, v, w, t, sign, rows, count, column):
     """Writes the line from vertex v to vertex w with its point at t [m] from v; `sign` orients it.
 
-    That is an edge of a hull, or the axis of a capsule or cylinder with its radius.
+    The line is an edge of a hull, or the axis of a capsule or cylinder with its radius.
     """
     x, y, z = xyz(table.vertices, v)
     ux, uy, uz = xyz(table.vertices, w)

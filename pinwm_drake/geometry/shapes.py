@@ -12,7 +12,7 @@ Pose = tuple[np.ndarray, np.ndarray]
 
 
 def sphere(radius: float, p_BG: np.ndarray | None = None) -> ConvexPiece:
-    """A ball.
+    """Ball about a point of the body.
 
     Args:
         radius: m.

@@ -20,15 +20,15 @@ MEASUREMENTS = 4.0
 
 @dataclass
 class AdamState:
-    """Where a descent stands; everything that going on needs.
+    """State of a descent: everything that going on needs.
 
     Attributes:
-        iteration: How many steps were done.
+        iteration: Number of steps done.
         z: (W, p), the guesses.
-        first, second: (W, p), Adam's moments.
+        first, second: (W, p), Adam's moments of the gradient.
         scale: Mean square by which losses are divided.
         best_loss: (W,), the lowest loss over all frames.
-        best_z: (W, p), where it was.
+        best_z: (W, p), the guess that had it.
     """
 
     iteration: int
@@ -41,7 +41,7 @@ class AdamState:
 
     @staticmethod
     def at(z: Tensor) -> "AdamState":
-        """The state before the first step."""
+        """State of a descent before its first step."""
         zero = torch.zeros_like(z)
         infinite = torch.full((len(z),), torch.inf, dtype=torch.float64)
         return AdamState(0, z.clone(), zero, zero.clone(), 0.0, infinite, z.clone())
@@ -61,12 +61,12 @@ def descend(
     """Goes on from a state to the last iteration.
 
     Args:
-        problem: What is explained.
-        pictures: What was seen; n frames.
-        state: Where to begin; changed in place.
+        problem: The episode to explain.
+        pictures: The pictures to explain; n frames.
+        state: State to begin with; changed in place.
         iterations: Steps in all.
         rate: Learning rate at first, in units of z.
-        blocks: See `image_loss.squares`.
+        blocks: Sides of the blocks of pixels, px, as for `image_loss.squares`.
         grow: Share of the iterations during which the frames that count grow from the first quarter to all: a push
             amplifies errors, and late frames are no guide before the early ones are right.
         report: Called after each step with the state and the losses (W,) over all frames.

@@ -1,4 +1,4 @@
-"""What a search keeps, so that it can go on: results of its phases, the state of the one at hand, every evaluation."""
+"""Memory of a search, so that it can go on: results of its phases, state of the one at hand, every evaluation."""
 
 import time
 from collections.abc import Mapping
@@ -25,11 +25,11 @@ class Checkpoint:
     """
 
     def __init__(self, folder: Path | None, about: Mapping[str, object], *, resume: bool, every: int) -> None:
-        """Empty, or as an earlier run left it.
+        """Checkpoint without contents, or as an earlier run left it.
 
         Args:
-            folder: Where the file goes; None for none.
-            about: What the search depends on; a checkpoint of another search is refused.
+            folder: Folder of the checkpoint file; None for no file.
+            about: Inputs that the search depends on; a checkpoint of another search is refused.
             resume: Whether to go on from the file, if there is one.
             every: Steps of Adam between two writes.
 
@@ -49,23 +49,23 @@ class Checkpoint:
 
     @property
     def seconds(self) -> float:
-        """Time taken, all runs together."""
+        """Wall time [s] of the search, all runs together."""
         return time.monotonic() - self.begun
 
     def end(self, phase: str, results: Mapping[str, object]) -> None:
-        """Keeps what a phase came to, and drops its state."""
+        """Keeps the result of a phase, and drops its state."""
         self.done = {name: array for name, array in self.done.items() if not name.startswith("now.")}
         for name, value in results.items():
             self.done[f"{phase}.{name}"] = np.asarray(value.numpy() if isinstance(value, Tensor) else value)
         self._write({})
 
     def save_adam(self, phase: str, state: AdamState) -> None:
-        """Keeps the state of a phase, every few steps."""
+        """Keeps the state of a phase of Adam, every few steps."""
         if state.iteration % self.every == 0:
             self._save(phase, state)
 
     def load_adam(self, phase: str) -> AdamState | None:
-        """The state in which a phase was interrupted."""
+        """State in which a phase of Adam was interrupted."""
         found = self._stored(phase)
         if found is None:
             return None
@@ -73,11 +73,11 @@ class Checkpoint:
         return AdamState(iteration=int(found["iteration"]), scale=float(found["scale"]), **tensors)
 
     def save_newton(self, phase: str, state: NewtonState) -> None:
-        """Keeps the state of a phase."""
+        """Keeps the state of a phase of Levenberg-Marquardt."""
         self._save(phase, state)
 
     def load_newton(self, phase: str) -> NewtonState | None:
-        """The state in which a phase was interrupted."""
+        """State in which a phase of Levenberg-Marquardt was interrupted."""
         found = self._stored(phase)
         if found is None:
             return None

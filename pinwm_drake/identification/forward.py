@@ -1,4 +1,4 @@
-"""Where the object is in every frame, given the unknowns: the physics half of the world model."""
+"""Poses of the object in every frame, given the unknowns: the physics half of the world model."""
 
 from dataclasses import dataclass
 
@@ -36,7 +36,7 @@ class Forward:
         episode: Times of the frames, and the pusher's trajectory.
         X_WO: Pose at the start, as the capture states it; q (4,), p (3,) [m].
         mass: Nominal mass that inertias count with, kg.
-        num_threads: Of the physics.
+        num_threads: Threads of the physics.
         chosen: (m,), indices of the frames whose poses are wanted; None for all n.
     """
 
@@ -49,7 +49,7 @@ class Forward:
 
     @property
     def times(self) -> np.ndarray:
-        """(n,) [s], times of the wanted frames."""
+        """Times (n,) [s] of the wanted frames."""
         return self.episode.t if self.chosen is None else self.episode.t[self.chosen.numpy()]
 
     def poses(self, values: dict[str, Tensor]) -> tuple[Pose, Tensor]:
@@ -78,7 +78,7 @@ class Forward:
         return Pose(q, p), alive
 
     def parameters(self, values: dict[str, Tensor]) -> Parameters:
-        """Theta of W worlds."""
+        """Parameters theta of W worlds."""
         return Parameters(
             mass=values["mass"][:, None],
             inertia=inertia(self.scene, self.mass, values)[:, None],

@@ -45,13 +45,13 @@ class Quadratic:
 
 @dataclass
 class NewtonState:
-    """Where the search stands.
+    """State of the search: everything that going on needs.
 
     Attributes:
-        iteration: Steps tried.
-        z: (p,).
-        damping: Of the next step.
-        weight: What a frame's mean squares are multiplied with, against the prior.
+        iteration: Number of steps tried.
+        z: (p,), the guess of the unknowns.
+        damping: Damping of the next step.
+        weight: Factor of a frame's mean squares, against the prior.
         loss: Mean squares, mean over frames.
         done: Whether the search has ended.
     """
@@ -66,7 +66,7 @@ class NewtonState:
 
 @torch.no_grad()
 def expand(problem: Problem, pictures: Pictures, z: Tensor) -> Quadratic | None:
-    """The quadratic model of the frames' losses at z (p,); None where the physics has no solution."""
+    """Quadratic model of the frames' losses at z (p,); None where the physics has no solution."""
     p, n = len(z), len(pictures.color)
     steps = _STEP_Z * torch.eye(p, dtype=torch.float64)
     trial = torch.cat([z[None], z + steps, z - steps])
@@ -120,7 +120,7 @@ def _image_steps(problem: Problem, pictures: Pictures, X_WO: Pose) -> tuple[floa
 
 
 def _pose_derivatives(problem: Problem, X_WO: Pose, alive: Tensor, trial: Tensor, z: Tensor) -> Tensor:
-    """(n, 7, p): derivatives of rotation vector, position and log outline by z."""
+    """Derivatives (n, 7, p) of rotation vector, position and log outline by z."""
     p, n = len(z), len(X_WO.p)
     D = torch.zeros(n, 7, p, dtype=torch.float64)
     used = problem.coordinates.clamp(trial)
@@ -139,7 +139,7 @@ def _pose_derivatives(problem: Problem, X_WO: Pose, alive: Tensor, trial: Tensor
 
 
 def weight_for(loss: float) -> float:
-    """What a frame's mean squares are multiplied with when `loss` is noise."""
+    """Factor of a frame's mean squares for which `loss` counts as noise."""
     return MEASUREMENTS / loss
 
 
@@ -154,9 +154,9 @@ def polish(
     """Goes on from a state until nothing is gained, or to the last iteration.
 
     Args:
-        problem: What is explained.
-        pictures: What was seen.
-        state: Where to begin; changed in place.
+        problem: The episode to explain.
+        pictures: The pictures to explain.
+        state: State to begin with; changed in place.
         iterations: Steps in all.
         report: Called after each step.
 

@@ -1,4 +1,4 @@
-"""The course of an identification, from `history.npz`."""
+"""History of an identification, from `history.npz`."""
 
 import zipfile
 from dataclasses import dataclass
@@ -13,15 +13,15 @@ HISTORY_FILE = "history.npz"
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """What the optimiser did, n evaluations of all random starts together.
+    """History of the optimiser: n evaluations of all random starts together.
 
     Attributes:
-        iteration: (n,), counted within each start.
-        loss: (n,).
-        stage: (n,) text.
-        start: (n,), which random start.
+        iteration: (n,), number of the evaluation, counted within each start.
+        loss: (n,), mean square of the stage's pictures.
+        stage: (n,) text, name of the stage.
+        start: (n,), number of the random start.
         theta: (n, p), the fitted parameters in physical units.
-        names: Of the p parameters.
+        names: Names of the p parameters.
     """
 
     iteration: np.ndarray
@@ -32,7 +32,7 @@ class History:
     names: list[str]
 
     def starts(self) -> list[tuple[int, np.ndarray]]:
-        """Each random start, and the rows (m,) of its evaluations in their order."""
+        """Number of each random start, and the rows (m,) of its evaluations in their order."""
         found = []
         for number in np.unique(self.start):
             rows = np.flatnonzero(self.start == number)
@@ -40,7 +40,7 @@ class History:
         return found
 
     def stage_begins(self) -> list[tuple[float, str]]:
-        """Where each stage begins in the longest start: the iteration and the name of the stage."""
+        """Beginnings of the stages in the longest start: iteration and name of each."""
         if not len(self.iteration):
             return []
         rows = max((rows for _, rows in self.starts()), key=len)
@@ -49,7 +49,7 @@ class History:
 
 
 def read_history(path: Path) -> History:
-    """Reads what `pinwm identify` leaves beside a twin.
+    """Reads the history that `pinwm identify` leaves beside a twin.
 
     Args:
         path: The file.

@@ -1,4 +1,4 @@
-"""From one push and an appearance to a twin: theta with intervals, by gradient through the images."""
+"""Identification of a twin from one push and an appearance: theta with intervals, by gradient through the images."""
 
 import hashlib
 from collections.abc import Callable
@@ -32,12 +32,12 @@ _NOMINAL_MASS = 1.0  # kg, where none was measured
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """A twin, and how it was found.
+    """Identified twin, and the course of its identification.
 
     Attributes:
-        twin: Its provenance lacks what only the caller knows, such as the command.
+        twin: The twin; its provenance lacks entries that only the caller knows, such as the command.
         found: The search.
-        poses: Of the object in the frames.
+        poses: Poses of the object in the frames.
     """
 
     twin: Twin
@@ -65,8 +65,8 @@ def identify(
         episode: The push.
         surfels: The object's appearance, frame O.
         camera_offset: px, added to the principal point of the episode's camera.
-        options: Of the search.
-        folder: Where checkpoints go; None for none.
+        options: Options of the search.
+        folder: Folder of the checkpoints; None for none.
         resume: Whether to go on from a checkpoint in `folder`.
         report: Called after each step.
 
@@ -132,7 +132,7 @@ def _twin(
     found: Found,
     mass: float,
 ) -> Twin:
-    """What was found, as a twin."""
+    """Twin from the result of a search."""
     scene = found.problem.forward.scene
     known = capture.object.mass is not None and "mass" not in options.held
     theta, nuisance = estimates(coordinates, found.posterior, scene, mass, known, options.seed)

@@ -1,4 +1,4 @@
-"""The rendering loss: how much a rendering of the object differs from what the camera saw.
+"""Rendering loss: the difference of a rendering of the object and the camera's picture.
 
 Source: PIN-WM (Li et al., 2025), eq. 8, which compares whole images. Deviations: opacity is compared beside colour,
 pixels that the pusher may hide do not count, the object's outline may be scaled (see `unknowns.py`), and differences
@@ -21,14 +21,14 @@ BLOCKS = (1, 4, 8, 16)
 def difference(
     pictures: Pictures, surfels: Surfels, X_WO: Pose, outline: Tensor, *, num_threads: int | None = None
 ) -> Tensor:
-    """Rendering minus picture, where they can be compared.
+    """Difference of rendering and picture on the pixels where they can be compared.
 
     Args:
         pictures: n frames.
         surfels: The object's appearance, frame O.
-        X_WO: Its poses: q (n, W, 4), p (n, W, 3), m; the renderings are differentiable in them.
+        X_WO: Poses of the object: q (n, W, 4), p (n, W, 3), m; the renderings are differentiable in them.
         outline: (W,), by which outlines are scaled.
-        num_threads: Of the renderer.
+        num_threads: Threads of the renderer.
 
     Returns:
         (n, W, H, W, 4) float32: differences of red, green, blue and opacity, 0 where the pusher may hide the object.

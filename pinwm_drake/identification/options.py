@@ -14,23 +14,24 @@ from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS
 
 @dataclass(frozen=True)
 class IdentifyOptions:
-    """How the unknowns are looked for.
+    """Options of the search for the unknowns.
 
     Attributes:
         free: Names of the free unknowns; see `unknowns.UNKNOWNS`.
         held: Physical values of unknowns that are held, or at which free ones begin.
-        support: How the object's weight is carried; "auto" tries both and keeps what explains the video better.
-        seed: Of the random starts.
-        screened: Random guesses that are looked at.
-        starts: The best of them, from which Adam descends.
+        support: Points that carry the object's weight; "auto" tries both and keeps those that explain the video better.
+        seed: Seed of the random starts.
+        screened: Number of random guesses that are evaluated.
+        starts: Number of the best of them, from which Adam descends.
         coarse_iterations: Steps of Adam on small, blurred pictures, for every start.
         fine_iterations: Steps of Adam on larger pictures, for the best start of every support that is not far behind.
         polish_iterations: Steps of Levenberg-Marquardt at the end.
         coarse_size, fine_size: Longer side of the object in the pictures, px.
         coarse_frames: Frames that the coarse stage looks at, evenly spaced.
-        time_step: Of the physics, s.
-        friction_directions: Of the friction cone. With few, sliding objects turn by degrees too far.
-        num_threads: None for one on each core.
+        time_step: Time step of the physics, s.
+        friction_directions: Number of directions of the friction cone. With few, sliding objects turn by degrees too
+            far.
+        num_threads: Threads; None for one on each core.
         checkpoint_every: Steps between two checkpoints.
     """
 
@@ -87,5 +88,5 @@ class IdentifyOptions:
 
     @property
     def supports(self) -> tuple[Support, ...]:
-        """Those that are tried."""
+        """Supports that are tried."""
         return ("corners", "patch") if self.support == "auto" else (self.support,)

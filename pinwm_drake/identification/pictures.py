@@ -1,4 +1,4 @@
-"""What the camera saw of a push, at one resolution, and where it can be compared with a rendering."""
+"""Pictures of a push at one resolution, and the pixels on which they can be compared with a rendering."""
 
 from dataclasses import dataclass, replace
 
@@ -18,10 +18,10 @@ _HIDDEN = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """n frames, each cut out and scaled.
+    """Pictures of n frames, each cut out and scaled.
 
     Attributes:
-        camera: One for each frame: intrinsics (n, 4).
+        camera: Cameras of the frames: intrinsics (n, 4).
         color: (n, H, W, 3) float32, white where the object is not.
         alpha: (n, H, W) float32, the share of a pixel that shows the object.
         weight: (n, H, W) float32, 0 where the pusher may hide the object, else 1.
@@ -37,7 +37,7 @@ class Pictures:
     X_CW: Pose
 
     def some(self, chosen: Tensor) -> "Pictures":
-        """Some of the frames, by their indices (m,)."""
+        """Subset of the frames, by their indices (m,)."""
         return replace(
             self,
             camera=replace(self.camera, intrinsics=self.camera.intrinsics[chosen]),
@@ -53,8 +53,8 @@ class Footage:
     """All frames of an episode as they were read.
 
     Attributes:
-        episode: Where they come from.
-        camera: With the offset that the static views revealed.
+        episode: Episode that the frames are of.
+        camera: Camera with the offset that the static views revealed.
         images: (n, H, W, 3) float32.
         masks: (n, H, W) bool.
         hidden: (n, H, W) float32, 1 where the pusher may hide the object.
@@ -76,7 +76,7 @@ def make_footage(
         episode: Camera, times, and the pusher's trajectory.
         images: (n, H, W, 3) float32.
         masks: (n, H, W) bool.
-        pusher: Its surface, frame P, m.
+        pusher: Surface of the pusher, frame P, m.
         offset: px, added to the principal point.
 
     Raises:

@@ -18,13 +18,13 @@ _TOGETHER = 4
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One way to explain an episode.
+    """Model that is to explain an episode: unknowns, physics and renderer.
 
     Attributes:
         forward: The physics, with one kind of support.
         surfels: The object's appearance, frame O.
         coordinates: The unknowns.
-        num_threads: Of the renderer.
+        num_threads: Threads of the renderer.
     """
 
     forward: Forward
@@ -36,9 +36,9 @@ class Problem:
         """Mean squares of every frame for W guesses.
 
         Args:
-            pictures: What was seen; n frames.
+            pictures: The pictures to explain; n frames.
             z: (W, p).
-            blocks: See `image_loss.squares`.
+            blocks: Sides of the blocks of pixels, px, as for `image_loss.squares`.
 
         Returns:
             (n, W), differentiable in z but for `outline`; infinite where the physics found no solution.
@@ -55,12 +55,12 @@ class Problem:
         return torch.where(alive, losses, torch.inf)
 
     def thinned(self, chosen: Tensor) -> "Problem":
-        """The same problem, with poses at some frames only, by their indices (m,)."""
+        """Copy of the problem with poses at some frames only, by their indices (m,)."""
         return replace(self, forward=replace(self.forward, chosen=chosen))
 
     @torch.no_grad()
     def fit_outline(self, pictures: Pictures, z: Tensor, blocks: tuple[int, ...]) -> Tensor:
-        """Z with the outline's scale that suits the first frame best, where that is free.
+        """Unknowns z with the outline's scale that suits the first frame best, where that is free.
 
         The renderer widens what is small, so that each resolution has a scale of its own.
         """

@@ -1,4 +1,4 @@
-"""What is told of a search: its progress while it goes on, and its evaluations afterwards."""
+"""Messages of a search: its progress while it goes on, and its evaluations afterwards."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,13 +8,13 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Progress:
-    """What is shown while the search goes on.
+    """Progress of a search, to be shown while it goes on.
 
     Attributes:
         done: Share of the work, 0 to 1.
         stage: "screen", "coarse", "fine" or "polish".
-        support: What is tried.
-        loss: Mean square of the stage's pictures; of the best guess.
+        support: The support that is tried.
+        loss: Mean square of the stage's pictures for the best guess.
         values: Physical values of the free unknowns of that guess.
     """
 
@@ -27,7 +27,7 @@ class Progress:
 
 @dataclass
 class Log:
-    """Every evaluation: what `history.npz` holds."""
+    """Log of every evaluation, the contents of `history.npz`."""
 
     iteration: list[int] = field(default_factory=list)
     loss: list[float] = field(default_factory=list)
@@ -44,7 +44,7 @@ class Log:
         self.theta.append(theta)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """As arrays, by name."""
+        """Columns of the log as arrays, by name."""
         return {
             "iteration": np.array(self.iteration, np.int64),
             "loss": np.array(self.loss, float),
@@ -55,5 +55,5 @@ class Log:
 
     @staticmethod
     def of(arrays: Mapping[str, np.ndarray]) -> "Log":
-        """The inverse of `arrays`."""
+        """Log from its arrays, the inverse of `arrays`."""
         return Log(*(arrays[name].tolist() for name in ("iteration", "loss", "stage", "start", "theta")))

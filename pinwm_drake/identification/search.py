@@ -34,7 +34,7 @@ _ROUNDS = 2
 
 
 class Search:
-    """One search; see the module's text."""
+    """Search for the unknowns of one episode; see the module's text."""
 
     def __init__(
         self,
@@ -50,11 +50,11 @@ class Search:
         """Prepares the pictures and, to go on, reads the checkpoint.
 
         Args:
-            problems: One for each support.
+            problems: Problems to solve, one for each support.
             footage: The frames.
-            options: Of the search.
-            folder: Where checkpoints go; None for none.
-            about: What the search depends on; a checkpoint of another search is refused.
+            options: Options of the search.
+            folder: Folder of the checkpoints; None for none.
+            about: Inputs that the search depends on; a checkpoint of another search is refused.
             resume: Whether to go on from the checkpoint, if there is one.
             report: Called after each step.
 
@@ -70,7 +70,7 @@ class Search:
         self.kept = Checkpoint(folder, about or {}, resume=resume, every=options.checkpoint_every)
 
     def run(self) -> Found:
-        """Searches, or goes on with it.
+        """Searches, or goes on with an interrupted search.
 
         Raises:
             SolverError: The physics found no solution for any guess.
@@ -188,7 +188,7 @@ class Search:
         return loss
 
     def _finish(self, support: Support, losses: dict[Support, float], coarse_losses: dict[Support, float]) -> Found:
-        """Looks at the optimum once more."""
+        """Evaluates the optimum once more, and gathers the result."""
         problem = self.problems[support]
         last = f"polish{_ROUNDS - 1}.{support}"
         z, weight = torch.from_numpy(self.kept.done[f"{last}.z"]), float(self.kept.done[f"{last}.weight"])

@@ -1,4 +1,4 @@
-"""What a search comes to."""
+"""Result of a search for the unknowns."""
 
 from dataclasses import dataclass
 
@@ -11,16 +11,16 @@ from pinwm_drake.spatial.poses import Pose
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The result of a search.
+    """Optimum that a search found, with its losses and its log.
 
     Attributes:
         support: The one that explains the video best.
-        problem: With that support.
-        posterior: Around the optimum.
+        problem: The problem with that support.
+        posterior: Gaussian around the optimum.
         loss: Mean square of the fine pictures.
         poses: X_WO in the frames: q (n, 4), p (n, 3) [m].
         losses: Mean squares by support: of those that came to the fine stage, after it or after polishing.
-        coarse_losses: Of all supports, after the coarse stage.
+        coarse_losses: Losses of all supports after the coarse stage.
         log: Every evaluation.
         seconds: Time taken, all runs together.
     """

@@ -1,4 +1,4 @@
-"""How sure an estimate is: a Gaussian around the optimum, and what it means in physical units.
+"""Uncertainty of the estimates: a Gaussian around the optimum, and its intervals in physical units.
 
 The Gauss-Newton curvature of the rendering loss is the Fisher information of independent Gaussian pixels. Pixels of a
 video are far from independent: the same outline is wrong in the same way in frame after frame. So the information is
@@ -39,12 +39,12 @@ _HELD_NOTE = "held"
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """A Gaussian over the free unknowns, and where the likelihood is not Gaussian.
+    """Gaussian over the free unknowns, and its reach where the likelihood is not Gaussian.
 
     Attributes:
         z: (p,), its mean.
         covariance: (p, p).
-        dispersion: By which the information of the images was divided.
+        dispersion: Number by which the information of the images was divided.
         reach: (p, 2), by how many standard deviations each unknown can go down and up until the images contradict
             it (95 %), where that is more than the Gaussian has; infinite where they never do.
     """
@@ -60,9 +60,9 @@ def laplace(coordinates: Coordinates, model: Quadratic, z: Tensor, weight: float
 
     Args:
         coordinates: The unknowns.
-        model: Of the loss at z.
+        model: Quadratic model of the loss at z.
         z: (p,).
-        weight: What a frame's mean squares were multiplied with.
+        weight: Factor of a frame's mean squares.
     """
     information = weight * model.curvature.sum(0)
     P = coordinates.precision
@@ -86,10 +86,10 @@ def profile(problem: Problem, pictures: Pictures, posterior: Posterior, weight: 
     logarithm of the likelihood has fallen by the 95 % quantile of chi squared with one degree of freedom.
 
     Args:
-        problem: What is explained, with poses in the frames of `pictures`.
-        pictures: What was seen.
-        posterior: Of `laplace`.
-        weight: Of a frame's mean squares in the objective, for these frames.
+        problem: The episode to explain, with poses in the frames of `pictures`.
+        pictures: The pictures to explain.
+        posterior: Result of `laplace`.
+        weight: Factor of a frame's mean squares in the objective, for these frames.
 
     Returns:
         The same with its `reach`.
@@ -115,7 +115,7 @@ def profile(problem: Problem, pictures: Pictures, posterior: Posterior, weight: 
 
 
 def _crossing(rise: Tensor) -> float:
-    """At how many standard deviations the objective has risen by 1.92; infinite where it never has."""
+    """Number of standard deviations at which the objective has risen by 1.92; infinite where it never has."""
     before_k, before = 0.0, 0.0
     for k, value in zip(_STEPS, rise.tolist(), strict=True):
         if value >= _RISE:
@@ -133,11 +133,11 @@ def estimates(
 
     Args:
         coordinates: The unknowns.
-        posterior: Around the optimum.
-        scene: Of the object, for its inertia.
-        mass: With which inertias count, kg.
+        posterior: Gaussian around the optimum.
+        scene: Scene of the object, for its inertia.
+        mass: Mass of the object for which inertias are given, kg.
         mass_known: Whether it was measured.
-        seed: Of the draws.
+        seed: Seed of the draws.
 
     Returns:
         Theta with the keys of `THETA`, and the nuisances by name.

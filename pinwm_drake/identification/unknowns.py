@@ -1,4 +1,4 @@
-"""What identification can look for: physical parameters theta, and nuisances that every real video has.
+"""Unknowns of an identification: physical parameters theta, and nuisances that every real video has.
 
 Each unknown is held as a number z of order one: its physical value is `nominal + scale z`, or `nominal exp(scale z)`
 for one that is positive. A Gaussian prior of zero mean keeps what the images say nothing about where it was.
@@ -16,12 +16,12 @@ from pinwm_drake.errors import ParameterError
 
 @dataclass(frozen=True)
 class Unknown:
-    """One unknown.
+    """Unknown number of an identification, its unit, prior and bounds.
 
     Attributes:
-        name: As in options and results.
-        unit: Of its physical value; "1" for a pure number.
-        positive: Whether its logarithm is what counts.
+        name: Name in options and results.
+        unit: Unit of its physical value; "1" for a pure number.
+        positive: Whether it is positive and counts by its logarithm.
         nominal: Physical value at z = 0.
         scale: Change of the value (of its logarithm, where positive) that counts as one.
         prior: Standard deviation of the value (of its logarithm), before any image is seen.
@@ -89,7 +89,7 @@ class Coordinates:
     """The free unknowns as a vector z, and the held ones as constants."""
 
     def __init__(self, free: Sequence[str], held: Mapping[str, float]) -> None:
-        """Chooses what is looked for.
+        """Chooses the free unknowns and the values of the held ones.
 
         Args:
             free: Names of the free unknowns, each once.
@@ -118,7 +118,7 @@ class Coordinates:
         self.low, self.high = torch.tensor(bounds, dtype=torch.float64).unbind(-1)
 
     def _couple(self, first: str, second: str, deviation: float) -> None:
-        """Adds to the prior that the logarithms of two unknowns differ by what they do at z = 0, give or take."""
+        """Adds to the prior that the logarithms of two unknowns differ as at z = 0, to a standard deviation."""
         if first not in self.names or second not in self.names:
             return
         row = torch.zeros(len(self.free), dtype=torch.float64)
@@ -127,7 +127,7 @@ class Coordinates:
         self.precision = self.precision + torch.outer(row, row)
 
     def _bounds(self, unknown: Unknown) -> tuple[float, float]:
-        """Bounds of z."""
+        """Bounds of the number z that stands for an unknown."""
         centre = self.centre[unknown.name]
 
         def z_of(value: float) -> float:
@@ -139,7 +139,7 @@ class Coordinates:
         )
 
     def __len__(self) -> int:
-        """How many are free."""
+        """Number of free unknowns."""
         return len(self.free)
 
     def values(self, z: Tensor) -> dict[str, Tensor]:

@@ -1,4 +1,4 @@
-"""A look inside one step: its contacts, its LCP and how well that was solved."""
+"""Diagnosis of one step: its contacts, its LCP and the residuals of the solution."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ class StepReport:
         witness: (C, 2, 3), surface points on A and B, world frame, m.
         impulse_W: (C, 3), impulse on A, world frame, N s.
         multipliers: (C, k + 2), lambda of the normal and friction rows, N s, and gamma, m/s.
-        slacks: (C, k + 2), their left-hand sides, m/s, and the friction cone's, N s.
+        slacks: (C, k + 2), left-hand sides of these rows, m/s, and the friction cone's, N s.
         x: (n,), velocities after the step [rad/s; m/s] of all bodies, then joint impulses.
         iterations: interior-point iterations.
         momentum_residual: largest entry of M xi' - p - J' lambda, N s or N m s.
@@ -55,7 +55,7 @@ def inspect(
         parameters: theta of W worlds.
         state: state of W worlds.
         V_WP: (W, 6), pusher velocity [rad/s; m/s], world frame; None: at rest.
-        world: which of the worlds.
+        world: index of the world.
 
     Raises:
         StateError, ParameterError: an input does not fit the model.

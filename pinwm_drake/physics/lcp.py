@@ -21,7 +21,7 @@ _CORRECTIONS = 10
 
 @dataclass(frozen=True, eq=False)
 class MixedLcp:
-    """One mixed LCP per world.
+    """Mixed LCPs of W worlds, one per world.
 
     Attributes:
         A: (W, n, n).
@@ -45,24 +45,24 @@ class MixedLcp:
 
     @property
     def s_scale(self) -> Tensor:
-        """(W, N), scale of each slack."""
+        """Scale (W, N) of each slack."""
         return torch.where(self.is_speed, self.speed, self.impulse)
 
     @property
     def z_scale(self) -> Tensor:
-        """(W, N), scale of each multiplier."""
+        """Scale (W, N) of each multiplier."""
         return torch.where(self.is_speed, self.impulse, self.speed)
 
     def detach(self) -> "MixedLcp":
-        """The same numbers without their graph."""
+        """Problem with the same numbers, cut from the graph that autograd keeps."""
         return MixedLcp(*(getattr(self, name).detach() for name in self.__dataclass_fields__))
 
     def slack(self, x: Tensor, z: Tensor) -> Tensor:
-        """S (W, N) at x (W, n) and z (W, N)."""
+        """Slacks s (W, N) at x (W, n) and z (W, N)."""
         return (self.H @ x[..., None] + self.B @ z[..., None])[..., 0] + self.b
 
     def standard_form(self) -> tuple[Tensor, Tensor]:
-        """(W, N, N) and (W, N): s = matrix z + vector, with x eliminated."""
+        """Standard form s = matrix z + vector, with x eliminated: matrix (W, N, N) and vector (W, N)."""
         solved = torch.linalg.solve(self.A, torch.cat([self.H.mT, self.p[..., None]], -1))
         return self.H @ solved[..., :-1] + self.B, (self.H @ solved[..., -1:])[..., 0] + self.b
 

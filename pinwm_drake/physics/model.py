@@ -1,4 +1,4 @@
-"""What never changes in a rollout: bodies, joints, pusher, floor, time step and the solver's constants."""
+"""Model of a scene, constant in a rollout: bodies, joints, pusher, floor, time step and the solver's constants."""
 
 import math
 from collections.abc import Sequence
@@ -70,7 +70,7 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A frozen scene.
+    """Frozen model of a scene: bodies, joints, pusher, floor, time step and the solver's constants.
 
     Attributes:
         bodies: dynamic bodies.
@@ -247,7 +247,7 @@ def check_mass_properties(name: str, mass: float, inertia: np.ndarray) -> None:
     """Checks that mass and inertia belong to some rigid body.
 
     Args:
-        name: for the message.
+        name: name of the body, for the message.
         mass: kg.
         inertia: (3, 3), about the centre of mass, kg m^2.
 

@@ -21,7 +21,7 @@ _TINY = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """theta of W worlds; float64, one device.
+    """Physical parameters theta of W worlds; float64, one device.
 
     Attributes:
         mass: (W, nb), kg.
@@ -71,7 +71,7 @@ class Parameters:
 
     @property
     def num_worlds(self) -> int:
-        """W."""
+        """Number of worlds W."""
         return int(self.mass.shape[0])
 
     def check(self, model: Model) -> None:
@@ -100,21 +100,21 @@ class Parameters:
             check_mass_properties(name, float(self.mass[world, body]), self.inertia[world, body].detach().cpu().numpy())
 
     def detach(self) -> "Parameters":
-        """The same numbers without their graph."""
+        """Parameters with the same numbers, cut from the graph that autograd keeps."""
         return Parameters(*(getattr(self, item.name).detach() for item in fields(self)))
 
     def to(self, device: torch.device | str) -> "Parameters":
-        """The same parameters on another device."""
+        """Copy of the parameters on another device."""
         return Parameters(*(getattr(self, item.name).to(device) for item in fields(self)))
 
     def expand(self, num_worlds: int) -> "Parameters":
-        """The parameters of one world, repeated."""
+        """Parameters of one world, repeated for `num_worlds` worlds."""
         return Parameters(
             *(getattr(self, item.name).expand(num_worlds, *getattr(self, item.name).shape[1:]) for item in fields(self))
         )
 
     def unconstrained(self) -> dict[str, Tensor]:
-        """Theta as unbounded tensors.
+        """Unbounded tensors of theta, by name.
 
         They are log_mass (W, nb), log_cholesky (W, nb, 6), log_friction and logit_restitution (W, num_pairs).
         The six numbers are the logarithms of the diagonal of the Cholesky factor L of the second moment
@@ -135,7 +135,7 @@ class Parameters:
 
     @staticmethod
     def from_unconstrained(values: dict[str, Tensor]) -> "Parameters":
-        """The inverse of `unconstrained`; differentiable."""
+        """Parameters from unbounded tensors, the inverse of `unconstrained`; differentiable."""
         mass = values["log_mass"].exp()
         diagonal = values["log_cholesky"][..., :3].exp()
         lower = values["log_cholesky"][..., 3:] * diagonal.mean(-1, keepdim=True)

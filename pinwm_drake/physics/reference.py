@@ -107,7 +107,7 @@ def find_contacts(model: Model, state: State, R: Tensor, V_WP: Tensor) -> Contac
 
 
 def _joint_rows(model: Model, state: State, R: Tensor, V_WP: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """J_e (W, nr, 6 nb), bias_e (W, nr), error_e (W, nr)."""
+    """Joint rows: Jacobian J_e (W, nr, 6 nb), bias_e (W, nr) and position error error_e (W, nr)."""
     arrays, nb, W = model.arrays, model.num_bodies, state.num_worlds
     zero = torch.zeros(W, 1, 3, dtype=R.dtype, device=R.device)
     p = torch.cat([state.p_WB, state.p_WP[:, None], zero], 1)
@@ -290,7 +290,7 @@ def _stabilise(model: Model, contacts: Contacts, joints: tuple[Tensor, Tensor]) 
 
 
 def step_reference(model: Model, parameters: Parameters, state: State, V_WP: Tensor) -> State:
-    """One time step; see `Stepper.step`."""
+    """Discrete update by one LCP step of all worlds; see `Stepper.step`."""
     h, nb = model.time_step, model.num_bodies
     lcp, contacts, joints, free = build_lcp(model, parameters, state, V_WP)
     x, _, _ = solve_lcp(lcp, free, model.friction_directions)
@@ -309,7 +309,7 @@ def step_reference(model: Model, parameters: Parameters, state: State, V_WP: Ten
 def rollout_reference(
     model: Model, parameters: Parameters, state: State, V_WP: Tensor, record_every: int
 ) -> Trajectory:
-    """A sequence of steps; see `Stepper.rollout`."""
+    """Rollout over a sequence of steps; see `Stepper.rollout`."""
     frames = [state]
     for t in range(V_WP.shape[0]):
         try:

@@ -1,4 +1,4 @@
-"""What changes in a rollout: poses and velocities of all worlds."""
+"""State, which changes in a rollout: poses and velocities of all worlds."""
 
 from dataclasses import dataclass, fields
 
@@ -39,7 +39,7 @@ class State:
         q_WP: object = (1.0, 0.0, 0.0, 0.0),
         p_WP: object = (0.0, 0.0, 0.0),
     ) -> "State":
-        """A state from anything that broadcasts to the shapes above; at rest unless V_WB is given."""
+        """State from values that broadcast to the shapes of the attributes; at rest unless V_WB is given."""
         nb = model.num_bodies
 
         def full(value: object, *shape: int) -> Tensor:
@@ -49,7 +49,7 @@ class State:
 
     @property
     def num_worlds(self) -> int:
-        """W."""
+        """Number of worlds W."""
         return int(self.p_WP.shape[0])
 
     def check(self, model: Model) -> None:
@@ -65,17 +65,17 @@ class State:
                 raise StateError(f"{name} has a quaternion with norm off by {error:.3g}; allowed: 1e-6")
 
     def detach(self) -> "State":
-        """The same numbers without their graph."""
+        """State with the same numbers, cut from the graph that autograd keeps."""
         return State(*(getattr(self, item.name).detach() for item in fields(self)))
 
     def to(self, device: torch.device | str) -> "State":
-        """The same state on another device."""
+        """Copy of the state on another device."""
         return State(*(getattr(self, item.name).to(device) for item in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Recorded frames of a rollout; as `State` with a leading axis of F frames, frame 0 the initial state.
+    """Recorded frames of a rollout: states with a leading axis of F frames, frame 0 the initial state.
 
     Attributes:
         q_WB: (F, W, nb, 4).
@@ -93,7 +93,7 @@ class Trajectory:
 
     @property
     def num_frames(self) -> int:
-        """F."""
+        """Number of frames F, that of the initial state included."""
         return int(self.p_WP.shape[0])
 
     def frame(self, index: int) -> State:

@@ -25,7 +25,7 @@ class Stepper:
     def __init__(
         self, model: Model, backend: Literal["numba", "torch"] = "numba", *, num_threads: int | None = None
     ) -> None:
-        """Makes a stepper.
+        """Makes a stepper of one model.
 
         Args:
             model: the scene.
@@ -45,7 +45,7 @@ class Stepper:
         self.num_threads = num_threads or available()
 
     def step(self, parameters: Parameters, state: State, V_WP: Tensor | None = None) -> State:
-        """One time step; differentiable in everything it is given.
+        """Discrete update: one LCP step of all worlds, differentiable in everything it is given.
 
         Args:
             parameters: theta of W worlds.
@@ -64,7 +64,7 @@ class Stepper:
         return self.rollout(parameters, state, V).frame(1)
 
     def rollout(self, parameters: Parameters, state: State, V_WP: Tensor, *, record_every: int = 1) -> Trajectory:
-        """A sequence of steps; differentiable in everything it is given.
+        """Rollout over a sequence of steps, differentiable in everything it is given.
 
         Without gradients its memory does not grow with its length (only with the frames it records). With
         gradients it keeps states and active sets of every step, under 1 kB per step and world.
@@ -113,7 +113,7 @@ class Stepper:
         return Trajectory(*_Rollout.apply(self, record_every, *inputs))  # type: ignore[no-untyped-call]
 
     def advance(self, theta: Arrays, state: Arrays, V_WP: np.ndarray) -> Arrays:
-        """The state after a sequence of steps: plain arrays, no gradients, nothing checked.
+        """State after a sequence of steps: plain arrays, no gradients, nothing checked.
 
         It is `rollout` for callers that step a hundred thousand times: what they give is theirs to check, once, which
         takes longer than a step of one world.
@@ -162,7 +162,7 @@ def _raise_failure(model: Model, status: np.ndarray) -> None:
 
 
 class _Rollout(torch.autograd.Function):
-    """A rollout as one node of the graph."""
+    """Rollout as one node of autograd's graph."""
 
     @staticmethod
     def forward(ctx: Any, stepper: Stepper, record_every: int, *inputs: Tensor) -> tuple[Tensor, ...]:

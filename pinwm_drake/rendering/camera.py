@@ -1,4 +1,4 @@
-"""Pinhole cameras.
+"""Pinhole cameras and their intrinsics.
 
 The camera frame C has OpenCV's axes: x right, y down, z forward. Pixel (row i, column j) covers the square from
 (j, i) to (j + 1, i + 1) of the image plane; its centre is (j + 0.5, i + 0.5).

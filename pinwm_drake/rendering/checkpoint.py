@@ -21,7 +21,7 @@ _FREE = ("checkpoint_every",)
 
 
 def describe(views: Sequence[View], mesh: trimesh.Trimesh, options: FitOptions, threads: int) -> dict[str, object]:
-    """What a fit depends on: its options, and the hash of its views and mesh."""
+    """Description of a fit's inputs: its options, and the hash of its views and mesh."""
     digest = hashlib.sha256()
     for view in views:
         digest.update(f"{view.name} {view.camera.width} {view.camera.height}".encode())
@@ -38,8 +38,8 @@ def write_checkpoint(folder: Path, about: dict[str, object], arrays: dict[str, T
 
     Args:
         folder: exists.
-        about: what `describe` gave.
-        arrays: to keep, by name.
+        about: description of the fit by `describe`.
+        arrays: arrays to keep, by name.
 
     Raises:
         InputError: it cannot be written; the earlier one stays.
@@ -51,9 +51,9 @@ def read_checkpoint(folder: Path, about: dict[str, object], names: Iterable[str]
     """Reads the checkpoint of a folder.
 
     Args:
-        folder: where it lies.
-        about: what `describe` gives for the fit that wants to go on.
-        names: of the arrays that it has to hold.
+        folder: folder of the checkpoint.
+        about: description by `describe` of the fit that wants to go on.
+        names: names of the arrays that it has to hold.
 
     Returns:
         Its arrays, or None where there is no checkpoint.

@@ -1,4 +1,4 @@
-"""What can be chosen about fitting surfels to images."""
+"""Options of fitting surfels to images."""
 
 from dataclasses import dataclass, fields
 from typing import Literal
@@ -9,12 +9,12 @@ from pinwm_drake.rendering.surfels import MAX_DEGREE
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How `fit` goes about it. The defaults suit an object of some 300 px; fewer iterations do for fewer pixels.
+    """Options of `fit`; the defaults suit an object of some 300 px, and fewer iterations do for fewer pixels.
 
     Attributes:
         iterations: steps of the optimiser, one view each.
-        max_surfels: how many there may be in the end.
-        first_surfels: how many to start with; None for 60 % of max_surfels.
+        max_surfels: largest number of surfels in the end.
+        first_surfels: number of surfels at the start; None for 60 % of max_surfels.
         crease_share: share of the first surfels that line the mesh's creases.
         sh_degree: degree of the spherical harmonics in the end, 0 to 3; it rises by one every sh_every iterations.
         sh_every: iterations.
@@ -26,24 +26,27 @@ class FitOptions:
         silhouette: weight of the difference between opacity and the outline of the mesh, from poses of which there
             is no image: training poses, turned at random by about silhouette_spread, rad. It keeps surfels from hanging
             over outlines that no image shows. 0 for a mesh that is not to be trusted.
-        silhouette_every: this is looked at every so many iterations.
-        geometry_every: the two are looked at every so many iterations only, with so many times the weight.
+        silhouette_every: iterations from one evaluation of the silhouette to the next.
+        geometry_every: iterations from one evaluation of distortion and normal to the next, each with so many times
+            the weight.
         coarse: the share of the iterations that sees images of half the size.
         margin: px around the object that the loss looks at.
         rate_position: learning rate of the centres, in object radii.
-        rate_rotation, rate_scale, rate_opacity, rate_color: of quaternions, log_scale, logit_opacity and constant
-            harmonics; other harmonics take a twentieth of the latter.
-        rate_camera: of the principal point, px; 0 keeps it where the views say. One offset is learnt for all views.
+        rate_rotation, rate_scale, rate_opacity, rate_color: learning rates of quaternions, log_scale, logit_opacity
+            and constant harmonics; other harmonics take a twentieth of the latter.
+        rate_camera: learning rate of the principal point, px; 0 keeps it where the views say. One offset is learnt for
+            all views.
         final_rate: all rates fall exponentially to this share of themselves.
         densify_from, densify_until: shares of the iterations between which surfels are added.
         densify_every: iterations.
-        growth: the most that is added each time, as a share of the surfels.
-        least_opacity: what is more transparent is taken away.
+        growth: largest number of surfels that are added each time, as a share of the surfels.
+        least_opacity: surfels of less opacity are taken away.
         evaluate_every: iterations between measurements of the held-out views; 0 measures at the end only.
         checkpoint_every: iterations.
-        seed: of the first surfels and of the order of views.
-        num_threads: of the renderer; None for one on each core. Results are repeated bit for bit with the same number.
-        backend: of `render`.
+        seed: seed of the first surfels and of the order of views.
+        num_threads: threads of the renderer; None for one on each core. Results are repeated bit for bit with the same
+            number.
+        backend: backend of `render`.
 
     Raises:
         ParameterError: a value is out of range; the message names it.
@@ -110,11 +113,11 @@ class FitOptions:
         return min(self.sh_degree, iteration // self.sh_every)
 
     def rate(self, iteration: int) -> float:
-        """What the learning rates are multiplied with in an iteration."""
+        """Factor of all learning rates in an iteration, 1 at the first and `final_rate` at the last."""
         return self.final_rate ** (iteration / max(self.iterations - 1, 1))
 
     def densifies(self, iteration: int) -> bool:
-        """Whether surfels are added and taken away after this many iterations."""
+        """Flag: surfels are added and taken away after this many iterations."""
         low, high = self.densify_from * self.iterations, self.densify_until * self.iterations
         return low <= iteration <= high and iteration % self.densify_every == 0 and iteration < self.iterations
 

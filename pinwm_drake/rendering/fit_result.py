@@ -1,4 +1,4 @@
-"""What comes out of fitting surfels to images."""
+"""Result of fitting surfels to images."""
 
 from dataclasses import dataclass
 
@@ -9,14 +9,14 @@ from pinwm_drake.rendering.surfels import Surfels
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """How a fit went, iteration by iteration.
+    """History of a fit, iteration by iteration.
 
     Attributes:
         iteration: (n,) int64, counted from 1.
         loss: (n,) float64.
-        psnr: (n,) float64, of that iteration's view over its whole image, dB.
+        psnr: (n,) float64, PSNR of that iteration's view over its whole image, dB.
         num_surfels: (n,) int64.
-        test_iteration: (m,) int64, after which the held-out views were measured.
+        test_iteration: (m,) int64, iterations after which the held-out views were measured.
         test_psnr: (m,) float64, their mean PSNR, dB.
     """
 
@@ -30,14 +30,14 @@ class History:
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """What came out of a fit.
+    """Result of a fit: surfels, history and quality.
 
     Attributes:
-        surfels: in O, with harmonics of the chosen degree.
-        history: how it got there.
+        surfels: surfels in O, with harmonics of the chosen degree.
+        history: course of the fit.
         psnr_train: PSNR of each view that was fitted, by its name, over the whole image, dB.
-        psnr_test: the same of the held-out views.
-        camera_offset: what was added to cx and cy of every view, px; 0 unless rate_camera is positive.
+        psnr_test: PSNR of each held-out view, by its name, over the whole image, dB.
+        camera_offset: offset that was added to cx and cy of every view, px; 0 unless rate_camera is positive.
         seconds: wall time, that of interrupted parts included.
     """
 

@@ -18,7 +18,7 @@ class FitState:
     """Parameters, Adam's moments, and the screen gradients that tell where surfels are missing."""
 
     def __init__(self, surfels: Surfels, options: FitOptions, radius: float) -> None:
-        """Starts from surfels with harmonics of the final degree; `radius` is that of the object, m."""
+        """Starts a fit from surfels with harmonics of the final degree; `radius` is that of the object, m."""
         self._rates = {
             "p_OS": options.rate_position * radius,
             "q_OS": options.rate_rotation,
@@ -48,7 +48,7 @@ class FitState:
 
     @property
     def num_surfels(self) -> int:
-        """N."""
+        """Number of surfels N."""
         return int(self.tensors["p_OS"].shape[0])
 
     def _optimise(self) -> None:
@@ -110,14 +110,14 @@ class FitState:
         self._optimise()
 
     def arrays(self) -> dict[str, Tensor]:
-        """Everything that the next step depends on."""
+        """State of the fit as tensors by name: everything that the next step depends on."""
         found = {"screen": self.screen, "counts": self.counts}
         for kind, tensors in self._kinds():
             found |= {f"{kind}.{name}": value.detach() for name, value in tensors.items()}
         return found
 
     def restore(self, arrays: dict[str, Tensor]) -> None:
-        """Goes back to what `arrays` gave."""
+        """Restores the state that `arrays` gave."""
         for kind, tensors in self._kinds():
             for name in tensors:
                 tensors[name] = arrays[f"{kind}.{name}"].clone()

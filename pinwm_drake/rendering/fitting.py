@@ -53,10 +53,10 @@ def fit(
     for all views, as half a pixel is easily lost between two conventions.
 
     Args:
-        views: at least one that is not held out.
+        views: views of the object, at least one that is not held out.
         mesh: the object's surface in O, m.
         options: None for the defaults.
-        folder: where checkpoints go, an existing folder; None for none.
+        folder: existing folder for checkpoints; None for none.
         resume: go on from the folder's checkpoint, if there is one. The result is the same, bit for bit, as that of a
             fit that was not interrupted.
         progress: called after every iteration with its number from 1, the number of iterations, the loss, the mean PSNR
@@ -126,7 +126,7 @@ class _Target:
 
 
 class _Fit:
-    """One fit on its way."""
+    """Course of one fit: targets, state, and the rows of its history."""
 
     def __init__(
         self,
@@ -219,7 +219,7 @@ class _Fit:
         return self.targets[factor][order[position]]
 
     def _outline_loss(self, iteration: int, target: "_Target", surfels: Surfels) -> Tensor:
-        """How far the opacity is from the outline of the mesh, from a pose near that of the target."""
+        """Loss of the outline: difference of opacity and outline of the mesh, from a pose near that of the target."""
         generator = np.random.default_rng([self.options.seed, 1, iteration])
         X_CO = between_views(self.mesh, target.view.X_CO, self.options.silhouette_spread, generator)
         if not bool((transform(X_CO, self.corners)[:, 2] > 0.0).all()):

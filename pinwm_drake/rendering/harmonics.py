@@ -18,7 +18,7 @@ Y3 = (
 
 
 def harmonics(directions: Tensor, degree: int) -> Tensor:
-    """The basis functions at unit vectors.
+    """Basis functions of the spherical harmonics at unit vectors.
 
     Args:
         directions: (..., 3), unit.

@@ -35,13 +35,13 @@ def initial_surfels(
 
     Args:
         mesh: surface of the object in O, m; its parts may touch or overlap.
-        views: at least one.
-        number: of surfels.
-        degree: of the spherical harmonics, which are 0 beyond the constant.
-        opacity: of each surfel, between 0 and 1.
+        views: views of the object, at least one.
+        number: number of surfels.
+        degree: degree of the spherical harmonics, which are 0 beyond the constant.
+        opacity: opacity of each surfel, between 0 and 1.
         crease_share: share of the surfels that line creases, where there are any; 0 to 1.
-        seed: of the samples.
-        num_threads: of the renderer, which finds out what is seen.
+        seed: seed of the samples.
+        num_threads: threads of the renderer, which finds the visible parts.
 
     Returns:
         `number` surfels.
@@ -90,7 +90,7 @@ def initial_surfels(
 
 
 def _colors(patches: Patches, sights: Sequence[Sight]) -> np.ndarray:
-    """(n, 3), mean of the colours in the views, each by the cosine of its angle; grey where no mask has a patch."""
+    """Mean colours (n, 3) in the views, each by the cosine of its angle; grey where no mask has a patch."""
     total, weights = np.zeros((patches.number, 3)), np.zeros((patches.number, 1))
     for sight in sights:
         colors, on_mask = sight.colors(patches)

@@ -23,7 +23,7 @@ _SOLID = 0.5
 
 
 def window() -> np.ndarray:
-    """(11,) float32: the Gaussian window of SSIM along one side, of sum 1."""
+    """Gaussian window (11,) float32 of SSIM along one side, of sum 1."""
     offsets = np.arange(WINDOW) - WINDOW // 2
     weights = np.exp(-0.5 * (offsets / SIGMA) ** 2)
     return (weights / weights.sum()).astype(np.float32)
@@ -80,11 +80,11 @@ def ssim(a: Tensor, b: Tensor) -> Tensor:
 def photometric(
     color: Tensor, target: Tensor | SsimTarget, *, kind: Literal["l1", "l2"] = "l1", dssim: float = 0.2
 ) -> Tensor:
-    """How far a rendered image is from a target: (1 - dssim) L_1 + dssim (1 - SSIM) / 2.
+    """Photometric loss of a rendered image against a target: (1 - dssim) L_1 + dssim (1 - SSIM) / 2.
 
     Args:
         color: (H, W, 3), rendered.
-        target: (H, W, 3), or what `SsimTarget` made of it, which saves time when it is compared often.
+        target: (H, W, 3), or an `SsimTarget` of it, which saves time when it is compared often.
         kind: "l1" takes the mean absolute difference of the colours; "l2" the mean of its square.
         dssim: lambda, 0 to 1.
 
@@ -128,14 +128,14 @@ def distortion_loss(rendering: Rendering, length: float = 1.0) -> Tensor:
 
 
 def normal_consistency(rendering: Rendering, camera: Camera) -> Tensor:
-    """How far the surfels' normals are from those of the rendered depth: the mean of sum_i w_i (1 - n_i . N).
+    """Normal consistency of the surfels with the rendered depth: the mean of sum_i w_i (1 - n_i . N).
 
     N, (V, H, W), is the normal of the surface through the points of a pixel's four neighbours, at depth / alpha. Pixels
     with a neighbour of opacity below 1/2 have none, and count as 0.
 
     Args:
         rendering: made with full=True.
-        camera: that it was made with.
+        camera: camera of the rendering.
 
     Returns:
         A scalar, 0 to 2; differentiable in normal, depth and alpha.
@@ -163,7 +163,7 @@ def normal_consistency(rendering: Rendering, camera: Camera) -> Tensor:
 
 
 def _points(depth: Tensor, camera: Camera) -> Tensor:
-    """(V, H, W, 3), the points in C at the depths (V, H, W) of the pixels' centres, m."""
+    """Points (V, H, W, 3) in C at the depths (V, H, W) of the pixels' centres, m."""
     fx, fy, cx, cy = camera.intrinsics.to(depth).reshape(-1, 4, 1).unbind(1)
     x = (torch.arange(camera.width, dtype=depth.dtype, device=depth.device) + 0.5 - cx) / fx
     y = (torch.arange(camera.height, dtype=depth.dtype, device=depth.device) + 0.5 - cy) / fy

@@ -11,15 +11,15 @@ from pinwm_drake.rendering.kernels.occluder import fill_depths
 def mesh_depth(
     vertices_C: np.ndarray | torch.Tensor, faces: np.ndarray, camera: Camera, near: float = 0.01
 ) -> np.ndarray:
-    """How far a closed mesh is from V cameras at the centre of each pixel.
+    """Depths of a closed mesh in V cameras, at the centre of each pixel.
 
     Only the pixels of the mesh's box are visited, so a small mesh costs little in a large image.
 
     Args:
-        vertices_C: (V, n, 3), corners in the camera frame (OpenCV axes), m, as each of the views has them.
+        vertices_C: (V, n, 3), corners in the camera frame (OpenCV axes) of each view, m.
         faces: (m, 3) int, corners of each triangle, of either orientation.
-        camera: With intrinsics (4,) or (V, 4).
-        near: What is nearer along the camera's axis than this is not seen, m, above 0.
+        camera: Camera with intrinsics (4,) or (V, 4).
+        near: Least distance along the camera's axis that is seen, m, above 0.
 
     Returns:
         (V, H, W) float32: distance along the camera's axis, m; inf where the mesh is not.

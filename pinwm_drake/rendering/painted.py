@@ -44,11 +44,11 @@ def painted_surfels(visual_path: Path, number: int = 2500, *, pixel: float | Non
 
     Args:
         visual_path: An OBJ file whose faces have materials with a Kd in an MTL file, m, object frame O.
-        number: Of surfels at the most, 100 or more.
+        number: Number of surfels at the most, 100 or more.
         pixel: Size on the object of a pixel of the views that outlines are to be right in, m: distance over focal
             length. Where it is coarse, there are fewer surfels, and they lie up to 0.85 of it below the surface. None
             for views so fine that the renderer's limit of a pixel does not matter.
-        seed: Of the places; the same seed gives the same surfels.
+        seed: Seed of the places; the same seed gives the same surfels.
 
     Returns:
         The surfels, of degree 0, frame O.
@@ -127,22 +127,22 @@ def _read(path: Path) -> tuple[trimesh.Trimesh, np.ndarray]:
 
 
 class _Creases:
-    """Where a mesh's faces meet at an angle."""
+    """Creases of a mesh: the edges at which its faces meet at an angle."""
 
     def __init__(self, mesh: trimesh.Trimesh, step: float) -> None:
-        """Takes points along them, `step` [m] or less apart."""
+        """Places points along the creases, `step` [m] or less apart."""
         ends = np.asarray(mesh.vertices)[mesh.face_adjacency_edges[mesh.face_adjacency_angles > _CREASE]]
         counts = np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / step).astype(int) + 1
         points = [np.linspace(start, end, count) for (start, end), count in zip(ends, counts, strict=True)]
         self._tree = cKDTree(np.concatenate(points)) if points else None
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """(n,) [m], of points (n, 3) [m]; infinite where the mesh has none."""
+        """Distances (n,) [m] of points (n, 3) [m] from the nearest crease; infinite where the mesh has none."""
         return np.full(len(points), np.inf) if self._tree is None else np.asarray(self._tree.query(points)[0])
 
 
 def _faces_under(mesh: trimesh.Trimesh, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) int, the face that each point (n, 3) [m] lies on, and how far beside it the point is (n,) [m]."""
+    """Faces (n,) int that points (n, 3) [m] lie on, and the distances (n,) [m] of the points from them."""
     triangles, normals = np.asarray(mesh.triangles), np.asarray(mesh.face_normals)
     inward = np.cross(normals[:, None], np.roll(triangles, -1, axis=1) - triangles)
     inward /= np.maximum(np.linalg.norm(inward, axis=2, keepdims=True), 1e-12)

@@ -39,22 +39,22 @@ class Patches:
 
     @property
     def number(self) -> int:
-        """N."""
+        """Number of patches n."""
         return len(self.points)
 
     def select(self, chosen: np.ndarray) -> "Patches":
-        """Those that a mask or indices choose."""
+        """Subset of the patches that a mask or indices choose."""
         return Patches(self.points[chosen], self.normals[chosen], self.tangents[chosen], self.scales[chosen])
 
     @staticmethod
     def join(*parts: "Patches") -> "Patches":
-        """All patches of some parts."""
+        """Patches of several parts in one, in the order of the parts."""
         names = ("points", "normals", "tangents", "scales")
         return Patches(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     @staticmethod
     def none() -> "Patches":
-        """No patch."""
+        """Empty set of patches."""
         return Patches(*(np.zeros((0, k)) for k in (3, 3, 3, 2)))
 
 
@@ -77,7 +77,7 @@ def line_creases(mesh: trimesh.Trimesh, pixel: float, number: int, seen: Callabl
     Args:
         mesh: surface in O, m.
         pixel: size of a typical view's pixel on the object, m.
-        number: of patches, about; they lie at least half a pixel apart.
+        number: number of patches, about; they lie at least half a pixel apart.
         seen: tells of patches (n) which are seen, (n,) bool.
 
     Returns:
@@ -136,7 +136,7 @@ def farthest(points: np.ndarray, taken: np.ndarray, number: int) -> tuple[np.nda
     Args:
         points: (n, 3), m, to choose from.
         taken: (k, 3), m, points that are already there.
-        number: how many to choose, at most n.
+        number: number of points to choose, at most n.
 
     Returns:
         (number,), indices in the order of choice; the distance of the last one to its nearest neighbour, m.

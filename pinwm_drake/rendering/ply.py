@@ -25,7 +25,7 @@ _RESTS = [3 * ((degree + 1) ** 2 - 1) for degree in range(MAX_DEGREE + 1)]
 
 
 def read_ply(path: str | os.PathLike[str]) -> Surfels:
-    """Reads surfels.
+    """Reads surfels from a PLY file.
 
     Args:
         path: A PLY file, text or binary, with the properties above as float or double; 0, 9, 24 or 45 of f_rest.
@@ -68,7 +68,7 @@ def write_ply(path: str | os.PathLike[str], surfels: Surfels) -> None:
 
     Args:
         path: The file; an earlier one of that name is replaced.
-        surfels: At least one, with one set of colours: sh (N, K, 3).
+        surfels: Surfels, one or more, with one set of colours: sh (N, K, 3).
 
     Raises:
         RenderingError: The surfels are not usable; nothing is written.

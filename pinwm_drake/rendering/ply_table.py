@@ -35,7 +35,7 @@ class Vertices:
 
     Attributes:
         path: the file.
-        count: how many rows.
+        count: number of rows.
         properties: the columns by name.
     """
 
@@ -48,7 +48,7 @@ class Vertices:
 
     @staticmethod
     def open(path: Path) -> "Vertices":
-        """Reads a file's header.
+        """Reads the header of a PLY file.
 
         Raises:
             InputError: The file cannot be read, is no PLY, or has no element 'vertex'.
@@ -90,7 +90,7 @@ class Vertices:
         return Vertices(path, count, {item.name: item for item in columns}, form, skipped, body)
 
     def rows(self) -> np.ndarray:
-        """(count,) structured array of the vertices; no column may be a list.
+        """Structured array (count,) of the vertices; no column may be a list.
 
         Raises:
             InputError: The file is truncated or holds something else than numbers.

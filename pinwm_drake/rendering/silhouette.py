@@ -14,11 +14,11 @@ _NEAR = 1e-3  # m; what is closer to the camera, or behind it, is not projected
 
 
 def coverage(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> Tensor:
-    """Which pixels a mesh covers with their centres.
+    """Mask of the pixels whose centres a mesh covers, 0 or 1.
 
     Args:
         mesh: surface in O, m, all of it in front of the camera.
-        camera: with intrinsics (4,).
+        camera: camera with intrinsics (4,).
         X_CO: pose of the object in the camera frame: q (4,), p (3,), m.
 
     Returns:
@@ -33,11 +33,11 @@ def coverage(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> Tensor:
 
 
 def silhouette(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> np.ndarray | None:
-    """Which pixels a mesh covers, wherever it is.
+    """Mask of the pixels that a mesh covers, or None where it reaches behind the camera.
 
     Args:
         mesh: surface in O, m.
-        camera: with intrinsics (4,).
+        camera: camera with intrinsics (4,).
         X_CO: pose of the object in the camera frame: q (4,), p (3,), m.
 
     Returns:

@@ -43,7 +43,7 @@ class Surfels:
 
     @property
     def num_surfels(self) -> int:
-        """N."""
+        """Number of surfels N."""
         return int(self.p_OS.shape[0])
 
     @property
@@ -83,11 +83,11 @@ class Surfels:
             raise RenderingError(f"q_OS[{row}] is zero; allowed: quaternions of any length but 0")
 
     def detach(self) -> "Surfels":
-        """The same numbers without their graph."""
+        """Surfels with the same numbers, cut from the graph that autograd keeps."""
         return Surfels(**{name: value.detach() for name, value in self.tensors().items()})
 
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> "Surfels":
-        """The same surfels on another device or with another float type (the torch reference takes float64)."""
+        """Copy of the surfels on another device or with another float type (the torch reference takes float64)."""
         return Surfels(**{name: value.to(device=device, dtype=dtype) for name, value in self.tensors().items()})
 
 

@@ -14,10 +14,10 @@ _NEAR = 1e-6  # m; nothing nearer to the camera can be projected
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One image, where it was taken from, and where the object is in it.
+    """View of an object: an image, its camera, and the mask and pose of the object in it.
 
     Attributes:
-        name: what messages call it, such as its file's name.
+        name: name of the view in messages, such as its file's name.
         camera: one camera.
         X_CO: pose of the object in the camera frame (OpenCV axes): q (4,), p (3,), m, float64.
         image: (H, W, 3) float32, colours from 0 to 1, white behind the object.
@@ -56,7 +56,7 @@ class View:
             raise RenderingError(f"view {self.name}: X_CO is not finite; allowed: a pose")
 
     def project(self, p_OQ: Tensor) -> tuple[Tensor, Tensor]:
-        """Where points (n, 3), m, of the object are seen; see `project`."""
+        """Pixel positions and depths of points (n, 3), m, of the object; see the function `project`."""
         return project(self.camera, self.X_CO, p_OQ)
 
     def scaled(self, factor: float) -> "View":
@@ -91,10 +91,10 @@ class View:
 
 
 def project(camera: Camera, X_CO: Pose, p_OQ: Tensor) -> tuple[Tensor, Tensor]:
-    """Where points of an object are seen.
+    """Pixel positions and depths of points of an object.
 
     Args:
-        camera: one.
+        camera: camera of one view.
         X_CO: pose of the object in the camera frame: q (4,), p (3,), m.
         p_OQ: (n, 3), m, in O.
 
@@ -113,7 +113,7 @@ def box_around(
     """The smallest box of pixels that holds points of an object and a margin around them.
 
     Args:
-        camera: one.
+        camera: camera of one view.
         X_CO: pose of the object in the camera frame: q (4,), p (3,), m.
         p_OQ: (n, 3), m, in O, such as the corners of a mesh.
         margin: px.

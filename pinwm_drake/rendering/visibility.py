@@ -1,4 +1,4 @@
-"""Which patches of a mesh a view sees, and in which colour."""
+"""Visibility of a mesh's patches in a view, and their colours there."""
 
 import numpy as np
 import torch
@@ -30,16 +30,16 @@ def as_surfels(patches: Patches, opacity: float) -> Surfels:
 
 
 class Sight:
-    """What one view sees of a mesh, by the depths that surfels all over its surface make up."""
+    """Sight of a mesh in one view, by the depths that surfels all over its surface make up."""
 
     def __init__(self, view: View, mesh: trimesh.Trimesh, cover: Patches, num_threads: int | None = None) -> None:
-        """Renders the depths.
+        """Renders the depths of the mesh.
 
         Args:
-            view: with the object in front of its camera.
+            view: view with the object in front of its camera.
             mesh: surface in O, m.
             cover: patches all over it.
-            num_threads: of the renderer.
+            num_threads: threads of the renderer.
         """
         corners = torch.from_numpy(np.array(mesh.vertices))
         x, y, width, height = view.object_box(corners, 2)
@@ -55,7 +55,7 @@ class Sight:
         self.pixel = self._distance / float(view.camera.intrinsics[0])  # m, on the object
 
     def cosines(self, patches: Patches) -> np.ndarray:
-        """(n,), of the angle between the normal and the direction to the camera where a patch is seen; 0 elsewhere."""
+        """Cosines (n,) of the angle between normal and direction to the camera where a patch is seen; 0 elsewhere."""
         points = torch.from_numpy(patches.points)
         to_camera = self._origin() - patches.points
         cosine = np.sum(patches.normals * to_camera, 1) / np.maximum(np.linalg.norm(to_camera, axis=1), 1e-9)
@@ -66,7 +66,7 @@ class Sight:
         return np.where(inside & near & (cosine > _STEEPEST), cosine, 0.0)
 
     def colors(self, patches: Patches) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 3), the image's colours at the patches, and (n,) whether the mask is there."""
+        """Colours (n, 3) of the image at the patches, and flags (n,): the mask is there."""
         at, z = self._view.project(torch.from_numpy(patches.points))
         row, column, inside = _pixels(at.numpy(), z.numpy(), tuple(self._view.mask.shape))
         return self._view.image.numpy()[row, column], inside & self._view.mask.numpy()[row, column]
@@ -77,7 +77,7 @@ class Sight:
 
 
 def _pixels(at: np.ndarray, z: np.ndarray, size: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows and columns of the pixels of points, moved into the image, and which of them were inside and ahead."""
+    """Rows and columns of the pixels of points, moved into the image, and flags: the point was inside and ahead."""
     height, width = size
     with np.errstate(invalid="ignore"):
         inside = (z > 0.0) & (at >= 0.0).all(1) & (at[:, 0] < width) & (at[:, 1] < height)

@@ -1,4 +1,4 @@
-"""The pinhole camera through which the report's small renderer looks."""
+"""Pinhole camera of the report's small renderer."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class ViewCamera:
-    """A pinhole camera. Its frame C has x to the right, y down and z forward.
+    """Pinhole camera whose frame C has x to the right, y down and z forward.
 
     Attributes:
         R_WC: (3, 3), orientation in the world.
@@ -49,11 +49,11 @@ class ViewCamera:
         return cls(R_WC, np.asarray(eye, float), focal, width, height)
 
     def scaled(self, factor: int) -> "ViewCamera":
-        """The same view with `factor` times the pixels along each side."""
+        """Camera of the same view with `factor` times the pixels along each side."""
         return ViewCamera(self.R_WC, self.p_WC, self.focal * factor, self.width * factor, self.height * factor)
 
     def project(self, p_W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where points appear.
+        """Pixel positions and depths of points.
 
         Args:
             p_W: (n, 3) [m], world, in front of the camera.

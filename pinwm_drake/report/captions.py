@@ -1,4 +1,4 @@
-"""Text on a picture."""
+"""Captions written on pictures."""
 
 from functools import cache
 
@@ -18,7 +18,7 @@ def write_caption(image: np.ndarray, text: str) -> None:
 
     Args:
         image: (height, width, 3) uint8, sRGB, changed in place.
-        text: What to write.
+        text: The caption.
     """
     height = image.shape[0]
     size = max(8, height // 27)
@@ -32,7 +32,7 @@ def write_panel_captions(image: np.ndarray, texts: list[str]) -> None:
 
     Args:
         image: (height, width, 3) uint8, sRGB, changed in place; its width is a multiple of the number of panels.
-        texts: One for each panel.
+        texts: The caption of each panel.
     """
     for panel, text in zip(np.split(image, len(texts), axis=1), texts, strict=True):
         write_caption(panel, text)

@@ -1,4 +1,4 @@
-"""Pictures and figures as text that a page can hold."""
+"""Data URIs, by which a page holds pictures and figures."""
 
 import base64
 import io

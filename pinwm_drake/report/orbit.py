@@ -1,4 +1,4 @@
-"""The camera that goes around an object: for turntables, and for the viewers' first look."""
+"""Orbit of a camera around an object, for turntables and for the viewers' first look."""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ _MARGIN = 1.15  # of the picture, around a ball that holds the object
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """Cameras at one distance from a point, looking at it.
+    """Orbit of cameras at one distance from a point, looking at it.
 
     Attributes:
         target: (3,) [m], object frame O.
@@ -37,7 +37,7 @@ class Orbit:
 
     @classmethod
     def around(cls, surfels: Surfels, up: np.ndarray | None = None) -> "Orbit":
-        """The orbit from which a camera of `FIELD_OF_VIEW` sees all of an object.
+        """Orbit from which a camera of `FIELD_OF_VIEW` sees all of an object.
 
         Args:
             surfels: The object.
@@ -60,14 +60,14 @@ class Orbit:
         return cls(0.5 * (low + high), distance, upward / np.linalg.norm(upward))
 
     def axes(self) -> np.ndarray:
-        """(3, 3): the directions of azimuth 0, of azimuth 90 degrees and up, as rows, unit, O."""
+        """Axes (3, 3): the directions of azimuth 0, of azimuth 90 degrees and up, as rows, unit, O."""
         helper = np.eye(3)[0] if abs(self.up[0]) < 0.9 else np.eye(3)[1]
         first = helper - (helper @ self.up) * self.up
         first /= np.linalg.norm(first)
         return np.stack((first, np.cross(self.up, first), self.up))
 
     def pose(self, azimuth: float, elevation: float) -> Pose:
-        """Where the object is for the camera at two angles.
+        """Pose of the object in the camera at two angles.
 
         Args:
             azimuth: [rad].
@@ -86,5 +86,5 @@ class Orbit:
 
 
 def square_camera(size: int) -> Camera:
-    """The camera of a square picture, `size` px wide."""
+    """Camera of a square picture, `size` px wide."""
     return Camera.from_field_of_view(size, size, FIELD_OF_VIEW)

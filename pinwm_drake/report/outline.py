@@ -1,4 +1,4 @@
-"""A mesh seen from above."""
+"""Outline of a mesh seen from above."""
 
 import numpy as np
 import trimesh
@@ -9,7 +9,7 @@ _AT_ONCE = 300_000  # pairs of point and triangle
 
 
 def silhouette(mesh: trimesh.Trimesh, R_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The triangles of a mesh that face up, and the edges where they end.
+    """Silhouette of a mesh: its triangles that face up, and the edges where they end.
 
     Args:
         mesh: The body, m, its own frame.
@@ -25,7 +25,7 @@ def silhouette(mesh: trimesh.Trimesh, R_WB: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def boundary(triangles: np.ndarray, segments: np.ndarray) -> np.ndarray:
-    """The parts of segments at which a figure really ends: none of its triangles is on the other side.
+    """Boundary of a figure: the parts of segments with none of its triangles on the other side.
 
     The parts of a mesh may touch or overlap, so that the outline of one runs within another.
 
@@ -49,14 +49,14 @@ def boundary(triangles: np.ndarray, segments: np.ndarray) -> np.ndarray:
 
 
 def _cut(segment: np.ndarray, longest: float) -> np.ndarray:
-    """A segment (2, 2) in equal pieces (k, 2, 2) of that length at most."""
+    """Pieces (k, 2, 2) of a segment (2, 2), of equal length, `longest` at most."""
     number = max(int(np.ceil(np.linalg.norm(segment[1] - segment[0]) / longest)), 1)
     ends = segment[0] + np.linspace(0.0, 1.0, number + 1)[:, None] * (segment[1] - segment[0])
     return np.stack((ends[:-1], ends[1:]), axis=1)
 
 
 def _inside(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Whether points (k, 2) are in any of the triangles (n, 3, 2)."""
+    """Flags: points (k, 2) are in any of the triangles (n, 3, 2)."""
     edges = np.roll(triangles, -1, axis=1) - triangles
     found = np.zeros(len(points), bool)
     step = max(_AT_ONCE // len(triangles), 1)

@@ -1,4 +1,4 @@
-"""Pieces of a page: escaped text, tables, pictures."""
+"""Parts of a page in HTML: escaped text, tables, pictures."""
 
 import html
 import re
@@ -10,35 +10,35 @@ _TEMPLATE = Path(__file__).with_name("twin_report.html")
 
 
 def fill_template(parts: Mapping[str, str]) -> str:
-    """The report's page with its places filled, each once; what is filled in is not looked at again."""
+    """Page of the report with its places filled, each once; text that is filled in is not searched again."""
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _TEMPLATE.read_text(encoding="utf-8"))
 
 
 def text(value: object) -> str:
-    """Any value as text of a page."""
+    """Text of any value, escaped for a page."""
     # A lone surrogate, as a path of bytes that are no UTF-8 has it, cannot be written.
     return html.escape(str(value).encode("utf-8", "replace").decode("utf-8"))
 
 
 def section(title: str, *contents: str) -> str:
-    """A card with a heading; contents are HTML. Nothing where they are empty."""
+    """Card with a heading; contents are HTML. Empty text where they are empty."""
     inside = "\n".join(part for part in contents if part)
     return f"<section>\n<h2>{text(title)}</h2>\n{inside}\n</section>" if inside else ""
 
 
 def paragraph(words: str, kind: str = "caption") -> str:
-    """One paragraph."""
+    """Paragraph of a page, with a class."""
     return f'<p class="{kind}">{text(words)}</p>'
 
 
 def figure(uri: str, words: str, *, narrow: bool = False) -> str:
-    """A figure with its caption."""
+    """Figure of a page with its caption."""
     kind = ' class="narrow"' if narrow else ""
     return f'<figure{kind}><img src="{uri}" alt="{text(words)}"><figcaption>{text(words)}</figcaption></figure>'
 
 
 def table(header: Sequence[tuple[str, str]], rows: Iterable[Sequence[str]]) -> str:
-    """A table.
+    """Table of a page, in HTML.
 
     Args:
         header: For each column its heading and its class, which is that of its cells too.
@@ -55,7 +55,7 @@ def _cells(row: Sequence[str], kinds: Sequence[str]) -> str:
 
 
 def tree(value: Any) -> str:
-    """Plain data: mappings as tables in tables, lists of values in one line."""
+    """Tree of plain data: mappings as tables in tables, lists of values in one line."""
     if isinstance(value, Mapping) and value:
         rows = [_cells((text(key), tree(item)), ("key", "wide")) for key, item in value.items()]
         return f'<table class="tree">{"".join(f"<tr>{row}</tr>" for row in rows)}</table>'

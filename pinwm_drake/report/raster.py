@@ -1,4 +1,4 @@
-"""A depth-buffered triangle rasteriser in numpy, enough for a few hundred triangles a frame."""
+"""Triangle rasteriser with a depth buffer in numpy, enough for a few hundred triangles a frame."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from pinwm_drake.report.camera import ViewCamera
 
 @dataclass
 class Surface:
-    """What each pixel shows: the nearest surface so far.
+    """Buffers of the surface that each pixel shows: the nearest one so far.
 
     Attributes:
         inverse_depth: (height, width) [1/m], 0 where there is nothing.
@@ -23,7 +23,7 @@ class Surface:
 
     @classmethod
     def empty(cls, camera: ViewCamera) -> "Surface":
-        """A buffer in which nothing has been drawn."""
+        """Buffers in which nothing has been drawn."""
         shape = (camera.height, camera.width)
         return cls(np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32), np.zeros((*shape, 3), np.float32))
 
@@ -31,7 +31,7 @@ class Surface:
 def draw_triangles(
     surface: Surface, camera: ViewCamera, corners_W: np.ndarray, normals_W: np.ndarray, colour: np.ndarray
 ) -> None:
-    """Draws triangles where they are nearer than what is there.
+    """Draws triangles where they are nearer than the surface in the buffers.
 
     Args:
         surface: The buffer, changed in place; of the camera's size.

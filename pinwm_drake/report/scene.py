@@ -19,7 +19,7 @@ _SUPERSAMPLING = 2
 
 @dataclass(frozen=True)
 class Actor:
-    """A mesh to be shown at changing poses.
+    """Mesh to be shown at changing poses.
 
     Attributes:
         corners_B: (n, 3, 3) [m], corners of each triangle, counter-clockwise from outside, body frame.
@@ -33,7 +33,7 @@ class Actor:
 
     @classmethod
     def from_mesh(cls, mesh: trimesh.Trimesh, colour: tuple[float, float, float], *, smooth: bool) -> "Actor":
-        """Takes over a mesh.
+        """Actor from a triangle mesh.
 
         Args:
             mesh: Triangles in metres, body frame.
@@ -52,7 +52,7 @@ class Actor:
 
 
 class Stage:
-    """A floor at one height, and the camera that looks at it."""
+    """Stage: a floor at one height, and the camera that looks at it."""
 
     def __init__(self, camera: ViewCamera, floor_height: float = 0.0) -> None:
         """Draws the empty floor once.
@@ -74,10 +74,10 @@ class Stage:
         actors: list[tuple[Actor, np.ndarray, np.ndarray]],
         paths: list[tuple[np.ndarray, tuple[float, float, float]]],
     ) -> np.ndarray:
-        """One frame.
+        """Picture of actors and paths on the floor.
 
         Args:
-            actors: Each with its pose R_WB (3, 3), p_WB (3,) [m] in the world.
+            actors: Actors, each with its pose R_WB (3, 3), p_WB (3,) [m] in the world.
             paths: Lines on the floor, (n, 2) [m] in the world's x and y, each with its linear RGB colour.
 
         Returns:
@@ -97,7 +97,7 @@ class Stage:
         return (255 * image ** (1 / 2.2) + 0.5).astype(np.uint8)
 
     def _shadow(self, corners_W: list[np.ndarray]) -> np.ndarray:
-        """How much light reaches the floor at each pixel: (height, width, 1), 1 in full light."""
+        """Light that reaches the floor at each pixel: (height, width, 1), 1 in full light."""
         mask = np.zeros((self.camera.height, self.camera.width), np.float32)
         for corners in corners_W:
             heights = corners[..., 2:] - self.floor_height
@@ -110,7 +110,7 @@ class Stage:
         return cv2.resize(light, (self._large.width, self._large.height))[..., None]
 
     def _draw_path(self, image: np.ndarray, points: np.ndarray, colour: tuple[float, float, float]) -> None:
-        """Draws a line on the floor, under whatever stands on it."""
+        """Draws a line on the floor, under the actors that stand on it."""
         if len(points) < 2:
             return
         on_floor = np.column_stack((points, np.full(len(points), self.floor_height)))

@@ -1,4 +1,4 @@
-"""How the figures of a twin's report look."""
+"""Style of the figures of a twin's report."""
 
 from collections.abc import Iterable
 
@@ -15,7 +15,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def tidy(axes: Iterable[Axes]) -> None:
-    """Grid behind, no frame on top and on the right."""
+    """Style of axes: grid behind, no frame on top and on the right."""
     for one in axes:
         one.grid(color=GRID)
         one.set_axisbelow(True)

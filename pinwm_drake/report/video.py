@@ -1,4 +1,4 @@
-"""Writes frames as a video."""
+"""Writing of frames as a video."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,11 +14,11 @@ _CODECS = ("vp09", "mp4v")
 
 
 def write_video(path: Path, frames: Iterable[np.ndarray], *, rate: float, size: tuple[int, int]) -> None:
-    """Writes an MP4 file.
+    """Writes frames as an MP4 file.
 
     Args:
-        path: Where to; the suffix is .mp4 and the folder exists.
-        frames: Each (height, width, 3) uint8, sRGB.
+        path: File of the video; the suffix is .mp4 and the folder exists.
+        frames: Pictures, each (height, width, 3) uint8, sRGB.
         rate: Frames per second of playback [1/s].
         size: (width, height) [px].
 
@@ -42,7 +42,7 @@ def write_video(path: Path, frames: Iterable[np.ndarray], *, rate: float, size: 
 
 
 def _count_frames(path: Path) -> int:
-    """How many frames a video says it has; 0 when it cannot be read."""
+    """Number of frames in a video by its header; 0 when it cannot be read."""
     reader = cv2.VideoCapture(str(path))
     try:
         return int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
@@ -51,7 +51,7 @@ def _count_frames(path: Path) -> int:
 
 
 def _open(path: Path, rate: float, size: tuple[int, int]) -> cv2.VideoWriter | None:
-    """The writer of the first codec that this build of OpenCV has, or None."""
+    """Writer with the first codec that this build of OpenCV has, or None."""
     for codec in _CODECS:
         writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate, size)
         if writer.isOpened():

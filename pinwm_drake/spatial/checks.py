@@ -1,4 +1,4 @@
-"""The one check that every spatial function makes of its arguments."""
+"""Check of the last axis, which every spatial function makes of its arguments."""
 
 import torch
 
@@ -11,7 +11,7 @@ def require_last_axis(array: torch.Tensor, size: int, name: str) -> None:
     Args:
         array: Any tensor.
         size: The length its last axis has to have.
-        name: What the message calls it.
+        name: Name of the tensor in the message.
 
     Raises:
         StateError: When the last axis has another length, or there is none.

@@ -32,7 +32,7 @@ def identity(*batch: int, dtype: torch.dtype = torch.float64, device: torch.devi
     Args:
         *batch: Lengths of the leading axes.
         dtype: Float type of both parts.
-        device: Where they are made.
+        device: Device of both parts.
 
     Returns:
         X_AA: q (*batch, 4), p (*batch, 3) [m].

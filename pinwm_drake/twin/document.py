@@ -1,4 +1,4 @@
-"""`twin.yaml` as a document: every key and number of it, checked, and its form on disk."""
+"""Document of a twin, `twin.yaml`: every key and number of it, checked, and its form on disk."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,11 +18,11 @@ _LONGEST_STEP = 0.1  # s
 
 @dataclass(frozen=True)
 class Document:
-    """What `twin.yaml` holds.
+    """Contents of `twin.yaml`, checked.
 
     Attributes:
-        mesh: The name of the object's mesh in the folder.
-        pusher_mesh: The same of the pusher's, or None.
+        mesh: The name of the object's mesh file in the folder.
+        pusher_mesh: The name of the pusher's mesh file in the folder, or None.
         pusher_shape: The pusher's shape, or None.
         values: The fields of `Twin` that need no other file.
     """

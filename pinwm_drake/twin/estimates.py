@@ -13,7 +13,7 @@ _ROUNDING = 1e-9  # relative, of the triangle inequality: what the physics allow
 
 
 def estimate_to_document(estimate: Estimate) -> dict[str, Any]:
-    """The plain data of an estimate; .inf stays in an interval, where it has a meaning."""
+    """Plain data of an estimate; .inf stays in an interval, where it has a meaning."""
     low_high = estimate.interval
     return {
         "value": float(estimate.value),
@@ -46,7 +46,7 @@ def read_theta(entry: Entry) -> dict[str, Estimate]:
 
 
 def read_nuisance(entry: Entry) -> dict[str, Estimate]:
-    """Estimates under free keys.
+    """Estimates of nuisances, whose keys are free.
 
     Raises:
         InputError: A key is no text, or an estimate is wrong.
@@ -73,7 +73,7 @@ def _read_estimate(entry: Entry, unit: str | None) -> Estimate:
 
 
 def _read_interval(entry: Entry) -> tuple[float, float]:
-    """Low and high end; .inf where the data say nothing on that side."""
+    """Low and high end of an interval; .inf where the data say nothing on that side."""
     allowed = "null, or two numbers [low, high] with low <= high"
     if not isinstance(entry.value, list) or len(entry.value) != 2:
         raise entry.refusal(allowed)

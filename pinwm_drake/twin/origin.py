@@ -1,4 +1,4 @@
-"""Which episode a twin was identified from, and so where that episode started."""
+"""Origin of a twin: the episode that it was identified from, and the start of that episode."""
 
 import hashlib
 from collections.abc import Iterator
@@ -23,11 +23,11 @@ _LEFT_OUT = (POSES_FILE, GROUND_TRUTH_FILE)
 
 @dataclass(frozen=True)
 class Origin:
-    """What a twin was identified from.
+    """Capture and episode that a twin was identified from.
 
     Attributes:
-        path: The capture, where it was then.
-        sha256: Its hash, as `hash_capture` gives it.
+        path: Folder of the capture at that time.
+        sha256: Hash of the capture, as `hash_capture` gives it.
         episode: The name of the episode.
     """
 
@@ -42,7 +42,7 @@ class Origin:
 
     @staticmethod
     def read(twin: Twin) -> "Origin | None":
-        """What the provenance of a twin says; None where it does not say all of it."""
+        """Origin from the provenance of a twin; None where that does not say all of it."""
         found = [twin.provenance.get(key) for key in ("capture", "capture_sha256", "episode")]
         if not all(isinstance(value, str) and value for value in found):
             return None
@@ -89,7 +89,7 @@ def _files(folder: Path, episode: str) -> Iterator[Path]:
 
 
 def is_identified_episode(twin: Twin, capture: Capture, episode: Episode) -> bool:
-    """Whether a twin was identified from this very episode: same name, same files, all of which are read.
+    """Flag: a twin was identified from this very episode, same name and same files, all of which are read.
 
     Raises:
         InputError: A file of the capture cannot be read.
@@ -103,7 +103,7 @@ def is_identified_episode(twin: Twin, capture: Capture, episode: Episode) -> boo
 
 
 def start_pose(twin: Twin, capture: Capture, *, identified: bool) -> Pose:
-    """Where the object is when an episode starts.
+    """Pose of the object at the start of an episode.
 
     The offsets start_x, start_y [m] and start_yaw [rad], which were estimated, belong to the episode that the twin was
     identified from, and are used for it only.
@@ -111,7 +111,7 @@ def start_pose(twin: Twin, capture: Capture, *, identified: bool) -> Pose:
     Args:
         twin: The twin.
         capture: The capture of the episode.
-        identified: Whether the episode is that one; see `is_identified_episode`.
+        identified: Whether the twin was identified from that episode; see `is_identified_episode`.
 
     Returns:
         X_WO; q (4,), p (3,) [m].
@@ -125,7 +125,7 @@ def start_pose(twin: Twin, capture: Capture, *, identified: bool) -> Pose:
 
 
 def time_offset(twin: Twin, *, identified: bool) -> float:
-    """By how much the frames of an episode are late against the robot's clock [s]; 0 where it is not known.
+    """Delay of an episode's frames against the robot's clock [s]; 0 where it is not known.
 
     Args:
         twin: The twin.

@@ -1,4 +1,4 @@
-"""Plain data, as YAML and JSON hold them: what provenance is made of."""
+"""Plain data, as YAML and JSON hold them, of which provenance is made."""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ _MOST = 100_000  # values; more than that is no provenance but a bomb of YAML al
 
 
 def to_plain(value: object) -> Any:
-    """The same data of plain Python types.
+    """Copy of some data in plain Python types.
 
     NumPy's numbers and arrays become numbers and lists, paths and keys that are numbers become text, and a number that
     is not finite becomes None. What has no plain form stays as it is.
@@ -52,7 +52,7 @@ def read_plain(entry: Entry) -> dict[str, Any]:
 
 
 def _parts(entry: Entry) -> list[Entry]:
-    """What a value holds; raises InputError where it is not plain."""
+    """Entries in a mapping or list, none in another value; raises InputError where the value is not plain."""
     value = entry.value
     if isinstance(value, dict):
         for key in value:

@@ -1,4 +1,4 @@
-"""Reads a twin folder."""
+"""Reading of a twin's folder, with checks."""
 
 import hashlib
 import re
@@ -17,7 +17,7 @@ def read_twin(folder: Path) -> Twin:
     """Reads a twin and checks all of it.
 
     Args:
-        folder: As `write_twin` leaves it.
+        folder: Folder of the twin, as `write_twin` leaves it.
 
     Returns:
         The twin; its meshes are those in the folder.
@@ -54,7 +54,7 @@ def _locate(folder: Path, entry: Entry) -> Path:
 
 
 def _is_below(path: Path, folder: Path) -> bool:
-    """Whether a path stays in a folder, symbolic links followed."""
+    """Flag: a path stays in a folder, symbolic links followed."""
     try:
         return path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError):  # links that go round in circles

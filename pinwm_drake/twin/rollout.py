@@ -1,4 +1,4 @@
-"""What a twin says will happen: its physics along a pusher's motion."""
+"""Prediction by a twin: its physics along a pusher's motion."""
 
 from dataclasses import replace
 
@@ -45,7 +45,7 @@ def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
 
 
 def twin_parameters(twin: Twin, scene: Scene) -> Parameters:
-    """Theta of one world. Products of inertia are those of the mesh, scaled like the moments."""
+    """Parameters theta of one world. Products of inertia are those of the mesh, scaled like the moments."""
     theta = {key: estimate.value for key, estimate in twin.theta.items()}
     solid = torch.as_tensor(scene.model.bodies[0].inertia, dtype=torch.float64).diagonal()
     moments = torch.tensor([theta["inertia_xx"], theta["inertia_yy"], theta["inertia_zz"]], dtype=torch.float64)
@@ -61,12 +61,12 @@ def twin_parameters(twin: Twin, scene: Scene) -> Parameters:
 
 
 def rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> ObjectPoses:
-    """Where the object is while the pusher moves.
+    """Poses of the object along a motion of the pusher.
 
     Args:
         twin: Geometry and theta.
         X_WO: Pose at t[0], at rest; q (4,), p (3,) [m]. Near the floor, it is put on it.
-        trajectory: Of the pusher.
+        trajectory: Motion of the pusher.
         t: (n,) [s], not decreasing.
 
     Returns:
@@ -86,7 +86,7 @@ def rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray)
 
 
 def _rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> ObjectPoses:
-    """What `rollout` does, at the twin's own time step."""
+    """Rollout at the twin's own time step; arguments as for `rollout`."""
     scene = twin_scene(twin, X_WO.q)
     rest = resting_height(scene, X_WO.q)
     p_WO = X_WO.p.clone()

@@ -1,4 +1,4 @@
-"""What a twin is: geometry, physical parameters with their uncertainty, appearance, and where they came from."""
+"""Twin of an object: geometry, physical parameters with their uncertainty, appearance, and provenance."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,13 +32,13 @@ THETA = {
 
 @dataclass(frozen=True)
 class Estimate:
-    """One number that was estimated or assumed.
+    """Number that was estimated or assumed, with its uncertainty.
 
     Attributes:
-        value: In `unit`.
+        value: The number, in `unit`.
         interval: Low and high end of its 95 % interval; an end may be infinite. None where none was computed.
         identifiable: Whether the data determine it.
-        unit: As in `THETA` for a physical parameter; free for a nuisance.
+        unit: Unit of the number: that of `THETA` for a physical parameter; free for a nuisance.
         note: Anything to know about it.
     """
 
@@ -54,18 +54,18 @@ class Twin:
     """A calibrated twin of one object and of the pusher that pushed it.
 
     Attributes:
-        name: Of the object.
+        name: Name of the object.
         mesh_path: The object's mesh, metres, frame O.
         pusher: The pusher's geometry, frame P.
         gravity: Downwards [m/s^2].
         floor_height: z of the floor in the world as the physics uses it [m]: the capture's, plus the lift.
-        time_step: Of the physics [s].
-        friction_directions: Of the polyhedral friction cone; even, 4 to 64.
-        support: What touches the floor: the mesh's corners, or points of its patch.
+        time_step: Time step of the physics [s].
+        friction_directions: Number of directions of the polyhedral friction cone; even, 4 to 64.
+        support: Points that touch the floor: the mesh's corners, or points of its patch.
         theta: The physical parameters; exactly the keys of `THETA`.
-        nuisance: What else was estimated, and is of the identified episode only (except the lift).
-        camera_offset: To add to cx and cy of the capture's cameras [px].
-        surfels: Its appearance, frame O.
+        nuisance: Other estimates, which are of the identified episode only (except the lift).
+        camera_offset: Offset to add to cx and cy of the capture's cameras [px].
+        surfels: Appearance of the object, frame O.
         provenance: Plain data: capture, its SHA-256, episode, versions, seeds, losses, timings, options.
     """
 

@@ -1,4 +1,4 @@
-"""Writes a twin folder, whole or recognisably not."""
+"""Writing of a twin's folder, whole or recognisably not."""
 
 import hashlib
 import re
@@ -21,7 +21,7 @@ class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
     """Plain data; a text that the reader would take for a number, such as 1e3, is quoted."""
 
     def ignore_aliases(self, data: Any) -> bool:
-        """Never writes an anchor."""
+        """Flag, always true: YAML's anchors are never written."""
         return True
 
 
@@ -36,7 +36,7 @@ def write_twin(folder: Path, twin: Twin) -> None:
     A run that is killed in between leaves a folder that `read_twin` refuses, or the earlier twin.
 
     Args:
-        folder: Where to; made if need be. Other files in it stay.
+        folder: Folder of the twin; made if need be. Other files in it stay.
         twin: The twin. Its meshes are copied.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What moves the arm of the simulated driver: velocities of its tool in, angles and velocities of its joints out."""
+"""Control of the simulated driver's arm: velocities of its tool in, angles and velocities of its joints out."""
 
 from dataclasses import dataclass
 
@@ -25,14 +25,14 @@ _CENTRING = 1.0  # 1/s, towards the nominal angles, in the one direction that th
 
 @dataclass(frozen=True, eq=False)
 class ArmControl:
-    """The ports of an arm's control in a diagram.
+    """Ports of an arm's control in a diagram.
 
     Attributes:
         pusher_velocity: Input (3): v_WP [m/s], world; one that is not finite is none.
-        command_time: Input (1): another with every command.
+        command_time: Input (1): time of the last command, another with every command.
         pusher_state: Input (6): p_WP [m], v_WP [m/s], measured.
         arm_state: Input (14): measured angles [rad] and velocities [rad/s] of the joints.
-        desired_state: Output (14): those that the joints are to have.
+        desired_state: Output (14): angles [rad] and velocities [rad/s] that the joints are to have.
         tool_target: Output (6): p_WP [m], v_WP [m/s] that the tool is to have.
     """
 
@@ -55,9 +55,9 @@ def AddArmControl(
     All of it runs every `period`. It starts from the measured pose when a simulator is initialized.
 
     Args:
-        builder: Of the diagram.
+        builder: Builder of the diagram.
         model: The arm's kinematics.
-        limits: Of the tool's motion.
+        limits: Limits of the tool's motion.
         period: s.
         height: m, world, that the tool keeps.
 
@@ -99,13 +99,13 @@ def _parameters(model: ArmModel) -> DifferentialInverseKinematicsParameters:
 
 
 class ToolPose(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Where a tool is to be that keeps pointing down, at one height.
+    """Desired pose of a tool that keeps pointing down, at one height.
 
                                             ┌──────────┐
         desired_state  (6): p_WP [m],  ────►│ ToolPose │─► X_WP  RigidTransform: axes of the world, at x and y
                             v_WP [m/s], W   └──────────┘   direct feedthrough
 
-    What is commanded along z has no effect.
+    Commands along z have no effect.
     """
 
     def __init__(self, height: float) -> None:
@@ -121,14 +121,14 @@ class ToolPose(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
 
 
 class ToolState(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Where the body of a tool is, and how fast, of all bodies of a plant.
+    """Position and velocity of a tool's body, picked from all bodies of a plant.
 
                                                         ┌───────────┐
         body_poses       Value[list[RigidTransform]] ──►│ ToolState │─► pusher_state  (6): p_WP [m], v_WP [m/s], W
         body_velocities  Value[list[SpatialVelocity]] ─►│           │
                                                         └───────────┘   direct feedthrough
 
-    Both inputs are those that a MultibodyPlant puts out, in the order of its bodies.
+    Both inputs are the outputs of a MultibodyPlant, in the order of its bodies.
     """
 
     def __init__(self, body: BodyIndex) -> None:

@@ -1,4 +1,4 @@
-"""A robot to try things with: an arm in simulation, with its camera, behind the messages that a real one would have."""
+"""Simulated driver of a robot: an arm with its camera, behind the messages that a real one would have."""
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -25,7 +25,7 @@ _HALF_HEIGHT = 0.01  # m, of the box that the tool may be in
 
 
 class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
-    """A simulated KUKA LBR iiwa 14 that does over LCM what a robot's driver does.
+    """Driver of a simulated KUKA LBR iiwa 14, which does over LCM what a robot's driver does.
 
                                                        ┌───────────┐
         link.command_channel  lcmt_drake_signal (3) ──►│ ArmDriver │─► link.state_channel  lcmt_drake_signal (6)
@@ -46,8 +46,8 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
     height, in both contact models and with steps of 1 or 2.5 ms.
 
     Attributes:
-        setup: What it was made from.
-        limits: Of the tool's motion.
+        setup: Setup that it was made from.
+        limits: Limits of the tool's motion.
         model: The arm's kinematics.
     """
 
@@ -60,7 +60,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         time_step: float = TIME_STEP,
         meshcat: Meshcat | None = None,
     ) -> None:
-        """See `MakeArmDriver`."""
+        """Assembles the diagram; arguments as for `MakeArmDriver`."""
         super().__init__()
         link = setup.scenario.lcm
         self.setup, self.limits, self._lcm = setup, arm_limits(setup), lcm
@@ -99,8 +99,8 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         """Puts object and tool into place, at rest; before a simulator is initialized, as the motion starts there.
 
         Args:
-            context: Of the driver, or of the outermost diagram around it.
-            place: Where. The tool takes the height that it keeps.
+            context: Context of the driver, or of the outermost diagram around it.
+            place: Pose of the object and position of the tool. The tool takes the height that it keeps.
 
         Raises:
             ParameterError: The arm cannot reach it.
@@ -115,7 +115,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         plant.SetVelocities(mine, self._arm.parts.object_instance, np.zeros(6))
 
     def draw_place(self, generator: np.random.Generator) -> Place:
-        """A start of the scenario that the arm can reach."""
+        """Draws a start of the scenario that the arm can reach."""
         start = StartDistribution(self.setup)
         for _ in range(1000):
             place = start.draw(generator)
@@ -126,7 +126,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         )
 
     def tool_pose(self, context: Context) -> RigidTransform:
-        """X_WP, as it is; `context` as for `SetPlace`."""
+        """Present pose X_WP of the tool; `context` as for `SetPlace`."""
         plant = self._arm.parts.plant
         return plant.EvalBodyPoseInWorld(plant.GetMyContextFromRoot(context), self._arm.parts.pusher)
 
@@ -142,7 +142,7 @@ def MakeArmDriver(
     """Makes the simulated driver of a scene; object and tool are to be put into place with `SetPlace`.
 
     Args:
-        setup: What there is; `setup.scenario.lcm` says on which channels.
+        setup: The scene; `setup.scenario.lcm` says which channels are used.
         lcm: `make_lcm` of that; the very object that the station has, where both are in one process over `memq://`.
         contact: The contact model; "point" takes half the time, 0.7 s of one core for 1 s.
         time_step: s, of the plant.
@@ -162,7 +162,7 @@ def MakeArmDriver(
 
 
 def arm_limits(setup: Setup) -> SafetyLimits:
-    """How the tool may move: as the scenario's pusher, where the arm reaches.
+    """Limits of the tool's motion: those of the scenario's pusher, where the arm reaches.
 
     Raises:
         ParameterError: The arm reaches nothing of the pusher's box.

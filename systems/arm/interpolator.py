@@ -1,4 +1,4 @@
-"""Smooth commands for a robot, from velocities that come now and then."""
+"""Interpolation of commands: smooth motion for a robot from velocities that come now and then."""
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
@@ -35,7 +35,7 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
     something holds it, is led no farther away.
 
     Attributes:
-        limits: Of the motion.
+        limits: Limits of the motion.
         period: T, s.
     """
 
@@ -43,7 +43,7 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
         """Declares state, ports and events.
 
         Args:
-            limits: Of the motion.
+            limits: Limits of the motion.
             period: T, s.
 
         Raises:
@@ -88,7 +88,7 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
         values.get_mutable_vector(self._held).SetFromVector([*p_WP, *v_next, stamp, came, float(live)])
 
     def _led(self, v_WP: np.ndarray, lag: np.ndarray) -> np.ndarray:
-        """The velocity (3,) m/s without the part along a lag (3,) m that is too long already."""
+        """Velocity (3,) m/s without the part along a lag (3,) m that is too long already."""
         length = float(np.linalg.norm(lag))
         if length <= self.limits.max_lag:
             return v_WP
@@ -104,5 +104,5 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
 
 
 def _at_rest(p_WP: np.ndarray, stamp: float) -> np.ndarray:
-    """The state (9,) before any command: p_WP, v_WP, its stamp, when it came, and whether commands come."""
+    """State (9,) before any command: p_WP, v_WP, stamp, time of arrival, and flag: commands come."""
     return np.array([*p_WP, 0.0, 0.0, 0.0, stamp, -np.inf, 0.0])

@@ -1,4 +1,4 @@
-"""What the simulated driver of an arm hears and says over LCM; see `LcmLink`."""
+"""Messages of an arm's simulated driver over LCM, in and out; see `LcmLink`."""
 
 from drake import lcmt_drake_signal, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
 from pydrake.geometry import SceneGraph
@@ -17,12 +17,12 @@ _NAMES = ("px", "py", "pz", "vx", "vy", "vz")
 
 
 def AddCommands(builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink) -> SignalReceiver:
-    """Adds what hears the commands (3): v_WP [m/s].
+    """Adds the receiver of the commands (3): v_WP [m/s].
 
     Args:
-        builder: Of the diagram, which pumps `lcm`.
-        lcm: What the messages go through; as for the next two.
-        link: On which channel.
+        builder: Builder of the diagram, which pumps `lcm`.
+        lcm: LCM that the messages go through.
+        link: Names of the channels.
 
     Returns:
         The receiver, with the ports "values" and "time".
@@ -35,7 +35,7 @@ def AddCommands(builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink) 
 
 
 def AddState(builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink, state: OutputPort) -> None:
-    """Adds what says where the tool is: `state` (6), p_WP [m] and v_WP [m/s]."""
+    """Adds the sender of the tool's `state` (6), p_WP [m] and v_WP [m/s]; arguments as for `AddCommands`."""
     message = builder.AddNamedSystem("state_message", SignalSender(_NAMES))
     publisher = LcmPublisherSystem.Make(link.state_channel, lcmt_drake_signal, lcm, publish_period=link.period)
     builder.AddNamedSystem("state_publisher", publisher)
@@ -44,7 +44,7 @@ def AddState(builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink, sta
 
 
 def AddCamera(builder: DiagramBuilder, lcm: DrakeLcmInterface, scene_graph: SceneGraph, setup: Setup) -> None:
-    """Adds the scenario's camera, which sends its pictures with the object cut out."""
+    """Adds the scenario's camera, which sends its pictures with the object cut out; arguments as for `AddCommands`."""
     camera, link = setup.camera, setup.scenario.lcm
     rig = AddCaptureRig(builder, scene_graph, camera, _SUPERSAMPLING, setup.X_WC)
     image = builder.AddNamedSystem("object_image", ObjectImage(camera.width, camera.height, _SUPERSAMPLING))

@@ -1,4 +1,4 @@
-"""The arm of the simulated driver: where it stands, how it is held, and which joint angles bring its tool somewhere."""
+"""Model of the simulated driver's arm: its place, its drives, and the joint angles that bring its tool to a point."""
 
 import math
 
@@ -49,7 +49,7 @@ def add_arm(plant: MultibodyPlant, floor_height: float) -> tuple[ModelInstanceIn
 
 
 class ArmModel:
-    """The arm alone, for its kinematics.
+    """Model of the arm alone, for its kinematics.
 
     Attributes:
         plant: Finalized; in no diagram.
@@ -58,11 +58,11 @@ class ArmModel:
     """
 
     def __init__(self, floor_height: float, tool_height: float) -> None:
-        """Loads it.
+        """Loads the arm.
 
         Args:
-            floor_height: m, world.
-            tool_height: m, world, at which the tool works.
+            floor_height: Height of the floor, m, world.
+            tool_height: Height at which the tool works, m, world.
         """
         self.plant = MultibodyPlant(0.0)
         _, self.tool = add_arm(self.plant, floor_height)

@@ -1,4 +1,4 @@
-"""The pushing scene with an arm: a MultibodyPlant in which the pusher is the arm's tool."""
+"""Pushing scene with an arm: a MultibodyPlant in which the pusher is the arm's tool."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _EYE, _TARGET = np.array([1.3, -1.3, 1.0]), np.array([0.0, 0.15, 0.35])  # m, wo
 
 @dataclass(frozen=True, eq=False)
 class ArmPlant:
-    """The parts of a pushing scene with an arm.
+    """Parts of a pushing scene with an arm in a diagram.
 
     Attributes:
         parts: Object, pusher, plant and scene graph; the pusher has no joints of its own.
@@ -44,8 +44,8 @@ def MakeArmPlant(
     The arm touches nothing but through the pusher, which is welded to the end of its rod, axes along the world's.
 
     Args:
-        builder: Of the diagram.
-        setup: What there is.
+        builder: Builder of the diagram.
+        setup: The scene and its settings.
         time_step: s, of the plant.
         contact: The contact model.
 
@@ -73,7 +73,7 @@ def MakeArmPlant(
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """What `AddSceneView` reads of an engine."""
+    """Ports and names of an engine that `AddSceneView` reads."""
 
     name: str
     object_state: OutputPort
@@ -82,13 +82,13 @@ class _Parts:
 
 
 def AddArmView(builder: DiagramBuilder, parts: PushPlant, meshcat: Meshcat, name: str) -> None:
-    """Adds to a diagram what shows arm, object, floor, camera and contact forces.
+    """Adds the view of arm, object, floor, camera and contact forces to a diagram.
 
     Args:
-        builder: Of the diagram that holds the plant.
+        builder: Builder of the diagram that holds the plant.
         parts: The plant with the arm.
         meshcat: The server.
-        name: Of the contact model.
+        name: Name of the contact model.
     """
     forces = builder.AddNamedSystem("plant_forces", PlantForces(parts))
     builder.Connect(parts.plant.get_contact_results_output_port(), forces.get_input_port())

@@ -1,4 +1,8 @@
-"""A camera for captures: Drake's RgbdSensor, and images whose alpha is the visible object."""
+"""Cameras of an object: Drake's RgbdSensor, and images whose alpha is the visible object.
+
+`AddCaptureRig` adds a camera that can be put anywhere, for captures; `ObjectImage` makes the `rgb` ports of a station
+from the images of such a camera. Both make one pixel of several rendered ones, with `downsample`.
+"""
 
 import math
 from dataclasses import dataclass
@@ -32,7 +36,7 @@ OBJECT_LABEL, PUSHER_LABEL = RenderLabel(1), RenderLabel(2)
 
 
 def _lights() -> list[LightParameter]:
-    """Light from above and from all sides, so that an object that turns keeps its colours."""
+    """Lights from above and from all sides, so that an object that turns keeps its colours."""
     directions = [(0.0, 0.0, -1.0, _TOP_INTENSITY)]
     for k in range(_SIDE_LIGHTS):
         angle, level = 2 * math.pi * k / _SIDE_LIGHTS, math.cos(_ELEVATION)
@@ -47,11 +51,11 @@ def _lights() -> list[LightParameter]:
 
 @dataclass(frozen=True, eq=False)
 class CaptureRig:
-    """A camera that can be anywhere.
+    """Camera that can be put anywhere.
 
     Attributes:
-        sensor: Its ports are `color_image` and `label_image` of the last pose that was set.
-        camera: What its pictures are like; intrinsics (4,).
+        sensor: Drake's sensor, whose ports are `color_image` and `label_image` of the last pose that was set.
+        camera: Camera model of its pictures; intrinsics (4,).
         supersampling: So many times more pixels along each side are rendered.
     """
 
@@ -60,10 +64,10 @@ class CaptureRig:
     supersampling: int
 
     def take(self, context: Context, X_WC: RigidTransform) -> np.ndarray:
-        """A picture of the scene as it is.
+        """Takes a picture of the scene as it is.
 
         Args:
-            context: Of the diagram.
+            context: Context of the diagram.
             X_WC: Pose of the camera, OpenCV axes.
 
         Returns:
@@ -88,10 +92,10 @@ def AddCaptureRig(
     """Adds a camera to a diagram, and a renderer to its scene graph where it has none yet.
 
     Args:
-        builder: Of the diagram.
-        scene_graph: What is seen.
+        builder: Builder of the diagram.
+        scene_graph: Geometries that the camera sees.
         camera: Size and intrinsics (4,) of the pictures.
-        supersampling: How many rendered pixels make one, along each side.
+        supersampling: Number of rendered pixels that make one, along each side.
         X_WC: Pose of the camera until another one is set, OpenCV axes; None for the world's.
         query: The scene graph's query port as the diagram has it; None for that of the scene graph itself.
 
@@ -103,7 +107,7 @@ def AddCaptureRig(
         scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(engine))
     focal_x, focal_y, centre_x, centre_y = (supersampling * camera.intrinsics).tolist()
     # The engine takes the principal point from the corner of the image, as this project does, although Drake's
-    # documentation counts from the middle of the first pixel: measured in tests/systems/test_capture_rig.py.
+    # documentation counts from the middle of the first pixel: measured in tests/systems/cameras/.
     info = CameraInfo(supersampling * camera.width, supersampling * camera.height, focal_x, focal_y, centre_x, centre_y)
     core = RenderCameraCore(_RENDERER, info, ClippingRange(_NEAR, _FAR), RigidTransform())
     sensor = builder.AddSystem(
@@ -119,7 +123,7 @@ def AddCaptureRig(
 
 
 def downsample(colour: np.ndarray, shown: np.ndarray, factor: int) -> np.ndarray:
-    """A picture of an object from one with more pixels.
+    """Picture of an object from one with more pixels.
 
     A pixel shows the object where half of its parts or more do, so that outlines stay where they are on average; its
     colour is the mean of these parts and holds nothing of the background.
@@ -161,7 +165,7 @@ class ObjectImage(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
                                                    │             │─► rgb_batch  Value[array]: the same, (1, H, W, 4)
                                                    └─────────────┘   direct feedthrough
 
-    The picture is made once for both ports. See `capture_rig.downsample`.
+    The picture is made once for both ports. See `downsample`.
     """
 
     def __init__(self, width: int, height: int, supersampling: int) -> None:
@@ -170,7 +174,7 @@ class ObjectImage(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         Args:
             width: W, px.
             height: H, px.
-            supersampling: s.
+            supersampling: Number s of rendered pixels that make one, along each side.
         """
         super().__init__()
         self._factor = supersampling

@@ -61,18 +61,18 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         label: RenderLabel = OBJECT_LABEL,
         num_threads: int | None = None,
     ) -> None:
-        """Declares the ports.
+        """Declares the ports and the cache.
 
         Args:
-            surfels: Of the object, frame O; one set of colours, or one for each world.
-            camera: Intrinsics (4,).
-            mesh: Of the object, m, frame O. Surfels are drawn up to a pixel wider than they are, which is much in a
-                small image; the mesh is not. None for what surfels cover.
+            surfels: Surfels of the object, frame O; one set of colours, or one for each world.
+            camera: Camera with intrinsics (4,).
+            mesh: Mesh of the object, m, frame O. Surfels are drawn up to a pixel wider than they are, which is much in
+                a small image; the mesh is not. None takes all that surfels cover.
             num_worlds: W.
-            near: m, depths below it are too close.
-            far: m, depths above it are too far.
-            label: Of the object.
-            num_threads: Of the renderer; None for one on each core. It does not change images.
+            near: Least depth, m; depths below it are too close.
+            far: Largest depth, m; depths above it are too far.
+            label: Label of the object.
+            num_threads: Threads of the renderer; None for one on each core. It does not change images.
 
         Raises:
             ParameterError: A number is out of range.
@@ -122,14 +122,14 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
     def _declare_cache(
         self, name: str, calc: Callable[[Context], object], prerequisites: set[DependencyTicket]
     ) -> CacheEntry:
-        """Keeps what `calc` returns."""
+        """Declares a cache entry that keeps the result of `calc`."""
         producer = ValueProducer(
             allocate=lambda: AbstractValue.Make(object()), calc=lambda context, value: value.set_value(calc(context))
         )
         return self.DeclareCacheEntry(name, producer, prerequisites)
 
     def _poses(self, context: Context) -> list[RigidTransform]:
-        """X_WC of each world."""
+        """Poses X_WC of the cameras, one for each world."""
         poses = self._pose.Eval(context)
         if self.num_worlds == 1:
             return [poses]
@@ -138,7 +138,7 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         return list(poses)
 
     def _render(self, context: Context, worlds: int, *, full: bool) -> "_Views":
-        """The views of the first worlds."""
+        """Renders the views of the first worlds."""
         poses = self._poses(context)[:worlds]
         state = torch.tensor(self._state.Eval(context)).reshape(-1, 13)[:worlds]
         X_WC = Pose(
@@ -181,7 +181,7 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         output.SetAtIndex(0, context.get_time())
 
     def _depth(self, context: Context) -> np.ndarray:
-        """(height, width) float32 [m], within the range or at one of its marks."""
+        """Depths (height, width) float32 [m], within the range or at one of its marks."""
         view: _Views = self._view.Eval(context)
         assert view.images.depth is not None
         alpha = np.maximum(view.images.alpha[0].numpy(), 0.5)
@@ -193,7 +193,7 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
 
 @dataclass(frozen=True, eq=False)
 class _Views:
-    """What is rendered once: images, and where the object is (V, height, width) bool."""
+    """Views that are rendered once: images, and the mask (V, height, width) bool of the object."""
 
     images: Rendering
     shown: np.ndarray

@@ -17,7 +17,7 @@ _NOTHING = 0x00FFFFFF  # white, alpha 0, as the bytes of a little-endian number
 
 
 class WorldImages:
-    """A camera that stands still and sees the objects of W worlds, each with its own pusher."""
+    """Camera that stands still and sees the objects of W worlds, each with its own pusher."""
 
     def __init__(
         self,
@@ -28,15 +28,15 @@ class WorldImages:
         X_WC: RigidTransform,
         num_threads: int | None = None,
     ) -> None:
-        """Takes over what does not move.
+        """Takes over the parts of the picture that do not move.
 
         Args:
-            surfels: Of the object, frame O.
+            surfels: Surfels of the object, frame O.
             object_mesh: m, frame O; tells where the object is, and whether the pusher stands before or behind it.
             pusher_mesh: m, frame P.
             camera: Intrinsics (4,).
-            X_WC: Its pose, OpenCV axes.
-            num_threads: Of the renderer; None for one on each core.
+            X_WC: Pose of the camera, OpenCV axes.
+            num_threads: Threads of the renderer; None for one on each core.
         """
         self.surfels, self.camera = surfels, camera
         self._object = np.asarray(object_mesh.vertices), np.asarray(object_mesh.faces)
@@ -50,11 +50,11 @@ class WorldImages:
         self._threads = num_threads
 
     def take(self, object_state: np.ndarray, p_WP: np.ndarray, sh: torch.Tensor) -> np.ndarray:
-        """Renders W worlds.
+        """Takes the pictures of W worlds.
 
         Args:
-            object_state: (W, 13), of which the pose counts.
-            p_WP: (W, 3) m.
+            object_state: (W, 13), states of the objects, of which the pose counts.
+            p_WP: (W, 3) m, positions of the pushers, world.
             sh: (N, K, 3), or (W, N, K, 3) where worlds differ: the surfels' harmonics.
 
         Returns:
@@ -69,7 +69,7 @@ class WorldImages:
         return cut_out(image, (image.alpha.numpy() >= _LEAST) & self._visible(q_CO, p_CO, p_WP))
 
     def _visible(self, q_CO: np.ndarray, p_CO: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """(W, height, width): where the object's mesh is and the pusher does not stand before it.
+        """Mask (W, height, width) of the object's mesh where the pusher does not stand before it.
 
         Small surfels are drawn wider than they are, by up to a pixel, which is much in a small image; the mesh is not.
         """

@@ -1,4 +1,4 @@
-"""What a station needs of an engine: the ports, and the means to put things into place."""
+"""Engine of a station: its ports, the contact forces that it puts out, and the means to put things into place."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -12,7 +12,7 @@ FLOOR_PAIR, PUSHER_PAIR = "object-floor", "object-pusher"
 
 
 class Handle(Protocol):
-    """Puts things into place, in the context of the diagram that the engine was built into, or of one around it."""
+    """Handle that puts object and pusher into place, in the context of the engine's diagram or of one around it."""
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
         """Sets the object's pose, and its spatial velocity V_WO (6,): [ω rad/s; v m/s] at O, world frame."""
@@ -23,7 +23,7 @@ class Handle(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Engine:
-    """The ports of an engine inside a diagram, W worlds after one another in each vector.
+    """Ports of an engine inside a diagram, W worlds after one another in each vector.
 
     Attributes:
         name: "twin", "hydroelastic", "point" or "lcm".
@@ -33,9 +33,9 @@ class Engine:
         rgb: Output, ImageRgba8U: the object of world 0 where it is visible, alpha 255; white and alpha 0 elsewhere.
         rgb_batch: Output, Value[array]: the same of all worlds, (W, height, width, 4) uint8.
         contact_forces: Output, Value[ContactForces].
-        scene_graph: Its query output port serves Meshcat, queries and sensors.
-        handle: Puts things into place.
-        rgb_time: Output (1): s, when `rgb` was taken; None where it shows the present.
+        scene_graph: SceneGraph whose query output port serves Meshcat, queries and sensors.
+        handle: Handle that puts things into place.
+        rgb_time: Output (1): time at which `rgb` was taken, s; None where it shows the present.
     """
 
     name: str
@@ -52,14 +52,14 @@ class Engine:
 
 @dataclass(frozen=True, eq=False)
 class ContactForces:
-    """n forces that act on objects.
+    """Contact forces on objects, n of them.
 
     Attributes:
         worlds: (n,) int, the world of each; 0 where there is one world only.
         pairs: n times "object-floor" or "object-pusher".
-        p_WC: (n, 3) m, where each acts, world.
-        f_W: (n, 3) N, on the object, world. In the twin they are of the time step that begins now; in Drake's plants,
-            whose ports are sampled, of the last one that was made.
+        p_WC: (n, 3) m, point of action of each, world.
+        f_W: (n, 3) N, force on the object, world. In the twin they are of the time step that begins now; in Drake's
+            plants, whose ports are sampled, of the last one that was made.
     """
 
     worlds: np.ndarray
@@ -69,5 +69,5 @@ class ContactForces:
 
     @staticmethod
     def none() -> "ContactForces":
-        """No forces."""
+        """Empty set of contact forces."""
         return ContactForces(np.zeros(0, np.int64), (), np.zeros((0, 3)), np.zeros((0, 3)))

@@ -1,4 +1,7 @@
-"""Draws a straight push that meets the object."""
+"""Choice of straight pushes: random ones that meet the object, and the speed of the pusher.
+
+`choose_push` draws a push for a mesh and a pusher; `random_push` draws one for a scene, inside the pusher's box.
+"""
 
 import math
 
@@ -42,11 +45,11 @@ def choose_push(
     Args:
         mesh_W: The object at rest, m, world.
         p_WO: (3,) m, its centre of mass, world.
-        pusher: What pushes.
-        generator: Draws them.
-        height: Of the pusher's middle, m, world.
-        speed: m/s.
-        distance: That the pusher goes on after it has met the object, m.
+        pusher: Shape of the pusher.
+        generator: Source of randomness.
+        height: Height of the pusher's middle, m, world.
+        speed: Speed of the pusher, m/s.
+        distance: Distance that the pusher goes on after it has met the object, m.
 
     Returns:
         The push, which starts 12 mm away from the object and meets a face that it is steep to, away from edges: on
@@ -83,7 +86,7 @@ def choose_push(
 
 
 def _has_edge(points: np.ndarray, normals: np.ndarray, first: np.integer) -> bool:
-    """Whether there is an upright edge near a point, on any of the sides of the object."""
+    """Flag: there is an upright edge near a point, on any of the sides of the object."""
     alike = normals @ normals[first]
     near = (np.linalg.norm((points - points[first])[:, :2], axis=1) < _FLAT) & (np.abs(normals[:, 2]) < 0.5)
     # The inside of a thin wall is turned away, and no edge.
@@ -104,7 +107,7 @@ def random_push(setup: Setup, X_WO: RigidTransform, generator: np.random.Generat
     Args:
         setup: Object, pusher and its limits.
         X_WO: Pose of the object, at rest.
-        generator: Draws them.
+        generator: Source of randomness.
 
     Returns:
         The push: level, at the height of `scenario.start`, as fast as lets the object slide on by some 20 mm.

@@ -1,4 +1,4 @@
-"""Holds the velocity that a pusher is told to have, and says where that takes it."""
+"""Drive of a plant's pusher, which holds a commanded velocity and integrates it."""
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
@@ -10,7 +10,7 @@ _SHARE = 1e-6  # of a period, within which a time is that of a sample
 
 
 class PusherDrive(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """The desired state of a plant's pusher from a velocity that is sampled and held.
+    """Desired state of a plant's pusher from a velocity that is sampled and held.
 
                                        ┌─────────────┐
         pusher_velocity_W  (3) [m/s] ─►│ PusherDrive │─► desired_state   (6): p_WP [m], v_WP [m/s], W
@@ -28,9 +28,9 @@ class PusherDrive(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         """Declares state and ports.
 
         Args:
-            period: T, s.
-            time_step: h, s.
-            p_WP: (3,) m, where the pusher starts.
+            period: Period T of the samples, s.
+            time_step: Time step h of the plant, s.
+            p_WP: (3,) m, position of the pusher at the start, world.
         """
         super().__init__()
         self._period, self._time_step = period, time_step
@@ -54,7 +54,7 @@ class PusherDrive(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         values.get_mutable_vector(self._held).SetFromVector(next_held)
 
     def _position(self, held: np.ndarray, index: int) -> np.ndarray:
-        """Where the pusher is to be at the index-th sample, p_WP (3,) m; after a jump of time where it was."""
+        """Position p_WP (3,) m that the pusher is to have at the index-th sample; after a jump of time the last one."""
         return held[_P] + self._period * held[_V] if index == held[_INDEX] + 1 else held[_P]
 
     def _CalcDesiredState(self, context: Context, output: BasicVector) -> None:
@@ -68,5 +68,5 @@ class PusherDrive(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
 
 
 def _at_rest(p_WP: np.ndarray) -> np.ndarray:
-    """The state before any sample."""
+    """State of the drive before any sample."""
     return np.array([*np.asarray(p_WP, float).reshape(3), 0.0, 0.0, 0.0, -1.0])

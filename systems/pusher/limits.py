@@ -1,4 +1,4 @@
-"""Limits of a pusher: how fast it goes, and the box that it stays in."""
+"""Limits of a pusher: its speed, and the box that it stays in."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,7 +9,7 @@ from pinwm_drake.systems.sampling import require_positive
 
 
 class PusherLimits(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Keeps pushers slow enough, and inside a box.
+    """Limiter that keeps pushers slow enough, and inside a box.
 
                                             ┌──────────────┐
         pusher_velocity_W  (3 W) [m/s], W ─►│ PusherLimits │─► pusher_velocity_W  (3 W) [m/s], W
@@ -27,11 +27,11 @@ class PusherLimits(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         """Declares the ports.
 
         Args:
-            num_worlds: W, 1 or more.
-            max_speed: m/s, of the velocity's norm.
+            num_worlds: Number of worlds W, 1 or more.
+            max_speed: Largest norm of the velocity, m/s.
             low: (3,) m, world: the least coordinates of the pusher's middle P.
-            high: (3,) m, world: the largest.
-            period: s, for which the consumer holds a velocity.
+            high: (3,) m, world: the largest coordinates of it.
+            period: Time for which the consumer holds a velocity, s.
 
         Raises:
             ParameterError: A number is not positive, or the box is empty.
@@ -76,6 +76,6 @@ def shortened(vectors: np.ndarray, longest: float) -> np.ndarray:
 
 
 def finite(vectors: np.ndarray, judged: np.ndarray) -> np.ndarray:
-    """`vectors` (n, 3), zero in the rows in which `judged` (n, 3) has an entry that is not a finite number."""
+    """Copy of `vectors` (n, 3), zero in the rows in which `judged` (n, 3) has an entry that is not a finite number."""
     good = np.isfinite(judged)
     return vectors if good.all() else np.where(good.all(axis=1)[:, None], vectors, 0.0)

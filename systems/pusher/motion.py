@@ -1,4 +1,4 @@
-"""A straight push: along a line, with a trapezoid of speed."""
+"""Motions of a pusher, straight pushes with a trapezoid of speed and recorded ones, and the systems that play them."""
 
 import math
 from dataclasses import dataclass
@@ -13,15 +13,15 @@ from pinwm_drake.systems.sampling import period_index, require_positive
 
 @dataclass(frozen=True, eq=False)
 class StraightPush:
-    """A motion of the pusher along a straight line, from rest to rest.
+    """Push along a straight line, from rest to rest, with a trapezoid of speed.
 
     Attributes:
-        p_WP: (3,) m, where it starts.
-        direction_W: (3,), unit, where it goes.
-        speed: m/s, between speeding up and slowing down.
-        distance: m, from start to stop.
-        acceleration: m/s^2, of both ends.
-        delay: s, before it starts.
+        p_WP: (3,) m, position at the start, world.
+        direction_W: (3,), unit, direction of the motion, world.
+        speed: Speed between speeding up and slowing down, m/s.
+        distance: Distance from start to stop, m.
+        acceleration: Acceleration at both ends, m/s^2.
+        delay: Time before it starts, s.
 
     Raises:
         ValueError: `speed`, `distance` or `acceleration` is not positive, or the distance is too short for the speed.
@@ -35,17 +35,17 @@ class StraightPush:
     delay: float = 0.0
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Validates the numbers; see the class for what is allowed."""
         if not (self.speed > 0 and self.acceleration > 0 and self.distance >= self.speed**2 / self.acceleration):
             raise ValueError(f"{self}: allowed: a distance of speed^2 / acceleration or more, all three positive")
 
     @property
     def end_time(self) -> float:
-        """When it stops, s."""
+        """Time at which the pusher stops, s."""
         return self.delay + self.distance / self.speed + self.speed / self.acceleration
 
     def travel(self, t: float) -> tuple[float, float]:
-        """The way that is behind it [m], and its speed [m/s], at the time t [s]."""
+        """Distance travelled [m] and speed [m/s] at the time t [s]."""
         ramp = self.speed / self.acceleration
         since, left = t - self.delay, self.end_time - t
         if since <= 0:
@@ -59,23 +59,23 @@ class StraightPush:
         return self.speed * (since - 0.5 * ramp), self.speed
 
     def average_velocity(self, index: int, period: float) -> np.ndarray:
-        """v_WP (3,) [m/s], the average from `index` periods [s] to one more."""
+        """Average velocity v_WP (3,) [m/s] from `index` periods [s] to one more."""
         way = self.travel((index + 1) * period)[0] - self.travel(index * period)[0]
         return way / period * self.direction_W
 
     def to_vector(self) -> np.ndarray:
-        """The numbers (10,) that describe it, in the order of the attributes."""
+        """Numbers (10,) that describe the push, in the order of the attributes."""
         rest = [self.speed, self.distance, self.acceleration, self.delay]
         return np.concatenate([self.p_WP, self.direction_W, rest])
 
     @classmethod
     def from_vector(cls, values: np.ndarray) -> "StraightPush":
-        """What `to_vector` described."""
+        """Push from its numbers (10,), the inverse of `to_vector`."""
         return cls(values[:3], values[3:6], *(float(value) for value in values[6:]))
 
 
 class ScriptedPush(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Moves a pusher along a straight push, which is a parameter of the context.
+    """Velocity of a pusher along a straight push, which is a parameter of the context.
 
                         ┌──────────────┐
                         │ ScriptedPush │─► pusher_velocity_W  (3) [m/s], W
@@ -90,7 +90,7 @@ class ScriptedPush(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         """Declares parameter and port.
 
         Args:
-            period: s.
+            period: Period of the velocity, s.
 
         Raises:
             ParameterError: It is not positive.
@@ -112,7 +112,7 @@ class ScriptedPush(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
 
 
 class TrajectoryReplay(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Moves a pusher as a log says.
+    """Velocity of a pusher along a recorded trajectory.
 
                         ┌──────────────────┐
                         │ TrajectoryReplay │─► pusher_velocity_W  (3) [m/s], W
@@ -128,8 +128,8 @@ class TrajectoryReplay(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
         """Cuts the log into periods and declares the port.
 
         Args:
-            trajectory: What was recorded.
-            period: s.
+            trajectory: The recorded trajectory.
+            period: Period of the velocity, s.
             start: Time of the log at the context's time 0, s.
 
         Raises:
@@ -145,7 +145,7 @@ class TrajectoryReplay(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
 
     @property
     def start_position(self) -> np.ndarray:
-        """Where the pusher has to be at the context's time 0: p_WP (3,) m."""
+        """Position p_WP (3,) m, world, that the pusher has to have at the context's time 0."""
         return self._p_WP.copy()
 
     def _CalcVelocity(self, context: Context, output: BasicVector) -> None:

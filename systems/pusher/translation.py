@@ -1,4 +1,4 @@
-"""Actions that are translations over a horizon, as velocities of a pusher."""
+"""Velocities of a pusher from actions that are translations over a horizon."""
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
@@ -8,7 +8,7 @@ from pinwm_drake.systems.sampling import period_index, require_positive, whole_m
 
 
 class PusherTranslation(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Spreads a translation d evenly over a horizon H: v = d / H.
+    """Velocity v = d / H from a translation d, spread evenly over a horizon H.
 
                                                ┌───────────────────┐
         pusher_translation_W  (3 W) [m], W ───►│ PusherTranslation │─► pusher_velocity_W  (3 W) [m/s], W

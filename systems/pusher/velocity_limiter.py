@@ -1,4 +1,4 @@
-"""A pusher's velocity, sample by sample, within limits of box, speed and acceleration; plain numpy, without Drake."""
+"""Limiter of a pusher's velocity, sample by sample: box, speed and acceleration; plain numpy, without Drake."""
 
 import math
 
@@ -12,7 +12,7 @@ _ROUNDING = 1e-9
 
 
 class VelocityLimiter:
-    """The velocity nearest to the one wanted that keeps the limits, for one who samples it every T and holds it.
+    """Limiter that finds the velocity nearest to the one wanted which keeps the limits, when sampled every T and held.
 
     In the order of their weight:
 
@@ -28,11 +28,11 @@ class VelocityLimiter:
     """
 
     def __init__(self, limits: SafetyLimits, period: float) -> None:
-        """Takes the limits.
+        """Prepares the limits of a sampled velocity.
 
         Args:
-            limits: Box, speed and acceleration.
-            period: T, s.
+            limits: Limits of box, speed and acceleration.
+            period: Period T of the samples, s.
 
         Raises:
             ParameterError: The period is not positive.
@@ -44,7 +44,7 @@ class VelocityLimiter:
         self._braking = self._change / math.sqrt(3.0)
 
     def limit(self, wanted: np.ndarray, before: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """The velocity (3,) m/s of the coming period; all arguments finite, world frame.
+        """Limited velocity (3,) m/s of the coming period; all arguments finite, world frame.
 
         Args:
             wanted: (3,) m/s.
@@ -60,7 +60,7 @@ class VelocityLimiter:
         return goal if share == 1.0 else least + share * (goal - least)
 
     def shortened(self, v: np.ndarray) -> np.ndarray:
-        """A finite velocity (3,) m/s no faster than the limit; its direction is kept."""
+        """Velocity (3,) m/s, shortened to the largest speed; finite, its direction is kept."""
         largest = float(np.abs(v).max())
         if largest == 0.0:
             return v
@@ -72,7 +72,7 @@ class VelocityLimiter:
         return shortened
 
     def _stoppable(self, distance: np.ndarray) -> np.ndarray:
-        """The largest speeds (3,) m/s with which a pusher stops within a distance (3,) m."""
+        """Largest speeds (3,) m/s with which a pusher stops within a distance (3,) m."""
         reach = np.maximum(distance, 0.0) / self._period
         d = self._braking
         # n periods of v, v - d, ...: their sum is n v - d n (n - 1) / 2.
@@ -81,7 +81,7 @@ class VelocityLimiter:
         return speeds
 
     def _share(self, first: np.ndarray, way: np.ndarray) -> float:
-        """How much of a change of velocity `way` (3,) m/s may follow the change `first`, 0 to 1."""
+        """Share, 0 to 1, of a change of velocity `way` (3,) m/s that may follow the change `first`."""
         if np.linalg.norm(first + way) <= self._change * (1.0 + _ROUNDING):
             return 1.0
         # |first + s way|^2 = change^2. The norm is convex, so that the larger solution is the one ahead.

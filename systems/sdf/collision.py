@@ -1,4 +1,8 @@
-"""Meshes of objects and pushers for Drake's contact and Drake's renderers, as texts of OBJ files."""
+"""Collision geometry for Drake: meshes of objects and pushers as texts of OBJ files, and spheres to stand on.
+
+For hydroelastic contact a mesh is divided into small triangles (`fine_mesh`). For point contact an object has convex
+pieces for the pusher (`piece_mesh`) and small spheres for the floor (`support_spheres`). Renderers take `seen_mesh`.
+"""
 
 import numpy as np
 import trimesh
@@ -13,14 +17,14 @@ _SAME_SIDE = 1e-3
 
 
 def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> str:
-    """The mesh with its triangles divided, for hydroelastic contact.
+    """OBJ file of a mesh with its triangles divided, for hydroelastic contact.
 
     Drake puts one contact at the centroid of every polygon of a contact surface; on a floor these are the object's
     triangles. Two large ones would neither hold a box upright nor show the friction torque of its face.
 
     Args:
         mesh: Metres, watertight.
-        longest_edge: Of a triangle, for each metre of the mesh's mean extent.
+        longest_edge: Longest edge of a triangle, m for each metre of the mesh's mean extent.
 
     Returns:
         The OBJ file.
@@ -34,7 +38,7 @@ def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> str:
 
 
 def divided(triangles: np.ndarray, longest_edge: float) -> np.ndarray:
-    """Triangles halved across their longest edge until none is longer than allowed.
+    """Triangles of a mesh, halved across their longest edge until none is longer than allowed.
 
     Args:
         triangles: (n, 3, 3) m.
@@ -57,14 +61,14 @@ def divided(triangles: np.ndarray, longest_edge: float) -> np.ndarray:
 
 
 def piece_mesh(piece: ConvexPiece) -> str:
-    """The OBJ file of a convex hull."""
+    """OBJ file of a convex hull."""
     corners = [f"v {' '.join(f'{x + 0.0:.9g}' for x in corner.round(15))}" for corner in piece.vertices]
     faces = [f"f {' '.join(str(corner + 1) for corner in face)}" for face in piece.faces]
     return "\n".join([*corners, *faces]) + "\n"
 
 
 def seen_mesh(mesh: trimesh.Trimesh) -> str:
-    """The OBJ file of a mesh with a normal for each face, as Drake's renderers want it."""
+    """OBJ file of a mesh with a normal for each face, as Drake's renderers want it."""
     lines = [f"v {' '.join(f'{x + 0.0:.9g}' for x in corner)}" for corner in mesh.vertices]
     lines += [f"vn {' '.join(f'{x + 0.0:.9g}' for x in normal)}" for normal in mesh.face_normals]
     lines += [f"f {' '.join(f'{corner}//{k}' for corner in face)}" for k, face in enumerate(mesh.faces + 1, start=1)]
@@ -72,7 +76,7 @@ def seen_mesh(mesh: trimesh.Trimesh) -> str:
 
 
 def support_spheres(mesh: trimesh.Trimesh) -> list[tuple[np.ndarray, float]]:
-    """The spheres with which an object touches a floor.
+    """Spheres with which an object touches a floor in point contact.
 
     On each flat side that it can rest on they are where `geometry.patch.resting_points` puts uniform pressure, and
     stand out by their radius; the corners of the convex hull have smaller ones, on which it tips, rolls and falls.
@@ -97,7 +101,7 @@ def support_spheres(mesh: trimesh.Trimesh) -> list[tuple[np.ndarray, float]]:
 
 
 def resting_normals(mesh: trimesh.Trimesh) -> list[np.ndarray]:
-    """The outward normals (3,) of the sides of the convex hull over which the centre of mass stands."""
+    """Outward normals (3,) of the sides of the convex hull over which the centre of mass stands."""
     hull = trimesh.convex.convex_hull(mesh.vertices)
     p_OB = mass_properties(mesh, mass=1.0).p_com
     found: list[np.ndarray] = []
@@ -111,7 +115,7 @@ def resting_normals(mesh: trimesh.Trimesh) -> list[np.ndarray]:
 
 
 def _turned_down(normal: np.ndarray) -> np.ndarray:
-    """A rotation (3, 3) after which a side with this outward normal lies on the floor."""
+    """Rotation (3, 3) after which a side with this outward normal lies on the floor."""
     across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     across /= np.linalg.norm(across)
     return np.array([across, np.cross(-normal, across), -normal])

@@ -1,4 +1,4 @@
-"""The mesh of a twin in the colours of its surfels, for renderers that know meshes only."""
+"""Mesh of a twin in the colours of its surfels, for renderers that know meshes only."""
 
 import warnings
 
@@ -23,9 +23,9 @@ def coloured_mesh(mesh: trimesh.Trimesh, surfels: Surfels, mtl_name: str) -> tup
     """A mesh whose small triangles have the colours of the surfels near them.
 
     Args:
-        mesh: Of the object, m, frame O.
-        surfels: Its appearance, frame O; each is taken as it looks from straight above the triangle.
-        mtl_name: Of the file of colours.
+        mesh: Mesh of the object, m, frame O.
+        surfels: Appearance of the object, frame O; each is taken as it looks from straight above the triangle.
+        mtl_name: Name of the file of colours.
 
     Returns:
         The texts of the OBJ file, with a normal for each face, and of the MTL file, in at most 32 colours.
@@ -52,7 +52,7 @@ def coloured_mesh(mesh: trimesh.Trimesh, surfels: Surfels, mtl_name: str) -> tup
 
 
 def _colours(middles: np.ndarray, normals: np.ndarray, surfels: Surfels) -> np.ndarray:
-    """The colour (n, 3) of points (n, 3) [m] with outward normals (n, 3), sRGB from 0 to 1."""
+    """Colours (n, 3) of points (n, 3) [m] with outward normals (n, 3), sRGB from 0 to 1."""
     count = min(_NEAREST, surfels.num_surfels)
     distance, index = cKDTree(surfels.p_OS.detach().double().numpy()).query(middles, k=count)
     distance, index = distance.reshape(len(middles), count), index.reshape(len(middles), count)

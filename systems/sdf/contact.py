@@ -1,4 +1,8 @@
-"""Coefficients of Drake's contacts from those of pairs of bodies."""
+"""Coefficients of Drake's contacts: the constants of floor, pusher and supports, and those that follow from theta.
+
+Drake gives coefficients to surfaces, theta gives them to pairs of bodies: `Surfaces.of_pairs` finds the surfaces whose
+pairs have the friction and the restitution that are wanted.
+"""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +27,7 @@ PUSHER_RESOLUTION = 0.002  # m, edges of its tetrahedra
 LONGEST_EDGE = 0.28
 # Point contact, N/m, of a pair: a small sphere on the floor, and a convex piece at the pusher.
 FLOOR_STIFFNESS = 1e6
-# With much more, "lagged" friction is wrong in impacts: see `push_plant`.
+# With much more, "lagged" friction is wrong in impacts: see `systems/engines/plant/scene.py`.
 PUSHER_STIFFNESS = 5e4
 # m, of the spheres on which an object stands. Those on a face stand out by as much, and the corners' by a tenth.
 SUPPORT_RADIUS, CORNER_RADIUS = 1e-5, 1e-6
@@ -39,8 +43,8 @@ def surface_frictions(floor_pair: float, pusher_pair: float) -> tuple[float, flo
     one of both pairs.
 
     Args:
-        floor_pair: Of object and floor, 0 or more.
-        pusher_pair: Of object and pusher, 0 or more.
+        floor_pair: Coefficient of object and floor, 0 or more.
+        pusher_pair: Coefficient of object and pusher, 0 or more.
 
     Returns:
         Of object, floor and pusher.
@@ -85,10 +89,10 @@ class Surfaces:
 
     Attributes:
         friction_object: Coulomb coefficient of the object's surface.
-        friction_floor: Of the floor's.
-        friction_pusher: Of the pusher's.
+        friction_floor: Coulomb coefficient of the floor's surface.
+        friction_pusher: Coulomb coefficient of the pusher's surface.
         dissipation_floor: Hunt and Crossley's, of floor and object [s/m].
-        dissipation_pusher: Of pusher and object [s/m].
+        dissipation_pusher: Hunt and Crossley's, of pusher and object [s/m].
     """
 
     friction_object: float
@@ -106,7 +110,7 @@ class Surfaces:
         restitution_pusher: float = 0.0,
         reference_speed: float = REFERENCE_SPEED,
     ) -> "Surfaces":
-        """The surfaces of pairs with given Coulomb coefficients, and restitutions at a speed of approach [m/s]."""
+        """Surfaces of pairs with given Coulomb coefficients, and restitutions at a speed of approach [m/s]."""
         mu_object, mu_floor, mu_pusher = surface_frictions(friction_floor, friction_pusher)
         floor = min(dissipation_of(restitution_floor, reference_speed), FLOOR_DISSIPATION)
         return cls(mu_object, mu_floor, mu_pusher, floor, dissipation_of(restitution_pusher, reference_speed))

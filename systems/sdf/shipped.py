@@ -1,4 +1,4 @@
-"""Writes the SDFormat files that ship with pinwm_drake, and the meshes with which their objects touch.
+"""Writing of the SDFormat files that ship with pinwm_drake, and of the meshes with which their objects touch.
 
 Run `python -m pinwm_drake.systems.sdf.shipped` after a mesh, or how SDFormat is written, was changed. Beside each mesh
 NAME/NAME.obj come NAME.sdf with NAME_contact.obj, for hydroelastic contact, and NAME_point.sdf with pieces/NAME_k.obj,
@@ -31,12 +31,12 @@ PUSHERS = {
 
 
 def shipped_uri(name: str) -> str:
-    """The URL of a file in the package of models."""
+    """URL of a file in the package of models."""
     return f"package://{PACKAGE_NAME}/{name}"
 
 
 def shipped_pieces(name: str) -> list[ConvexPiece]:
-    """The convex pieces of a shipped object, exactly; frame O, m."""
+    """Convex pieces of a shipped object, exactly; frame O, m."""
     if name == "cube":
         return [box(np.full(3, 0.06))]
     if name == "mug":
@@ -46,12 +46,12 @@ def shipped_pieces(name: str) -> list[ConvexPiece]:
 
 
 def piece_names(name: str, number: int) -> list[str]:
-    """The files of an object's convex pieces in the package of models."""
+    """Names of the files of an object's convex pieces in the package of models."""
     return [f"{name}/pieces/{name}_{k}.obj" for k in range(number)]
 
 
 def shipped_supports(name: str) -> list[tuple[np.ndarray, float]]:
-    """The spheres on which a shipped object stands: centre (3,) [m, frame O] and radius [m] of each, from its file."""
+    """Spheres on which a shipped object stands: centre (3,) [m, frame O] and radius [m] of each, from its file."""
     collisions = ElementTree.parse(object_model(name).point_sdf_path).iter("collision")
     spheres = [entry for entry in collisions if entry.get("name", "").startswith("support_")]
     return [
@@ -61,7 +61,7 @@ def shipped_supports(name: str) -> list[tuple[np.ndarray, float]]:
 
 
 def texts() -> dict[Path, str]:
-    """Every file that this module writes, and what is to stand in it."""
+    """Text of every file that this module writes, by path."""
     root = model_path("package.xml").parent
     found: dict[str, str] = {}
     for name in OBJECT_NAMES:
@@ -75,7 +75,7 @@ def texts() -> dict[Path, str]:
 
 
 def _object_texts(name: str) -> dict[str, str]:
-    """The files of an object, by their names in the package."""
+    """Texts of an object's files, by their names in the package."""
     mesh, pieces = load_mesh(model_path(f"{name}/{name}.obj")), shipped_pieces(name)
     about = mass_properties(mesh, mass=_MASS)
     # Nine digits, as in the mesh: a hundredth of a nanometre, which rounding makes of a centre of mass, is 0.

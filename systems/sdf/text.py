@@ -1,6 +1,6 @@
-"""The texts of SDFormat files: an object for hydroelastic and for point contact, the floor, and a pusher.
+"""Texts of SDFormat files: an object for hydroelastic and for point contact, the floor, and a pusher.
 
-Their coefficients of contact are those of `contact_settings`; elements that begin with `drake:` are Drake's own.
+Their coefficients of contact are those of `contact.py`; elements that begin with `drake:` are Drake's own.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ _GREY = "0.3 0.3 0.32 1"
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """The mass properties of a body.
+    """Mass properties of a body.
 
     Attributes:
         mass: kg.
@@ -32,14 +32,15 @@ class Solid:
 
 @dataclass(frozen=True)
 class Surface:
-    """What Drake has to know of a geometry that touches others.
+    """Contact properties of a geometry for Drake.
 
     Attributes:
         friction: Coulomb coefficient, static and dynamic.
-        dissipation: Hunt and Crossley's [s/m].
-        stiffness: In point contact [N/m]; None leaves it out.
-        modulus: Hydroelastic [Pa] of a compliant one, infinite for a rigid one; None for no hydroelastic contact.
-        resolution: m, edges of the tetrahedra that it is divided into; None for those of a mesh.
+        dissipation: Hunt and Crossley's dissipation [s/m].
+        stiffness: Stiffness in point contact [N/m]; None leaves it out.
+        modulus: Hydroelastic modulus [Pa] of a compliant one, infinite for a rigid one; None for no hydroelastic
+            contact.
+        resolution: Length of the edges of the tetrahedra that it is divided into, m; None for those of a mesh.
     """
 
     friction: float
@@ -49,7 +50,7 @@ class Surface:
     resolution: float | None = None
 
     def text(self) -> str:
-        """The element."""
+        """Element of SDFormat with these properties."""
         lines = []
         if self.modulus is not None:
             rigid = self.modulus == np.inf
@@ -68,10 +69,10 @@ class Surface:
 def object_sdf(
     name: str, solid: Solid, visual: str, contact_mesh: str, surfaces: settings.Surfaces, comment: str
 ) -> str:
-    """A free body for hydroelastic contact: rigid, with a mesh of small triangles.
+    """Model of a free body for hydroelastic contact: rigid, with a mesh of small triangles.
 
     Args:
-        name: Of the model; its link is called "object" and has the frame O.
+        name: Name of the model; its link is called "object" and has the frame O.
         solid: Mass properties.
         visual: URI of the mesh that is seen.
         contact_mesh: URI of the mesh that touches.
@@ -95,10 +96,10 @@ def object_point_sdf(
     surfaces: settings.Surfaces,
     comment: str,
 ) -> str:
-    """A free body for point contact: convex pieces for the pusher, small spheres for the floor.
+    """Model of a free body for point contact: convex pieces for the pusher, small spheres for the floor.
 
     Args:
-        name: Of the model; its link is called "object" and has the frame O.
+        name: Name of the model; its link is called "object" and has the frame O.
         solid: Mass properties.
         visual: URI of the mesh that is seen.
         pieces: URIs of meshes whose convex hulls make up the object.
@@ -119,7 +120,7 @@ def object_point_sdf(
 
 
 def floor_sdf(surfaces: settings.Surfaces, height: float, comment: str) -> str:
-    """A box that stands still, its top at a height [m]; no visual."""
+    """Model of the floor: a box that stands still, its top at a height [m]; no visual."""
     surface = Surface(
         surfaces.friction_floor,
         surfaces.dissipation_floor,
@@ -142,10 +143,10 @@ def pusher_sdf(
     *,
     driven: bool = True,
 ) -> str:
-    """A body that translates along three axes of the world, each with a stiff drive to a desired state.
+    """Model of a pusher that translates along three axes of the world, each with a stiff drive to a desired state.
 
     Args:
-        shape: Its shape, or the URIs of meshes whose convex hulls make it up.
+        shape: Shape of the pusher, or the URIs of meshes whose convex hulls make it up.
         visual: URI of the mesh that is seen; None where it has a shape.
         surfaces: Coefficients.
         comment: First line of the file.
@@ -246,5 +247,5 @@ def _tag(name: str, value: float) -> str:
 
 
 def _numbers(values: Sequence[float] | np.ndarray) -> str:
-    """Digits from which the same numbers are read again."""
+    """Text of numbers with the digits from which the same numbers are read again."""
     return " ".join(repr(float(value) + 0.0) for value in values)

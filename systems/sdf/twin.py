@@ -1,4 +1,4 @@
-"""A twin as SDFormat: its object with the identified theta, the floor, and its pusher, with their meshes."""
+"""SDFormat of a twin: its object with the identified theta, the floor, and its pusher, with their meshes."""
 
 from pathlib import Path
 from typing import Literal, cast, get_args
@@ -27,7 +27,7 @@ _VISUAL = f"{_MESHES}/visual.obj"
 
 
 def contact_name(text: str) -> ContactName:
-    """One of Drake's contact models by name; raises ParameterError where there is no such model."""
+    """Validated name of one of Drake's contact models; raises ParameterError where there is no such model."""
     if text not in get_args(ContactName):
         raise ParameterError(f"contact: got {text!r}; allowed: {', '.join(get_args(ContactName))}")
     return cast(ContactName, text)
@@ -41,7 +41,7 @@ def write_twin_model(twin: Twin, folder: Path) -> list[Path]:
 
     Args:
         twin: The twin.
-        folder: Where to; made if need be.
+        folder: Folder of the models; made if need be.
 
     Returns:
         The four files.
@@ -65,14 +65,14 @@ def write_twin_model(twin: Twin, folder: Path) -> list[Path]:
 
 
 def twin_surfaces(twin: Twin, reference_speed: float = REFERENCE_SPEED) -> Surfaces:
-    """The surfaces whose pairs have a twin's friction, and its restitution at a speed of approach [m/s]."""
+    """Surfaces whose pairs have a twin's friction, and its restitution at a speed of approach [m/s]."""
     names = ("friction_floor", "friction_pusher", "restitution_floor", "restitution_pusher")
     theta = {name: twin.theta[name].value for name in names}
     return Surfaces.of_pairs(**theta, reference_speed=reference_speed)
 
 
 def twin_solid(twin: Twin) -> Solid:
-    """The mass properties of a twin's object; its centre of mass is that of a uniform solid.
+    """Mass properties of a twin's object; its centre of mass is that of a uniform solid.
 
     Raises:
         InputError: The mesh cannot be used.
@@ -95,16 +95,16 @@ def object_text(
     *,
     visual: str | None = None,
 ) -> str:
-    """The SDFormat of a twin's object; its meshes are written.
+    """SDFormat of a twin's object; writes its meshes.
 
     Args:
         twin: The twin.
-        surfaces: Of its contacts.
-        contact: For which contact.
-        folder: In whose subfolder `meshes` they are written.
-        prefix: Of the names of meshes in the text; empty, or the folder with a slash.
+        surfaces: Coefficients of its contacts.
+        contact: Contact model that the text is for.
+        folder: Folder in whose subfolder `meshes` the meshes are written.
+        prefix: Prefix of the names of meshes in the text; empty, or the folder with a slash.
         comment: First line of the text.
-        visual: What is to be seen instead of the twin's mesh in the colours of its surfels, a URI.
+        visual: URI of a mesh to be seen instead of the twin's mesh in the colours of its surfels.
 
     Returns:
         The text.
@@ -127,15 +127,15 @@ def object_text(
 
 
 def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comment: str, *, driven: bool = True) -> str:
-    """The SDFormat of a twin's pusher; the meshes of one without a shape are written.
+    """SDFormat of a twin's pusher; writes the meshes of one without a shape.
 
     Args:
         twin: The twin.
-        surfaces: Of its contacts.
-        folder: In whose subfolder `meshes` they are written.
-        prefix: Of the names of meshes in the text.
+        surfaces: Coefficients of its contacts.
+        folder: Folder in whose subfolder `meshes` the meshes are written.
+        prefix: Prefix of the names of meshes in the text.
         comment: First line of the text.
-        driven: See `pusher_sdf`.
+        driven: Whether the pusher has joints and drives, as for `pusher_sdf`.
 
     Returns:
         The text.
@@ -153,7 +153,7 @@ def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comme
 
 
 def _piece_meshes(path: Path) -> list[str]:
-    """The OBJ files of the parts of a mesh where they are convex, else of its decomposition."""
+    """OBJ files of the parts of a mesh where they are convex, else of its decomposition."""
     pieces: list[ConvexPiece]
     try:
         pieces = load_pieces(path)

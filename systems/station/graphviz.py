@@ -26,12 +26,12 @@ _PACKAGE = re.compile(r"(?<=<B>)pinwm_drake\.[a-z_.]+\.(?=[A-Z])")
 
 
 def station_dot(station: PushStation) -> str:
-    """The station in Graphviz's language; the same text for the same station in every process."""
+    """Text of a station in Graphviz's language; the same text for the same station in every process."""
     return plain(station.GetGraphvizString(max_depth=_DEPTH))
 
 
 def plain(text: str) -> str:
-    """A description by Drake, made the same in every process.
+    """Graphviz text of Drake's, made the same in every process.
 
     Numbers are counted from 0 in the order of the text, edges are sorted (Drake's order is that of addresses), and
     classes stand without their packages.
@@ -52,7 +52,7 @@ def write_pictures(folder: Path) -> list[Path]:
     """Writes text and, where `dot` is installed, pictures of the stations of `PICTURED`.
 
     Args:
-        folder: Where to; made if need be.
+        folder: Folder of the pictures; made if need be.
 
     Returns:
         The files.

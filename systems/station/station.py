@@ -1,4 +1,4 @@
-"""The station: a pushing scene as one diagram with the same ports, whatever moves it."""
+"""Station: a pushing scene as one diagram with the same ports, whatever engine moves it."""
 
 from typing import Literal
 
@@ -30,7 +30,7 @@ STATION_ENGINES = (*ENGINES, "lcm")
 
 
 class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
-    """An object on a floor, a pusher and a camera.
+    """Station of an object on a floor, a pusher and a camera.
 
                                                    ┌─────────────┐
         pusher_velocity_W     (3 W) v_WP [m/s]     │             │─► object_state  (13 W): q_WO, p_WO [m], ω_WO, v_WO
@@ -47,8 +47,8 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
     behind the ports, and NaN stands for what it does not know: see `AddLcmEngine`.
 
     Attributes:
-        setup: What it was made from.
-        engine: What moves it.
+        setup: Setup that it was made from.
+        engine: Engine that moves it.
         world: The twin's WorldModel; None in other engines.
     """
 
@@ -62,7 +62,7 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         lcm: DrakeLcmInterface | None = None,
         armed: bool = False,
     ) -> None:
-        """See `MakePushStation`."""
+        """Assembles the diagram; arguments as for `MakePushStation`."""
         super().__init__()
         self.setup = setup
         self._start = StartDistribution(setup)
@@ -96,9 +96,9 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         """Puts object and pusher into place, at rest.
 
         Args:
-            context: Of the station, or of the outermost diagram around it, where there is one.
-            place: Where.
-            world: Of the twin's worlds.
+            context: Context of the station, or of the outermost diagram around it, where there is one.
+            place: Pose of the object and position of the pusher.
+            world: Number of one of the twin's worlds.
         """
         self.engine.handle.SetObjectState(context, place.X_WO, np.zeros(6), world)
         self.engine.handle.SetPusherPosition(context, place.p_WP, world)
@@ -110,22 +110,22 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         here: call this, with the context of that diagram.
 
         Args:
-            context: Of the station, or of the outermost diagram around it, where there is one.
-            generator: Drawn from once.
+            context: Context of the station, or of the outermost diagram around it, where there is one.
+            generator: Source of randomness; drawn from once.
         """
         numbers = np.random.default_rng(generator())
         for world in range(self.setup.scenario.num_worlds):
             self.SetPlace(context, self._start.draw(numbers), world)
 
     def object_pose(self, context: Context, world: int = 0) -> RigidTransform:
-        """X_WO of a world; `context` as for `SetPlace`."""
+        """Pose X_WO of the object in a world; `context` as for `SetPlace`."""
         mine = self.GetMyContextFromRoot(context)
         state = self.GetOutputPort("object_state").Eval(mine)[13 * world :][:7]
         return RigidTransform(Quaternion(wxyz=state[:4] / np.linalg.norm(state[:4])), state[4:])
 
 
 class Clock(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """The time of the Context, s, as a vector (1)."""
+    """Time of the Context, s, as a vector (1)."""
 
     def __init__(self) -> None:
         """Declares the port."""
@@ -137,7 +137,7 @@ class Clock(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
 
 
 def _add_command(builder: DiagramBuilder, parts: Engine, setup: Setup, command: Command) -> None:
-    """Limits before the engine, and before them the input of the station."""
+    """Adds the limits before the engine, and before them the input of the station."""
     scenario, pusher = setup.scenario, setup.scenario.pusher
     W = scenario.num_worlds
     limits = builder.AddNamedSystem(
@@ -165,14 +165,14 @@ def MakePushStation(
     lcm: DrakeLcmInterface | None = None,
     armed: bool = False,
 ) -> PushStation:
-    """Assembles a station.
+    """Assembles the station of a scenario.
 
     Args:
         scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
         engine: "twin", "hydroelastic", "point" or "lcm"; None for that of the scenario.
         command: Whether the input is `pusher_velocity_W` or `pusher_translation_W`.
-        meshcat: Shows everything, if given.
-        lcm: What the messages of "lcm" go through; None to open the address that the scenario has.
+        meshcat: Server that shows everything, if given.
+        lcm: LCM that the messages of "lcm" go through; None to open the address that the scenario has.
         armed: Whether "lcm" sends commands: the robot does not move otherwise.
 
     Returns:

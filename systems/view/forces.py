@@ -1,4 +1,4 @@
-"""Contact forces as arrows in Meshcat, alike for every engine."""
+"""Arrows for contact forces in Meshcat, alike for every engine."""
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -34,10 +34,10 @@ class MeshcatForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
         """Draws the arrows, hidden.
 
         Args:
-            meshcat: Where.
-            period: s.
-            most: How many thin arrows for each pair.
-            path: Of the arrows in Meshcat's tree.
+            meshcat: The server.
+            period: Simulated time between publishes, s.
+            most: Number of thin arrows for each pair.
+            path: Path of the arrows in Meshcat's tree.
         """
         super().__init__()
         self._forces = self.DeclareAbstractInputPort("contact_forces", AbstractValue.Make(ContactForces.none()))
@@ -67,10 +67,10 @@ class MeshcatForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
 
 
 class _Arrow:
-    """A shaft with a head. Lengths are properties: a recording keeps them, but no transform with a scale."""
+    """Arrow of a shaft with a head. Lengths are properties: a recording keeps them, but no transform with a scale."""
 
     def __init__(self, meshcat: Meshcat, path: str, radius: float, colour: Rgba) -> None:
-        """Draws it, hidden."""
+        """Draws the arrow, hidden."""
         self._meshcat, self._path, self._head = meshcat, path, _HEAD * radius
         meshcat.SetObject(f"{path}/shaft", Cylinder(radius, 1.0), colour)
         # A cone's point is its origin: turned around, and put one length ahead of the head's own origin.
@@ -80,11 +80,11 @@ class _Arrow:
         meshcat.SetProperty(path, "visible", False)
 
     def hide(self, time: float) -> None:
-        """From now on."""
+        """Hides the arrow from a time [s] on."""
         self._meshcat.SetProperty(self._path, "visible", False, time)
 
     def show(self, p_WC: np.ndarray, f_W: np.ndarray, time: float) -> None:
-        """From p_WC [m] in the direction of f_W [N], both (3,), world; hidden where the force is too small."""
+        """Shows the arrow from p_WC [m] along f_W [N], both (3,), world; hides it where the force is too small."""
         length = min(LENGTH_PER_FORCE * float(np.linalg.norm(f_W)), _LONGEST)
         if length < _SHORTEST:
             self.hide(time)

@@ -1,4 +1,4 @@
-"""Meshcat's server, on this machine only unless told otherwise, and recordings of what it shows."""
+"""Server of Meshcat, on this machine only unless told otherwise; recordings of its scene, and sliders for theta."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -24,7 +24,7 @@ def make_meshcat(host: str = LOCALHOST, port: int | None = None) -> Meshcat:
 
     Args:
         host: Address or name of the interface to listen on; "*" for every one of the machine.
-        port: Where to listen; None for the first one that is free from 7000 on.
+        port: Port to listen on; None for the first one that is free from 7000 on.
 
     Returns:
         The server; `web_url()` is the address of its page.
@@ -43,12 +43,12 @@ def make_meshcat(host: str = LOCALHOST, port: int | None = None) -> Meshcat:
 
 @contextmanager
 def recorded(meshcat: Meshcat, path: Path, frames_per_second: float = 30.0) -> Iterator[None]:
-    """Records what a simulation publishes in the block, and writes it as one HTML file that needs no server.
+    """Records the publishes of a simulation in the block, and writes them as one HTML file that needs no server.
 
     Args:
         meshcat: The server.
         path: The file; its folder exists.
-        frames_per_second: Of simulated time. Between frames the page interpolates.
+        frames_per_second: Frames for each second of simulated time. Between frames the page interpolates.
 
     Raises:
         InputError: The file cannot be written.
@@ -67,7 +67,7 @@ def recorded(meshcat: Meshcat, path: Path, frames_per_second: float = 30.0) -> I
 
 
 def recorded_html(meshcat: Meshcat) -> str:
-    """The page as it is, with the recording that was published last, as one HTML file; without the sliders."""
+    """Page as it is, with the recording that was published last, as one HTML file; without the sliders."""
     html: str = meshcat.StaticHtml()
     return html
 
@@ -96,6 +96,6 @@ def AddThetaSliders(meshcat: Meshcat, theta: Mapping[str, float]) -> None:
 
 
 def ReadThetaSliders(meshcat: Meshcat) -> dict[str, float]:
-    """The values of the sliders that `AddThetaSliders` added, by the same names."""
+    """Values of the sliders that `AddThetaSliders` added, by the same names."""
     there = meshcat.GetSliderNames()
     return {name: meshcat.GetSliderValue(label) for name, (label, *_) in _SLIDERS.items() if label in there}

@@ -1,4 +1,4 @@
-"""Everything of a station in Meshcat: geometries, floor, camera, contact forces and surfels."""
+"""View of a station in Meshcat: geometries, floor, camera, contact forces and surfels."""
 
 import math
 from typing import Protocol
@@ -39,39 +39,39 @@ _EYE, _EYE_TURN = 0.7, math.radians(50)
 
 
 class Shown(Protocol):
-    """What is read of an Engine."""
+    """Ports and names of an Engine that the view reads."""
 
     @property
     def name(self) -> str:
-        """Of the engine."""
+        """Name of the engine."""
 
     @property
     def object_state(self) -> OutputPort:
-        """(13 W)."""
+        """State (13 W) of the objects, as in `Engine`."""
 
     @property
     def contact_forces(self) -> OutputPort:
-        """Value[ContactForces]."""
+        """Contact forces, Value[ContactForces]."""
 
     @property
     def scene_graph(self) -> SceneGraph:
-        """What is seen."""
+        """SceneGraph whose geometries are shown."""
 
 
 class Seen(Protocol):
-    """What is read of a Setup."""
+    """Parts of a Setup that the view reads."""
 
     @property
     def twin(self) -> Twin:
-        """Surfels, and height of the floor."""
+        """Twin, for its surfels and the height of the floor."""
 
     @property
     def camera(self) -> Camera:
-        """Of the `rgb` port; intrinsics (4,)."""
+        """Camera of the `rgb` port; intrinsics (4,)."""
 
     @property
     def X_WC(self) -> RigidTransform:
-        """Its pose, OpenCV axes."""
+        """Pose of the camera, OpenCV axes."""
 
 
 def AddSceneView(
@@ -83,19 +83,20 @@ def AddSceneView(
     period: float = PERIOD,
     prefix: str = PREFIX,
 ) -> MeshcatVisualizer:
-    """Adds to a diagram what shows an engine in Meshcat.
+    """Adds the systems that show an engine in Meshcat to a diagram.
 
     The surfels are shown with the twin, in place of the object's mesh, and hidden with other engines; the page's
     controls show either. With "lcm" there are none, as nobody knows where the object is. Everything is published every
     `period`, and when a publish is forced.
 
     Args:
-        builder: Of the diagram that holds the engine.
-        engine: Its ports.
+        builder: Builder of the diagram that holds the engine.
+        engine: Ports of the engine.
         meshcat: The server.
-        setup: What the engine was built from.
-        period: s.
-        prefix: Of all paths in Meshcat's tree; `meshcat.SetTransform(prefix, ...)` puts one station beside another.
+        setup: Setup that the engine was built from.
+        period: Simulated time between publishes, s.
+        prefix: Prefix of all paths in Meshcat's tree; `meshcat.SetTransform(prefix, ...)` puts one station beside
+            another.
 
     Returns:
         The visualizer of the geometries.
@@ -124,14 +125,14 @@ def AddSceneView(
 
 
 def _object_paths(scene_graph: SceneGraph, prefix: str) -> list[str]:
-    """Where MeshcatVisualizer puts the body "object": the parts of a frame's name become a path."""
+    """Paths at which MeshcatVisualizer puts the body "object": the parts of a frame's name become a path."""
     inspector = scene_graph.model_inspector()
     names = (inspector.GetName(frame).split("::") for frame in inspector.GetAllFrameIds())
     return ["/".join([prefix, *parts]) for parts in names if parts[-1] == "object"]
 
 
 def _draw_floor(meshcat: Meshcat, path: str, height: float) -> None:
-    """A thin square whose upper side is the floor."""
+    """Draws a thin square whose upper side is the floor."""
     meshcat.SetObject(path, Box(_FLOOR_SIDE, _FLOOR_SIDE, _FLOOR_DEPTH), _FLOOR_COLOUR)
     # A little lower, so that faces that lie on it are not mixed with it.
     meshcat.SetTransform(path, RigidTransform([0.0, 0.0, height - 0.6 * _FLOOR_DEPTH]))
@@ -140,7 +141,7 @@ def _draw_floor(meshcat: Meshcat, path: str, height: float) -> None:
 
 
 def _draw_camera(meshcat: Meshcat, path: str, camera: Camera, X_WC: RigidTransform) -> None:
-    """Its frustum as far as what it looks at, and the page's own look at that."""
+    """Draws a camera's frustum as far as the point that it looks at, and points the page's own camera there."""
     p_WC, forward = X_WC.translation(), X_WC.rotation().matrix()[:, 2]
     # Where its axis meets the height of the world's origin, if ahead; else half a metre ahead.
     distance = -p_WC[2] / forward[2] if p_WC[2] * forward[2] < 0 else 0.5
@@ -153,7 +154,7 @@ def _draw_camera(meshcat: Meshcat, path: str, camera: Camera, X_WC: RigidTransfo
 
 
 def frustum(camera: Camera, depth: float) -> tuple[np.ndarray, np.ndarray]:
-    """The edges of the pyramid that a camera sees.
+    """Edges of the pyramid that a camera sees.
 
     Args:
         camera: Intrinsics (4,).

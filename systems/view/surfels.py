@@ -1,4 +1,4 @@
-"""The surfels of a twin as geometry in Meshcat, moved with the object."""
+"""Surfels of a twin as geometry in Meshcat, moved with the object."""
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
@@ -11,7 +11,7 @@ from pinwm_drake.report.surfels.mesh import SurfelMesh
 
 
 class MeshcatSurfels(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Draws the surfels of world 0, once, and moves them.
+    """Publisher that draws the surfels of world 0, once, and moves them.
 
                                                ┌────────────────┐
         object_state (13 W): q_WO, p_WO [m] ─► │ MeshcatSurfels │
@@ -21,14 +21,14 @@ class MeshcatSurfels(LeafSystem):  # type: ignore[misc]  # pydrake has no usable
     """
 
     def __init__(self, surfels: Surfels, meshcat: Meshcat, *, num_worlds: int = 1, period: float, path: str) -> None:
-        """Draws them.
+        """Draws the surfels.
 
         Args:
-            surfels: Frame O; one set of colours.
-            meshcat: Where.
-            num_worlds: W.
-            period: s.
-            path: Of the surfels in Meshcat's tree.
+            surfels: Surfels, frame O; one set of colours.
+            meshcat: The server.
+            num_worlds: Number of worlds W.
+            period: Simulated time between publishes, s.
+            path: Path of the surfels in Meshcat's tree.
         """
         super().__init__()
         self._meshcat, self._path = meshcat, path

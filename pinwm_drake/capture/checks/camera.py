@@ -1,4 +1,4 @@
-"""Whether the intrinsics of a camera look like those of its images."""
+"""Check of a camera's intrinsics against the size of its images."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ def check_camera(path: Path, camera: Camera, findings: Findings) -> None:
     """Warns of intrinsics that may belong to images of another size.
 
     Args:
-        path: The file that says them.
+        path: The file of the intrinsics.
         camera: Size and intrinsics (4,).
         findings: Receives the problems.
     """

@@ -32,16 +32,16 @@ _START = 0.005, 2.0  # m and deg between object.X_WO and the first pose of the t
 
 
 def check_episode(name: str, scene: Scene, findings: Findings, progress: Callable[[str], None]) -> int:
-    """Checks `episodes/<name>`.
+    """Checks the episode in `episodes/<name>`.
 
     Args:
-        name: Of the episode.
-        scene: What was read of the capture so far.
+        name: Name of the episode.
+        scene: The parts of the capture that have been read so far.
         findings: Receives the problems.
         progress: Is told what comes next.
 
     Returns:
-        How many images it has.
+        Number of images of the episode.
     """
     folder = scene.folder / EPISODES / name
     before = findings.errors
@@ -77,7 +77,7 @@ def check_episode(name: str, scene: Scene, findings: Findings, progress: Callabl
 
 
 def _check_view(folder: Path, scene: Scene, findings: Findings) -> tuple[Camera, Pose] | None:
-    """Checks `camera.json`; the camera and its pose X_WC, where they could be read."""
+    """Checks `camera.json`; returns the camera and its pose X_WC, or None where they could not be read."""
     seen = attempt(lambda: read_fixed_camera(folder), findings.error)
     if seen is None:
         return None
@@ -91,7 +91,7 @@ def _check_view(folder: Path, scene: Scene, findings: Findings) -> tuple[Camera,
 
 
 def _pose_at(poses: ObjectPoses | None, scene: Scene, start: float, time: float) -> Pose | None:
-    """The object's pose, where it is known: at the start, and in the table."""
+    """Pose of the object at a time [s], where it is known: at the start, and in the table."""
     if poses is not None and poses.t[0] - 1e-6 <= time <= poses.t[-1] + 1e-6:
         return pose_at(poses.t, poses.p_WO, poses.q_WO, time)
     return scene.X_WO if time == start else None

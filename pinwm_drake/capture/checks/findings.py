@@ -21,36 +21,36 @@ class Problem:
 
 
 class Findings:
-    """Notes problems, each once.
+    """Collection of the problems of a capture, each noted once.
 
     Attributes:
-        problems: Those noted so far, in order.
+        problems: Problems noted so far, in order.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Starts without problems; `folder` is the capture."""
+        """Collection without problems; `folder` is the capture."""
         self.problems: list[Problem] = []
         self._folder = folder
         self._seen: set[str] = set()
 
     def error(self, error: PinwmError) -> None:
-        """Notes an error."""
+        """Notes an error, once."""
         self._note("error", error)
 
     def warn(self, path: Path, found: str, expected: str, row: int | None = None) -> None:
-        """Notes a warning.
+        """Notes a warning, once.
 
         Args:
             path: The file or folder.
-            found: What was found there, in words.
-            expected: What would be better.
+            found: The finding, in words.
+            expected: A better state of the file, in words.
             row: The line in it.
         """
         self._note("warning", InputError(path, row=row, value=found, allowed=expected))
 
     @property
     def errors(self) -> int:
-        """How many errors there are."""
+        """Number of errors noted so far."""
         return sum(problem.severity == "error" for problem in self.problems)
 
     def _note(self, severity: Literal["error", "warning"], error: PinwmError) -> None:

@@ -1,4 +1,4 @@
-"""Checks of the pusher's log: whether its columns fit together, and whether it reaches the object."""
+"""Checks of the pusher's log: agreement of its columns, and the way to the object."""
 
 from pathlib import Path
 
@@ -23,11 +23,11 @@ _FAST = 1.5  # m/s
 def check_motion(
     folder: Path, trajectory: PusherTrajectory, frames_t: np.ndarray | None, scene: Scene, findings: Findings
 ) -> None:
-    """Checks what the pusher does.
+    """Checks the motion of the pusher.
 
     Args:
-        folder: That of the episode.
-        trajectory: Its log, without NaN.
+        folder: Folder of the episode.
+        trajectory: Log of the pusher, without NaN.
         frames_t: (n,) [s], when the images were taken; None where that is not known.
         scene: The object, where it starts, and the pusher.
         findings: Receives the problems.

@@ -1,4 +1,4 @@
-"""What one image says: how sharp it is, and whether the mesh's outline lies where the mask does."""
+"""Checks of single images: sharpness, and agreement of the mesh's outline with the mask."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ _AGREEMENT = 0.92  # of the union, away from the outlines: edges 5 % off cost 0.
 
 @dataclass(frozen=True)
 class Agreement:
-    """How a silhouette and a mask agree.
+    """Agreement of a silhouette and a mask.
 
     Attributes:
         iou: Intersection over union, leaving out what is near the outline.
@@ -33,11 +33,11 @@ class Agreement:
 
     @property
     def poor(self) -> bool:
-        """Whether it is too low for a mesh, scale and calibration that fit."""
+        """Flag: the agreement is too low for a mesh, scale and calibration that fit."""
         return self.iou < _AGREEMENT
 
     def words(self) -> str:
-        """What disagrees."""
+        """Overlap, ratio of areas and shift in words."""
         x, y = self.shift
         return f"overlap (IoU) {self.iou:.2f}, area x {self.area_ratio:.2f}, shift ({x:.0f}, {y:.0f}) px"
 
@@ -71,7 +71,7 @@ def compare(outline: np.ndarray, mask: np.ndarray, ignored: np.ndarray | None = 
 
 
 def sharpness(image: np.ndarray, mask: np.ndarray) -> float | None:
-    """How sharp an object is in its image, whatever its colours and contrast.
+    """Sharpness of an object in its image, independent of its colours and contrast.
 
     Args:
         image: (H, W, 3) float32.
@@ -96,8 +96,8 @@ def check_sharpness(folder: Path, values: list[tuple[Path, float | None]], findi
     """Warns of images far less sharp than the others, and of images that are all blurred.
 
     Args:
-        folder: Where they are.
-        values: Of each image, its file and its sharpness.
+        folder: Folder of the images.
+        values: File and sharpness of each image.
         findings: Receives the problems.
     """
     known = [value for _, value in values if value is not None]
@@ -119,7 +119,7 @@ def check_area(path: Path, mask: np.ndarray, findings: Findings) -> None:
 
 
 def dilated(mask: np.ndarray, distance: int) -> np.ndarray:
-    """A mask (H, W) grown by some pixels."""
+    """Mask (H, W) grown by some pixels."""
     size = 2 * distance + 1
     return cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
 

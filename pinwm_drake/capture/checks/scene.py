@@ -31,13 +31,13 @@ _KEYS = ("schema_version", "units", "gravity", "object", "pusher", "floor")
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What could be read of a capture's scene; None where it could not.
+    """Scene of a capture as far as it could be read; None where a part could not.
 
     Attributes:
         folder: The capture.
         mesh: The object, m, O.
-        X_WO: Its pose in the static views and at the start of an episode.
-        pusher: What pushes it, m, P.
+        X_WO: Pose of the object in the static views and at the start of an episode.
+        pusher: The pusher's surface, m, P.
         floor_height: m.
         episode_names: The episodes.
     """

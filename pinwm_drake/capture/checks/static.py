@@ -29,15 +29,15 @@ _DOWN = -0.7  # z of normals that face the floor
 
 
 def check_static(scene: Scene, findings: Findings, progress: Callable[[str], None]) -> int:
-    """Checks `static/`.
+    """Checks the static views in `static/`.
 
     Args:
-        scene: What was read of the capture so far.
+        scene: The parts of the capture that have been read so far.
         findings: Receives the problems.
         progress: Is told what comes next.
 
     Returns:
-        How many views there are.
+        Number of views.
     """
     path = scene.folder / "static" / TRANSFORMS
     document = attempt(lambda: read_json(path), findings.error)
@@ -79,11 +79,11 @@ def _check_view(frame: Frame, scene: Scene, findings: Findings, sharp: list[tupl
 
 
 def in_picture(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> bool:
-    """Whether a camera may see an object: a part is in front, and the box around it and the image overlap.
+    """Flag: a camera may see an object, as a part is in front, and the box around it and the image overlap.
 
     Args:
         mesh: m, frame O.
-        camera: With intrinsics (4,).
+        camera: Camera with intrinsics (4,).
         X_CO: Pose of O in the camera: q (4,), p (3,) [m].
     """
     pixels, depths = (values.numpy() for values in project(camera, X_CO, torch.from_numpy(np.array(mesh.vertices))))

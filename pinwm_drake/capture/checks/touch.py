@@ -1,4 +1,4 @@
-"""Whether the pusher reaches the object at all: the distance between the two along the trajectory."""
+"""Distance of pusher and object along the trajectory, which tells whether the two touch at all."""
 
 from dataclasses import dataclass
 
@@ -21,11 +21,11 @@ _REFINED, _NEAREST, _TRIANGLES = 8, 50, 1000  # looks, points and triangles whos
 
 @dataclass(frozen=True)
 class Approach:
-    """How near a pusher comes to an object that stays where it starts.
+    """Nearest approach of a pusher to an object that stays where it starts.
 
     Attributes:
-        distance: m, between the surfaces; exact to the spacing of points on the pusher, some 2 mm.
-        t: s, when it is least.
+        distance: Least distance of the surfaces, m; exact to the spacing of points on the pusher, some 2 mm.
+        t: Time of that distance, s.
         inside: Whether the pusher is in the object from the start, or the other way round.
     """
 
@@ -37,14 +37,14 @@ class Approach:
 def approach(
     mesh: trimesh.Trimesh, X_WO: Pose, pusher: trimesh.Trimesh, trajectory: PusherTrajectory, end: float
 ) -> Approach:
-    """How near the pusher comes to the object.
+    """Nearest approach of the pusher to the object.
 
     Args:
         mesh: The object, m, O.
-        X_WO: Where it stays: q (4,), p (3,) [m].
+        X_WO: Pose in which the object stays: q (4,), p (3,) [m].
         pusher: The pusher, m, P.
-        trajectory: Where the pusher is.
-        end: s; what happens later does not count.
+        trajectory: Motion of the pusher.
+        end: End of the motion that counts, s.
 
     Returns:
         The nearest approach.
@@ -110,7 +110,7 @@ def _ball(mesh: trimesh.Trimesh) -> tuple[np.ndarray, float]:
 
 
 def _inside(mesh: trimesh.Trimesh, pusher: trimesh.Trimesh, X_OP: Pose) -> bool:
-    """Whether the middle of one surface's first face is inside the other."""
+    """Flag: the middle of one surface's first face is inside the other surface."""
     p_O = transform(X_OP, torch.tensor(np.array(pusher.triangles_center[0]))).numpy()
     p_P = transform(inverse(X_OP), torch.tensor(np.array(mesh.triangles_center[0]))).numpy()
     return winding_number(mesh, p_O) > 0.5 or winding_number(pusher, p_P) > 0.5

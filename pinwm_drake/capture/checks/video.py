@@ -1,4 +1,4 @@
-"""Checks of an episode's images: what they show, where, and whether anything moves."""
+"""Checks of an episode's images: the object in them, its place, its motion, and sharpness."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -34,18 +34,18 @@ _MARGIN = 2  # px around the pusher that may be its own
 
 @dataclass(frozen=True, eq=False)
 class Video:
-    """The images of an episode and what is known of their contents.
+    """Images of an episode, and the known poses of the bodies in them.
 
     Attributes:
-        folder: That of the episode.
+        folder: Folder of the episode.
         camera: Size and intrinsics (4,).
-        X_WC: Its pose; q (4,), p (3,) [m].
+        X_WC: Pose of the camera; q (4,), p (3,) [m].
         file_names: The images, n paths from `folder`.
         t: (n,) [s].
         mesh: The object, m, O; or None.
-        X_WO_at: Its pose in the world at a time [s], or None where that is not known.
+        X_WO_at: Pose of the object in the world at a time [s], or None where that is not known.
         pusher: The pusher, m, P; or None.
-        X_WP_at: Its pose in the world at a time [s], or None where that is not known.
+        X_WP_at: Pose of the pusher in the world at a time [s], or None where that is not known.
     """
 
     folder: Path
@@ -61,16 +61,16 @@ class Video:
 
 @dataclass(eq=False)
 class _Seen:
-    """What the images showed so far, by the number of each.
+    """Findings in the images so far, by the number of each image.
 
     Attributes:
         first: Grey values and mask of the first image, and the pusher's pixels in it.
-        sharp: Their files and sharpness.
-        empty: Those without the object.
-        cut: Those where it touches the border.
-        moved: The largest share of its pixels that changed since the first image.
-        agreements: How meshes and masks agree, where that is known.
-        read: How many images could be read.
+        sharp: File and sharpness of each image.
+        empty: Images without the object.
+        cut: Images in which the object touches the border.
+        moved: The largest share of the object's pixels that changed since the first image.
+        agreements: Agreement of mesh and mask in each image for which it is known.
+        read: Number of images that could be read.
     """
 
     first: tuple[np.ndarray, np.ndarray, np.ndarray] | None
@@ -112,7 +112,7 @@ def check_video(video: Video, findings: Findings, progress: Callable[[str], None
 
 
 def _look(video: Video, k: int, seen: _Seen, findings: Findings) -> None:
-    """Looks at one image."""
+    """Checks one image, and notes its findings in `seen`."""
     name = video.file_names[k]
     if not is_file(video.folder / name):
         return  # its row in the table has been refused
@@ -142,7 +142,7 @@ def _look(video: Video, k: int, seen: _Seen, findings: Findings) -> None:
 
 
 def _pusher_pixels(video: Video, t: float) -> np.ndarray:
-    """Where the pusher is in the image of a time [s], and a little around it: (H, W) bool."""
+    """Mask (H, W) bool of the pusher's pixels in the image of a time [s], and a little around them."""
     nowhere = np.zeros((video.camera.height, video.camera.width), bool)
     X_WP = video.X_WP_at(t)
     if video.pusher is None or X_WP is None:

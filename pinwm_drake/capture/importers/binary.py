@@ -1,4 +1,4 @@
-"""A binary file read from its start; one that ends too soon is refused."""
+"""Binary file read from its start; one that ends too soon is refused."""
 
 import struct
 from pathlib import Path
@@ -9,7 +9,7 @@ from pinwm_drake.errors import InputError
 
 
 class Binary:
-    """The bytes of a file, little-endian and without padding, and how far they have been read."""
+    """Bytes of a file, little-endian and without padding, and the place up to which they have been read."""
 
     def __init__(self, path: Path) -> None:
         """Reads a file; raises InputError where that fails."""
@@ -27,7 +27,7 @@ class Binary:
         return min(int(count), len(self._data) + 1)
 
     def take(self, code: str, row: int | None) -> tuple[Any, ...]:
-        """The next values, by their `struct` format.
+        """Takes the next values, by their `struct` format.
 
         Args:
             code: Without its byte order.

@@ -29,8 +29,8 @@ def import_colmap(
     Args:
         source: The model, or a folder with the model in `sparse/0` and its images in `images`.
         out: The capture; not there yet, or empty.
-        scenery: What the model does not say.
-        similarity: From the model's world, whose origin, axes and unit are arbitrary, to that of the capture.
+        scenery: The parts of the scene that the model does not have.
+        similarity: Similarity from the model's world, whose origin, axes and unit are arbitrary, to the capture's.
         images: Folder of the images; None for `images` in `source` or beside the model.
         masks: Folder of the masks, as `NAME.png` for an image `NAME`, or with its name up to the suffix; None
             where the images have alpha or a white background.

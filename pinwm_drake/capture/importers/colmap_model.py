@@ -44,7 +44,7 @@ class ModelImage:
     """One image of a model.
 
     Attributes:
-        name: Its file, from the folder of the images.
+        name: Path of its file from the folder of the images.
         camera: Size and intrinsics (4,).
         X_SC: Pose of the camera in the model's world S; q (4,), p (3,) in its unit.
     """
@@ -58,7 +58,7 @@ def read_model(folder: Path) -> list[ModelImage]:
     """Reads a COLMAP model.
 
     Args:
-        folder: With `cameras.bin` and `images.bin`, or else `cameras.txt` and `images.txt`.
+        folder: Folder with `cameras.bin` and `images.bin`, or else `cameras.txt` and `images.txt`.
 
     Returns:
         Its images, by name.

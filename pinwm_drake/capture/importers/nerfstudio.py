@@ -1,4 +1,4 @@
-"""nerfstudio's `transforms.json` (and NeRF's, which says an angle and leaves the suffix out)."""
+"""Import of nerfstudio's `transforms.json` (and NeRF's, which says an angle and leaves the suffix out)."""
 
 import math
 from pathlib import Path
@@ -24,8 +24,8 @@ def import_nerfstudio(source: Path, out: Path, scenery: Scenery, similarity: Sim
     Args:
         source: The folder, or its `transforms.json`.
         out: The capture; not there yet, or empty.
-        scenery: What the file does not say.
-        similarity: From its world to that of the capture; None where they are the same, in metres.
+        scenery: The parts of the scene that the file does not have.
+        similarity: Similarity from its world to that of the capture; None where they are the same, in metres.
 
     Returns:
         How many views there are.
@@ -67,7 +67,7 @@ def read_posed_images(path: Path) -> list[PosedImage]:
 
 
 def _read(document: Entry, entry: Entry) -> Frame:
-    """A frame, with what nerfstudio takes for granted filled in."""
+    """Frame of a `transforms.json`, with the defaults of nerfstudio filled in."""
     name = entry["file_path"].text()
     if not is_file(entry.path.parent / name):
         name = next((name + suffix for suffix in _SUFFIXES if is_file(entry.path.parent / (name + suffix))), name)

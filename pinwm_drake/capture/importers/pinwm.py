@@ -1,4 +1,4 @@
-"""The data of PIN-WM's authors: pushes in Bullet, with masked images and static views.
+"""Import of the data of PIN-WM's authors: pushes in Bullet, with masked images and static views.
 
     dynamic_train0.json     ee_init_position, ee_goal_position: (x, y) or (x, y, z) of the pusher [m]
                             image_datas: of each image c2w (3 x 4, OpenGL axes), intrinsic (3 x 3) and
@@ -44,14 +44,14 @@ def import_pinwm(
     camera: int | None = None,
     static: Path | None = None,
 ) -> list[str]:
-    """Makes a capture of a folder of theirs.
+    """Makes a capture of a folder in the layout of PIN-WM's authors.
 
     Args:
         source: The folder.
         out: The capture; not there yet, or empty.
         scenery: Meshes and what else the data do not say; without X_WO, that of the first pose of the object.
         pusher_height: m, z of the pusher; None where the data have it.
-        camera: Which of several cameras; None for the one with the lowest number.
+        camera: Number of one of several cameras; None for the one with the lowest number.
         static: The static views' file; None for `transforms_train.json` or `transforms.json` in `source`.
 
     Returns:
@@ -73,7 +73,7 @@ def import_pinwm(
 
 
 def _push_files(source: Path) -> list[Path]:
-    """The files of pushes: those to train with by number, then those to test with."""
+    """Files of pushes: those to train with by number, then those to test with."""
     if not is_folder(source):
         raise InputError(source, value="no such folder", allowed="a folder with dynamic_train0.json")
     found = [(match[1] == "test", int(match[2]), path) for path in source.iterdir() if (match := _name(path))]

@@ -1,4 +1,4 @@
-"""One push in the layout of PIN-WM's authors; see `pinwm` for the layout."""
+"""Push in the layout of PIN-WM's authors; see `pinwm` for the layout."""
 
 import re
 from dataclasses import dataclass
@@ -25,15 +25,15 @@ _SAME = 1e-6  # how far a camera that stands still may move: m, or along an axis
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """One of their pushes.
+    """Push of PIN-WM's authors.
 
     Attributes:
-        images: The masked images, by frame.
-        frames: The number of each.
-        camera: Of all; size and intrinsics (4,).
-        X_WC: Its pose (OpenCV axes); q (4,), p (3,) [m].
-        trajectory: Of the pusher, from frame 0 to the last.
-        poses: Of the object, by frame; or None.
+        images: Paths of the masked images, by frame.
+        frames: Number of each frame.
+        camera: Camera of all images; size and intrinsics (4,).
+        X_WC: Pose of the camera (OpenCV axes); q (4,), p (3,) [m].
+        trajectory: Motion of the pusher, from frame 0 to the last.
+        poses: Poses of the object, by frame; or None.
     """
 
     images: list[Path]
@@ -45,12 +45,12 @@ class Push:
 
 
 def read_push(path: Path, *, pusher_height: float | None = None, camera: int | None = None) -> Push:
-    """Reads one `dynamic_train*.json`.
+    """Reads a push from its `dynamic_train*.json`.
 
     Args:
         path: The file; paths of images count from its folder.
-        pusher_height: As for `import_pinwm`.
-        camera: As for `import_pinwm`.
+        pusher_height: Height of the pusher, as for `import_pinwm`.
+        camera: Number of the camera, as for `import_pinwm`.
 
     Returns:
         The push.
@@ -82,15 +82,15 @@ def read_push(path: Path, *, pusher_height: float | None = None, camera: int | N
 
 
 def trajectory(start: np.ndarray, goal: np.ndarray, count: int) -> PusherTrajectory:
-    """Where their pusher goes.
+    """Motion of the pusher in a push of PIN-WM's authors.
 
     Args:
-        start: (3,) [m], at frame 0.
-        goal: (3,) [m]; its height does not count.
-        count: Frames.
+        start: (3,) [m], position at frame 0.
+        goal: (3,) [m], position aimed at; its height does not count.
+        count: Number of frames.
 
     Returns:
-        Its pose at each frame, and its velocity from there to the next.
+        Pose of the pusher at each frame, and its velocity from there to the next.
     """
     p_WP, v_WP = np.zeros((count, 3)), np.zeros((count, 3))
     p = start.copy()
@@ -102,7 +102,7 @@ def trajectory(start: np.ndarray, goal: np.ndarray, count: int) -> PusherTraject
 
 
 def _chosen(images: Entry, camera: int | None) -> dict[int, Entry]:
-    """The images of one camera, by frame; those before frame 0 are left out, as their loader does."""
+    """Images of one camera, by frame; those before frame 0 are left out, as the authors' loader does."""
     cameras: dict[int, dict[int, Entry]] = {}
     for entry in images.items():
         name = entry["file_path"]
@@ -124,7 +124,7 @@ def _chosen(images: Entry, camera: int | None) -> dict[int, Entry]:
 
 
 def _masked(entry: Entry) -> Path:
-    """The masked twin of an image."""
+    """Path of the masked twin of an image."""
     match = _IMAGE.fullmatch(entry["file_path"].text())
     assert match is not None  # `_chosen` has refused other names
     path = entry.path.parent / f"{match[1]}m_{match[2]}_{match[3]}{match[4]}"
@@ -162,7 +162,7 @@ def _require_still(entry: Entry, X_WC: Pose, intrinsics: torch.Tensor) -> None:
 
 
 def _position(entry: Entry, height: float | None) -> np.ndarray:
-    """A position of the pusher (3,) [m], its height from the option where there is one."""
+    """Position of the pusher (3,) [m], its height from the option where there is one."""
     flat = isinstance(entry.value, list) and len(entry.value) == 2
     position = entry.numbers(2 if flat else 3)
     if np.abs(position).max() > 1e3:

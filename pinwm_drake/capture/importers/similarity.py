@@ -1,4 +1,4 @@
-"""A change of world: the one that images were posed in, and that of the capture (metres, z up)."""
+"""Similarity from the world in which images were posed to that of the capture (metres, z up)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ _SCALES = (1e-6, 1e6)
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """p_W = scale R_WS p_S + p_WS, from the source's world S to the capture's world W.
+    """Similarity p_W = scale R_WS p_S + p_WS, from the source's world S to the capture's world W.
 
     Attributes:
         scale: m for each unit of S.
@@ -29,7 +29,7 @@ class Similarity:
     p_WS: np.ndarray
 
     def pose(self, X_SC: Pose) -> Pose:
-        """The pose in W of a camera whose pose in S, in its units, is X_SC; q (4,), p (3,) [m]."""
+        """Pose in W of a camera whose pose in S, in its units, is X_SC; q (4,), p (3,) [m]."""
         R_WC = self.R_WS @ quaternion_to_matrix(X_SC.q).numpy()
         p_WC = self.scale * self.R_WS @ X_SC.p.numpy() + self.p_WS
         return Pose(matrix_to_quaternion(torch.from_numpy(R_WC)), torch.from_numpy(p_WC))
@@ -41,10 +41,10 @@ def scaled_world(scale: float = 1.0) -> Similarity:
 
 
 def read_similarity(path: Path, scale: float = 1.0) -> Similarity:
-    """Reads a similarity.
+    """Reads a similarity from a file.
 
     Args:
-        path: YAML or JSON: four rows of four numbers, or those under the key `matrix`; the capture's world from
+        path: File in YAML or JSON: four rows of four numbers, or those under the key `matrix`; the capture's world from
             the source's, metres.
         scale: m for each unit of the source, besides that of the matrix.
 

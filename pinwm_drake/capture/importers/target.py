@@ -14,16 +14,17 @@ from pinwm_drake.spatial.poses import Pose
 
 @dataclass(frozen=True, eq=False)
 class Scenery:
-    """What the images of others do not say.
+    """Parts of a scene that the images of others do not have.
 
     Attributes:
-        name: Of the object.
+        name: Name of the object.
         mesh: The object's mesh, m, O.
-        X_WO: Its pose in the world of the capture; None where the imported data say it, or for the identity.
-        mass: kg; None where it was not measured.
+        X_WO: Pose of the object in the world of the capture; None where the imported data have it, or for the
+            identity.
+        mass: Mass of the object, kg; None where it was not measured.
         pusher_mesh: The pusher's mesh, m, P; or None.
-        pusher_shape: Its shape; or None.
-        floor_height: m.
+        pusher_shape: The pusher's shape; or None.
+        floor_height: Height of the floor, m.
         gravity: m/s^2, downwards.
     """
 
@@ -42,7 +43,7 @@ def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
 
     Args:
         folder: The capture.
-        scenery: What to write.
+        scenery: The scene to write.
         X_WO: The object's pose; q (4,), p (3,) [m].
 
     Raises:
@@ -68,7 +69,7 @@ def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
 
 
 def copy_file(source: Path, target: Path) -> None:
-    """Copies a file; the folder of `target` is made if need be.
+    """Copies a file; makes the folder of `target` if need be.
 
     Raises:
         InputError: The file cannot be read, or its copy not written.

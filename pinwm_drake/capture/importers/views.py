@@ -1,4 +1,4 @@
-"""Posed images of others, written as the static views of a capture."""
+"""Static views of a capture from the posed images of others."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +16,13 @@ from pinwm_drake.spatial.poses import Pose
 
 @dataclass(frozen=True, eq=False)
 class PosedImage:
-    """One image of others.
+    """Posed image of others, with its camera.
 
     Attributes:
         path: The image.
-        mask_path: Its mask, or None.
+        mask_path: The image of its mask, or None.
         camera: Size and intrinsics (4,).
-        X_SC: Its pose in the world S of the source, OpenCV axes; q (4,), p (3,) in the unit of S.
+        X_SC: Pose of the camera in the world S of the source, OpenCV axes; q (4,), p (3,) in the unit of S.
     """
 
     path: Path
@@ -37,7 +37,7 @@ def write_static(folder: Path, images: list[PosedImage], similarity: Similarity)
     Args:
         folder: The capture.
         images: All with masks, or none.
-        similarity: From their world to that of the capture.
+        similarity: Similarity from their world to that of the capture.
 
     Raises:
         InputError: An image is refused or of another size than its camera's, some have a mask and some not, or

@@ -1,6 +1,6 @@
 """Two cylinders against each other (numba).
 
-As in `cylinder_axis`: a search names the features, and the pair of features with the largest separation along
+The method of `cylinder_axis`: a search names the features, and the pair of features with the largest separation along
 its normal, known in closed form or by Newton's method for two rims, is the contact.
 """
 

@@ -89,7 +89,7 @@ def _best_face(table, one, two, X_21):
 
 @internal_kernel
 def _holds(table, one, two, X_21, face, apart):
-    """Whether the least translation out of a slight penetration is along a face's normal, for certain.
+    """Flag: the least translation out of a slight penetration is along a face's normal, for certain.
 
     The Minkowski difference has a facet over this face. Where the facet extends by R about the point below
     which the origin lies at depth d, no direction within 168 degrees of the normal leads out sooner if R >=
@@ -149,7 +149,7 @@ def _along(table, two, X_21, v, w, across):
 
 @internal_kernel
 def _edge_at(table, one, two, X_21, v, across):
-    """The edge at v that runs along a cylinder, or `across` its axis, within MANIFOLD_ANGLE; else v twice."""
+    """Edge at vertex v that runs along a cylinder, or `across` its axis, within MANIFOLD_ANGLE; else v twice."""
     if table.pieces[one, 0] != HULL:
         i = table.pieces[one, 1]
         return (i, i + 1) if _along(table, two, X_21, i, i + 1, across) < MANIFOLD_ANGLE else (v, v)

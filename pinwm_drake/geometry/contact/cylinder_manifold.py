@@ -177,7 +177,7 @@ def cap_on_face(table, one, two, X_21, kx, ky, kz, face, end, least, column, mar
 
 @internal_kernel
 def through_disc(px, py, pz, dx, dy, dz, ux, uy, uz, radius):
-    """Where the line p + t d passes in and out of a cylinder about the axis u; NaN where it does not."""
+    """Places t at which the line p + t d passes in and out of a cylinder about the axis u; NaN where it does not."""
     a, b = dot(px, py, pz, ux, uy, uz), dot(dx, dy, dz, ux, uy, uz)
     px, py, pz, dx, dy, dz = px - a * ux, py - a * uy, pz - a * uz, dx - b * ux, dy - b * uy, dz - b * uz
     a, b, c = dot(dx, dy, dz, dx, dy, dz), dot(px, py, pz, dx, dy, dz), dot(px, py, pz, px, py, pz)

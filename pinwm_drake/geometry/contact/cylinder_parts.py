@@ -155,12 +155,12 @@ def write_rim_line(table, piece, end, v, w, X_CL, nx, ny, nz, rows, count, colum
     Args:
         table: PieceTable.
         piece: The cylinder.
-        end: 0 or 1.
+        end: End of the cylinder that has the rim, 0 or 1.
         v, w: Vertices of the line.
         X_CL: Pose of the line's body in the cylinder's body C, twelve scalars.
         nx, ny, nz: Unit normal out of the cylinder, frame C.
-        rows, count: Where to write.
-        column: Of the cylinder.
+        rows, count: Table of feature rows, and the row to write.
+        column: Column of the cylinder's part in the row, 0 or 8.
     """
     c = table.pieces[piece, 1] + end
     rx, ry, rz = xyz(table.vertices, c)

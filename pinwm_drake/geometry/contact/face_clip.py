@@ -1,4 +1,4 @@
-"""Which part of a point or segment lies over a face of a hull (numba)."""
+"""Clipping of points and segments to the area over a face of a hull (numba)."""
 
 import math
 
@@ -23,7 +23,7 @@ DEEPER = 1.0e-7
 
 @internal_kernel
 def outside_face(table, face, x, y, z):
-    """How far a point lies outside the worst side of a face [m], measured in the face's plane."""
+    """Distance [m] by which a point lies outside the worst side of a face, measured in the face's plane."""
     worst = -math.inf
     for k in range(table.faces[face], table.faces[face + 1]):
         worst = max(worst, height(table.sides, k, x, y, z))

@@ -74,7 +74,7 @@ def collide_bodies(table, body_A, R_WA, p_WA, body_B, R_WB, p_WB, margin, rows, 
 
 @geometry_kernel
 def _apart(cx, cy, cz, reach, spheres, k):
-    """Whether a sphere of radius `reach` about c, in B, misses sphere k."""
+    """Flag: a sphere of radius `reach` about c, in B, misses sphere k."""
     dx, dy, dz = cx - spheres[k, 0], cy - spheres[k, 1], cz - spheres[k, 2]
     reach += spheres[k, 3]
     return dx * dx + dy * dy + dz * dz > reach * reach

@@ -64,7 +64,7 @@ def _point_velocity(V, r):
 
 @kernel
 def _rotation_adjoint(phi, bar):
-    """For R' = exp(phi) R: gradients with respect to phi and to R's own rotation vector, from that of R'."""
+    """Gradients with respect to phi and to R's own rotation vector, from that of R' = exp(phi) R."""
     angle2 = _dot(phi, phi)
     if angle2 < 1e-8:
         sine, b, c = 1.0 - angle2 / 6.0, 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
@@ -84,7 +84,7 @@ def _rotation_adjoint(phi, bar):
 
 @kernel
 def _pose_update_adjoint(model, bodies, solver, adjoint, moved):
-    """Back through x' = x + h v' + delta, q' = exp(h w' + delta) q; leaves delta's gradient in adjoint.y."""
+    """Adjoint of x' = x + h v' + delta, q' = exp(h w' + delta) q; leaves delta's gradient in adjoint.y."""
     h = model.time_step
     nb = model.num_bodies
     for b in range(nb + model.num_kinematic):
@@ -107,7 +107,7 @@ def _pose_update_adjoint(model, bodies, solver, adjoint, moved):
 
 @kernel
 def _frame_to_pose(c, bodies, contacts, adjoint, gap_bar):
-    """Back from the frame, levers and gap of contact c (adjoint.frame, adjoint.lever) to the two poses."""
+    """Adjoint of contact c's geometry: from adjoint.frame, adjoint.lever and gap_bar to the poses of the two bodies."""
     A, B = contacts.body[c, 0], contacts.body[c, 1]
     frame, lever = adjoint.frame, adjoint.lever
     n = contacts.frame[c, 0]
@@ -136,7 +136,7 @@ def _frame_to_pose(c, bodies, contacts, adjoint, gap_bar):
 
 @kernel
 def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
-    """Back through the position correction; adjoint.y holds delta's gradient on entry."""
+    """Adjoint of the position correction; adjoint.y holds delta's gradient on entry."""
     y, delta = adjoint.y, solver.delta
     lu_solve(6 * system.num_bodies, solver.S_delta, solver.pivot_delta, y)
     for c in range(contacts.number[0]):
@@ -188,7 +188,7 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
 def _contact_rows_adjoint(
     model, friction_bar, restitution, restitution_bar, bodies, contacts, system, solver, adjoint, c
 ):
-    """Back through the rows of contact c: to poses, velocities before the step, friction and restitution."""
+    """Adjoint of the rows of contact c: to poses, velocities before the step, friction and restitution."""
     k = len(system.cosines)
     y = adjoint.y
     reduced = solver.reduced[c]
@@ -274,7 +274,7 @@ def _contact_rows_adjoint(
 
 @kernel
 def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, solver, adjoint, b):
-    """Back through M xi' = M xi* + h f of body b, the gyroscopic step and the inertia's rotation."""
+    """Adjoint of the momentum balance M xi' = M xi* + h f of body b, the gyroscopic step and the inertia's rotation."""
     h = model.time_step
     o = 6 * b
     R, I_B, V, w = bodies.R[b], inertia[b], bodies.V[b], bodies.V_body[b]

@@ -1,4 +1,4 @@
-"""The arrays that describe a model to the kernels: what never changes in a rollout."""
+"""Arrays that describe a model to the kernels, constant in a rollout."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ ANGULAR_HINGE = 2
 
 
 class ModelArrays(NamedTuple):
-    """A frozen model in the kernels' form.
+    """Frozen model as arrays and numbers, in the form that the kernels read.
 
     Bodies are numbered dynamic (0..num_bodies-1), then the pusher if there is one, then the static world.
 

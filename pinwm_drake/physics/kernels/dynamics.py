@@ -24,7 +24,7 @@ def rotation_from_quaternion(q, R):
 
 @kernel
 def integrate_quaternion(q, x, y, z):
-    """Q <- exp([x, y, z]) q, the rotation vector in the world frame, rad; renormalised."""
+    """Quaternion update q <- exp([x, y, z]) q, the rotation vector in the world frame, rad; renormalised."""
     angle2 = x * x + y * y + z * z
     if angle2 < 1e-12:
         c, s = 1.0 - angle2 / 8.0, 0.5 - angle2 / 48.0
@@ -56,7 +56,7 @@ def solve3(A, x, y, z):
 
 @kernel
 def gyroscopic_jacobian(I_B, w, h):
-    """I_B + h ([w]x I_B - [I w]x), the derivative of the gyroscopic residual, as nine numbers by rows."""
+    """Derivative of the gyroscopic residual, I_B + h ([w]x I_B - [I w]x), as nine numbers by rows."""
     x, y, z = w[0], w[1], w[2]
     mx = I_B[0, 0] * x + I_B[0, 1] * y + I_B[0, 2] * z
     my = I_B[1, 0] * x + I_B[1, 1] * y + I_B[1, 2] * z

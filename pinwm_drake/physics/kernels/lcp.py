@@ -133,7 +133,7 @@ def contact_loads(system, contacts, work, x):
 
 @kernel
 def contact_velocity(contacts, c, x):
-    """(J x) of contact c: normal and two tangential components."""
+    """Contact velocity J x of contact c: normal and two tangential components."""
     bodies, J = contacts.dynamic, contacts.J
     jn, j1, j2 = 0.0, 0.0, 0.0
     for side in range(2):
@@ -169,7 +169,7 @@ def recover(system, contacts, work, x, dlam):
 
 @kernel
 def negative_residual(system, contacts, x, lam, out):
-    """Out = -(M xi' - p - J_e' lambda_e - J' lambda; J_e xi' + bias_e + eps_e lambda_e)."""
+    """Writes out = -(M xi' - p - J_e' lambda_e - J' lambda; J_e xi' + bias_e + eps_e lambda_e)."""
     cosines, sines, bodies, J = system.cosines, system.sines, contacts.dynamic, contacts.J
     inertia, mass, momentum, J_e = system.inertia, system.mass, system.momentum, system.J_e
     size = 6 * system.num_bodies

@@ -96,7 +96,7 @@ def standard_form(system, contacts, work, impulse, speed, rows, matrix, vector):
 
 @allocating_kernel
 def lemke(matrix, vector, positive):
-    """Finds which z are positive in s = matrix z + vector, s z = 0, s, z >= 0, by complementary pivoting.
+    """Set of positive z in s = matrix z + vector, s z = 0, s, z >= 0, found by complementary pivoting.
 
     Args:
         matrix: (N, N).

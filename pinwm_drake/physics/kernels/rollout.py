@@ -232,7 +232,7 @@ def allocate_frames(
 def allocate_saved(
     num_steps: int, num_worlds: int, num_bodies: int, max_contacts: int, width: int, keep: bool
 ) -> tuple[np.ndarray, ...]:
-    """What the backward pass needs of every step: states and active sets; empty if not `keep`."""
+    """Arrays for the backward pass: states and active sets of every step; empty if not `keep`."""
     T = num_steps if keep else 0
     W = num_worlds
     return (

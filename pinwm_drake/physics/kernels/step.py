@@ -10,7 +10,7 @@ from pinwm_drake.physics.kernels.stabilise import stabilise
 
 @kernel
 def build_step(model, mass, inertia, friction, restitution, bodies, contacts, system):
-    """Everything of a step up to its LCP: dynamics, contacts, joints."""
+    """Builds a step up to its LCP: dynamics, contacts, joints."""
     begin_step(model, mass, inertia, bodies, system)
     select_features(model, bodies, contacts)
     build_rows(model, friction, restitution, bodies, contacts, system)

@@ -1,4 +1,4 @@
-"""Which surfels touch which tile, front to back (numba).
+"""Lists of the surfels that touch each tile, front to back (numba).
 
 Indices are unsigned where they come out of arrays: signed ones would first be tried for counting from the end.
 """
@@ -17,7 +17,7 @@ def sort_by_depth(number, keys, order, spare, counts):
     """Stable radix sort of order[:number] by keys[order[i]].
 
     Args:
-        number: how many.
+        number: number of entries to sort.
         keys: (N,) int32, bits of positive floats, which sort like the floats.
         order: (>=number,) int32, overwritten.
         spare: (>=number,) int32, work.

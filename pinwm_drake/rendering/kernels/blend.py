@@ -52,7 +52,7 @@ PATIENCE = 8
 
 @kernel
 def falloff(rho):
-    """exp(-rho / 2) for 0 <= rho <= 12; 0.0025 beyond."""
+    """Falloff exp(-rho / 2) for 0 <= rho <= 12; 0.0025 beyond."""
     r = min(rho, MOST_RHO)
     e = ((((E5 * r + E4) * r + E3) * r + E2) * r + E1) * r + E0
     e = e * e
@@ -77,7 +77,7 @@ def reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2):
 
 @kernel
 def pairs_of_rows(first, last):
-    """Where the pairs of rows with rows first..last-1 of a tile begin in a channel, and how many pixels they have.
+    """First entry in a channel of the pairs of rows that hold rows first..last-1 of a tile, and number of their pixels.
 
     The masks tell the compiler that no index is negative, and that nothing is left over beside vectors of 16.
     """
@@ -87,7 +87,7 @@ def pairs_of_rows(first, last):
 
 @kernel
 def opaque(work):
-    """Whether no pixel of the tile takes more."""
+    """Flag: no pixel of the tile takes more."""
     open_pixels = 0
     for i in range(PIXELS):
         open_pixels += 1 if work[_T + i] > LEAST_TRANSMITTANCE else 0
@@ -96,7 +96,7 @@ def opaque(work):
 
 @kernel
 def fill_places(work, x, y):
-    """Where a tile's pixels are, counted from its first one: columns into work[x:], rows into work[y:]."""
+    """Writes the places of a tile's pixels, counted from its first one: columns into work[x:], rows into work[y:]."""
     for i in range(PIXELS):
         work[x + i], work[y + i] = np.float32(i % TILE), np.float32(i // TILE)
 
@@ -177,7 +177,7 @@ def blend_tile(v, slot, row, column, splats, boxes, starts, entries, background,
 
     Args:
         v: the view.
-        slot: where in `splats`, `boxes` and `starts` it is.
+        slot: index of the view in `splats`, `boxes` and `starts`.
         row, column: the tile.
         splats: (slots, N, 16), projected surfels.
         boxes: (slots, N, 5), rows of pixels and columns of tiles that a surfel may reach; and whether only

@@ -207,7 +207,7 @@ def pull_tile(
         v, row, column, splats, boxes, starts, entries, background, full, origin, images: as in `blend.blend_tile`.
         image_bars: gradients with respect to `images`.
         bars: (parts, V, N, 16), the gradients with respect to `splats` are added to its part.
-        part: which.
+        part: index of the part of `bars` that gains the gradients.
         work: (13 * 64,), with its places filled in.
     """
     color, alpha, m1, m2, normal = images

@@ -12,7 +12,7 @@ from pinwm_drake.rendering.kernels.project import CHANNELS as PROJECT_CHANNELS
 
 @entry_point
 def project_views(surfels, sh, view, size, splats, depths, boxes, totals, first, last):
-    """Projects into views first..last-1; totals (V,) receives how long their lists are."""
+    """Projects surfels into views first..last-1; totals (V,) receives the lengths of their lists."""
     basis, work = np.empty(16, np.float32), np.empty(PROJECT_CHANNELS * BLOCK, np.float32)
     for v in range(first, last):
         totals[v] = project_surfels(v, v, surfels, sh, view, size, splats, depths, boxes, basis, work)

@@ -1,4 +1,4 @@
-"""How far triangles are at the centre of each pixel (numba)."""
+"""Depths of triangles at the centre of each pixel (numba)."""
 
 import numpy as np
 

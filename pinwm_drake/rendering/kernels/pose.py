@@ -7,7 +7,7 @@ from pinwm_drake.rendering.kernels.project_adjoint import quaternion_gradient
 
 @entry_point
 def fill_rotations(q, R):
-    """R (V, 3, 3) of q (V, 4), wxyz."""
+    """Writes rotations R (V, 3, 3) of quaternions q (V, 4), wxyz."""
     for v in range(q.shape[0]):
         columns = rotation_columns(q[v, 0], q[v, 1], q[v, 2], q[v, 3])
         for i in range(3):

@@ -106,7 +106,7 @@ def rotation_columns(w, x, y, z):
 
 @kernel
 def exponential(x):
-    """exp(x) for |x| <= 16, to 4e-6 of it; the value at the limit beyond. It compiles to vector instructions."""
+    """Exponential of x for |x| <= 16, to 4e-6 of it; the value at the limit beyond. It compiles to vector code."""
     r = min(max(x, -_MOST_EXPONENT), _MOST_EXPONENT)
     e = (((((_E6 * r + _E5) * r + _E4) * r + _E3) * r + _E2) * r + _E1) * r + ONE
     e = e * e
@@ -119,7 +119,7 @@ def exponential(x):
 
 @kernel
 def turn(R, v, x, y, z):
-    """R[v] (x, y, z)."""
+    """Vector turned by the rotation of view v: R[v] (x, y, z)."""
     return (
         R[v, 0, 0] * x + R[v, 0, 1] * y + R[v, 0, 2] * z,
         R[v, 1, 0] * x + R[v, 1, 1] * y + R[v, 1, 2] * z,
@@ -129,7 +129,7 @@ def turn(R, v, x, y, z):
 
 @kernel
 def turn_back(R, v, x, y, z):
-    """R[v]' (x, y, z)."""
+    """Vector turned back by the rotation of view v: R[v]' (x, y, z)."""
     return (
         R[v, 0, 0] * x + R[v, 1, 0] * y + R[v, 2, 0] * z,
         R[v, 0, 1] * x + R[v, 1, 1] * y + R[v, 2, 1] * z,
@@ -238,7 +238,7 @@ def project_surfels(v, slot, surfels, sh, view, size, splats, depths, boxes, bas
 
     Args:
         v: the view.
-        slot: where in `splats`, `depths` and `boxes` it goes.
+        slot: index in `splats`, `depths` and `boxes` that receives the view.
         surfels: p_OS (N, 3), q_OS (N, 4), log_scale (N, 2), logit_opacity (N,).
         sh: (1 or V, N, K, 3).
         view: R_CO (V, 3, 3), p_CO (V, 3), intrinsics (V, 4).

@@ -36,7 +36,7 @@ from pinwm_drake.rendering.kernels.project import (
 
 @kernel
 def _add_outer(R_bar, part, v, x, y, z, a, b, c):
-    """R_bar += (x, y, z) (a, b, c)'."""
+    """Adds an outer product: R_bar += (x, y, z) (a, b, c)'."""
     R_bar[part, v, 0, 0] += x * a
     R_bar[part, v, 0, 1] += x * b
     R_bar[part, v, 0, 2] += x * c
@@ -72,7 +72,7 @@ def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars,
 
     Args:
         s, v: the surfel and the view.
-        part: which part of `R_bar` and `p_bar` to add to.
+        part: index of the part of `R_bar` and `p_bar` that gains the sums.
         surfels, sh, view, splats, boxes: as in `project.project_surfels`.
         bars: (parts, V, N, 16), gradients with respect to `splats`, summed over parts here.
         surfel_bars: as `surfels`, receive sums.

@@ -1,4 +1,4 @@
-"""Which pixels the triangles of a mesh cover (numba)."""
+"""Mask of the pixels that the triangles of a mesh cover (numba)."""
 
 import numpy as np
 

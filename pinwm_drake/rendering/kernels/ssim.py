@@ -11,7 +11,7 @@ from pinwm_drake.jit import entry_point, kernel
 
 @kernel
 def _blur_row(source, row, weights, channels, across, target):
-    """Target (W C,) = one row of `source` under the window; `across` (W C + 2 radius C,) has zeros at both ends."""
+    """Writes target (W C,), a row of `source` under the window; `across` (W C + 2 radius C,) has zeros at its ends."""
     height, width = source.shape
     radius = weights.shape[0] // 2
     pad = radius * channels
@@ -31,7 +31,7 @@ def _blur_row(source, row, weights, channels, across, target):
 
 @entry_point
 def blur(source, weights, channels, target):
-    """Target = source under the separable window `weights` (odd length)."""
+    """Writes target, the source under the separable window `weights` (odd length)."""
     across = np.zeros(source.shape[1] + (weights.shape[0] - 1) * channels, np.float32)
     for row in range(source.shape[0]):
         _blur_row(source, row, weights, channels, across, target[row])
@@ -84,7 +84,7 @@ def compare(a, b, weights, channels, mean_b, square_b, c1, c2, grads, squares):
 
 @entry_point
 def compare_adjoint(a, b, weights, channels, grads, scale, a_bar):
-    """a_bar = scale times the derivative of `compare` by a."""
+    """Writes a_bar, scale times the derivative of `compare` by a."""
     height, width = a.shape
     across = np.zeros(width + (weights.shape[0] - 1) * channels, np.float32)
     by_mean, by_square, by_product = (

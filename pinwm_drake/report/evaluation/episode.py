@@ -1,4 +1,4 @@
-"""An episode of an evaluation, with what is needed to show it."""
+"""Record of an evaluation's episode, with all that is needed to show it."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,15 @@ from pinwm_drake.learning.evaluation import EpisodeResult
 
 @dataclass(frozen=True, eq=False)
 class EpisodeRecord:
-    """An episode of n actions; row k of a table is what there was after k of them.
+    """Record of an episode of n actions; row k of a table is the state after k of them.
 
     Attributes:
-        result: How it went.
+        result: Outcome of the episode.
         q_WO: (n + 1, 4) wxyz, of the object.
         p_WO: (n + 1, 3) m, world.
         p_WP: (n + 1, 3) m, world, of the pusher.
         views: (m, height, width, 3) uint8, sRGB: some of the images that the policy saw; none where it sees none.
-        at: (m,) int, after how many actions it saw them.
+        at: (m,) int, number of actions after which it saw each.
         seconds: Wall time that it took.
         cpu_seconds: Time of the process's cores that it took.
     """
@@ -34,16 +34,16 @@ class EpisodeRecord:
 
     @property
     def last(self) -> int:
-        """The number of the last row."""
+        """Number of the last row."""
         return len(self.p_WO) - 1
 
     def start(self, q_WO: tuple[float, float, float, float]) -> tuple[float, float, float]:
-        """Where the object began: x [m], y [m] and its yaw [rad], a turn about z after the lying orientation q_WO."""
+        """Start of the object: x [m], y [m] and its yaw [rad], a turn about z after the lying orientation q_WO."""
         turn = rotation(self.q_WO[0]) * rotation(q_WO).inv()
         a = turn.as_matrix()
         return float(self.p_WO[0, 0]), float(self.p_WO[0, 1]), float(np.arctan2(a[1, 0], a[0, 0]))
 
 
 def rotation(q: object) -> Rotation:
-    """Of a quaternion (4,) wxyz."""
+    """Rotation of a quaternion (4,) wxyz."""
     return Rotation.from_quat(np.asarray(q, float), scalar_first=True)

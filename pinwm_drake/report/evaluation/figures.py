@@ -1,4 +1,4 @@
-"""Figures of an evaluation: how soon episodes succeed, how long they take, and where they began."""
+"""Figures of an evaluation: success over the actions, lengths of episodes, and their starts."""
 
 from collections.abc import Sequence
 
@@ -17,7 +17,7 @@ _ARROW = 10.0  # mm
 
 
 def success_figure(evaluation: Evaluation, max_steps: int) -> Figure:
-    """The share of episodes that had succeeded after so many actions, with its 95 % interval."""
+    """Figure of the share of episodes that had succeeded over the number of actions, with its 95 % interval."""
     steps, n = evaluation.steps(successful=True), evaluation.episodes
     at = np.arange(max_steps + 1)
     counts = [int((steps <= k).sum()) for k in at]
@@ -37,7 +37,7 @@ def success_figure(evaluation: Evaluation, max_steps: int) -> Figure:
 
 
 def steps_figure(evaluation: Evaluation, max_steps: int) -> Figure:
-    """How many episodes took how many actions, by outcome."""
+    """Figure of the number of episodes over the number of their actions, by outcome."""
     figure = new_figure(8, 2.8)
     axes = figure.subplots()
     groups = {name: [one.steps for one in evaluation.results if one.outcome == name] for name in OUTCOMES}
@@ -55,11 +55,11 @@ def steps_figure(evaluation: Evaluation, max_steps: int) -> Figure:
 
 
 def start_figure(records: Sequence[EpisodeRecord], q_WO: tuple[float, float, float, float]) -> Figure:
-    """Where the object began, as arrows along its x axis, and how many actions each start yaw took.
+    """Figure of the object's starts, as arrows along its x axis, and of the number of actions over the start yaw.
 
     Args:
         records: The episodes.
-        q_WO: (4,) wxyz, how the object lies at yaw 0.
+        q_WO: (4,) wxyz, orientation of the lying object at yaw 0.
     """
     figure = new_figure(10, 4.4)
     place, turn = figure.subplots(1, 2)

@@ -1,4 +1,4 @@
-"""Pictures of an evaluation's episodes: one of them after some actions, and many side by side as a film."""
+"""Pictures of an evaluation's episodes: one episode after some actions, and many side by side as a film."""
 
 from collections.abc import Iterator, Sequence
 
@@ -34,7 +34,7 @@ class EpisodeFilm:
         pusher: trimesh.Trimesh,
         X_WG: Pose | None,
     ) -> None:
-        """Takes over what does not move.
+        """Takes over the parts of the scene that do not move.
 
         Args:
             camera: The view.
@@ -52,14 +52,14 @@ class EpisodeFilm:
             self._goal = [(segment, _GOAL) for segment in outline]
 
     def picture(self, record: EpisodeRecord, step: int) -> np.ndarray:
-        """What there was after some actions, or in the end: (height, width, 3) uint8, sRGB."""
+        """Picture of an episode after some actions, or at its end: (height, width, 3) uint8, sRGB."""
         k = min(step, record.last)
         R_WO, p_WO = rotation(record.q_WO[k]).as_matrix(), record.p_WO[k]
         actors = [(actor, R_WO, p_WO) for actor in self._object]
         return self._stage.picture([*actors, (self._pusher, np.eye(3), record.p_WP[k])], self._goal)
 
     def captioned(self, record: EpisodeRecord, step: int) -> np.ndarray:
-        """The picture with seed and number of the action; at the end in a frame of the outcome's colour."""
+        """Picture with seed and number of the action; at the end in a frame of the outcome's colour."""
         result, ended = record.result, step >= record.last
         image = self.picture(record, step)
         words = f"{result.seed}: {min(step, record.last)}"
@@ -84,10 +84,10 @@ class FilmGrid:
         """Takes the episodes, one or more.
 
         Args:
-            film: Draws them.
+            film: Pictures of single episodes.
             records: The episodes.
-            columns: How many side by side.
-            keep: How many pictures are kept at most.
+            columns: Number of episodes side by side.
+            keep: Number of pictures that are kept at most.
         """
         self._film, self._records = film, list(records)
         self._columns = min(columns, len(self._records))
@@ -101,7 +101,7 @@ class FilmGrid:
         self._drawn: dict[int, np.ndarray] = {}
 
     def picture(self, step: int) -> np.ndarray:
-        """All episodes after some actions: (height, width, 3) uint8, sRGB."""
+        """Picture of all episodes after some actions: (height, width, 3) uint8, sRGB."""
         if step in self._drawn:
             return self._drawn[step]
         picture = self._draw(step)
@@ -119,7 +119,7 @@ class FilmGrid:
         return np.ascontiguousarray(whole[: self.size[1], : self.size[0]])
 
     def pictures(self) -> Iterator[np.ndarray]:
-        """One for each action, and some more of the end."""
+        """Pictures of the film: one for each action, and some more of the end."""
         for step in range(self.steps + 1):
             yield self.picture(step)
         for _ in range(_STAYS):

@@ -1,4 +1,4 @@
-"""The identified episode on a page: a player that needs no codec, and strips of a few frames."""
+"""Film of the identified episode on a page: a player that needs no codec, and strips of a few frames."""
 
 import json
 from collections.abc import Sequence
@@ -16,16 +16,16 @@ _SPEEDS = (1.0, 0.5, 0.25, 0.125)
 
 
 def player(shots: list[Shot], errors: PoseErrors | None) -> str:
-    """A film of all frames, with the names of its panels."""
+    """Player of a film of all frames, with the names of its panels, as HTML."""
     names = "".join(f"<span>{name}</span>" for name in PANELS)
     return film_player([(shot.t, shot.joined(), _words(shot, errors)) for shot in shots], names)
 
 
 def film_player(pictures: Sequence[tuple[float, np.ndarray, str]], names: str = "") -> str:
-    """A film, drawn by a few lines of script; played again and again.
+    """Player of a film, drawn by a few lines of script and played again and again, as HTML.
 
     Args:
-        pictures: When [s], what (height, width, 3) uint8 sRGB, and words for it; one or more.
+        pictures: Time [s], picture (height, width, 3) uint8 sRGB, and caption of each frame; one or more.
         names: HTML above it.
     """
     frames = [{"t": round(t, 6), "src": picture_uri(picture), "words": words} for t, picture, words in pictures]
@@ -43,7 +43,7 @@ def film_player(pictures: Sequence[tuple[float, np.ndarray, str]], names: str = 
 
 
 def strips(shots: list[Shot]) -> str:
-    """Camera, twin and difference, one below the other, for a few frames at equal distances."""
+    """Strips of camera, twin and difference, one below the other, for a few frames at equal distances, as HTML."""
     chosen = np.unique(np.linspace(0, len(shots) - 1, _STRIPS).round().astype(int)).tolist()
     cells = ["<span></span>", *(f"<span>t = {shots[k].t:.2f} s</span>" for k in chosen)]
     for row, name in enumerate(PANELS):
@@ -67,7 +67,7 @@ def _words(shot: Shot, errors: PoseErrors | None) -> str:
 
 
 def _speeds(seconds: float) -> str:
-    """The options of playback; chosen is the fastest with which the film lasts long enough."""
+    """Options of the playback's speed; chosen is the fastest with which the film lasts long enough."""
     slow = [speed for speed in _SPEEDS if seconds / speed >= _COMFORTABLE]
     chosen = slow[0] if slow else _SPEEDS[-1]
     names = {1.0: "real time", 0.5: "1/2 speed", 0.25: "1/4 speed", 0.125: "1/8 speed"}

@@ -1,4 +1,4 @@
-"""An episode's images beside renderings of the surfels at given poses."""
+"""Pictures of an episode: its images beside renderings of the surfels at given poses."""
 
 from dataclasses import dataclass
 
@@ -24,15 +24,15 @@ _LOOKED_AT = 6  # frames in which the object is looked for
 
 @dataclass(frozen=True, eq=False)
 class Cast:
-    """What is drawn.
+    """Bodies to draw, and corrections of camera and clock.
 
     Attributes:
         mesh: The object's surface, m, frame O.
-        surfels: Its appearance, frame O.
+        surfels: Appearance of the object, frame O.
         pusher: The pusher's surface, m, frame P.
-        camera_offset: To add to cx and cy [px].
-        time_offset: To add to a frame's time for that of the pusher [s].
-        outline: By how much the object is larger in the images than its surfels are.
+        camera_offset: Offset to add to cx and cy [px].
+        time_offset: Offset to add to a frame's time for that of the pusher [s].
+        outline: Factor by which the object is larger in the images than its surfels are.
     """
 
     mesh: trimesh.Trimesh
@@ -44,7 +44,7 @@ class Cast:
 
     @staticmethod
     def of(twin: Twin, *, identified: bool) -> "Cast":
-        """What a twin shows; raises InputError where a mesh cannot be used.
+        """Cast of a twin; raises InputError where a mesh cannot be used.
 
         Args:
             twin: The twin.
@@ -64,14 +64,14 @@ class Cast:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """One frame as it is and as it is rendered.
+    """Picture of one frame, as it is and as it is rendered.
 
     Attributes:
         t: s.
         image: (height, width, 3) float32 in [0, 1], sRGB, white where the object is not.
         mask: (height, width) bool, true where the image shows the object.
-        rendered: As `image`, of the surfels.
-        covered: As `mask`, of the surfels.
+        rendered: Rendering of the surfels, in the form of `image`.
+        covered: Pixels of the rendered surfels, in the form of `mask`.
         hidden: (height, width) bool: the pusher is there, and the image shows no object.
     """
 
@@ -83,7 +83,7 @@ class Picture:
     hidden: np.ndarray
 
     def shown_difference(self) -> np.ndarray:
-        """(height, width, 3) in [0, 1]: how much the two differ, on white; light blue where the pusher hides."""
+        """Difference (height, width, 3) of the two in [0, 1], on white; light blue where the pusher hides."""
         shown = 1.0 - np.abs(self.rendered - self.image)
         shown[self.hidden] = (0.80, 0.88, 0.97)
         return shown
@@ -100,8 +100,8 @@ def draw_frame(episode: Episode, k: int, poses: ObjectPoses, cast: Cast) -> Pict
 
     Args:
         episode: The episode.
-        k: Which of its frames.
-        poses: Of the object; row k is that of the frame.
+        k: Number of the frame.
+        poses: Poses of the object; row k is that of the frame.
         cast: Object, pusher and corrections.
 
     Returns:
@@ -141,8 +141,8 @@ def window_of(episode: Episode, poses: ObjectPoses, mesh: trimesh.Trimesh) -> tu
 
     Args:
         episode: The episode; a few of its images are looked at.
-        poses: Of the object.
-        mesh: Its surface, m, frame O.
+        poses: Poses of the object.
+        mesh: Surface of the object, m, frame O.
 
     Returns:
         Rows and columns; all of them where the poses lead behind the camera.

@@ -35,19 +35,19 @@ _COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class EvaluationStory:
-    """What the report tells.
+    """Contents of the report of an evaluation.
 
     Attributes:
-        title: Of the page.
+        title: Title of the page.
         about: Policy, scene and engine in a line.
         records: The episodes, 1 or more.
         max_steps: Actions after which an episode ended.
-        horizon: s, that an action takes.
-        q_WO: (4,) wxyz, how the object lies at yaw 0.
+        horizon: Time that an action takes, s.
+        q_WO: (4,) wxyz, orientation of the lying object at yaw 0.
         settings: Plain data: scene, engine, tolerances and the like.
-        provenance: Plain data: what the policy is and how it was trained, versions.
-        film: Draws the episodes.
-        shown: How many of them the film shows.
+        provenance: Plain data: the policy, its training, versions.
+        film: Pictures of the episodes.
+        shown: Number of episodes that the film shows.
     """
 
     title: str
@@ -63,23 +63,23 @@ class EvaluationStory:
 
     @property
     def evaluation(self) -> Evaluation:
-        """The figures."""
+        """Figures of the evaluation: success rate, steps, distances."""
         return Evaluation(tuple(record.result for record in self.records))
 
     @cached_property
     def grid(self) -> FilmGrid:
-        """The first episodes, side by side."""
+        """Film of the first episodes, side by side."""
         return FilmGrid(self.film, self.records[: self.shown], keep=_MOST_FRAMES)
 
 
 def write_evaluation_report(
     path: Path, story: EvaluationStory, report: Callable[[float], None] = lambda share: None
 ) -> None:
-    """Writes the report.
+    """Writes the report of an evaluation.
 
     Args:
-        path: Where to; the folder exists.
-        story: What it tells.
+        path: File of the report; its folder exists.
+        story: Contents of the report.
         report: Called with the share of the pictures that is done.
 
     Raises:
@@ -103,7 +103,7 @@ def headline(evaluation: Evaluation) -> str:
 
 
 def details(evaluation: Evaluation) -> list[str]:
-    """Steps, distances and what went wrong, one line each."""
+    """Steps, distances and failures in words, one line each."""
     summary = evaluation.summary()
     steps, lines = summary["steps"], []
     if evaluation.successes:
@@ -182,7 +182,7 @@ def _gallery(story: EvaluationStory) -> str:
 
 
 def _strip(film: EpisodeFilm, record: EpisodeRecord) -> str:
-    """The scene at a few times, and below it what the policy saw then, where it sees images."""
+    """Strip of the scene at a few times and, where the policy sees images, of those below."""
     chosen = record.at.tolist() if len(record.at) else strip_steps(record.last)
     cells = ["<span></span>", *(f"<span>{step} actions</span>" for step in chosen), "<span>scene</span>"]
     cells += [_image(film.picture(record, step), f"scene after {step} actions") for step in chosen]
@@ -194,7 +194,7 @@ def _strip(film: EpisodeFilm, record: EpisodeRecord) -> str:
 
 
 def strip_steps(last: int) -> list[int]:
-    """After how many of `last` actions the pictures of a strip are."""
+    """Numbers of actions, 0 to `last`, after which the pictures of a strip are taken."""
     return [int(step) for step in np.unique(np.linspace(0, last, _STRIP).round())]
 
 

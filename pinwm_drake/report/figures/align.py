@@ -1,4 +1,4 @@
-"""The figure of a fit of surfels: how it went, and how the held-out views look."""
+"""Figure of a fit of surfels: its history, and the held-out views with their renderings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ _MARGIN = 0.08  # of the object's box in the strips
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """One view, as it is and as it is rendered.
+    """Strip of one view, as it is and as it is rendered.
 
     Attributes:
-        name: What it is called.
+        name: Name of the view.
         target: (height, width, 3) in [0, 1], sRGB.
         rendered: The same of the surfels.
-        psnr: Of the two [dB].
+        psnr: PSNR of the rendering [dB].
     """
 
     name: str
@@ -45,11 +45,11 @@ def align_figure(
     """Draws loss and PSNR over the iterations, and target, rendering and difference of some views.
 
     Args:
-        path: Where to; the suffix names the format and the folder exists.
+        path: File of the figure; the suffix names the format and the folder exists.
         loss: (n, 2): iteration and loss.
         window: Over how many iterations the loss is averaged, 1 or more: those that see every view once.
         psnr: Curves: "fitted" or "held out", and (m, 2) of iteration and mean PSNR [dB].
-        strips: One row of pictures each; one or more.
+        strips: Strips, one or more, each a row of pictures.
         title: Stands above the figure.
 
     Raises:
@@ -83,7 +83,7 @@ def align_figure(
 
 
 def _draw_loss(axes: Axes, loss: np.ndarray, window: int) -> None:
-    """The loss of each iteration, faint, and its running mean; the axis is logarithmic."""
+    """Draws the loss of each iteration, faint, and its running mean; the axis is logarithmic."""
     axes.plot(*loss.T, color=_LOSS, linewidth=0.5, alpha=0.5)
     if len(loss) >= window:
         smooth = np.convolve(loss[:, 1], np.full(window, 1 / window), mode="valid")
@@ -94,7 +94,7 @@ def _draw_loss(axes: Axes, loss: np.ndarray, window: int) -> None:
 
 
 def _draw_strip(row: np.ndarray, strip: Strip) -> None:
-    """Target, rendering and difference of one view, cut to where something is."""
+    """Draws target, rendering and difference of one view, cut to the part that shows something."""
     difference = np.clip(DIFFERENCE_GAIN * np.abs(strip.rendered - strip.target), 0, 1)
     window = _window(np.minimum(strip.target, strip.rendered).min(axis=-1) < 1)
     for axes, picture in zip(row, (strip.target, strip.rendered, difference), strict=True):
@@ -106,7 +106,7 @@ def _draw_strip(row: np.ndarray, strip: Strip) -> None:
 
 
 def _window(shown: np.ndarray) -> tuple[slice, slice]:
-    """Rows and columns of the box around what is true, with a margin."""
+    """Rows and columns of the box around the pixels that are true, with a margin."""
     slices = []
     for axis in (1, 0):
         places = np.flatnonzero(shown.any(axis=axis))

@@ -1,4 +1,4 @@
-"""The contact sheet of cousins: how each looks, and what its parameters are."""
+"""Contact sheet of cousins: a picture and the parameters of each."""
 
 import math
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ def cousin_figure(path: Path, cousins: Cousins) -> None:
     every surfel is drawn by itself, so that a cousin looks like the twin from afar.
 
     Args:
-        path: Where to; the suffix names the format and the folder exists.
+        path: File of the figure; the suffix names the format and the folder exists.
         cousins: The cousins; every one is drawn.
 
     Raises:
@@ -67,7 +67,7 @@ def cousin_figure(path: Path, cousins: Cousins) -> None:
 
 
 def _varied(cousins: Cousins) -> list[str]:
-    """The parameters whose ranges are more than a point; all of them where none is."""
+    """Names of the parameters whose ranges are more than a point; all of them where none is."""
     keys = [key for key, one in cousins.draw.ranges.items() if one.low < one.high]
     return keys or list(cousins.draw.ranges)
 
@@ -83,7 +83,7 @@ def _title(cousins: Cousins) -> str:
 
 
 def _pictures(surfels: Surfels, colours: Sequence[torch.Tensor]) -> list[torch.Tensor]:
-    """A view of each set of colours above its difference from the first, all (height, width, 3) and cropped alike."""
+    """Pictures of each set of colours above its difference from the first, all (height, width, 3), cropped alike."""
     camera, X_CO = square_camera(_SIZE), Orbit.around(surfels).pose(AZIMUTH, ELEVATION)
     found: list[torch.Tensor] = []
     window: tuple[slice, slice] | None = None
@@ -97,7 +97,7 @@ def _pictures(surfels: Surfels, colours: Sequence[torch.Tensor]) -> list[torch.T
 
 
 def _window(alpha: torch.Tensor) -> tuple[slice, slice]:
-    """Rows and columns of the object, and a margin."""
+    """Rows and columns of the box around the object, with a margin."""
     ends = []
     for axis in (1, 0):
         seen = torch.nonzero(alpha.amax(axis) > 0.0).ravel()
@@ -107,7 +107,7 @@ def _window(alpha: torch.Tensor) -> tuple[slice, slice]:
 
 
 def _text(key: str, value: float, twin: float | None) -> str:
-    """A parameter with its unit, and by how much it differs from the twin's."""
+    """Parameter with its unit, and its difference from the twin's, in words."""
     name, unit, scale = _NAMES[key]
     words = f"{name} {scale * value:.3g}" + (f" {unit}" if unit else "")
     return words if not twin else f"{words} ({100 * (value / twin - 1):+.0f} %)"

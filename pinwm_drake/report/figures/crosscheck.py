@@ -1,4 +1,4 @@
-"""The figure of a cross-check: how far engines are apart after each push, and the paths of the worst one."""
+"""Figure of a cross-check: differences of the engines after each push, and the paths of the worst one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ _LEAST = 1e-2  # of a threshold: what is nearer than that is drawn there
 
 @dataclass(frozen=True)
 class Differences:
-    """Of the twin and an engine, one number for each push.
+    """Differences of the twin and an engine, one number for each push.
 
     Attributes:
-        engine: Its name.
-        translation: m.
-        rotation: rad.
-        passed: The verdict.
+        engine: Name of the engine.
+        translation: Distance of the objects after rest, m.
+        rotation: Angle between the objects after rest, rad.
+        passed: Verdict: whether the medians are within the thresholds.
     """
 
     engine: str
@@ -37,10 +37,10 @@ class Differences:
 
 @dataclass(frozen=True, eq=False)
 class PathFrom:
-    """The object's way in an engine.
+    """Path of the object in an engine.
 
     Attributes:
-        engine: Its name.
+        engine: Name of the engine.
         t: (n,) s.
         p_WO: (n, 3) m, world.
         q_WO: (n, 4) wxyz.
@@ -63,17 +63,17 @@ def crosscheck_figure(
     p_WP: np.ndarray,
     title: str,
 ) -> None:
-    """Draws the figure.
+    """Draws the figure of a cross-check.
 
     Args:
-        path: Where to; the suffix names the format and the folder exists.
-        differences: Of each engine.
-        thresholds: m, rad, for the medians.
+        path: File of the figure; the suffix names the format and the folder exists.
+        differences: Differences of the twin and each engine.
+        thresholds: Largest medians that pass, m and rad.
         mesh: The object, m, frame O.
         worst: Number of the push whose paths are drawn.
-        paths: Of that push, the twin's first.
-        p_WP: (n, 3) m, the pusher's way, world.
-        title: Stands above the figure.
+        paths: Paths of that push, the twin's first.
+        p_WP: (n, 3) m, path of the pusher, world.
+        title: Title above the figure.
 
     Raises:
         InputError: The file cannot be written.
@@ -110,7 +110,7 @@ def crosscheck_figure(
 
 
 def _draw_differences(axes: Axes, one: Differences, values: np.ndarray, limit: float, unit: str, colour: str) -> None:
-    """A dot for each push and a line at the median; a push without an end is a cross at the top."""
+    """Draws a dot for each push and a line at the median; a push without an end is a cross at the top."""
     numbers, finite = np.arange(len(values)), np.isfinite(values)
     label = f"{one.engine}: median {_median(values):.2g}{_spaced(unit)}, {'PASS' if one.passed else 'FAIL'}"
     axes.plot(numbers[finite], np.maximum(values[finite], _LEAST * limit), "o", color=colour, markersize=4, label=label)
@@ -122,7 +122,7 @@ def _draw_differences(axes: Axes, one: Differences, values: np.ndarray, limit: f
 
 
 def _spaced(unit: str) -> str:
-    """As it follows a number."""
+    """Unit as it follows a number, with a space unless it is a degree sign."""
     return unit if unit == "°" else f" {unit}"
 
 
@@ -133,7 +133,7 @@ def _median(values: np.ndarray) -> float:
 
 
 def _draw_paths(axes: Axes, mesh: trimesh.Trimesh, paths: Sequence[PathFrom], p_WP: np.ndarray) -> None:
-    """Outlines at the start and after rest, the ways of O, and that of the pusher; millimetres."""
+    """Draws outlines at the start and after rest, the paths of O, and that of the pusher; millimetres."""
     for k, path in enumerate(paths):
         colour = _COLOURS[k]
         if k == 0:

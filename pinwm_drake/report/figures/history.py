@@ -1,4 +1,4 @@
-"""Figures of how an identification went."""
+"""Figures of an identification's history."""
 
 import math
 from typing import Any
@@ -16,7 +16,7 @@ _COLUMNS = 3
 
 
 def loss_figure(history: History) -> Figure:
-    """The loss of each random start over its iterations; the beginnings of the stages are marked."""
+    """Figure of the loss of each random start over its iterations; the beginnings of the stages are marked."""
     figure = new_figure(9, 3.4)
     axes = figure.subplots()
     for number, rows in history.starts():
@@ -36,13 +36,13 @@ def loss_figure(history: History) -> Figure:
 def theta_figure(
     history: History, final: dict[str, Estimate], truth: dict[str, float], units: dict[str, str]
 ) -> Figure:
-    """Each fitted parameter over the iterations, with the twin's value, its interval, and the truth.
+    """Figure of each fitted parameter over the iterations, with the twin's value, its interval, and the truth.
 
     Args:
-        history: Of the optimiser.
+        history: History of the optimiser.
         final: The twin's estimates, by name.
-        truth: What is known of them, by name.
-        units: Of the parameters, by name, where known.
+        truth: True values of the parameters, by name, where known.
+        units: Units of the parameters, by name, where known.
     """
     rows = math.ceil(len(history.names) / _COLUMNS)
     figure = new_figure(9, 0.3 + 2.1 * rows)
@@ -63,7 +63,7 @@ def theta_figure(
 
 
 def _line(history: History, number: int, rows: np.ndarray) -> dict[str, Any]:
-    """How the line of a start looks; one evaluation is a point."""
+    """Style of the line of a start; one evaluation is a point."""
     return {
         "color": start_colour(number),
         "linewidth": 1.3,
@@ -74,7 +74,7 @@ def _line(history: History, number: int, rows: np.ndarray) -> dict[str, Any]:
 
 
 def _draw_result(axes: Axes, final: Estimate | None, truth: float | None, values: np.ndarray) -> None:
-    """The twin's value and interval, as far as it is within sight, and the truth."""
+    """Draws the twin's value and interval, as far as it is within sight, and the truth."""
     if final is not None:
         if final.interval is not None and final.identifiable and np.all(np.isfinite(final.interval)):
             axes.axhspan(*final.interval, color=TWIN, alpha=0.12, linewidth=0)

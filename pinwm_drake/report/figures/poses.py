@@ -1,4 +1,4 @@
-"""Figures of where the object went: over time, from above, and how far from the truth."""
+"""Figures of the object's motion: over time, from above, and its error against the truth."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ _TRUTH_LABEL = "ground truth (scored, never fitted)"
 
 
 def motion_figure(poses: ObjectPoses, truth: ObjectPoses | None, pusher: PusherTrajectory | None) -> Figure:
-    """x, y and yaw of the object over time, and x and y of the pusher."""
+    """Figure of x, y and yaw of the object over time, and x and y of the pusher."""
     figure = new_figure(9, 5.6)
     panels = figure.subplots(3, 1, sharex=True)
     for axis, axes in enumerate(panels[:2]):
@@ -45,7 +45,7 @@ def top_figure(
     pusher_mesh: trimesh.Trimesh,
     pusher: PusherTrajectory | None,
 ) -> Figure:
-    """Outlines from above at equal times, dark at the end, with the paths; truth as dashed outlines."""
+    """Figure of outlines from above at equal times, dark at the end, with the paths; truth as dashed outlines."""
     figure = new_figure(6.4, 5.6)
     axes = figure.subplots()
     chosen = np.unique(np.linspace(0, len(poses.t) - 1, _OUTLINES).round().astype(int))
@@ -81,7 +81,7 @@ def top_figure(
 
 
 def error_figure(errors: PoseErrors) -> Figure:
-    """Position and rotation error over time, with their means."""
+    """Figure of position and rotation error over time, with their means."""
     figure = new_figure(9, 3.0)
     panels = figure.subplots(1, 2)
     for axes, values, label, unit in (
@@ -99,7 +99,7 @@ def error_figure(errors: PoseErrors) -> Figure:
 
 
 def _curves(poses: ObjectPoses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each, x and y [mm], and yaw [deg] without jumps."""
+    """Curves of x and y [mm], and of yaw [deg] without jumps."""
     matrices = Rotation.from_quat(poses.q_WO, scalar_first=True).as_matrix()
     yaw = np.unwrap(np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0]))
     return 1e3 * poses.p_WO[:, 0], 1e3 * poses.p_WO[:, 1], np.degrees(yaw)

@@ -1,4 +1,4 @@
-"""Figures drawn with matplotlib, without its global state."""
+"""Figure of a push, drawn with matplotlib without its global state."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def push_figure(
     """Draws a push: silhouettes and paths from above, and path, yaw and speed over time.
 
     Args:
-        path: Where to; the suffix names the format and the folder exists.
+        path: File of the figure; the suffix names the format and the folder exists.
         mesh: The block, metres, body frame.
         times: (N,) [s].
         R_WB: (N, 3, 3), orientation of the block in the world.
@@ -82,7 +82,7 @@ def _draw_from_above(
     pusher_radius: float,
     times: np.ndarray,
 ) -> None:
-    """Silhouettes of block and pusher at equal times, dark at the end, and both paths; millimetres."""
+    """Draws silhouettes of block and pusher at equal times, dark at the end, and both paths; millimetres."""
     for k in np.unique(np.linspace(0, len(times) - 1, _SILHOUETTES).round().astype(int)):
         share = times[k] / times[-1]
         colour = colormaps["Oranges"](0.25 + 0.55 * share)

@@ -1,4 +1,4 @@
-"""How a training went: success and length of episodes over the time it took."""
+"""Figure of a training: success and length of episodes over the time it took."""
 
 import csv
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ def training_figure(path: Path, stages: Mapping[str, Path]) -> Path:
     """Draws success, number of actions and loss of each stage, one after the other.
 
     Args:
-        path: Of the picture.
+        path: File of the figure.
         stages: `history.csv` of each, by name, in their order.
 
     Returns:

@@ -38,12 +38,12 @@ _CAMERA = "/Cameras/default/rotated/<object>"
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A mesh beside the surfels; the page's controls hide and show it.
+    """Mesh beside the surfels; the page's controls hide and show it.
 
     Attributes:
-        name: Its node in the scene.
+        name: Name of its node in the scene.
         mesh: m, object frame O.
-        colour: As 0xrrggbb.
+        colour: Colour as 0xrrggbb.
         opacity: 0 to 1.
     """
 
@@ -64,10 +64,10 @@ def serve_surfels(
     """Shows surfels until the process is interrupted (Ctrl-C) or told to end, which ends the call normally.
 
     Args:
-        surfels: One or more, one set of colours.
-        solids: What else there is.
+        surfels: Surfels, one or more, with one set of colours.
+        solids: Meshes to show beside them.
         host: Address or name of the interface to listen on; by default this machine itself only.
-        port: Where to listen; None for the first one that is free from 7000 on.
+        port: Port to listen on; None for the first one that is free from 7000 on.
         ready: Called with the address of the page when the server listens.
 
     Raises:
@@ -103,14 +103,14 @@ async def _serve(scene: list[dict[str, Any]], host: str, port: int, ready: Calla
 
 
 class _Bridge(ZMQWebSocketBridge):  # type: ignore[misc]  # meshcat has no types
-    """meshcat's server, on one address only."""
+    """Server of meshcat that listens on one address only."""
 
     def make_app(self) -> tornado.web.Application:
-        """The web application. The base class tells it where to listen, but for the address."""
+        """Web application that listens on the server's address; the base class gives it the port only."""
         app, host = super().make_app(), self.host
 
         class LocalApplication(type(app)):  # type: ignore[misc]
-            """The same, and it listens on `host`."""
+            """Web application of meshcat that listens on `host`."""
 
             def listen(self, port: int, address: str | None = None, **options: Any) -> Any:
                 return super().listen(port, address or host, **options)
@@ -120,7 +120,7 @@ class _Bridge(ZMQWebSocketBridge):  # type: ignore[misc]  # meshcat has no types
 
 
 def _free_port(host: str, port: int | None) -> int:
-    """The port, or the first free one from 7000 on; ParameterError where there is none."""
+    """Free port: the given one, or the first one from 7000 on; ParameterError where there is none."""
     ports = range(FIRST_PORT, FIRST_PORT + _PORTS) if port is None else [port]
     reason = ""
     for candidate in ports:
@@ -137,7 +137,7 @@ def _free_port(host: str, port: int | None) -> int:
 
 
 def _scene(surfels: Surfels, solids: Sequence[Solid]) -> list[dict[str, Any]]:
-    """The commands to meshcat that show the surfels around the origin, seen from the orbit's first look."""
+    """Commands to meshcat that show the surfels around the origin, seen from the orbit's first look."""
     orbit, mesh = Orbit.around(surfels), SurfelMesh.from_surfels(surfels)
     shape = _Triangles(mesh.vertices - orbit.target.astype(np.float32), mesh.normals, mesh.colours, mesh.faces)
     # Unlit: the light of the pictures is in the colours.
@@ -160,14 +160,14 @@ def _scene(surfels: Surfels, solids: Sequence[Solid]) -> list[dict[str, Any]]:
 
 
 class _Triangles(geometry.TriangularMeshGeometry):  # type: ignore[misc]
-    """meshcat's mesh, with normals."""
+    """Mesh of meshcat, with normals."""
 
     def __init__(self, vertices: np.ndarray, normals: np.ndarray, colours: np.ndarray, faces: np.ndarray) -> None:
         super().__init__(vertices, faces, colours)
         self.normals = normals
 
     def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
-        """The message to the browser."""
+        """Message that shows the mesh in the browser."""
         message: dict[str, Any] = super().lower(object_data)
         message["data"]["attributes"]["normal"] = geometry.pack_numpy_array(self.normals.T)
         return message

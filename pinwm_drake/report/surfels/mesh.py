@@ -1,4 +1,4 @@
-"""Surfels as one triangle mesh, for viewers that draw meshes."""
+"""Triangle mesh of surfels, for viewers that draw meshes."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _FAINT = 0.3  # surfels of less opacity are left out, unless there are no others
 
 @dataclass(frozen=True, eq=False)
 class SurfelMesh:
-    """An octagon for each surfel that is not faint.
+    """Mesh with an octagon for each surfel that is not faint.
 
     Attributes:
         vertices: (8 n, 3) float32 [m], object frame O.
@@ -33,10 +33,10 @@ class SurfelMesh:
 
     @classmethod
     def from_surfels(cls, surfels: Surfels) -> "SurfelMesh":
-        """Cuts each surfel off where it is down to half of its height.
+        """Mesh of surfels, each cut off where it is down to half of its height.
 
         Args:
-            surfels: One or more, one set of colours.
+            surfels: Surfels, one or more, with one set of colours.
 
         Returns:
             The mesh.

@@ -1,4 +1,4 @@
-"""A web page of its own that shows surfels: one file, nothing loaded from anywhere, turned with the mouse."""
+"""Web page that shows surfels: one file, nothing loaded from anywhere, turned with the mouse."""
 
 import base64
 import html
@@ -18,8 +18,8 @@ def write_surfel_page(path: Path, surfels: Surfels, *, title: str, up: np.ndarra
     """Writes a page that renders surfels as `rendering.render` does, in the browser.
 
     Args:
-        path: Where to; the folder exists.
-        surfels: One or more, one set of colours.
+        path: File of the page; its folder exists.
+        surfels: Surfels, one or more, with one set of colours.
         title: Stands in the page.
         up: (3,), object frame; None for z.
 
@@ -32,7 +32,7 @@ def write_surfel_page(path: Path, surfels: Surfels, *, title: str, up: np.ndarra
 
 
 def _page(surfels: Surfels, title: str, orbit: Orbit) -> str:
-    """The page's text."""
+    """Text of the page, in HTML."""
     scene = {
         "count": surfels.num_surfels,
         "coefficients": int(surfels.sh.shape[-2]),

@@ -24,7 +24,7 @@ def turntable(
     Args:
         surfels: The object; one set of colours.
         size: Width and height [px].
-        num_frames: How many pictures a turn has.
+        num_frames: Number of pictures in a turn.
         up: (3,), the axis it turns about, object frame; None for z.
         report: Called with the share of the frames that are done.
 
@@ -45,5 +45,5 @@ def turntable(
 
 
 def to_bytes(color: torch.Tensor) -> np.ndarray:
-    """A picture (height, width, 3) in [0, 1] as uint8; what is beyond is cut off."""
+    """Picture (height, width, 3) in uint8 from one in [0, 1]; values beyond are cut off."""
     return (255 * color.detach().clamp(0, 1) + 0.5).to(torch.uint8).numpy()

@@ -14,10 +14,10 @@ PANELS = ("camera", "twin", "difference")
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """One frame.
+    """Panels of one frame, and the measures of their agreement.
 
     Attributes:
-        t: s.
+        t: Time of the frame, s.
         overlap: Intersection over union of the outlines in the image and in the rendering.
         difference: Mean absolute difference of the colours, 0 to 1, on the pixels where one of them shows the object.
         panels: Camera, twin and difference: (height, width, 3) uint8 each, sRGB, of one size.
@@ -29,7 +29,7 @@ class Shot:
     panels: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     def joined(self) -> np.ndarray:
-        """The three panels side by side."""
+        """Picture of the three panels side by side."""
         return np.concatenate(self.panels, axis=1)
 
 
@@ -42,18 +42,18 @@ def draw_shots(
     most: int,
     report: Callable[[float], None] = lambda share: None,
 ) -> list[Shot]:
-    """Draws an episode.
+    """Draws the frames of an episode as camera, twin and difference.
 
     Args:
         episode: The episode, of n frames.
-        poses: Of the object at its frames.
+        poses: Poses of the object at its frames.
         cast: Object, pusher and corrections.
         size: The longer side of a panel [px] at most.
-        most: How many frames at most; of more, this many at equal distances.
+        most: Number of frames at most; of more, this many at equal distances.
         report: Called with the share that is done.
 
     Returns:
-        One for each of the chosen frames, all of one size with even width and height.
+        Panels of each of the chosen frames, all of one size with even width and height.
 
     Raises:
         InputError: An image cannot be used.
@@ -76,7 +76,7 @@ def _shot(picture: Picture, window: tuple[slice, slice], size: int) -> Shot:
 
 
 def _shrunk(picture: np.ndarray, size: int) -> np.ndarray:
-    """A picture in [0, 1] as uint8, made smaller where it is too large."""
+    """Picture in uint8 from one in [0, 1], made smaller where it is too large."""
     pixels = Image.fromarray((255 * np.clip(picture, 0, 1) + 0.5).astype(np.uint8))
     share = min(1.0, size / max(pixels.size))
     # Even numbers, as video needs them.

@@ -1,4 +1,4 @@
-"""Everything that a twin's report shows, read from the twin's folder and from its capture."""
+"""Contents of a twin's report, read from the twin's folder and from its capture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -25,17 +25,17 @@ _Result = TypeVar("_Result")
 
 @dataclass
 class Story:
-    """A twin and what is known about how it came to be.
+    """Twin, and the records of its identification that are at hand.
 
     Attributes:
         twin: The twin.
-        origin: What it was identified from; None where its provenance does not say.
-        history: Of the optimiser, or None.
+        origin: Capture and episode that it was identified from; None where its provenance does not say.
+        history: History of the optimiser, or None.
         poses: The identified poses at the frames, or None.
-        capture: Where it is still at hand; else None.
+        capture: The capture where it is still at hand; else None.
         episode: The identified one, where it is at hand; else None.
         truth: True values of physical parameters, where the capture knows them.
-        notices: What is missing or does not fit, in words.
+        notices: Missing parts and contradictions, in words.
     """
 
     twin: Twin
@@ -48,7 +48,7 @@ class Story:
     notices: list[str] = field(default_factory=list)
 
     def attempt(self, work: Callable[[], _Result], consequence: str) -> _Result | None:
-        """What `work` returns; None and a notice where an input is refused."""
+        """Result of `work`; None and a notice where an input is refused."""
         try:
             return work()
         except PinwmError as error:
@@ -61,7 +61,7 @@ def read_story(folder: Path, capture: Path | None = None) -> Story:
 
     Args:
         folder: The twin.
-        capture: Where the capture is now; None for where it was when the twin was identified.
+        capture: Present folder of the capture; None for that at the time of the identification.
 
     Returns:
         The story; what cannot be read but is not needed stands in its notices.
@@ -90,7 +90,7 @@ def read_story(folder: Path, capture: Path | None = None) -> Story:
 
 
 def _read_poses(folder: Path, origin: Origin | None) -> ObjectPoses:
-    """The identified poses: those of the episode that the provenance names, else the only ones there are."""
+    """Identified poses: those of the episode that the provenance names, else the only ones there are."""
     found = sorted((folder / "episodes").glob("*.csv"))
     if origin is not None:
         found = [path for path in found if path.stem == origin.episode]
@@ -101,7 +101,7 @@ def _read_poses(folder: Path, origin: Origin | None) -> ObjectPoses:
 
 
 def _read_episode(story: Story, capture: Capture) -> None:
-    """The episode, the truth, and whether all of them are those of the twin."""
+    """Reads episode and truth into the story; notes where they are not those of the twin."""
     origin = story.origin
     name = origin.episode if origin is not None else next(iter(capture.episode_names), "")
     story.episode = story.attempt(lambda: read_episode(capture, name), "So there are no pictures here.")

@@ -1,4 +1,4 @@
-"""Estimates as tables of a page."""
+"""Tables of estimates for a page."""
 
 import math
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ def estimates_table(estimates: Mapping[str, Estimate], truth: Mapping[str, float
     """A table of estimates with intervals, flags and, where some are known, true values.
 
     Args:
-        estimates: By name.
+        estimates: Estimates by name.
         truth: True values, by name; empty leaves the columns out.
     """
     header = [("parameter", "key"), ("value", _NUMBER), ("95 % interval", _NUMBER), ("unit", ""), ("identifiable", "")]
@@ -31,7 +31,7 @@ def estimates_table(estimates: Mapping[str, Estimate], truth: Mapping[str, float
 
 
 def _numbers(estimate: Estimate) -> tuple[str, str]:
-    """Value and interval, both to the digits that the interval leaves."""
+    """Value and interval in words, both to the digits that the interval leaves."""
     if estimate.interval is None:
         return f"{estimate.value:.4g}", "–"
     low, high = estimate.interval
@@ -40,7 +40,7 @@ def _numbers(estimate: Estimate) -> tuple[str, str]:
 
 
 def _digits(value: float, width: float) -> int:
-    """How many significant digits an interval of this width leaves of a value, 3 to 8."""
+    """Number of significant digits, 3 to 8, that an interval of this width leaves of a value."""
     if not (0.0 < width < math.inf) or value == 0.0:
         return 4
     return min(max(1 + math.ceil(math.log10(abs(value) / width)), 3), 8)

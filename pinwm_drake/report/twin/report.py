@@ -24,15 +24,15 @@ _TIMINGS = "timings"
 
 
 def write_twin_report(path: Path, story: Story, report: Callable[[float], None] = lambda share: None) -> Verdict:
-    """Writes the report.
+    """Writes the report of a twin.
 
     Args:
-        path: Where to; the folder exists.
-        story: What it tells.
+        path: File of the report; its folder exists.
+        story: Contents of the report.
         report: Called with the share of the pictures that is done.
 
     Returns:
-        The verdict that stands in it.
+        Verdict of the report.
 
     Raises:
         InputError: An image of the capture cannot be used, or the file cannot be written.

@@ -1,4 +1,4 @@
-"""How far poses are from the recorded ones: a score, never part of a fit."""
+"""Errors of poses against recorded ones: a score, never part of a fit."""
 
 from dataclasses import dataclass
 
@@ -37,8 +37,8 @@ def pose_errors(poses: ObjectPoses, truth: ObjectPoses) -> PoseErrors | None:
     """Compares poses with recorded ones.
 
     Args:
-        poses: Those to score.
-        truth: Those recorded; between two of them the object moves straight and turns evenly.
+        poses: Poses to score.
+        truth: Recorded poses; between two of them the object moves straight and turns evenly.
 
     Returns:
         The errors at the times of `poses` that the record covers; None where it covers none.

@@ -1,4 +1,4 @@
-"""What a report says about a twin in a few lines."""
+"""Verdict of a report on a twin, in a few lines."""
 
 from dataclasses import dataclass
 
@@ -16,12 +16,12 @@ _CLOSE = 0.05  # relative, of final losses that count as the same
 
 @dataclass(frozen=True)
 class Verdict:
-    """What to make of a twin.
+    """Verdict on a twin, in words.
 
     Attributes:
         status: "good", "fair", "poor" or, without pictures, "unknown".
         headline: One sentence.
-        lines: What it rests on.
+        lines: Grounds of the verdict, one sentence each.
     """
 
     status: str
@@ -35,8 +35,8 @@ def judge(twin: Twin, shots: list[Shot], errors: PoseErrors | None, history: His
     Args:
         twin: The twin.
         shots: The identified episode's frames; none where they are not at hand.
-        errors: Of the identified poses, where the truth is known.
-        history: Of the optimiser, or None.
+        errors: Errors of the identified poses, where the truth is known.
+        history: History of the optimiser, or None.
     """
     status, headline = "unknown", "No images at hand: how well the twin reproduces the video is not shown"
     lines = []
@@ -69,7 +69,7 @@ def _grade(overlap: float) -> tuple[str, str]:
 
 
 def _agreement(history: History) -> list[str]:
-    """How many random starts ended at the same loss."""
+    """Number of random starts that ended at the same loss, in a sentence; empty without a history."""
     final = np.array([history.loss[rows[-1]] for _, rows in history.starts()])
     if not len(final) or not np.isfinite(final).any():
         return []

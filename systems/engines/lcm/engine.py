@@ -1,4 +1,4 @@
-"""A robot as an engine: commands out, images and the pusher's state in, all over LCM."""
+"""Robot as an engine: commands out, images and the pusher's state in, all over LCM."""
 
 from dataclasses import dataclass
 
@@ -31,7 +31,7 @@ _COMMAND = ("vx", "vy", "vz")
 
 @dataclass(frozen=True, eq=False)
 class LcmHandle:
-    """Refuses to put things into place, which takes more than a message; see `engine.Handle`.
+    """Handle that refuses to put things into place, which takes more than a message; see `engine.Handle`.
 
     Attributes:
         lcm: Kept, as the systems that use it do not.
@@ -42,16 +42,16 @@ class LcmHandle:
     armed: bool
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
-        """Raises ParameterError."""
+        """Refuses to set the object's state: raises ParameterError."""
         raise ParameterError("engine lcm: got a place for the object; allowed: to be put there by hand")
 
     def SetPusherPosition(self, context: Context, p_WP: np.ndarray, world: int = 0) -> None:
-        """Raises ParameterError."""
+        """Refuses to put the pusher: raises ParameterError."""
         raise ParameterError("engine lcm: got a place for the pusher; allowed: to be moved there with the robot")
 
 
 def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface | None, armed: bool) -> Engine:
-    """Adds what speaks with a robot's driver as `LcmLink` says.
+    """Adds the systems that speak with a robot's driver as `LcmLink` says.
 
     What a robot does not know has no number: `object_state` is NaN throughout, and `contact_forces` has none. The
     pusher's state is NaN before the first message, and where none has come for `timeout`. `rgb` is the last image,
@@ -59,9 +59,9 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
     it. SceneGraph has the pusher, where it was last known to be, and the floor.
 
     Args:
-        builder: Of the diagram.
-        setup: What there is; `setup.scenario.lcm` says where the robot is found.
-        lcm: What the messages go through; None to open the link's address.
+        builder: Builder of the diagram.
+        setup: The scene; `setup.scenario.lcm` says how the robot is reached.
+        lcm: LCM that the messages go through; None to open the link's address.
         armed: Whether commands are sent. There is nothing in the diagram that could send them otherwise.
 
     Returns:
@@ -97,12 +97,12 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
 
 
 def _first_state(setup: Setup) -> np.ndarray:
-    """(6,): where the pusher is shown before it is known."""
+    """State (6,) of the pusher that is shown before it is known: p_WP [m] and v_WP [m/s]."""
     return np.concatenate([StartDistribution(setup).middle().p_WP, np.zeros(3)])
 
 
 def _add_commands(builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink, armed: bool) -> InputPort:
-    """What takes velocities, and sends them if it may."""
+    """Adds the input that takes velocities and, if the station is armed, sends them."""
     message = builder.AddNamedSystem("command_message", SignalSender(_COMMAND))
     if armed:
         sender = LcmPublisherSystem.Make(link.command_channel, lcmt_drake_signal, lcm, publish_period=link.period)
@@ -114,7 +114,7 @@ def _add_commands(builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink
 def _add_images(
     builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface, link: LcmLink
 ) -> tuple[ReceivedImage, OutputPort]:
-    """What shows the last image, and the time at which it was taken."""
+    """Adds the system that shows the last image, and the port of the time at which it was taken."""
     # Two subscribers, as Drake's own system for images reads C++ messages, and Python cannot look into these.
     packed = LcmSubscriberSystem.Make(link.image_channel, lcmt_image_array, lcm, use_cpp_serializer=True)
     stamped = LcmSubscriberSystem.Make(link.image_channel, lcmt_image_array, lcm)
@@ -131,7 +131,7 @@ def _add_images(
 
 
 def _add_pusher_geometry(builder: DiagramBuilder, setup: Setup, state: OutputPort) -> SceneGraph:
-    """A SceneGraph with pusher and floor, posed by a state (6)."""
+    """Adds a SceneGraph with pusher and floor, posed by a state (6)."""
     scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
     plant = MultibodyPlant(0.0)
     plant.set_name("plant")
@@ -151,7 +151,7 @@ def _add_pusher_geometry(builder: DiagramBuilder, setup: Setup, state: OutputPor
 
 
 class _Position(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """The position (3) of a state (6), where it is finite, else zero: geometry must be somewhere."""
+    """Position (3) of a state (6), where it is finite, else zero: geometry must be somewhere."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""The pictures of a robot's camera, as a station shows them."""
+"""Pictures of a robot's camera, as a station shows them, and their times."""
 
 import numpy as np
 from drake import lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
@@ -11,14 +11,14 @@ from pinwm_drake.systems.engines.lcm.clock import Heard
 
 
 class ReceivedImage(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """What Drake's LcmImageArrayToImages hands out, in the form of the station's ports.
+    """Image from Drake's LcmImageArrayToImages in the form of the station's ports.
 
                                      ┌───────────────┐
         color_image  ImageRgba8U ───►│ ReceivedImage │─► rgb  ImageRgba8U (W x H): white, alpha 0 before the first one
                                      │               │─► rgb_batch  Value[array]: the same, (1, H, W, 4) uint8
                                      └───────────────┘   direct feedthrough
 
-    What has alpha 0 is made white.
+    Pixels with alpha 0 are made white.
     """
 
     def __init__(self, width: int, height: int, channel: str) -> None:
@@ -27,7 +27,7 @@ class ReceivedImage(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
         Args:
             width: W, px.
             height: H, px.
-            channel: Where the pictures come from, for messages.
+            channel: Channel of the pictures, for messages.
         """
         super().__init__()
         self._shape, self._channel = (height, width, 4), channel
@@ -64,13 +64,13 @@ class ReceivedImage(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
 
 
 class ImageTime(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """When the last picture was taken.
+    """Time at which the last picture was taken.
 
                                             ┌───────────┐
         message  Value[lcmt_image_array] ──►│ ImageTime │─► rgb_time  (1): s, see `Heard`; -1 before the first
                                             └───────────┘
 
-    The state, updated every `period`: the last stamp and when it came.
+    The state, updated every `period`: the last stamp, its arrival, and the offset of the clocks.
     """
 
     def __init__(self, period: float, timeout: float) -> None:

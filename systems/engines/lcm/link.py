@@ -1,4 +1,4 @@
-"""How a station and a robot's driver find each other over LCM: the address, the channels, and how often they speak."""
+"""Connection of a station and a robot's driver over LCM, at the address that an `LcmLink` has."""
 
 from pydrake.lcm import DrakeLcm
 
@@ -7,13 +7,13 @@ from pinwm_drake.systems.scenario.schema import LOCAL, MEMORY, LcmLink
 
 
 def make_lcm(link: LcmLink) -> DrakeLcm:
-    """Opens an address.
+    """Opens the LCM address of a link.
 
-    What is sent over `memq://` reaches those who share this object; what is sent over `udpm://`, every process of this
-    machine that listens there.
+    Messages over `memq://` reach those who share this object; those over `udpm://`, every process of this machine that
+    listens there.
 
     Args:
-        link: Whose `url` is opened.
+        link: Link whose `url` is opened.
 
     Raises:
         ParameterError: The address is another than memory and this machine, so that others could move the robot; or

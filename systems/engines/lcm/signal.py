@@ -1,4 +1,4 @@
-"""Vectors as LCM messages with a stamp, and back."""
+"""Conversion of vectors to LCM messages with a stamp, and back."""
 
 import numpy as np
 from drake import lcmt_drake_signal  # type: ignore[import-untyped]  # LCM's types
@@ -11,7 +11,7 @@ _TOLERANCE = 1e-9  # s, of a time-out: far more than rounding, far less than a p
 
 
 class SignalSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Makes messages of a vector.
+    """Message from a vector, with a stamp.
 
                        ┌──────────────┐
         values  (n) ──►│ SignalSender │─► message  Value[lcmt_drake_signal]: values and their names, stamped with the
@@ -35,7 +35,7 @@ class SignalSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
 
 
 class SignalReceiver(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Makes a vector of messages, for as long as they come.
+    """Vector from messages, for as long as they come.
 
                                              ┌────────────────┐
         message  Value[lcmt_drake_signal] ──►│                │─► values  (n): NaN where none has come for `timeout`
@@ -51,10 +51,10 @@ class SignalReceiver(LeafSystem):  # type: ignore[misc]  # pydrake has no usable
         """Declares state and ports.
 
         Args:
-            size: n.
-            period: s.
-            timeout: s.
-            first: (n,), what `last` shows before the first message; None for zeros.
+            size: Number n of values.
+            period: Period of the state's updates, s.
+            timeout: Silence after which `values` is NaN, s.
+            first: (n,), values that `last` shows before the first message; None for zeros.
         """
         super().__init__()
         self._size, self._timeout = size, timeout + _TOLERANCE
@@ -68,7 +68,7 @@ class SignalReceiver(LeafSystem):  # type: ignore[misc]  # pydrake has no usable
         self.DeclareVectorOutputPort("time", 1, self._CalcTime)
 
     def _now(self, context: Context) -> tuple[Heard, np.ndarray]:
-        """What is known at this moment."""
+        """Record of the last message, and its values, at this moment."""
         state = context.get_discrete_state_vector().value()
         heard, values = Heard(*state[:3]), state[3:]
         message = self._message.Eval(context)

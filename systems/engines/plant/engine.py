@@ -1,4 +1,4 @@
-"""Drake's own contact models as an engine: a MultibodyPlant with a velocity-driven pusher, and an RgbdSensor."""
+"""Plant as an engine: a MultibodyPlant with Drake's contact, a velocity-driven pusher, and an RgbdSensor."""
 
 import dataclasses
 
@@ -25,11 +25,11 @@ _LATER = 1e-12
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PlantHandle:
-    """Puts a plant's object and pusher into place; see `engine.Handle`.
+    """Handle that puts a plant's object and pusher into place; see `engine.Handle`.
 
     Attributes:
         parts: The plant.
-        drive: Of the pusher.
+        drive: Drive of the pusher.
     """
 
     parts: PushPlant
@@ -58,8 +58,8 @@ def AddPlantEngine(builder: DiagramBuilder, setup: Setup, contact: ContactName) 
     """Adds plant, pusher's drive and camera.
 
     Args:
-        builder: Of the diagram.
-        setup: What there is.
+        builder: Builder of the diagram.
+        setup: The scene and its settings.
         contact: The contact model.
 
     Returns:

@@ -1,4 +1,4 @@
-"""The forces of contact in a plant, in the form that all engines have."""
+"""Contact forces of a plant, in the form that all engines have."""
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -10,7 +10,7 @@ from pinwm_drake.systems.engines.plant.scene import PushPlant
 
 
 class PlantForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Picks the forces on the object out of a plant's results.
+    """Contact forces on the object, picked out of a plant's results.
 
                                           ┌─────────────┐
         contact_results  ContactResults ─►│ PlantForces │─► contact_forces  Value[ContactForces]

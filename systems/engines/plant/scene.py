@@ -1,39 +1,9 @@
-"""The pushing scene as a MultibodyPlant: an object, a floor, and a pusher that follows what it is told.
+"""Pushing scene as a MultibodyPlant: an object, a floor, and a pusher that follows the velocity that it is given.
 
-Bodies come in through Drake's Parser, from the texts of `sdformat` with the theta of a setup. The discrete
-approximation is "lagged": SAP stopped without convergence on the stiff hydroelastic floor, and Drake's documentation
-warns of gliding in it and in "similar", which slowed a spinning object in point contact 5 % to 38 % too soon. Measured
-with steps of 1/1920 or 1/3840 s:
-
-In hydroelastic contact the object is rigid, floor and pusher are compliant and stiff;
-
-- objects sink by 0.4 to 0.9 µm and creep by less than 1e-6 mm/s, or 0.006 mm/s where they lean on the pusher; a mug
-  that lies on a facet sinks by 11 µm and creeps by 0.001 mm/s;
-- one that slides stops after v²/(2 μ g) to 0.2 % at μ = 0.03 and 1 % at μ = 0.5 (half of it the step's v h / 2);
-- one that spins is slowed by the torque of uniform pressure on its base to 0.9 %;
-- the pusher overlaps the object by 0.05 to 0.09 mm in a push and 0.1 mm in an impact;
-- restitution 0: the object leaves an impact at 1 % to 1.9 % more than the pusher's speed, 2.3 mm/s at most;
-- restitution above 0 is approximate: 0.5 came out as 0.45 at the reference speed with steps of 1/7680 s, and lower at
-  higher speeds;
-- friction during an impact, some 1 ms, is up to 30 % off: "lagged" takes it from the normal force at the start of a
-  step. Steps a quarter as long move the end of a push by 0.2 mm.
-
-In point contact small spheres carry the object, which stands 10 µm above its face on them, and its convex pieces meet
-the pusher;
-
-- the spheres of an object at rest sink by 0.8 µm (a lying mug's by 1.5 µm), and it creeps by less than 1e-5 mm/s, also
-  where it leans on the pusher;
-- one that slides stops after v²/(2 μ g) to 0.01 %, but for the step's v h / 2;
-- one that spins is slowed by the torque of uniform pressure to 0.6 %, as near as twelve spheres on a face come to it;
-- the pusher overlaps the object by 0.02 mm (μ = 0.1) to 0.1 mm (μ = 0.5) in a push, 0.09 mm in an impact, and 0.4 mm in
-  one with restitution 0.5;
-- restitution 0: 1.5 % more than the pusher's speed; 0.5 comes out as 0.46;
-- friction during an impact is 15 % too much at 0.1 and 11 % at 0.5. A pusher twenty times as stiff made it four times
-  too large: Hunt and Crossley's damping at the start of the first step, which "lagged" friction goes by, then exceeds
-  what the impact needs.
-
-A compliant half space would be the simpler floor, but Drake 1.51 aborts the process where a corner of the object lies
-on its plane to the last bit, so that the floor is a box.
+Bodies come in through Drake's Parser, from the texts of `systems/sdf/text.py` with the theta of a setup. Contact is
+hydroelastic, of a rigid object with a compliant and stiff floor and pusher, or that of points: small spheres carry the
+object, and its convex pieces meet the pusher. The discrete approximation is "lagged". The reasons for it and for the
+floor, and the accuracy that was measured, are in docs/hydroelastic.md, "Accuracy of the plants".
 """
 
 import shutil
@@ -75,17 +45,17 @@ _MODELS = {"hydroelastic": ContactModel.kHydroelastic, "point": ContactModel.kPo
 
 @dataclass(frozen=True, eq=False)
 class PushPlant:
-    """The parts of a pushing scene in a diagram.
+    """Parts of a pushing scene in a diagram.
 
     Attributes:
-        setup: What it was made from.
-        plant: With the input port `pusher_desired_state`: p_WP (3) [m], v_WP (3) [m/s].
-        scene_graph: Its geometries.
+        setup: Setup that it was made from.
+        plant: The plant, with the input port `pusher_desired_state`: p_WP (3) [m], v_WP (3) [m/s].
+        scene_graph: The geometries of the plant.
         object: Free body; frame O is its body frame.
-        object_instance: Its model instance: positions q_WO (4) wxyz, p_WO (3) [m], velocities w_WO (3) [rad/s],
-            v_WO (3) [m/s] of O.
+        object_instance: Model instance of the object: positions q_WO (4) wxyz, p_WO (3) [m], velocities w_WO (3)
+            [rad/s], v_WO (3) [m/s] of O.
         pusher: Body whose frame is P; translates along three axes of the world, unless something else holds it.
-        pusher_instance: Its model instance: positions p_WP (3) [m], velocities v_WP (3) [m/s].
+        pusher_instance: Model instance of the pusher: positions p_WP (3) [m], velocities v_WP (3) [m/s].
     """
 
     setup: Setup
@@ -106,8 +76,8 @@ def MakePushPlant(
     """Adds a finalized plant and its scene graph to a diagram.
 
     Args:
-        builder: Of the diagram.
-        setup: What there is.
+        builder: Builder of the diagram.
+        setup: The scene and its settings.
         contact: The contact model.
         hold: Called with the plant, before it is finalized, and the pusher, which then has no joints of its own: adds
             what holds it. None for a pusher with drives.
@@ -136,9 +106,9 @@ def AddPushBodies(plant: MultibodyPlant, setup: Setup, contact: ContactName, *, 
     """Adds object, pusher and floor, in this order, to a plant that is not finalized, and sets its gravity.
 
     Args:
-        plant: Registered with a SceneGraph.
-        setup: What there is.
-        contact: Which geometries the object has.
+        plant: Plant that is registered with a SceneGraph.
+        setup: The scene and its settings.
+        contact: Contact model, which the object's geometries are for.
         driven: Whether the pusher has joints and drives of its own.
 
     Returns:
@@ -164,11 +134,11 @@ def AddPushBodies(plant: MultibodyPlant, setup: Setup, contact: ContactName, *, 
 
 
 def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> tuple[str, str, str]:
-    """The SDFormat of object, pusher and floor; meshes that do not ship are written to a folder of this process.
+    """SDFormat of object, pusher and floor; meshes that do not ship are written to a folder of this process.
 
     Args:
-        setup: What there is.
-        contact: Which geometries the object has.
+        setup: The scene and its settings.
+        contact: Contact model, which the object's geometries are for.
         driven: Whether the pusher has joints and drives of its own.
 
     Raises:
@@ -193,7 +163,7 @@ def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> t
 
 
 def _scratch_folder() -> Path:
-    """A folder that goes when this process ends; Meshcat reads meshes again whenever it shows them."""
+    """Folder that goes when this process ends; Meshcat reads meshes again whenever it shows them."""
     folder = Path(tempfile.mkdtemp(prefix="pinwm_plant_"))
     # Unlike atexit, this also works in a worker of a pool.
     Finalize(None, shutil.rmtree, (folder, True), exitpriority=0)

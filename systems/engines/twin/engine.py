@@ -1,4 +1,4 @@
-"""The twin as an engine: the world model, and a plant of the same scene that lends its geometry to SceneGraph."""
+"""Twin as an engine: the world model, and a plant of the same scene that lends its geometry to SceneGraph."""
 
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
@@ -19,8 +19,8 @@ def AddTwinEngine(builder: DiagramBuilder, setup: Setup) -> Engine:
     world 0.
 
     Args:
-        builder: Of the diagram.
-        setup: What there is.
+        builder: Builder of the diagram.
+        setup: The scene and its settings.
 
     Returns:
         The engine; its handle is the WorldModel.

@@ -1,4 +1,4 @@
-"""The twin's physics as a function of plain arrays: where W objects and pushers are, one update later."""
+"""Physics of a twin as a function of plain arrays: the states of W objects and pushers one update later."""
 
 import dataclasses
 
@@ -16,25 +16,25 @@ _HALVINGS = 3
 
 
 class WorldPhysics:
-    """Steps of W worlds of a twin; without state of its own, so that the same input gives the same output.
+    """Physics of W worlds of a twin; without state of its own, so that the same input gives the same output.
 
     An object's state (13) is q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s] at O, in the world frame; pushers do not
     turn. `theta` is mass (W, 1), inertia (W, 1, 3, 3), friction (W, 2) and restitution (W, 2), float64, checked.
 
     Attributes:
         scene: The twin's physics model.
-        steps: Of the physics in one update.
-        retries: How often a world had to take shorter steps so far; a statistic, on which nothing depends.
+        steps: Number of time steps in one update.
+        retries: Number of times that a world had to take shorter steps so far; a statistic, on which nothing depends.
     """
 
     def __init__(self, twin: Twin, q_WO: np.ndarray, steps: int, num_threads: int | None = None) -> None:
-        """Makes the model.
+        """Makes the physics model of a twin.
 
         Args:
             twin: Geometry and settings.
-            q_WO: (4,) wxyz: how the object lies, which tells the face that carries it.
-            steps: Of the physics in one update, 1 or more.
-            num_threads: That share the worlds; None for one on each core.
+            q_WO: (4,) wxyz: orientation of the lying object, which tells the face that carries it.
+            steps: Number of time steps in one update, 1 or more.
+            num_threads: Threads that share the worlds; None for one on each core.
 
         Raises:
             InputError: A mesh cannot be used.
@@ -54,10 +54,10 @@ class WorldPhysics:
     def advance(
         self, theta: Arrays, state: np.ndarray, p_WP: np.ndarray, v_WP: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The state one update later: the step of `pinwm_drake.physics`, which identification differentiates.
+        """Discrete update of the state by the step of `pinwm_drake.physics`, which identification differentiates.
 
         Args:
-            theta: Of W worlds.
+            theta: Parameters theta of W worlds.
             state: (W, 13) of the objects.
             p_WP: (W, 3) m, of the pushers.
             v_WP: (W, 3) m/s, of the pushers, held.
@@ -73,7 +73,7 @@ class WorldPhysics:
     def _advance(
         self, theta: Arrays, state: np.ndarray, p_WP: np.ndarray, v_WP: np.ndarray, halving: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """With steps of 2^-halving times the length."""
+        """Discrete update with time steps of 2^-halving times the length; worlds that fail take shorter ones."""
         V_WP = np.zeros((self.steps << halving, len(state), 6))
         V_WP[:, :, 3:] = v_WP
         try:
@@ -98,7 +98,7 @@ class WorldPhysics:
         return (_moved(after, -self._p_OB) if self._offset else after), p_P
 
     def _at_B(self, state: np.ndarray, p_WP: np.ndarray) -> Arrays:
-        """The arrays of `physics.State`."""
+        """Arrays of `physics.State`, whose bodies have their origin at the centre of mass B."""
         if self._offset:
             state = _moved(state, self._p_OB)
         q_WP = np.zeros((len(state), 4))
@@ -115,14 +115,14 @@ class WorldPhysics:
     def forces(
         self, parameters: Parameters, state: np.ndarray, p_WP: np.ndarray, v_WP: np.ndarray, world: int
     ) -> tuple[list[str], np.ndarray, np.ndarray]:
-        """The contact forces of the step that begins at a state.
+        """Contact forces of the step that begins at a state.
 
         Args:
             parameters: theta of W worlds.
             state: (W, 13) of the objects.
             p_WP: (W, 3) m.
             v_WP: (W, 3) m/s.
-            world: Which.
+            world: Number of the world.
 
         Returns:
             n pair names, p_WC (n, 3) m, and f_W (n, 3) N on the object, of contacts that bear a load.

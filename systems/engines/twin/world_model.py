@@ -1,4 +1,4 @@
-"""The learned world model W = R(g(x, a, theta), alpha) as a LeafSystem: the LCP step, and surfels behind its images."""
+"""World model W = R(g(x, a, theta), alpha) as a LeafSystem: the LCP step, and surfels behind its images."""
 
 import functools
 
@@ -23,7 +23,7 @@ _FIELDS = ("mass", "inertia", "friction", "restitution")
 
 
 class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """W worlds of a twin.
+    """World model of a twin, with W worlds.
 
                                 ┌────────────┐
                                 │            │─► object_state      (13 W): q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s]
@@ -49,7 +49,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
 
         Args:
             setup: Twin, camera, periods and number of worlds.
-            num_threads: That share the worlds; None for one on each core. It does not change results.
+            num_threads: Threads that share the worlds; None for one on each core. It does not change results.
 
         Raises:
             InputError: A mesh cannot be used.
@@ -109,10 +109,10 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         """Puts objects and pushers into place; the pushers rest.
 
         Args:
-            context: Of this system.
+            context: Context of this system.
             object_state: (W, 13) as the port has it, or (13,) for one world.
             p_WP: (W, 3) m, or (3,).
-            world: Which; None for all.
+            world: Number of the world; None for all.
 
         Raises:
             StateError: A number is not finite, a quaternion not of unit norm, or there is no such world.
@@ -130,13 +130,13 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         pushers[worlds, :3], pushers[worlds, 3:] = p_WP, 0.0
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
-        """See `engine.Handle`; `context` may be that of a diagram that holds this system."""
+        """Sets an object's state as `engine.Handle` does; `context` may be that of a diagram that holds this system."""
         mine = self.GetMyMutableContextFromRoot(context)
         p_WP = self._state(mine)[1]
         self.SetState(mine, rest_state(X_WO, V_WO), p_WP[world], world)
 
     def SetPusherPosition(self, context: Context, p_WP: np.ndarray, world: int = 0) -> None:
-        """See `engine.Handle`; `context` may be that of a diagram that holds this system."""
+        """Puts a pusher as `engine.Handle` does; `context` may be that of a diagram that holds this system."""
         mine = self.GetMyMutableContextFromRoot(context)
         self.SetState(mine, self._state(mine)[0][world], p_WP, world)
 
@@ -157,7 +157,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
             vector.SetFromVector(values.ravel())
 
     def GetParameters(self, context: Context) -> Parameters:
-        """Theta of all worlds, checked.
+        """Parameters theta of all worlds, checked.
 
         Raises:
             PinwmError: Somebody wrote a value into the Context that is out of range.
@@ -208,7 +208,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         return values.reshape(self.num_worlds, -1)
 
     def _state(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
-        """Of the objects (W, 13), and p_WP (W, 3)."""
+        """States of the objects (W, 13), and positions p_WP (W, 3) of the pushers."""
         objects = self._rows(context.get_discrete_state(self._object).value())
         return objects, self._rows(context.get_discrete_state(self._pusher).value())[:, :3]
 
@@ -257,6 +257,6 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
 
 
 def rest_state(X_WO: RigidTransform, V_WO: np.ndarray | None = None) -> np.ndarray:
-    """(13,): the object's state from its pose and its velocity V_WO (6,), [rad/s; m/s], or at rest."""
+    """State (13,) of the object from its pose and its velocity V_WO (6,), [rad/s; m/s], or at rest."""
     q_WO, p_WO = X_WO.rotation().ToQuaternion().wxyz(), X_WO.translation()
     return np.concatenate([q_WO, p_WO, np.zeros(6) if V_WO is None else V_WO])
