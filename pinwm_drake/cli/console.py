@@ -1,11 +1,19 @@
 """The console: lines, and bars that tell of long work; where the output is no terminal, lines in their place."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 _PERIOD = 1800.0  # s, over which the time left is reckoned; an episode in a plant takes most of a minute
 
@@ -47,3 +55,27 @@ def progress_bar(
     columns += [TimeRemainingColumn(), TextColumn("left")] if left is None else [TextColumn(left)]
     with Progress(*columns, transient=transient, speed_estimate_period=_PERIOD) as bar:
         yield bar
+
+
+@contextmanager
+def stages_bar(*, transient: bool = False) -> Iterator[Callable[[str, float, str], None]]:
+    """A bar for each stage of an experiment, as its callback names them.
+
+    Args:
+        transient: Whether the bars go when all is done; then there are none where the output is no terminal.
+
+    Yields:
+        The callback: stage, share of it that is done, figures in words.
+    """
+    if transient and not Console().is_terminal:
+        yield lambda stage, done, figures: None
+        return
+    with progress_bar("{task.percentage:.0f} %  {task.fields[figures]}", transient=transient) as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def show(stage: str, done: float, figures: str) -> None:
+            if stage not in tasks:
+                tasks[stage] = bar.add_task(stage, total=1.0, figures=figures)
+            bar.update(tasks[stage], completed=done, figures=figures)
+
+        yield show
