@@ -15,6 +15,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+LOOPBACK = ("127.", "localhost", "::1")  # beginnings of addresses that other machines do not reach
 _PERIOD = 1800.0  # s, over which the time left is reckoned; an episode in a plant takes most of a minute
 
 
