@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -22,6 +23,15 @@ _PERIOD = 1800.0  # s, over which the time left is reckoned; an episode in a pla
 def say(text: str, *, style: str | None = None) -> None:
     """Prints a line as it is: neither broken nor coloured by what it says."""
     Console().print(text, style=style, highlight=False, soft_wrap=True, markup=False)
+
+
+class _LateProgress(Progress):
+    """Bars that begin with the first task, so that work that is refused before prints nothing but its error."""
+
+    def add_task(self, *arguments: Any, **options: Any) -> TaskID:
+        """Adds a bar; see rich."""
+        self.start()
+        return super().add_task(*arguments, **options)
 
 
 def duration(seconds: float) -> str:
@@ -54,8 +64,12 @@ def progress_bar(
     columns: list[ProgressColumn] = [TextColumn("{task.description}"), BarColumn(bar_width=20), TextColumn(figures)]
     columns += [TimeElapsedColumn()] if elapsed else []
     columns += [TimeRemainingColumn(), TextColumn("left")] if left is None else [TextColumn(left)]
-    with Progress(*columns, transient=transient, speed_estimate_period=_PERIOD) as bar:
+    bar = _LateProgress(*columns, transient=transient, speed_estimate_period=_PERIOD)
+    try:
         yield bar
+    finally:
+        if bar.live.is_started:
+            bar.stop()
 
 
 @contextmanager
