@@ -1,9 +1,17 @@
-"""`pinwm align`: its options. The work is in `align_run`."""
+"""`pinwm align`: options, a bar of the fit, and its quality in a table."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from pinwm_drake.cli.console import say, stages_bar
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pinwm_drake.rendering.fit_options import FitOptions
+    from pinwm_drake.rendering.fitting import FitResult
 
 
 def align(
@@ -29,7 +37,6 @@ def align(
     ] = False,
 ) -> None:
     """Fits surfels to posed images of an object: its appearance, in the frame of its mesh."""
-    from pinwm_drake.cli.align_run import run_align
     from pinwm_drake.rendering.fit_options import FitOptions
 
     options = FitOptions(
@@ -40,4 +47,60 @@ def align(
         seed=seed,
         num_threads=threads,
     )
-    run_align(source, out, mesh_path=mesh, options=options, resume=resume)
+    show_align(source, out, mesh=mesh, options=options, resume=resume)
+
+
+def show_align(source: Path, out: Path, *, mesh: Path | None, options: "FitOptions", resume: bool) -> None:
+    """Fits surfels with a bar, and tells of the result.
+
+    Args:
+        source: A capture, or images with poses.
+        out: Folder of the results.
+        mesh: The object's mesh; None for that of the capture.
+        options: Of the fit.
+        resume: Whether to go on from a checkpoint.
+
+    Raises:
+        PinwmError: An input was refused, or a file cannot be written.
+        SystemExit: With 1, when the user interrupts the fit (Ctrl-C).
+    """
+    from rich.console import Console
+
+    from pinwm_drake.experiments.alignment import align
+    from pinwm_drake.rendering.checkpoint import FILE as CHECKPOINT_FILE
+    from pinwm_drake.report.surfels.fit_results import FILES
+
+    if resume and not (out / CHECKPOINT_FILE).exists():
+        say(f"no {CHECKPOINT_FILE} in {out}: starting anew")
+    iteration = 0
+    try:
+        with stages_bar() as show:
+
+            def progress(stage: str, done: float, figures: str) -> None:
+                nonlocal iteration
+                iteration = round(done * options.iterations) if stage == "fitting" else iteration
+                show(stage, done, figures)
+
+            result = align(source, out, mesh_path=mesh, options=options, resume=resume, progress=progress)
+    except KeyboardInterrupt:
+        kept = "; go on with --resume" if (out / CHECKPOINT_FILE).exists() else ""
+        say(f"interrupted after iteration {iteration}{kept}")
+        raise SystemExit(1) from None
+    Console().print(_summary(result))
+    for name in FILES:
+        say(f"wrote {out / name}")
+
+
+def _summary(result: "FitResult") -> "Table":
+    """Quality of fitted and held-out views."""
+    from rich.table import Table
+
+    table = Table("", "views", "mean PSNR", "lowest", "highest", title="Surfels fitted to images")
+    for name, values in (("fitted", result.psnr_train), ("held out", result.psnr_test)):
+        if values:
+            decibels = list(values.values())
+            mean = sum(decibels) / len(decibels)
+            figures = (f"{value:.2f} dB" for value in (mean, min(decibels), max(decibels)))
+            table.add_row(name, str(len(values)), *figures)
+    table.caption = f"{result.surfels.num_surfels:,} surfels in {result.seconds:.0f} s"
+    return table

@@ -12,8 +12,9 @@ from rich.markup import escape
 
 import pinwm_drake
 from pinwm_drake.cli.align import align
+from pinwm_drake.cli.arm import arm
 from pinwm_drake.cli.capture import capture_app
-from pinwm_drake.cli.control import arm, control
+from pinwm_drake.cli.control import control
 from pinwm_drake.cli.cousins import cousins
 from pinwm_drake.cli.crosscheck import crosscheck
 from pinwm_drake.cli.evaluate import evaluate

@@ -1,12 +1,24 @@
-"""`pinwm capture`: its commands. The work of `check` is in `capture_check`; the others have modules of their own."""
+"""`pinwm capture`: `check`, and the commands that have modules of their own."""
 
+from collections import Counter
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
+from rich.markup import escape
 
 from pinwm_drake.cli.capture_import import import_app
 from pinwm_drake.cli.capture_simulate import simulate
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pinwm_drake.capture.check import CheckResult
+    from pinwm_drake.capture.checks.findings import Problem
+
+_MOST = 8  # problems of one file that are shown
+_STYLES = {"error": "bold red", "warning": "yellow"}
 
 capture_app = typer.Typer(name="capture", help="Check, import and simulate captures.", no_args_is_help=True)
 
@@ -17,10 +29,73 @@ def check(
     every: Annotated[bool, typer.Option("--all", help="Show every problem, however many a file has.")] = False,
 ) -> None:
     """Lists everything that is wrong with a capture; exits with 1 where something makes it unusable."""
-    from pinwm_drake.cli.capture_check import run_check
+    from pinwm_drake.capture.check import check_capture
 
-    run_check(folder, every=every)
+    console = Console()
+    with console.status("checking") as status:
+        result = check_capture(folder, lambda part: status.update(f"checking {escape(part)}"))
+    if result.problems:
+        console.print(_table(folder, result, every))
+    console.print(f"{folder}: {_summary(result)}", style=_colour(result), highlight=False, markup=False, soft_wrap=True)
+    if result.errors:
+        raise SystemExit(1)
 
 
 capture_app.add_typer(import_app)
 capture_app.command(epilog="Example: pinwm capture simulate mycapture --object mug --friction 0.2")(simulate)
+
+
+def _summary(result: "CheckResult") -> str:
+    """Numbers of problems, views and images, in one line."""
+    episodes, images = len(result.images), sum(result.images.values())
+    parts = (
+        _count(result.errors, "error"),
+        _count(result.warnings, "warning"),
+        _count(result.views, "static view"),
+        f"{_count(episodes, 'episode')} of {_count(images, 'image')}",
+    )
+    return ", ".join(parts)
+
+
+def _table(folder: Path, result: "CheckResult", every: bool) -> "Table":
+    """The problems: errors before warnings, each with its place."""
+    from rich.table import Table
+
+    table = Table("", title="Problems", show_lines=True)
+    for name in ("where", "found", "allowed"):
+        table.add_column(name, overflow="fold")
+    shown: Counter[str] = Counter()
+    left_out: Counter[str] = Counter()
+    for problem in sorted(result.problems, key=lambda problem: problem.severity):
+        path = problem.problem.path
+        shown[path] += 1
+        if shown[path] > _MOST and not every:
+            left_out[path] += 1
+            continue
+        table.add_row(*_row(folder, problem))
+    for path, count in left_out.items():
+        table.add_row("", escape(_short(folder, path)), f"{count} more; --all shows them", "")
+    return table
+
+
+def _row(folder: Path, problem: "Problem") -> list[str]:
+    error, style = problem.problem, _STYLES[problem.severity]
+    where = _short(folder, error.path) + ("" if error.row is None else f", row {error.row}")
+    found = "" if error.value is None else str(error.value)
+    return [f"[{style}]{problem.severity}[/]", escape(where), escape(found), escape(error.allowed)]
+
+
+def _short(folder: Path, path: str) -> str:
+    """A path, from the capture's folder where it is in it."""
+    try:
+        return str(Path(path).relative_to(folder))
+    except ValueError:
+        return path
+
+
+def _colour(result: "CheckResult") -> str:
+    return _STYLES["error"] if result.errors else _STYLES["warning"] if result.warnings else "bold green"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("" if number == 1 else "s")

@@ -1,9 +1,11 @@
-"""`pinwm capture simulate`: its options. The work is in `capture_simulate_run`."""
+"""`pinwm capture simulate`: options, and a bar of the images."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from pinwm_drake.cli.console import say, stages_bar
 
 
 def simulate(
@@ -35,8 +37,7 @@ def simulate(
     supersampling: Annotated[int, typer.Option(help="Rendered pixels for each of an image, along each side.")] = 3,
 ) -> None:
     """Makes a capture from Drake: a stand-in for a robot that pushes an object in front of a camera."""
-    from pinwm_drake.cli.capture_simulate_run import run_simulate
-    from pinwm_drake.systems.runs.capture_options import SimulateOptions, coasting_speed
+    from pinwm_drake.systems.runs.simulated_capture import SimulateOptions, simulate_capture
 
     options = SimulateOptions(
         object_name=object_name,
@@ -50,11 +51,13 @@ def simulate(
         static_views=static_views,
         frames=frames,
         rate=rate,
-        speed=coasting_speed(friction) if speed is None else speed,
+        speed=speed,
         distance=distance,
         pusher=pusher,
         pusher_radius=pusher_radius,
         lying=lying,
         supersampling=supersampling,
     )
-    run_simulate(out, options)
+    with stages_bar() as progress:
+        simulate_capture(options, out, progress=progress)
+    say(f"wrote {out}")

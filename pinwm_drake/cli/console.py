@@ -1,18 +1,37 @@
 """The console: lines, and bars that tell of long work; where the output is no terminal, lines in their place."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
+LOOPBACK = ("127.", "localhost", "::1")  # beginnings of addresses that other machines do not reach
 _PERIOD = 1800.0  # s, over which the time left is reckoned; an episode in a plant takes most of a minute
 
 
 def say(text: str, *, style: str | None = None) -> None:
     """Prints a line as it is: neither broken nor coloured by what it says."""
     Console().print(text, style=style, highlight=False, soft_wrap=True, markup=False)
+
+
+class _LateProgress(Progress):
+    """Bars that begin with the first task, so that work that is refused before prints nothing but its error."""
+
+    def add_task(self, *arguments: Any, **options: Any) -> TaskID:
+        """Adds a bar; see rich."""
+        self.start()
+        return super().add_task(*arguments, **options)
 
 
 def duration(seconds: float) -> str:
@@ -45,5 +64,33 @@ def progress_bar(
     columns: list[ProgressColumn] = [TextColumn("{task.description}"), BarColumn(bar_width=20), TextColumn(figures)]
     columns += [TimeElapsedColumn()] if elapsed else []
     columns += [TimeRemainingColumn(), TextColumn("left")] if left is None else [TextColumn(left)]
-    with Progress(*columns, transient=transient, speed_estimate_period=_PERIOD) as bar:
+    bar = _LateProgress(*columns, transient=transient, speed_estimate_period=_PERIOD)
+    try:
         yield bar
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+
+
+@contextmanager
+def stages_bar(*, transient: bool = False) -> Iterator[Callable[[str, float, str], None]]:
+    """A bar for each stage of an experiment, as its callback names them.
+
+    Args:
+        transient: Whether the bars go when all is done; then there are none where the output is no terminal.
+
+    Yields:
+        The callback: stage, share of it that is done, figures in words.
+    """
+    if transient and not Console().is_terminal:
+        yield lambda stage, done, figures: None
+        return
+    with progress_bar("{task.percentage:.0f} %  {task.fields[figures]}", transient=transient) as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def show(stage: str, done: float, figures: str) -> None:
+            if stage not in tasks:
+                tasks[stage] = bar.add_task(stage, total=1.0, figures=figures)
+            bar.update(tasks[stage], completed=done, figures=figures)
+
+        yield show

@@ -1,19 +1,34 @@
-"""`pinwm control` and `pinwm arm`: their options. The work is in `control_run` and `arm_run`."""
+"""`pinwm control`: options, and lines of the state of a controlled station."""
 
-from typing import Annotated
+import logging
+import math
+import time
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
 
-_SCENE = "A scenario that ships, a .scenario.yaml file, or the folder of a twin."
-_URL = "Address of LCM: udpm://ADDRESS:PORT?ttl=0, which stays within this machine."
-_CONTACT = "Of the simulated arm: hydroelastic, or point, which takes half the time."
+from pinwm_drake.errors import StateError, require
+
+if TYPE_CHECKING:
+    from pydrake.geometry import Meshcat
+
+    from pinwm_drake.learning.safety import SafetyLimits
+    from pinwm_drake.systems.control.loop import ControlLoop, ControlRow
+    from pinwm_drake.systems.scenario.setup import Setup
+
+SCENE = "A scenario that ships, a .scenario.yaml file, or the folder of a twin."
+URL = "Address of LCM: udpm://ADDRESS:PORT?ttl=0, which stays within this machine."
+CONTACT = "Of the simulated arm: hydroelastic, or point, which takes half the time."
+_EVERY = 0.5  # s, between lines
+_PATIENCE = 30.0  # s, for somebody to open the page
 
 
 def control(
     bundle: Annotated[
         str, typer.Argument(metavar="BUNDLE", help="Folder that `pinwm export` wrote, or the name of one that ships.")
     ],
-    scene: Annotated[str, typer.Option(help=_SCENE)] = "push_t",
+    scene: Annotated[str, typer.Option(help=SCENE)] = "push_t",
     engine: Annotated[
         str, typer.Option(help="What is controlled: hydroelastic, point or twin, or a robot behind lcm.")
     ] = "hydroelastic",
@@ -23,10 +38,10 @@ def control(
     simulate_arm: Annotated[
         bool, typer.Option("--simulate-arm", help="Simulate an arm behind lcm in this process; needs no robot.")
     ] = False,
-    contact: Annotated[str, typer.Option(help=_CONTACT)] = "hydroelastic",
+    contact: Annotated[str, typer.Option(help=CONTACT)] = "hydroelastic",
     duration: Annotated[float, typer.Option(help="s, at most, 0.1 to 600; it ends at the goal.")] = 20.0,
     seed: Annotated[int, typer.Option(help="Of where object and pusher start, 0 or more; not of a robot's.")] = 0,
-    lcm_url: Annotated[str | None, typer.Option(help=_URL, show_default="that of the scenario")] = None,
+    lcm_url: Annotated[str | None, typer.Option(help=URL, show_default="that of the scenario")] = None,
     meshcat: Annotated[
         bool, typer.Option("--meshcat", help="Show it in the browser, on this machine, in real time.")
     ] = False,
@@ -35,48 +50,136 @@ def control(
     ] = None,
 ) -> None:
     """Lets a bundle control a station: a simulation, or a robot over LCM. Without --arm nothing moves."""
-    from pinwm_drake.cli.control_run import ControlOptions, run_control
+    import numpy as np
 
-    options = ControlOptions(
-        scene=scene,
-        engine="lcm" if simulate_arm else engine,
-        arm=arm,
+    from pinwm_drake.learning.bundle import read_bundle
+    from pinwm_drake.models import policy_path
+    from pinwm_drake.systems.control.loop import ControlLoop
+    from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+    from pinwm_drake.systems.scenario.load import load_setup, with_url
+    from pinwm_drake.systems.scenario.schema import MEMORY
+    from pinwm_drake.systems.sdf.twin import contact_name
+    from pinwm_drake.systems.station.station import STATION_ENGINES
+    from pinwm_drake.systems.view.scene import make_meshcat
+
+    engine = "lcm" if simulate_arm else engine
+    robot = engine == "lcm" and not simulate_arm
+    require("--engine", engine, engine in STATION_ENGINES, ", ".join(STATION_ENGINES))
+    require("--duration", duration, 0.1 <= duration <= 600, "0.1 to 600 s")
+    require_common(contact, seed)
+    require("--lcm-url", lcm_url, lcm_url is None or robot, "none, but for a robot behind lcm")
+    require("--meshcat", meshcat, not (meshcat and robot), "none for a robot, which can be looked at")
+    console = Console()
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    found = read_bundle(policy_path(bundle))
+    setup = environment_setup(load_setup(scene), EnvOptions(image_size=found.spec.camera.width))
+    if engine == "lcm":
+        setup = with_url(setup, MEMORY if simulate_arm else lcm_url)
+    page = make_meshcat(port=port) if meshcat else None
+    loop = ControlLoop(
+        found,
+        found.limits,
+        setup,
+        engine,
+        armed=arm,
         simulate_arm=simulate_arm,
-        contact=contact,
-        duration=duration,
-        seed=seed,
-        lcm_url=lcm_url,
-        meshcat=meshcat,
-        port=port,
+        contact=contact_name(contact),
+        meshcat=page,
     )
-    run_control(bundle, options)
+    place = loop.draw_place(np.random.default_rng(seed))
+    if page is not None:
+        loop.simulator.set_target_realtime_rate(1.0)
+        _await_browser(console, page)
+    loop.begin(place)
+    _announce(console, arm, simulate_arm, engine, setup, found.limits)
+    loop.listen()
+    last = _run(console, loop, duration)
+    _conclude(console, last, arm)
+    if page is not None and console.is_terminal:
+        _keep(console)
 
 
-def arm(
-    scene: Annotated[str, typer.Option(help=_SCENE)] = "push_t",
-    image_size: Annotated[
-        int | None, typer.Option(help="px, of images, as the policy sees them.", show_default="that of the scene")
-    ] = None,
-    contact: Annotated[str, typer.Option(help=_CONTACT)] = "point",
-    duration: Annotated[float, typer.Option(help="s, 0.1 to 3600.")] = 60.0,
-    seed: Annotated[int, typer.Option(help="Of where object and pusher start, 0 or more.")] = 0,
-    lcm_url: Annotated[str | None, typer.Option(help=_URL, show_default="that of the scenario")] = None,
-    meshcat: Annotated[bool, typer.Option("--meshcat", help="Show it in the browser, on this machine.")] = False,
-    port: Annotated[
-        int | None, typer.Option(help="Port of Meshcat to listen on.", show_default="first free from 7000")
-    ] = None,
+def require_common(contact: str, seed: int) -> None:
+    """Checks the options that `pinwm control` and `pinwm arm` share."""
+    require("--contact", contact, contact in ("hydroelastic", "point"), "hydroelastic, point")
+    require("--seed", seed, 0 <= seed < 2**32, "0 to 4294967295")
+
+
+def _run(console: Console, loop: "ControlLoop", duration: float) -> "ControlRow":
+    """Goes on to the end, with a line now and then; disarms whatever happens."""
+    began, due, state = time.perf_counter(), 0.0, ""
+    start = loop.simulator.get_context().get_time()
+    try:
+        for row in loop.advance(duration):
+            t = row.t - start
+            if t >= due - 1e-6 or row.status.state != state:
+                console.print(_line(t, row, time.perf_counter() - began), highlight=False, soft_wrap=True)
+                due, state = t + _EVERY, row.status.state
+    except KeyboardInterrupt:
+        console.print("stopped", highlight=False)
+        row = loop.row()
+    finally:
+        loop.stop()
+    return row
+
+
+def _announce(
+    console: Console, armed: bool, simulated: bool, engine: str, setup: "Setup", limits: "SafetyLimits"
 ) -> None:
-    """Simulates an arm in real time for `pinwm control --engine lcm` in another terminal."""
-    from pinwm_drake.cli.arm_run import ArmOptions, run_arm
-
-    options = ArmOptions(
-        scene=scene,
-        image_size=image_size,
-        contact=contact,
-        duration=duration,
-        seed=seed,
-        lcm_url=lcm_url,
-        meshcat=meshcat,
-        port=port,
+    """Says what is controlled, whether it moves, and within which limits."""
+    what = {True: "[bold]armed[/]: the pusher moves", False: "[bold]dry run[/]: nothing moves (--arm does)"}
+    where = "a simulated arm" if simulated else engine
+    if engine == "lcm" and not simulated:
+        where = f"a robot at {setup.scenario.lcm.url}"
+    console.print(f"{where}, {what[armed]}", highlight=False, soft_wrap=True)
+    console.print(
+        f"limits: {limits.max_speed:g} m/s, {limits.max_acceleration:g} m/s², images {limits.max_image_age:g} s old, "
+        f"{_corner(limits.box_low)} to {_corner(limits.box_high)} m",
+        highlight=False,
+        soft_wrap=True,
     )
-    run_arm(options)
+
+
+def _await_browser(console: Console, meshcat: "Meshcat") -> None:
+    """Says where the page is; on a terminal, waits a while for somebody to open it."""
+    console.print(f"Meshcat is at {meshcat.web_url()}", highlight=False, soft_wrap=True)
+    end = time.monotonic() + _PATIENCE
+    while console.is_terminal and meshcat.GetNumActiveConnections() == 0 and time.monotonic() < end:
+        time.sleep(0.1)
+
+
+def _keep(console: Console) -> None:
+    """Leaves the page up until Ctrl-C."""
+    console.print("Ctrl-C ends")
+    try:
+        while True:
+            time.sleep(1.0)
+    except KeyboardInterrupt:
+        return
+
+
+def _corner(p: tuple[float, float, float]) -> str:
+    return f"({', '.join(f'{x:g}' for x in p)})"
+
+
+def _line(t: float, row: "ControlRow", wall: float) -> str:
+    """A line of status."""
+    status, (x, y), p = row.status, 1e3 * row.raw_action, 1e3 * row.p_WP
+    parts = [f"{t:6.2f} s  {status.state}"]
+    parts.append("" if math.isnan(x) else f"action ({x:+.1f}, {y:+.1f}) mm{' cut' if status.limited else ''}")
+    parts.append(f"pusher ({p[0]:+.1f}, {p[1]:+.1f}) mm")
+    if not math.isnan(row.distance):
+        parts.append(f"object {1e3 * row.distance:.1f} mm, {math.degrees(row.angle):.1f}° from the goal")
+    if t > 0:
+        parts.append(f"{t / max(wall, 1e-9):.2f} x real time")
+    return "  ".join(part for part in [*parts, status.reason] if part)
+
+
+def _conclude(console: Console, row: "ControlRow", armed: bool) -> None:
+    """Says how it ended; raises StateError where a fault stopped the pusher."""
+    if row.status.state == "latched":
+        raise StateError(f"the pusher was stopped: {row.status.reason}")
+    if not armed:
+        console.print("dry run: nothing was moved")
+    elif not math.isnan(row.distance):
+        console.print("[green]at the goal[/]" if row.success else "[yellow]not at the goal[/]")

@@ -1,9 +1,20 @@
-"""`pinwm identify`: its options. The work is in `identify_run`."""
+"""`pinwm identify`: options, a bar of the search, and what was found in a table."""
 
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from pinwm_drake.cli.align import show_align
+from pinwm_drake.cli.console import say, stages_bar
+from pinwm_drake.errors import ParameterError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pinwm_drake.identification import Identification
+    from pinwm_drake.twin import Estimate
 
 
 def identify(
@@ -32,11 +43,16 @@ def identify(
     ] = False,
 ) -> None:
     """Finds mass properties, friction and restitution such that the twin reproduces the video of one push."""
-    from pinwm_drake.cli.identify_run import run_identify
-    from pinwm_drake.cli.identify_unknowns import choose
-    from pinwm_drake.identification.options import IdentifyOptions
+    from rich.console import Console
 
-    names, values = choose(free, hold, without)
+    from pinwm_drake.experiments.twins import has_surfels, read_push, twin_from_capture
+    from pinwm_drake.files import prepare_folder
+    from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
+    from pinwm_drake.identification.options import IdentifyOptions
+    from pinwm_drake.rendering.fit_options import FitOptions
+    from pinwm_drake.report.twin.score import pose_errors
+
+    names, values = _choose(free, hold, without)
     options = IdentifyOptions(
         free=names,
         held=values,
@@ -46,4 +62,82 @@ def identify(
         seed=seed,
         num_threads=threads,
     )
-    run_identify(capture, twin, episode_name=episode, options=options, resume=resume)
+    _, push = read_push(capture, episode)
+    prepare_folder(twin)
+    if not has_surfels(twin):
+        say(f"no surfels in {twin}: aligning first")
+        show_align(capture, twin, mesh=None, options=FitOptions(), resume=resume)
+    if resume and not (twin / CHECKPOINT_FILE).exists():
+        say(f"no {CHECKPOINT_FILE} in {twin}: starting anew")
+    try:
+        with stages_bar() as progress:
+            result = twin_from_capture(
+                capture, twin, episode=episode, options=options, resume=resume, progress=progress
+            )
+    except KeyboardInterrupt:
+        say("interrupted" + ("; go on with --resume" if (twin / CHECKPOINT_FILE).exists() else ""))
+        raise SystemExit(1) from None
+    Console().print(_summary(result))
+    errors = None if push.object_poses is None else pose_errors(result.poses, push.object_poses)
+    if errors is not None:
+        say(f"score against object_poses.csv, which was not used: {errors.words()}")
+    say(f"wrote {twin / 'twin.yaml'}; look at it with: pinwm report {twin}")
+
+
+def _choose(
+    free: list[str] | None, hold: list[str] | None, without: list[str] | None
+) -> tuple[tuple[str, ...], dict[str, float]]:
+    """The free unknowns and the values of held ones.
+
+    Args:
+        free: Names of physical ones to look for, instead of the default ones; nuisances are looked for as well.
+        hold: NAME=VALUE; such an unknown is held, or begins there where `free` names it.
+        without: Names to leave out.
+
+    Returns:
+        Names and values.
+
+    Raises:
+        ParameterError: A name is unknown, or a value is no number.
+    """
+    from pinwm_drake.identification.unknowns import DEFAULT_FREE, NUISANCES, UNKNOWNS
+
+    values = {}
+    for text in hold or []:
+        name, equals, number = text.partition("=")
+        try:
+            values[name] = float(number)
+        except ValueError:
+            values[name] = math.nan
+        if not equals or not math.isfinite(values[name]):
+            raise ParameterError(f"--hold: got {text!r}; allowed: NAME=VALUE, as in friction_pusher=0.2")
+    for option, names in (("--free", free), ("--hold", list(values)), ("--without", without)):
+        for name in names or []:
+            if name not in UNKNOWNS:
+                raise ParameterError(f"{option}: got {name!r}; allowed: {', '.join(UNKNOWNS)}")
+    left_out = {*(without or []), *(name for name in values if name not in (free or []))}
+    wanted = (*free, *NUISANCES) if free else DEFAULT_FREE
+    chosen = tuple(name for name in wanted if name not in left_out)
+    if not chosen:
+        raise ParameterError("no unknown is left; allowed: one or more free ones")
+    return tuple(dict.fromkeys(chosen)), values
+
+
+def _summary(result: "Identification") -> "Table":
+    """Theta and nuisances."""
+    from rich.table import Table
+
+    twin = result.twin
+    table = Table("", "value", "95 % interval", "identifiable", title=f"Twin of {twin.name}")
+    for name, estimate in {**twin.theta, **twin.nuisance}.items():
+        table.add_row(name, *_row(estimate))
+    losses = ", ".join(f"{support} {loss:.5f}" for support, loss in result.found.coarse_losses.items())
+    loss = f"loss {result.found.loss:.5f}"
+    table.caption = f"support: {twin.support} (coarse loss: {losses}); {loss}; {result.found.seconds:.0f} s"
+    return table
+
+
+def _row(estimate: "Estimate") -> tuple[str, str, str]:
+    unit = "" if estimate.unit == "1" else f" {estimate.unit}"
+    interval = "" if estimate.interval is None else f"{estimate.interval[0]:.4g} to {estimate.interval[1]:.4g}"
+    return f"{estimate.value:.4g}{unit}", interval, "yes" if estimate.identifiable else "no"

@@ -1,9 +1,11 @@
-"""`pinwm model`: its arguments. The work is in `model_run`."""
+"""`pinwm model`: a twin as SDFormat."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from pinwm_drake.cli.console import say
 
 
 def model(
@@ -16,6 +18,8 @@ def model(
     ],
 ) -> None:
     """Writes a twin as SDFormat models, which Drake's Parser loads."""
-    from pinwm_drake.cli.model_run import run_model
+    from pinwm_drake.systems.sdf.twin import write_twin_model
+    from pinwm_drake.twin import read_twin
 
-    run_model(twin, out)
+    for path in write_twin_model(read_twin(twin), out):
+        say(f"wrote {path}")

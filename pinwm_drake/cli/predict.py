@@ -1,9 +1,18 @@
-"""`pinwm predict`: its options. The work is in `predict_run`."""
+"""`pinwm predict`: options, and the prediction in a few lines."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
+
+from pinwm_drake.cli.console import say, stages_bar
+from pinwm_drake.errors import InputError, require
+from pinwm_drake.files import prepare_folder
+
+if TYPE_CHECKING:
+    from pinwm_drake.capture.episodes import Episode, ObjectPoses
+    from pinwm_drake.capture.scene import Capture
 
 
 def predict(
@@ -17,6 +26,62 @@ def predict(
     ] = None,
 ) -> None:
     """Rolls a twin out along an episode's pusher log; with object_poses.csv there, says how far off it is."""
-    from pinwm_drake.cli.predict_run import run_predict
+    from pinwm_drake.capture.episodes import read_episode_folder
+    from pinwm_drake.capture.write import write_pose_table
+    from pinwm_drake.report.twin.prediction_film import write_prediction_film
+    from pinwm_drake.twin import read_twin
+    from pinwm_drake.twin.origin import is_identified_episode
+    from pinwm_drake.twin.predict import mismatches, predict_poses
 
-    run_predict(twin, episode, out, video)
+    require("--video", video, video is None or video.suffix.lower() == ".mp4", "a name that ends in .mp4")
+    found = read_twin(twin)
+    capture, push = read_episode_folder(episode)
+    for path in (out, video):
+        if path is not None:
+            _require_free(path, push)
+    errors = Console(stderr=True, soft_wrap=True)
+    for warning in mismatches(found, capture):
+        errors.print(f"warning: {warning}", highlight=False, markup=False)
+    identified = is_identified_episode(found, capture, push)
+    poses = predict_poses(found, capture, push, identified=identified)
+    write_pose_table(out, poses)
+    for line in _summary(poses, capture, push):
+        say(line)
+    say(f"wrote {out}")
+    if video is not None:
+        with stages_bar(transient=True) as show:
+            write_prediction_film(
+                video, found, push, poses, identified=identified, report=lambda share: show("filming", share, "")
+            )
+        say(f"wrote {video}")
+
+
+def _require_free(path: Path, episode: "Episode") -> None:
+    """Makes the folder of a result; raises InputError where it would replace a folder or a file of the capture."""
+    if path.is_dir():
+        raise InputError(path, value="a folder", allowed="a file")
+    if path.exists() and path.resolve().is_relative_to(episode.folder.resolve()):
+        raise InputError(path, value="a file of the episode", allowed="a new file, or one outside of the episode")
+    prepare_folder(path.parent)
+
+
+def _summary(poses: "ObjectPoses", capture: "Capture", episode: "Episode") -> list[str]:
+    """The predicted motion and, where the truth is known, its error."""
+    import numpy as np
+
+    from pinwm_drake.report.twin.score import pose_errors
+
+    moved = 1e3 * float(np.linalg.norm(poses.p_WO[-1] - poses.p_WO[0]))
+    share = min(float(np.abs(poses.q_WO[-1] @ poses.q_WO[0])), 1.0)
+    turned = float(np.degrees(2 * np.arccos(share)))
+    seconds = float(poses.t[-1] - poses.t[0])
+    frames = f"{len(poses.t)} frames in {seconds:.2f} s"
+    lines = [
+        f"{capture.object.name}, episode {episode.name}: {frames}; moves by {moved:.1f} mm, turns by {turned:.1f}°"
+    ]
+    errors = None if episode.object_poses is None else pose_errors(poses, episode.object_poses)
+    if errors is None:
+        lines.append("score: none, as the episode has no object_poses.csv for these times")
+    else:
+        lines.append(f"score against object_poses.csv ({len(errors.t)} frames): {errors.words()}")
+    return lines

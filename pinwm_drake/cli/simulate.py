@@ -1,9 +1,22 @@
-"""`pinwm simulate`: its options. The work is in `simulate_run`."""
+"""`pinwm simulate`: options, a bar of the time, and the push in a table."""
 
+import logging
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
+
+from pinwm_drake.cli.console import LOOPBACK, say, stages_bar
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.files import prepare_folder
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pinwm_drake.systems.runs.episode import Record
+    from pinwm_drake.systems.runs.session import Session
 
 
 def simulate(
@@ -51,10 +64,10 @@ def simulate(
     ] = None,
 ) -> None:
     """Pushes an object in a station, whatever moves it: the learned twin, or Drake's contact models."""
-    from pinwm_drake.cli.simulate_options import SimulateOptions
-    from pinwm_drake.cli.simulate_run import run_simulate
+    from pinwm_drake.systems.runs.session import Session, SessionOptions
+    from pinwm_drake.systems.scenario.load import load_setup, shipped_scenarios
 
-    options = SimulateOptions(
+    options = SessionOptions(
         engine=engine,
         seed=seed,
         duration=duration,
@@ -66,4 +79,59 @@ def simulate(
         video=video,
         out=out,
     )
-    run_simulate(scenario, twin, options)
+    logging.getLogger("drake").setLevel(logging.WARNING)  # Meshcat's address is said below
+    for path in (record, video):
+        if path is not None:
+            _require_free(path)
+    scene = twin if scenario is None else scenario
+    if scene is None:
+        allowed = f"a file, {', '.join(shipped_scenarios())}, or a twin's folder"
+        raise ParameterError(f"SCENARIO: got none, and no --twin; allowed: {allowed}")
+    session = Session(load_setup(scene, twin=None if scenario is None else twin), options)
+    if meshcat:
+        _announce(session, host)
+    try:
+        with stages_bar(transient=True) as progress:
+            first = session.first(progress)
+        Console().print(_summary(session, first))
+        for path in (out, video, record):
+            if path is not None:
+                say(f"wrote {path}")
+        while meshcat:
+            session.another()
+    except KeyboardInterrupt:
+        if not meshcat:
+            raise
+        say("ended")
+
+
+def _require_free(path: Path) -> None:
+    """Makes the folder of a file; raises InputError where a folder has its name."""
+    if path.is_dir():
+        raise InputError(path, value="a folder", allowed="a file")
+    prepare_folder(path.parent)
+
+
+def _announce(session: "Session", host: str) -> None:
+    """Says where the page is."""
+    assert session.meshcat is not None
+    say(f"Meshcat is at {session.meshcat.web_url()}")
+    if not host.startswith(LOOPBACK):
+        Console().print(f"[yellow]Other machines can open it too, as it listens on {host}.[/]")
+    say("Ctrl-C ends.")
+
+
+def _summary(session: "Session", record: "Record") -> "Table":
+    """Motion of the object, and the time that it took."""
+    from rich.table import Table
+
+    station = session.station
+    table = Table(show_header=False, title=station.setup.scenario.name)
+    x, y, z = 1e3 * record.displacement
+    table.add_row("engine", station.engine.name)
+    table.add_row("object moved", f"{math.hypot(x, y, z):.1f} mm ({x:+.1f}, {y:+.1f}, {z:+.1f})")
+    table.add_row("object turned", f"{math.degrees(record.rotation):.1f}°")
+    table.add_row("at rest", "yes" if record.at_rest else "no")
+    table.add_row("simulated", f"{record.t[-1]:.3f} s, {record.t[-1] / record.wall_time:.2f} x real time")
+    table.add_row("solver retries", "not known" if station.world is None else str(session.retries))
+    return table

@@ -96,7 +96,7 @@ def train(
         with _shown() as report:
             training.train(request, report=report)
     except KeyboardInterrupt:
-        say(f"interrupted; go on with --resume (rounds that are done are in {out})")
+        say(f"interrupted; go on with --resume (what is done is in {out})")
         raise SystemExit(1) from None
     minutes = (time.monotonic() - begun) / 60
     say(f"trained for {minutes:.1f} minutes in this run; wrote {out / training.FIGURE_FILE}")

@@ -1,4 +1,4 @@
-"""History of an identification, from `history.npz`."""
+"""History of an identification, to and from `history.npz`."""
 
 import zipfile
 from dataclasses import dataclass
@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.files import replacing
+from pinwm_drake.identification.search_result import Found
 
 HISTORY_FILE = "history.npz"
 
@@ -46,6 +48,17 @@ class History:
         rows = max((rows for _, rows in self.starts()), key=len)
         begins = [k for k in range(len(rows)) if k == 0 or self.stage[rows[k]] != self.stage[rows[k - 1]]]
         return [(float(self.iteration[rows[k]]), str(self.stage[rows[k]])) for k in begins]
+
+
+def write_history(path: Path, found: Found) -> None:
+    """Writes every evaluation of a search.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    names = found.problem.coordinates.names
+    with replacing(path) as temporary:
+        np.savez(temporary, allow_pickle=False, names=np.array(names), **found.log.arrays())
 
 
 def read_history(path: Path) -> History:

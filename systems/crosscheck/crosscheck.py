@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from pinwm_drake.errors import ParameterError, PinwmError
+from pinwm_drake.errors import ParameterError, PinwmError, require
 from pinwm_drake.systems.crosscheck.difference import Course, Difference, course_of, difference_of
 from pinwm_drake.systems.crosscheck.motion import Motion, PushRig
 from pinwm_drake.systems.crosscheck.trials import Trial, draw_trials
@@ -55,12 +55,12 @@ class CrossCheckOptions:
                 raise ParameterError(f"engine: got {name!r}; allowed: {', '.join(PLANTS)}")
         if not self.engines or len(set(self.engines)) != len(self.engines):
             raise ParameterError(f"engines: got {', '.join(self.engines) or 'none'}; allowed: one or more, each once")
-        _require("pushes", self.pushes, 1 <= self.pushes <= _MOST_PUSHES, f"1 to {_MOST_PUSHES}")
-        _require("seed", self.seed, 0 <= self.seed < 2**63, "0 or more")
-        _require("processes", self.processes, 1 <= self.processes <= _MOST_PROCESSES, f"1 to {_MOST_PROCESSES}")
+        require("pushes", self.pushes, 1 <= self.pushes <= _MOST_PUSHES, f"1 to {_MOST_PUSHES}")
+        require("seed", self.seed, 0 <= self.seed < 2**63, "0 or more")
+        require("processes", self.processes, 1 <= self.processes <= _MOST_PROCESSES, f"1 to {_MOST_PROCESSES}")
         translation, rotation = self.threshold_translation, self.threshold_rotation
-        _require("threshold of translation", translation, 0 < translation <= 1, "more than 0, up to 1 m")
-        _require("threshold of rotation", rotation, 0 < rotation <= math.pi, "more than 0, up to pi rad")
+        require("threshold of translation", translation, 0 < translation <= 1, "more than 0, up to 1 m")
+        require("threshold of rotation", rotation, 0 < rotation <= math.pi, "more than 0, up to pi rad")
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,11 +206,6 @@ def _median(values: np.ndarray) -> float:
     with np.errstate(invalid="ignore"):
         middle = float(np.median(values))
     return math.inf if math.isnan(middle) else middle
-
-
-def _require(name: str, value: object, allowed: bool, range_in_words: str) -> None:
-    if not allowed:
-        raise ParameterError(f"{name}: got {value}; allowed: {range_in_words}")
 
 
 def run_trials(

@@ -140,6 +140,15 @@ def random_push(setup: Setup, X_WO: RigidTransform, generator: np.random.Generat
     )
 
 
-def coasting_speed(friction: float, gravity: float) -> float:
-    """Speed of a pusher [m/s] after which an object slides on by v^2 / 2 mu g = `COASTING`, within `SPEEDS`."""
-    return float(np.clip(math.sqrt(2 * max(friction, 0.0) * gravity * COASTING), *SPEEDS))
+def coasting_speed(
+    friction: float, gravity: float, *, distance: float = COASTING, speeds: tuple[float, float] = SPEEDS
+) -> float:
+    """Speed of a pusher [m/s] after which an object slides on by v^2 / 2 mu g = `distance`.
+
+    Args:
+        friction: mu, of object and floor.
+        gravity: g, m/s^2.
+        distance: m.
+        speeds: m/s, lowest and highest; a speed beyond is cut to these.
+    """
+    return float(np.clip(math.sqrt(2 * max(friction, 0.0) * gravity * distance), *speeds))

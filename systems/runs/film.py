@@ -1,22 +1,18 @@
 """The frames of a simulated episode's video: the scene for people, and beside it the station's `rgb`."""
 
-import warnings
-from pathlib import Path
-
 import cv2
 import numpy as np
-import trimesh
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.report.actors import PLAIN, coloured_actors
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.captions import write_panel_captions
 from pinwm_drake.report.scene import Actor, Stage
 from pinwm_drake.systems.scenario.setup import Setup
 
 _HEIGHT = 480  # px, about, of the panels
-_PLAIN, _PUSHER = (0.75, 0.16, 0.10), (0.10, 0.25, 0.55)  # linear RGB, of a mesh without colours and of the pusher
-_GAMMA = 2.2
+_PUSHER = (0.10, 0.25, 0.55)  # linear RGB
 
 
 class Film:
@@ -61,26 +57,10 @@ class Film:
         ways = np.array(self._ways)
         scene = self._stage.picture(
             [*((actor, R_WO, p_WO) for actor in self._object), (self._pusher, np.eye(3), p_WP)],
-            [(ways[:, 0], _PLAIN), (ways[:, 1], _PUSHER)],
+            [(ways[:, 0], PLAIN), (ways[:, 1], _PUSHER)],
         )
         larger = (self._scale * rgb.shape[1], self._scale * rgb.shape[0])
         seen = cv2.resize(rgb[..., :3], larger, interpolation=cv2.INTER_NEAREST)
         whole = np.concatenate([scene, seen], axis=1)
         write_panel_captions(whole, [f"{self._engine}  t = {t:.2f} s", f"rgb, {rgb.shape[1]} x {rgb.shape[0]} px"])
         return np.ascontiguousarray(whole[: self.size[1], : self.size[0]])
-
-
-def coloured_actors(path: Path) -> list[Actor]:
-    """The surfaces of a mesh file, one for each of its materials; of one colour where it has none."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        parts = trimesh.load_scene(path, process=False, group_material=True).geometry.values()
-    actors = []
-    for part in parts:
-        material = getattr(part.visual, "material", None)
-        colour = _PLAIN
-        if material is not None and material.name and hasattr(material, "diffuse"):
-            red, green, blue = ((float(value) / 255.0) ** _GAMMA for value in material.diffuse[:3])
-            colour = (red, green, blue)
-        actors.append(Actor.from_mesh(part, colour, smooth=False))
-    return actors

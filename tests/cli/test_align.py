@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pinwm_drake.cli import align_run
+from pinwm_drake.experiments import alignment
 from pinwm_drake.rendering.ply import read_ply
 from tests.capture.cube import SIDE, write_capture, write_mesh, write_views
 
@@ -88,7 +88,8 @@ def run_script(code: str, capture: Path, out: Path, *arguments: str) -> subproce
     command = ["align", str(capture), str(out), "--iterations", "230", *SMALL, *arguments]
     lines = [
         "import os, resource, sys",
-        "from pinwm_drake.cli import align_run, main",
+        "from pinwm_drake.cli import main",
+        "from pinwm_drake.experiments import alignment",
         f"sys.argv = ['pinwm', *{command}]",
     ]
     program = "\n".join([*lines, code])
@@ -96,12 +97,14 @@ def run_script(code: str, capture: Path, out: Path, *arguments: str) -> subproce
 
 
 INTERRUPT = """
-show = align_run._show
-def interrupt(progress, task, iteration, *figures):
-    show(progress, task, iteration, *figures)
-    if iteration == 220:
-        {action}
-align_run._show = interrupt
+fit = alignment.fit
+def interrupted(*arguments, progress, **options):
+    def told(iteration, *figures):
+        progress(iteration, *figures)
+        if iteration == 220:
+            {action}
+    return fit(*arguments, progress=told, **options)
+alignment.fit = interrupted
 main()
 """
 
@@ -123,11 +126,11 @@ def test_an_interrupted_fit_goes_on_as_if_it_had_not_been(capture, whole, tmp_pa
 
 
 FULL_DISK = """
-write_results = align_run.write_results
+write_results = alignment.write_fit_results
 def write(*arguments):
     resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
     return write_results(*arguments)
-align_run.write_results = write
+alignment.write_fit_results = write
 main()
 """
 
@@ -199,13 +202,13 @@ def test_a_capture_with_a_truncated_image_is_refused_in_one_line(pinwm, tmp_path
 
 
 def test_a_place_that_cannot_be_written_is_refused_before_the_fit(pinwm, capture, tmp_path, monkeypatch):
-    monkeypatch.setattr(align_run, "fit", lambda *_: pytest.fail("the fit has started"))
+    monkeypatch.setattr(alignment, "fit", lambda *_: pytest.fail("the fit has started"))
     (tmp_path / "file").write_text("")
     code, _, errors = pinwm("align", str(capture), str(tmp_path / "file"))
     assert (code, errors) == (
         1,
         f"pinwm: {tmp_path / 'file'}: got File exists; allowed: a folder that can be written to\n",
     )
-    monkeypatch.setattr(align_run.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 1_000_000}))
+    monkeypatch.setattr(alignment.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 1_000_000}))
     code, _, errors = pinwm("align", str(capture), str(tmp_path / "out"))
     assert (code, errors) == (1, f"pinwm: {tmp_path / 'out'}: got 1 MB of free space; allowed: 44 MB or more\n")

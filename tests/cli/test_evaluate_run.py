@@ -1,21 +1,14 @@
 import math
-import os
 import signal
 import subprocess
 import sys
 import time
-from multiprocessing import active_children
 from pathlib import Path
 
 import cv2
-import numpy as np
 import pytest
 
-from pinwm_drake.errors import ParameterError, SolverError
-from pinwm_drake.experiments.evaluation.contestant import read_contestant
-from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner, _run, run_episodes
-from pinwm_drake.experiments.evaluation.request import EvaluateRequest
-from pinwm_drake.experiments.evaluation.store import EpisodeStore
+from pinwm_drake.experiments.evaluation.episodes import run_episodes
 from tests.cli.evaluations import document, rows, write_scenario
 
 ROOT = Path(__file__).parents[2]
@@ -155,43 +148,3 @@ def test_an_interrupted_run_says_how_to_go_on(pinwm, scenario, tmp_path, monkeyp
     assert not (tmp_path / "evaluation.json").exists()
     assert pinwm(*base, "--resume")[0] == 0
     assert (tmp_path / "episodes.csv").read_bytes() == (evaluated / "episodes.csv").read_bytes()
-
-
-def test_an_episode_whose_physics_fails_is_kept(scenario, tmp_path, monkeypatch):
-    request = EvaluateRequest("random", scenario, "twin", episodes=1, max_steps=9)
-    runner = EpisodeRunner(read_contestant(request), request)
-    advance, calls = runner.env.run.advance, []
-
-    def fails(action):
-        calls.append(action)
-        if len(calls) == 3:
-            raise SolverError("no solution")
-        advance(action)
-
-    monkeypatch.setattr(runner.env.run, "advance", fails)
-    record = runner.run(4)
-    assert (record.result.outcome, record.result.failure, record.result.steps) == ("failure", "no solution", 3)
-    assert record.p_WO.shape == (4, 3)
-    store = EpisodeStore(tmp_path, {"a": 1}, resume=False)
-    store.write(record)
-    (kept,) = store.read([3, 4, 5]).values()
-    assert kept.result == record.result
-    for name in ("q_WO", "p_WO", "p_WP", "views", "at", "seconds", "cpu_seconds"):
-        np.testing.assert_array_equal(getattr(kept, name), getattr(record, name))
-
-
-def test_a_worker_that_is_killed_is_told_of(scenario):
-    request = EvaluateRequest("random", scenario, "twin", episodes=200, max_steps=20)
-    runner = EpisodeRunner(read_contestant(request), request)
-    before = set(active_children())
-    episodes = run_episodes(runner, request, request.seeds, 2)
-    next(episodes)
-    (first, *_) = set(active_children()) - before
-    os.kill(first.pid, signal.SIGKILL)
-    with pytest.raises(ParameterError, match=r"--workers: got 2, of which one ended by itself.*--resume"):
-        list(episodes)
-
-
-def test_a_policy_that_changes_meanwhile_is_told_of(scenario):
-    with pytest.raises(ParameterError, match="got another policy than a moment ago"):
-        _run(EvaluateRequest("random", scenario, "twin"), "something else", 0)

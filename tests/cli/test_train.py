@@ -6,12 +6,10 @@ import sys
 import time
 
 import numpy as np
-import pytest
 from typer.testing import CliRunner
 
 from pinwm_drake.cli.app import app
-from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.experiments.training import TrainRequest
+from pinwm_drake.errors import InputError
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 
@@ -80,19 +78,3 @@ def test_a_run_that_was_killed_goes_on_with_the_same_result(tmp_path):
     assert train(*arguments, "-o", tmp_path / "killed", "--resume").exit_code == 0
     whole, rest = weights(tmp_path / "whole"), weights(tmp_path / "killed")
     assert all(np.array_equal(whole[name], rest[name]) for name in whole)
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"task": "flip"},
-        {"method": "dreams"},
-        {"worlds": 0},
-        {"seed": -1},
-        {"yaw": 4.0},
-        {"teacher": "x", "method": "ppo"},
-    ],
-)
-def test_options_that_make_no_sense_are_refused(tmp_path, values):
-    with pytest.raises(ParameterError, match=next(iter(values))):
-        TrainRequest(scene="push_t", out=tmp_path, **values)

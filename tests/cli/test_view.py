@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import pytest
 
-from pinwm_drake.cli.view_show import _solids
 from pinwm_drake.rendering.ply import write_ply
+from pinwm_drake.report.surfels.live_view import twin_solids
 from pinwm_drake.twin import write_twin
 from tests.rendering.scenes import cloud
 from tests.twin.samples import cube_twin
@@ -169,7 +169,7 @@ def test_of_a_twin_the_page_shows_the_surfels(pinwm, tmp_path):
 
 def test_the_pusher_stands_beside_the_object_on_its_level(tmp_path):
     twin = cube_twin(tmp_path)
-    mesh, pusher = (solid.mesh for solid in _solids(twin))
+    mesh, pusher = (solid.mesh for solid in twin_solids(twin))
     assert pusher.bounds[0, 0] > mesh.bounds[1, 0]
     assert pusher.bounds[0, 2] == pytest.approx(mesh.bounds[0, 2])
     assert pusher.bounds[:, 1].mean() == pytest.approx(mesh.bounds[:, 1].mean())

@@ -1,9 +1,9 @@
-"""What an evaluation is asked for."""
+"""The request of an evaluation."""
 
 import math
 from dataclasses import dataclass
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.systems.scenario.schema import ENGINES
 
 MPC, RANDOM = "mpc", "random"
@@ -32,20 +32,14 @@ class EvaluateRequest:
 
     def __post_init__(self) -> None:
         """Checks what nothing else does."""
-        if self.engine not in ENGINES:
-            raise ParameterError(f"--engine: got {self.engine!r}; allowed: {', '.join(ENGINES)}")
-        if self.episodes < 1:
-            raise ParameterError(f"--episodes: got {self.episodes}; allowed: 1 or more")
-        if not 0 <= self.seed <= _LARGEST - self.episodes:
-            raise ParameterError(f"--seed: got {self.seed}; allowed: 0 to {_LARGEST - self.episodes}")
-        if self.yaw is not None and not 0.0 <= self.yaw <= math.pi + 1e-9:
-            raise ParameterError(f"--yaw: got {self.yaw}; allowed: 0 to pi")
-        if self.max_translation is not None and self.policy not in (MPC, RANDOM):
-            raise ParameterError(
-                "--max-translation: got one beside a policy, which has its own; allowed: with mpc, random"
-            )
-        if self.model is not None and self.policy != MPC:
-            raise ParameterError("--model: got one; allowed: with mpc")
+        require("--engine", repr(self.engine), self.engine in ENGINES, ", ".join(ENGINES))
+        require("--episodes", self.episodes, self.episodes >= 1, "1 or more")
+        last = _LARGEST - self.episodes
+        require("--seed", self.seed, 0 <= self.seed <= last, f"0 to {last}")
+        require("--yaw", self.yaw, self.yaw is None or 0.0 <= self.yaw <= math.pi + 1e-9, "0 to pi")
+        free = self.max_translation is None or self.policy in (MPC, RANDOM)
+        require("--max-translation", "one beside a policy, which has its own", free, "with mpc, random")
+        require("--model", "one", self.model is None or self.policy == MPC, "with mpc")
 
     @property
     def seeds(self) -> range:

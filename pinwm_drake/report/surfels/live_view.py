@@ -22,11 +22,16 @@ from meshcat.path import Path as ScenePath
 from meshcat.servers.tree import find_node
 from meshcat.servers.zmqserver import ZMQWebSocketBridge
 
+from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.orbit import AZIMUTH, ELEVATION, Orbit
 from pinwm_drake.report.surfels.mesh import SurfelMesh
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
+from pinwm_drake.twin import Twin
+
+_APART = 0.5  # of the pusher's size, between it and the object
 
 LOCALHOST, FIRST_PORT = "127.0.0.1", 7000
 _PORTS = 100  # tried one after the other
@@ -171,3 +176,12 @@ class _Triangles(geometry.TriangularMeshGeometry):  # type: ignore[misc]
         message: dict[str, Any] = super().lower(object_data)
         message["data"]["attributes"]["normal"] = geometry.pack_numpy_array(self.normals.T)
         return message
+
+
+def twin_solids(twin: Twin) -> list[Solid]:
+    """The mesh of a twin's object, translucent, and its pusher, which stands beside it on the same level."""
+    mesh, pusher = load_mesh(twin.mesh_path), pusher_surface(twin.pusher)
+    (low, high), size = mesh.bounds, pusher.extents
+    place = np.array([high[0] + _APART * size[0], 0.5 * (low[1] + high[1]), low[2]])
+    pusher.apply_translation(place - [pusher.bounds[0, 0], pusher.bounds[:, 1].mean(), pusher.bounds[0, 2]])
+    return [Solid("mesh", mesh, 0x808080, 0.25), Solid("pusher", pusher, 0x4A4A50, 1.0)]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -9,6 +10,9 @@ import torch
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.orbit import AZIMUTH, ELEVATION, Orbit, square_camera
+from pinwm_drake.report.video import write_video
+
+FRAME_RATE = 24  # of turntables [1/s]
 
 
 def turntable(
@@ -42,6 +46,33 @@ def turntable(
             color = render(surfels, camera, X_CO, full=False).color[0]
         yield to_bytes(color)
         report((k + 1) / num_frames)
+
+
+def write_turntable(
+    path: Path,
+    surfels: Surfels,
+    *,
+    size: int,
+    num_frames: int,
+    up: np.ndarray | None = None,
+    report: Callable[[float], None] = lambda share: None,
+) -> None:
+    """Films one turn.
+
+    Args:
+        path: An .mp4 file; its folder exists.
+        surfels: The object; one set of colours.
+        size: Width and height [px], even.
+        num_frames: Pictures of the turn.
+        up: (3,), the axis that it turns about, object frame; None for z.
+        report: Called with the share of the frames that are done.
+
+    Raises:
+        InputError: The file cannot be written.
+        RenderingError: There are no surfels.
+    """
+    frames = turntable(surfels, size=size, num_frames=num_frames, up=up, report=report)
+    write_video(path, frames, rate=FRAME_RATE, size=(size, size))
 
 
 def to_bytes(color: torch.Tensor) -> np.ndarray:

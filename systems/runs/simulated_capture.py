@@ -1,63 +1,148 @@
-"""What `pinwm capture simulate` does: sets the scene up, runs it, and writes the capture."""
+"""A simulated capture: a stand-in for a robot that pushes an object in front of a camera."""
 
+import dataclasses
 import math
 import shutil
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
 import trimesh
 from PIL import Image
 from pydrake.math import RigidTransform, RotationMatrix
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pinwm_drake.capture.ground_truth import write_ground_truth
 from pinwm_drake.capture.pusher import pusher_surface, pushing_height
-from pinwm_drake.capture.scene import PusherGeometry
+from pinwm_drake.capture.scene import PUSHER_KINDS, PusherGeometry, PusherKind, PusherShape
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_transforms
+from pinwm_drake.errors import require
 from pinwm_drake.files import appearing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.models import OBJECT_NAMES
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.systems.pusher.choice import choose_push
-from pinwm_drake.systems.runs.capture_options import SimulateOptions
-from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder
+from pinwm_drake.systems.pusher.choice import choose_push, coasting_speed
+from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates
+from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape, Theta
 from pinwm_drake.systems.scenario.setup import make_setup
 from pinwm_drake.systems.scenario.start import on_floor
 from pinwm_drake.systems.scenario.viewpoints import around, framed
 
+CaptureProgress = Callable[[str, float, str], None]
+"""Called with "images", the share of them that is written, and their number in words."""
+
 _FIELD_OF_VIEW = math.radians(40)
 _STATIC_MARGIN, _EPISODE_MARGIN = 0.12, 0.12  # of the image, free on each side of the object
+_PUSHER_LENGTH = 0.06  # m, of the straight part of a capsule or cylinder
+_COASTING = 0.012  # m, by which the object slides on after it has left the pusher: what shows its friction
+_GRAVITY = 9.81  # m/s^2
+_SPEEDS = (0.12, 0.4)  # m/s, of a push whose speed is not given
+_RECORD_RATE = 240.0  # Hz, the lowest of the pusher's log
+_LONGEST_STEP = 1 / 3800  # s
+_BOUNCING_STEPS = 2  # times more of them where an impact of some 3 ms is to keep its energy
 
 
-def run_simulate(out: Path, options: SimulateOptions) -> None:
+@dataclass(frozen=True)
+class SimulateOptions:
+    """A capture to be simulated, named and in units as the options of `pinwm capture simulate`, which describes them.
+
+    Raises:
+        ParameterError: One is out of range.
+    """
+
+    object_name: str
+    friction: float
+    pusher_friction: float
+    mass: float
+    restitution: float
+    seed: int
+    size: int
+    episodes: int
+    static_views: int
+    frames: int
+    rate: float
+    speed: float | None
+    distance: float
+    pusher: str
+    pusher_radius: float
+    lying: bool
+    supersampling: int
+
+    def __post_init__(self) -> None:
+        """Checks them; those of the scenario within its bounds."""
+        require("--object", self.object_name, self.object_name in OBJECT_NAMES, ", ".join(OBJECT_NAMES))
+        require("--lying", self.lying, not self.lying or self.object_name == "mug", "with --object mug only")
+        _require_quantity("--friction", self.friction, Theta, "friction_floor")
+        _require_quantity("--pusher-friction", self.pusher_friction, Theta, "friction_pusher")
+        _require_quantity("--mass", self.mass, Theta, "mass")
+        _require_quantity("--restitution", self.restitution, Theta, "restitution")
+        require("--seed", self.seed, 0 <= self.seed < 2**63, "0 or more")
+        require("--size", self.size, 16 <= self.size <= 2048, "16 to 2048 px")
+        require("--episodes", self.episodes, 0 <= self.episodes <= 1000, "0 to 1000")
+        require("--static-views", self.static_views, 1 <= self.static_views <= 1000, "1 to 1000")
+        require("--frames", self.frames, 2 <= self.frames <= 10000, "2 to 10000")
+        require("--rate", self.rate, 1 <= self.rate <= 240, "1 to 240 Hz")
+        require("--speed", self.speed, self.speed is None or 0.01 <= self.speed <= 0.5, "0.01 to 0.5 m/s")
+        require("--distance", self.distance, 0.005 <= self.distance <= 0.5, "0.005 to 0.5 m")
+        require("--pusher", self.pusher, self.pusher in PUSHER_KINDS, ", ".join(PUSHER_KINDS))
+        _require_quantity("--pusher-radius", self.pusher_radius, Shape, "radius")
+        require("--supersampling", self.supersampling, 1 <= self.supersampling <= 8, "1 to 8")
+
+    @property
+    def push_speed(self) -> float:
+        """Speed of the pusher, m/s; an object that stops with it shows only that its friction is large enough."""
+        if self.speed is not None:
+            return self.speed
+        return coasting_speed(self.friction, _GRAVITY, distance=_COASTING, speeds=_SPEEDS)
+
+    @property
+    def rates(self) -> Rates:
+        """How often what happens."""
+        records = math.ceil(_RECORD_RATE / self.rate)
+        steps = math.ceil(1 / (self.rate * records * _LONGEST_STEP))
+        return Rates(self.rate, records, steps if self.restitution == 0 else _BOUNCING_STEPS * steps)
+
+    @property
+    def shape(self) -> PusherShape:
+        """The pusher's."""
+        kind = cast(PusherKind, self.pusher)
+        return PusherShape(kind, self.pusher_radius, 0.0 if kind == "sphere" else _PUSHER_LENGTH)
+
+    @property
+    def scenario(self) -> Scenario:
+        """What there is. The pusher may change its speed at every step of the plant, as a smooth motion does."""
+        step = self.rates.time_step
+        return Scenario(
+            name=self.object_name,
+            object=self.object_name,
+            engine="hydroelastic",
+            theta=Theta(self.mass, self.friction, self.pusher_friction, self.restitution),
+            pusher=Pusher(shape=Shape(self.shape.kind, self.shape.radius, self.shape.length), period=step),
+            physics=Physics(time_step=step),
+            plant=Plant(time_step=step, reference_speed=self.push_speed),
+            gravity=_GRAVITY,
+            seed=self.seed,
+        )
+
+
+def simulate_capture(
+    options: SimulateOptions, out: Path, *, progress: CaptureProgress = lambda stage, done, figures: None
+) -> None:
     """Simulates a capture and writes it.
 
     Args:
+        options: The capture.
         out: Its folder: not there yet, or empty. It appears when all is done.
-        options: What is simulated.
+        progress: Called before the first image and after each.
 
     Raises:
         PinwmError: An option is refused, or a file cannot be written.
     """
-    console = Console()
     with appearing(out) as folder:
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=20),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=console) as progress:
-            total = options.static_views + options.episodes * options.frames
-            task = progress.add_task("getting ready", total=total)
-            _Capture(folder, options).write(
-                lambda what: progress.update(task, description=what), lambda: progress.advance(task)
-            )
-            progress.update(task, description="images")
-    console.print(f"wrote {out}", highlight=False, soft_wrap=True)
+        _Capture(folder, options).write(progress)
 
 
 class _Capture:
@@ -73,8 +158,17 @@ class _Capture:
         self.generator = np.random.default_rng([options.seed, 0])
         self.X_WO = self.recorder.settle(self._first_pose())
 
-    def write(self, describe: Callable[[str], None], advance: Callable[[], None]) -> None:
-        """Writes everything; `describe` hears what is being done, `advance` of every image."""
+    def write(self, progress: CaptureProgress) -> None:
+        """Writes everything."""
+        total = self.options.static_views + self.options.episodes * self.options.frames
+        done = 0
+
+        def advance() -> None:
+            nonlocal done
+            done += 1
+            progress("images", done / total, f"{done}/{total}")
+
+        progress("images", 0.0, "getting ready")
         (self.folder / "meshes").mkdir()
         shutil.copyfile(self.twin.mesh_path, self.folder / "meshes/object.obj")
         _write_mesh(self.folder / "meshes/pusher.obj", pusher_surface(PusherGeometry(None, self.shape)))
@@ -89,10 +183,8 @@ class _Capture:
             floor_height=self.twin.floor_height,
             gravity=self.twin.gravity,
         )
-        describe("static views")
         self._write_static_views(advance)
         for k in range(self.options.episodes):
-            describe(f"episode {k:04d}")
             self._write_episode(k, advance)
         write_ground_truth(
             self.folder,
@@ -137,7 +229,7 @@ class _Capture:
             self.shape,
             generator,
             height=pushing_height(self.shape, 0.0, p_WO[2]),
-            speed=options.speed * generator.uniform(0.85, 1.15),
+            speed=options.push_speed * generator.uniform(0.85, 1.15),
             distance=options.distance * generator.uniform(0.85, 1.15),
         )
         side = generator.choice([-1, 1]) * generator.uniform(math.radians(40), math.radians(110))
@@ -178,3 +270,10 @@ def _write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
     lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices]
     lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _require_quantity(name: str, value: float, schema: type, key: str) -> None:
+    """Requires what a scenario requires of one of its keys."""
+    about = next(field.metadata for field in dataclasses.fields(schema) if field.name == key)
+    low, high, unit = about["low"], about["high"], about["unit"]
+    require(name, value, low <= value <= high, f"{low:g} to {high:g}" + ("" if unit == "1" else f" {unit}"))

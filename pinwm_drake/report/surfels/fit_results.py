@@ -1,14 +1,14 @@
-"""The files that `pinwm align` writes: surfels.ply, align.json, align.png, view.html and turntable.mp4."""
+"""The files of a fit: surfels.ply, align.json, align.png, view.html and turntable.mp4."""
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import torch
-from rich.console import Console
 
-from pinwm_drake.cli.view_show import FRAME_RATE, SURFELS_FILE, write_turntable
+from pinwm_drake.capture.documents import read_json
 from pinwm_drake.files import replacing
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.rendering.fit_options import FitOptions
@@ -18,13 +18,17 @@ from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.views import View
 from pinwm_drake.report.figures.align import Strip, align_figure
 from pinwm_drake.report.surfels.page import write_surfel_page
+from pinwm_drake.report.surfels.turntable import FRAME_RATE, write_turntable
+from pinwm_drake.twin import SURFELS_FILE
 
+ALIGN_FILE, FIGURE_FILE, PAGE_FILE, VIDEO_FILE = "align.json", "align.png", "view.html", "turntable.mp4"
+FILES = (SURFELS_FILE, ALIGN_FILE, FIGURE_FILE, PAGE_FILE, VIDEO_FILE)
 _STRIPS = 3
 _TURN = 4  # s
 _LARGEST_TURNTABLE = 480  # px; smaller where the images are
 
 
-def write_results(
+def write_fit_results(
     out: Path,
     source: Path,
     mesh_path: Path,
@@ -32,9 +36,9 @@ def write_results(
     up: np.ndarray,
     options: FitOptions,
     result: FitResult,
-    console: Console,
-) -> list[str]:
-    """Writes everything, the surfels first.
+    report: Callable[[float], None] = lambda share: None,
+) -> None:
+    """Writes `FILES`, the surfels first.
 
     Args:
         out: An existing folder.
@@ -44,25 +48,34 @@ def write_results(
         up: (3,), unit, object frame: upwards in the pictures.
         options: Of the fit.
         result: Of the fit.
-        console: Where progress shows.
-
-    Returns:
-        The names of the files.
+        report: Called with the share of the turntable that is drawn.
 
     Raises:
         InputError: A file cannot be written.
     """
     surfels = result.surfels
     write_ply(out / SURFELS_FILE, surfels)
-    with replacing(out / "align.json") as temporary:
+    with replacing(out / ALIGN_FILE) as temporary:
         temporary.write_text(json.dumps(_record(source, mesh_path, options, result), indent=1) + "\n")
     title = f"{source.resolve().name}: {surfels.num_surfels:,} surfels"
-    _draw(out / "align.png", views, result, title)
-    write_surfel_page(out / "view.html", surfels, title=title, up=up)
+    _draw(out / FIGURE_FILE, views, result, title)
+    write_surfel_page(out / PAGE_FILE, surfels, title=title, up=up)
     smallest = min(min(view.camera.width, view.camera.height) for view in views)
     size = max(2 * (min(_LARGEST_TURNTABLE, smallest) // 2), 16)
-    write_turntable(out / "turntable.mp4", surfels, size, _TURN * FRAME_RATE, console, up)
-    return [SURFELS_FILE, "align.json", "align.png", "view.html", "turntable.mp4"]
+    write_turntable(out / VIDEO_FILE, surfels, size=size, num_frames=_TURN * FRAME_RATE, up=up, report=report)
+
+
+def read_offset(path: Path) -> tuple[float, float]:
+    """The camera's offset [px] that a fit found.
+
+    Args:
+        path: `align.json`.
+
+    Raises:
+        InputError: The file cannot be used.
+    """
+    x, y = read_json(path)["camera_offset"].numbers(2).tolist()
+    return x, y
 
 
 def _record(source: Path, mesh_path: Path, options: FitOptions, result: FitResult) -> dict[str, object]:

@@ -1,0 +1,101 @@
+"""Twins from captures: surfels, mass properties, friction and restitution of one pushed object."""
+
+import shlex
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from pinwm_drake.capture.episodes import Episode, read_episode
+from pinwm_drake.capture.scene import Capture, read_capture
+from pinwm_drake.capture.write import write_pose_table
+from pinwm_drake.errors import InputError
+from pinwm_drake.experiments.alignment import align
+from pinwm_drake.experiments.progress import Progress, silent
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.identification import Identification, IdentifyOptions, identify
+from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
+from pinwm_drake.identification.history import HISTORY_FILE, write_history
+from pinwm_drake.identification.progress import Progress as SearchProgress
+from pinwm_drake.provenance import timestamp, versions
+from pinwm_drake.rendering.fit_options import FitOptions
+from pinwm_drake.rendering.ply import read_ply
+from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset
+from pinwm_drake.twin import SURFELS_FILE, write_twin
+
+# Parameters of which progress tells.
+_SHOWN = {"friction_floor": "μ floor", "friction_pusher": "μ pusher", "mass": "mass"}
+
+
+def twin_from_capture(
+    path: Path,
+    out: Path,
+    *,
+    episode: str | None = None,
+    options: IdentifyOptions | None = None,
+    fit_options: FitOptions | None = None,
+    resume: bool = False,
+    progress: Progress = silent,
+) -> Identification:
+    """Makes a twin from a capture and writes it: surfels where `out` has none yet, then the parameters of one push.
+
+    Args:
+        path: The capture.
+        out: The twin's folder; made if need be.
+        episode: Name of the push; None for the first.
+        options: Of the identification; None for the default ones.
+        fit_options: Of the surfels' fit; None for the default ones.
+        resume: Whether to go on from checkpoints in `out`.
+        progress: Called with stages "fitting" and "drawing" where surfels are fitted, and "identifying".
+
+    Returns:
+        The identification; its `twin` is what was written.
+
+    Raises:
+        PinwmError: An input was refused, the physics found no solution, or a file cannot be written.
+    """
+    capture, push = read_push(path, episode)
+    prepare_folder(out)
+    if not has_surfels(out):
+        align(path, out, options=fit_options, resume=resume, progress=progress)
+    surfels, offset = read_ply(out / SURFELS_FILE), read_offset(out / ALIGN_FILE)
+
+    def searched(step: SearchProgress) -> None:
+        theta = "  ".join(f"{word} {step.values[name]:.3g}" for name, word in _SHOWN.items() if name in step.values)
+        progress("identifying", step.done, f"{step.stage} ({step.support})  loss {step.loss:.5f}  {theta}")
+
+    progress("identifying", 0.0, "getting ready (the first run compiles for minutes)")
+    options = IdentifyOptions() if options is None else options
+    result = identify(capture, push, surfels, offset, options, folder=out, resume=resume, report=searched)
+    twin = replace(result.twin, provenance={**result.twin.provenance, **_provenance()})
+    result = replace(result, twin=twin)
+    write_history(out / HISTORY_FILE, result.found)
+    prepare_folder(out / "episodes")
+    write_pose_table(out / "episodes" / f"{push.name}.csv", result.poses)
+    write_twin(out, twin)
+    (out / CHECKPOINT_FILE).unlink(missing_ok=True)
+    return result
+
+
+def read_push(path: Path, episode: str | None = None) -> tuple[Capture, Episode]:
+    """A capture and one of its pushes.
+
+    Args:
+        path: The capture.
+        episode: Name of the push; None for the first.
+
+    Raises:
+        InputError: There is no push, or a file cannot be used.
+    """
+    capture = read_capture(path)
+    if not capture.episode_names:
+        raise InputError(path, value="no folder in episodes/", allowed="a capture with one push or more")
+    return capture, read_episode(capture, episode or capture.episode_names[0])
+
+
+def has_surfels(folder: Path) -> bool:
+    """Tells whether surfels have been fitted in a twin's folder."""
+    return (folder / SURFELS_FILE).is_file() and (folder / ALIGN_FILE).is_file()
+
+
+def _provenance() -> dict[str, object]:
+    return {"command": shlex.join(["pinwm", *sys.argv[1:]]), "created": timestamp(), "versions": versions()}

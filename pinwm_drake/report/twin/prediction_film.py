@@ -1,0 +1,53 @@
+"""The film of a prediction: camera, twin and difference side by side."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from pinwm_drake.capture.episodes import Episode, ObjectPoses
+from pinwm_drake.report.captions import write_panel_captions
+from pinwm_drake.report.evaluation.pictures import Cast
+from pinwm_drake.report.twin.comparison_frames import PANELS, Shot, draw_shots
+from pinwm_drake.report.video import write_video
+from pinwm_drake.twin import Twin
+
+_PANEL = 480  # px
+_RATES = (4.0, 60.0)  # 1/s, of a film; real time where the frames allow it
+
+
+def write_prediction_film(
+    path: Path,
+    twin: Twin,
+    episode: Episode,
+    poses: ObjectPoses,
+    *,
+    identified: bool,
+    report: Callable[[float], None] = lambda share: None,
+) -> None:
+    """Films a prediction, in real time where the rate allows it.
+
+    Args:
+        path: An .mp4 file; its folder exists.
+        twin: The twin.
+        episode: The episode, with its images.
+        poses: Of the object, as predicted.
+        identified: Whether it is the episode that the twin was identified from.
+        report: Called with the share of the frames that are drawn.
+
+    Raises:
+        InputError: An image cannot be read, or the file cannot be written.
+    """
+    cast = Cast.of(twin, identified=identified)
+    shots = draw_shots(episode, poses, cast, size=_PANEL, most=len(episode.t), report=report)
+    seconds = float(episode.t[-1] - episode.t[0])
+    rate = float(np.clip((len(episode.t) - 1) / seconds if seconds > 0 else _RATES[0], *_RATES))
+    height, width = shots[0].joined().shape[:2]
+    write_video(path, _frames(shots), rate=rate, size=(width, height))
+
+
+def _frames(shots: list[Shot]) -> Iterator[np.ndarray]:
+    for shot in shots:
+        frame = shot.joined().copy()
+        write_panel_captions(frame, [f"{PANELS[0]}  t = {shot.t:.2f} s", *PANELS[1:]])
+        yield frame

@@ -1,0 +1,77 @@
+import csv
+import os
+import signal
+from multiprocessing import active_children
+
+import numpy as np
+import pytest
+
+from pinwm_drake.errors import ParameterError, SolverError
+from pinwm_drake.experiments.evaluation.contestant import read_contestant
+from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner, _run, run_episodes
+from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+from pinwm_drake.experiments.evaluation.run import REPORT_FILE, TABLE_FILE, VIDEO_FILE, evaluate
+from pinwm_drake.experiments.evaluation.store import EpisodeStore
+from tests.cli.evaluations import document, write_scenario
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory) -> str:
+    return write_scenario(tmp_path_factory.mktemp("scenario"))
+
+
+def test_an_evaluation_is_a_call_that_prints_nothing(scenario, tmp_path, capsys):
+    told = []
+    request = EvaluateRequest("random", scenario, "twin", episodes=2, seed=5, max_steps=4)
+    found = evaluate(request, tmp_path, workers=1, progress=told.append)
+    assert capsys.readouterr() == ("", "")
+    assert [(one.done, one.total) for one in told if one.drawn is None] == [(0, 2), (1, 2), (2, 2)]
+    assert told[0].evaluation is None
+    assert told[-1].drawn == 1.0
+    assert told[-1].evaluation == found
+    assert [episode.seed for episode in found.results] == [5, 6]
+    assert document(tmp_path)["results"] == found.summary()
+    with (tmp_path / TABLE_FILE).open() as file:
+        assert [int(row["seed"]) for row in csv.DictReader(file)] == [5, 6]
+    assert (tmp_path / VIDEO_FILE).exists()
+    assert (tmp_path / REPORT_FILE).exists()
+
+
+def test_an_episode_whose_physics_fails_is_kept(scenario, tmp_path, monkeypatch):
+    request = EvaluateRequest("random", scenario, "twin", episodes=1, max_steps=9)
+    runner = EpisodeRunner(read_contestant(request), request)
+    advance, calls = runner.env.run.advance, []
+
+    def fails(action):
+        calls.append(action)
+        if len(calls) == 3:
+            raise SolverError("no solution")
+        advance(action)
+
+    monkeypatch.setattr(runner.env.run, "advance", fails)
+    record = runner.run(4)
+    assert (record.result.outcome, record.result.failure, record.result.steps) == ("failure", "no solution", 3)
+    assert record.p_WO.shape == (4, 3)
+    store = EpisodeStore(tmp_path, {"a": 1}, resume=False)
+    store.write(record)
+    (kept,) = store.read([3, 4, 5]).values()
+    assert kept.result == record.result
+    for name in ("q_WO", "p_WO", "p_WP", "views", "at", "seconds", "cpu_seconds"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(record, name))
+
+
+def test_a_worker_that_is_killed_is_told_of(scenario):
+    request = EvaluateRequest("random", scenario, "twin", episodes=200, max_steps=20)
+    runner = EpisodeRunner(read_contestant(request), request)
+    before = set(active_children())
+    episodes = run_episodes(runner, request, request.seeds, 2)
+    next(episodes)
+    (first, *_) = set(active_children()) - before
+    os.kill(first.pid, signal.SIGKILL)
+    with pytest.raises(ParameterError, match=r"--workers: got 2, of which one ended by itself.*--resume"):
+        list(episodes)
+
+
+def test_a_policy_that_changes_meanwhile_is_told_of(scenario):
+    with pytest.raises(ParameterError, match="got another policy than a moment ago"):
+        _run(EvaluateRequest("random", scenario, "twin"), "something else", 0)

@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.experiments.training import TrainRequest, train
+from pinwm_drake.learning.policy import read_policy
+
+
+def test_a_training_is_a_call_that_prints_nothing(tmp_path, capsys):
+    told = []
+    request = TrainRequest("push_t", tmp_path, method="state", worlds=4, image_size=32, steps=512, round_steps=512)
+    policy = train(request, report=told.append)
+    assert capsys.readouterr() == ("", "")
+    kept = read_policy(tmp_path)
+    assert kept.spec == policy.spec
+    assert kept.provenance["trained_in"] == policy.provenance["trained_in"]
+    for name, values in policy.actor.state_dict().items():
+        np.testing.assert_array_equal(kept.actor.state_dict()[name], values)
+    # Of the beginning, of two rollouts, and of the round.
+    assert [step.steps for step in told] == [0, 256, 512, 512]
+    assert {step.stage for step in told} == {"teacher"}
+
+
+def test_an_interruption_passes_through_and_a_second_training_is_refused(tmp_path):
+    def interrupt(step):
+        if step.done == 0.5 and not np.isnan(step.success):
+            raise KeyboardInterrupt
+
+    options = {"method": "state", "worlds": 4, "image_size": 32, "steps": 512, "round_steps": 256}
+    with pytest.raises(KeyboardInterrupt):
+        train(TrainRequest("push_t", tmp_path, **options), report=interrupt)
+    with pytest.raises(InputError, match="--resume"):
+        train(TrainRequest("push_t", tmp_path, **options))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"task": "flip"},
+        {"method": "dreams"},
+        {"worlds": 0},
+        {"seed": -1},
+        {"yaw": 4.0},
+        {"teacher": "x", "method": "ppo"},
+    ],
+)
+def test_options_that_make_no_sense_are_refused(tmp_path, values):
+    with pytest.raises(ParameterError, match=next(iter(values))):
+        TrainRequest(scene="push_t", out=tmp_path, **values)
