@@ -21,7 +21,6 @@ NOT_YET = (
     "pinwm_drake/tasks",
     "systems/control",
     "systems/crosscheck",
-    "systems/engines/twin/cousins.py",
     "systems/envs",
     "systems/mpc",
     "systems/runs",

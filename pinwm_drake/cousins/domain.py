@@ -27,7 +27,7 @@ class Domain(Protocol):
         """Harmonics (N, K, 3) float32 of the surfels; asked for only where images are seen."""
 
     def parameters(self, scene: Scene) -> Parameters:
-        """The same theta as the parameters of one world of a scene."""
+        """Parameters of one world of a scene, with this theta."""
 
 
 DomainDraw = Callable[[int], Domain]
@@ -67,5 +67,5 @@ class CousinDomains:
         return cousins.cousin if self.delta > 0 or self.from_intervals else None
 
     def about(self) -> dict[str, object]:
-        """The settings."""
+        """Settings by name, for a checkpoint."""
         return {"delta": self.delta, "from_intervals": self.from_intervals, "cousin_seed": self.seed}

@@ -66,7 +66,9 @@ class Network:
         if image.dtype != np.uint8 or image.shape != self._shape:
             raise StateError(f"image: got {image.dtype} {image.shape}; allowed: uint8 {self._shape}")
         if position.shape != self._position:
-            raise StateError(f"p_WP: got the shape {position.shape}; allowed: {self._position}, m")
+            raise StateError(
+                f"p_WP: got the shape {position.shape}; allowed: {self._position}, along the axes of the task, m"
+            )
         inputs = {IMAGE: np.ascontiguousarray(image), POSITION: np.ascontiguousarray(position)}
         d_W: np.ndarray = self._session.run([TRANSLATION], inputs)[0]
         return d_W
