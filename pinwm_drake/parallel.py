@@ -5,7 +5,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
@@ -18,6 +18,7 @@ from pinwm_drake.threads import LIMIT, available
 JOBLIB, RAY = "joblib", "ray"
 EXECUTORS = (JOBLIB, RAY)
 Item = TypeVar("Item")
+Named = TypeVar("Named", contravariant=True)
 Result = TypeVar("Result")
 # Of a worker; torch takes OpenMP's.
 _ONE_THREAD = dict.fromkeys(
@@ -26,13 +27,13 @@ _ONE_THREAD = dict.fromkeys(
 _RAY_RETRIES = 3  # of a task whose worker ended by itself
 
 
-class Store(Protocol[Item, Result]):
+class Store(Protocol[Named, Result]):
     """Results on disk, one for each item. It is sent to the workers, so it holds plain data."""
 
-    def read(self, item: Item) -> Result | None:
+    def read(self, item: Named) -> Result | None:
         """The item's result; None where there is none yet."""
 
-    def write(self, item: Item, result: Result) -> None:
+    def write(self, item: Named, result: Result) -> None:
         """Keeps a result, which appears whole or not at all."""
 
 
@@ -114,8 +115,7 @@ class Executor:
                 on_result(items[k], result)
         return [found[k] for k in range(len(items))]
 
-    def _share(self, work: "_Work", items: dict[int, Any]) -> Iterator[tuple[int, Any]]:
-        """The keys of items in the order in which they are done, each with what came back."""
+    def _share(self, work: "_Work", items: dict[int, Any]) -> "_Done":
         workers = min(self.workers or available(), len(items))
         try:
             if self.name == RAY and items:
@@ -130,6 +130,10 @@ class Executor:
                 f"{self.option}: got {workers}, of which one ended by itself, perhaps for want of memory; "
                 f"{kept or 'allowed: '}fewer of them"
             ) from error
+
+
+# The keys of items in the order in which they are done, each with what came back.
+_Done = Generator[tuple[int, Any], None, None]
 
 
 class _WorkerEnded(Exception):
@@ -158,7 +162,7 @@ def _read_back(store: Store[Item, Result], item: Item) -> Result:
     return result
 
 
-def _here(work: _Work, items: dict[int, Any]) -> Iterator[tuple[int, Any]]:
+def _here(work: _Work, items: dict[int, Any]) -> _Done:
     import torch
 
     threads = torch.get_num_threads()
@@ -170,8 +174,8 @@ def _here(work: _Work, items: dict[int, Any]) -> Iterator[tuple[int, Any]]:
         torch.set_num_threads(threads)
 
 
-def _with_joblib(work: _Work, items: dict[int, Any], workers: int) -> Iterator[tuple[int, Any]]:
-    # joblib.Parallel would keep its workers for minutes, and make do with this process where it is called from a thread.
+def _with_joblib(work: _Work, items: dict[int, Any], workers: int) -> _Done:
+    # joblib.Parallel would keep its workers for minutes, and use this process where it is called from a thread.
     from joblib.externals.loky import ProcessPoolExecutor, as_completed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
@@ -204,7 +208,7 @@ def _end_with(ends: Connection) -> None:
         os._exit(1)
 
 
-def _with_ray(work: _Work, items: dict[int, Any], workers: int) -> Iterator[tuple[int, Any]]:
+def _with_ray(work: _Work, items: dict[int, Any], workers: int) -> _Done:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     import ray
 
@@ -218,15 +222,18 @@ def _with_ray(work: _Work, items: dict[int, Any], workers: int) -> Iterator[tupl
             logging_level="ERROR",
         )
     call = ray.remote(_call).options(num_cpus=1, max_retries=_RAY_RETRIES, runtime_env={"env_vars": _ONE_THREAD})
-    shared, left, running = ray.put(work), iter(items.items()), {}
+    shared, left = ray.put(work), iter(items.items())
+    running: dict[Any, int] = {}
     try:
-        while True:
-            for k, item in islice(left, workers - len(running)):
-                running[call.remote(shared, item)] = k
-            if not running:
-                break
+        for k, item in islice(left, workers):
+            running[call.remote(shared, item)] = k
+        while running:
             (done,), _ = ray.wait(list(running), num_returns=1)
-            yield running.pop(done), ray.get(done)
+            result, at = ray.get(done), running.pop(done)
+            # Before the caller is told, who may take a while.
+            for k, item in islice(left, 1):
+                running[call.remote(shared, item)] = k
+            yield at, result
     except ray.exceptions.RayTaskError as error:
         raise error.cause from error
     except ray.exceptions.RayError as error:

@@ -89,7 +89,7 @@ def main() -> None:
     try:
         executor.map(partial(gate, folder), range(6), store=Folder(folder))
     except KeyboardInterrupt:
-        print("interrupted")
+        (folder / "interrupted").touch()
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from pinwm_drake.experiments.evaluation.results import (
 from pinwm_drake.experiments.evaluation.store import EpisodeStore
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.evaluation import Evaluation
+from pinwm_drake.parallel import Executor
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.report import EvaluationStory, details, headline, write_evaluation_report
 from pinwm_drake.report.video import write_video
@@ -67,10 +68,9 @@ def _all(
     console: Console, runner: EpisodeRunner, request: EvaluateRequest, store: EpisodeStore, workers: int
 ) -> list[EpisodeRecord]:
     """Every episode in the order of the seeds, those that were there and those that were not."""
-    found = store.read(request.seeds)
+    found = {seed: record for seed in request.seeds if (record := store.read(seed)) is not None}
     if found:
         console.print(f"{len(found)} of {request.episodes} episodes are done already", highlight=False)
-    left = [seed for seed in request.seeds if seed not in found]
     columns = (
         TextColumn("evaluating"),
         BarColumn(bar_width=20),
@@ -81,12 +81,13 @@ def _all(
     )
     with Progress(*columns, console=console, speed_estimate_period=_PERIOD) as bar:
         task = bar.add_task("", total=request.episodes, completed=len(found), figures=_figures(found))
+
+        def tell(seed: int, record: EpisodeRecord) -> None:
+            found[seed] = record
+            bar.update(task, completed=len(found), figures=_figures(found))
+
         try:
-            for record in run_episodes(runner, request, left, workers):
-                store.write(record)
-                found[record.result.seed or 0] = record
-                bar.update(task, completed=len(found), figures=_figures(found))
-            return [found[seed] for seed in request.seeds]
+            return run_episodes(runner, request, request.seeds, store, Executor(workers=workers), on_result=tell)
         except KeyboardInterrupt:
             pass
     console.print(f"interrupted after {len(found)} episodes; go on with --resume", highlight=False)
