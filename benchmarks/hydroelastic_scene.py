@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.systems.crosscheck.crosscheck import unlimited
@@ -76,10 +75,9 @@ def _creep(motion: Motion) -> float:
 def _put_down(rig: PushRig, trial: Trial) -> tuple[float, float]:
     """Height of O at rest, m, and how fast the object creeps, m/s."""
     places = []
-    simulator = _simulator(rig, trial.X_WO, StraightPush(trial.push.p_WP, np.array([1.0, 0, 0]), 1, 1, 1, math.inf))
-    for t in _REST:
-        simulator.AdvanceTo(t)
-        places.append(rig.station.object_pose(simulator.get_context()).translation())
+    rig.begin(Place(trial.X_WO, trial.push.p_WP))
+    for _ in rig.advance_to(_REST):
+        places.append(rig.station.object_pose(rig.simulator.get_context()).translation())
     return float(places[-1][2]), float(np.linalg.norm((places[1] - places[0])[:2]) / (_REST[1] - _REST[0]))
 
 
@@ -89,17 +87,8 @@ def _bounce(rig: PushRig, lowest: float) -> float:
     floor, gap = rig.setup.twin.floor_height, 0.012
     start = np.array([0.0, mesh.bounds[0, 1] - radius - gap, floor - lowest])
     push = StraightPush(start, np.array([0.0, 1.0, 0.0]), _IMPACT_SPEED, 0.05, 10.0)
-    simulator = _simulator(rig, RigidTransform([0, 0, floor - lowest]), push)
-    station, fastest = rig.station, 0.0
-    for t in np.arange(0.05, 0.15, 5e-4):
-        simulator.AdvanceTo(t)
-        state = station.GetOutputPort("object_state").Eval(station.GetMyContextFromRoot(simulator.get_context()))
-        fastest = max(fastest, state[11])
+    rig.begin(Place(RigidTransform([0, 0, floor - lowest]), start), push)
+    fastest = 0.0
+    for _ in rig.advance_to(np.arange(0.05, 0.15, 5e-4)):
+        fastest = max(fastest, rig.evaluate("object_state")[11])
     return float(fastest - _IMPACT_SPEED)
-
-
-def _simulator(rig: PushRig, X_WO: RigidTransform, push: StraightPush) -> Simulator:
-    context = rig.diagram.CreateDefaultContext()
-    rig.station.SetPlace(context, Place(X_WO, push.p_WP))
-    rig.script.SetPush(rig.script.GetMyMutableContextFromRoot(context), push)
-    return Simulator(rig.diagram, context)

@@ -10,6 +10,8 @@ import numpy as np
 
 # More parts than threads, so that a thread which is done early takes over.
 _PARTS_PER_THREAD = 8
+# An environment variable: threads at the most, of a process that is one of several.
+LIMIT = "PINWM_THREADS"
 
 
 def share(kernel: Callable[..., None], arguments: tuple, number: int, num_threads: int) -> None:
@@ -39,8 +41,9 @@ def pool(number: int) -> ThreadPoolExecutor:
 
 @functools.cache
 def available() -> int:
-    """Cores that this process may use, as it was when first asked."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Cores that this process may use, `LIMIT` at the most, as it was when first asked."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(cores, int(os.environ.get(LIMIT, cores)))
 
 
 if hasattr(os, "register_at_fork"):

@@ -2,15 +2,15 @@
 
 import dataclasses
 import math
-import multiprocessing
+import uuid
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-import torch
 
-from pinwm_drake.errors import ParameterError, PinwmError, require
+from pinwm_drake.errors import ParameterError, require
+from pinwm_drake.parallel import Executor
 from pinwm_drake.systems.crosscheck.difference import Course, Difference, course_of, difference_of
 from pinwm_drake.systems.crosscheck.motion import Motion, PushRig
 from pinwm_drake.systems.crosscheck.trials import Trial, draw_trials
@@ -22,7 +22,7 @@ PLANTS = tuple(name for name in ENGINES if name != "twin")
 _MOST_PUSHES, _MOST_PROCESSES = 10_000, 64
 # What an engine is called, and the setup of its station.
 Cases = dict[str, Setup]
-_rigs: dict[str, PushRig] = {}  # of a worker
+_rigs: dict[str, dict[str, PushRig]] = {}  # of a process: those of the last call, by its name and the engine
 
 
 @dataclass(frozen=True)
@@ -225,41 +225,17 @@ def run_trials(
     Raises:
         PinwmError: A station cannot be made.
     """
-    if processes == 1 or len(trials) == 1:
-        rigs = _make(cases)
-        found = []
-        for trial in trials:
-            found.append({name: rig.run(trial) for name, rig in rigs.items()})
-            report()
-        return found
-    # Spawned: a fork would copy the locks of threads that it does not copy.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(processes, len(trials)), context, _begin) as pool:
-        jobs = [pool.submit(_run, cases, trial) for trial in trials]
-        try:
-            for job in as_completed(jobs):
-                job.result()
-                report()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-        return [job.result() for job in jobs]
-
-
-def _make(cases: Cases) -> dict[str, PushRig]:
-    return {name: PushRig(setup, name) for name, setup in cases.items()}
-
-
-def _begin() -> None:
-    torch.set_num_threads(1)
-
-
-def _run(cases: Cases, trial: Trial) -> dict[str, Motion]:
-    """What a worker does; its stations are made for the first push, and kept."""
+    # Cases cannot be compared, so that each call has a name of its own.
+    run = partial(_run, uuid.uuid4().hex, cases)
     try:
-        if not _rigs:
-            _rigs.update(_make(cases))
-        return {name: rig.run(trial) for name, rig in _rigs.items()}
-    except PinwmError as error:
-        # Not every error of the family can be sent from process to process.
-        raise ParameterError(str(error)) from None
+        return Executor(workers=processes, option="--processes").map(run, trials, on_result=lambda *_: report())
+    finally:
+        _rigs.clear()
+
+
+def _run(name: str, cases: Cases, trial: Trial) -> dict[str, Motion]:
+    """A push through every engine, whose stations are made for the first one and kept."""
+    if name not in _rigs:
+        _rigs.clear()
+        _rigs[name] = {engine: PushRig(setup, engine) for engine, setup in cases.items()}
+    return {engine: rig.run(trial) for engine, rig in _rigs[name].items()}

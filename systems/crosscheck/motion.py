@@ -6,21 +6,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.errors import SolverError
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
-from pinwm_drake.systems.pusher.motion import ScriptedPush
+from pinwm_drake.systems.runs.rest import REST_SPEED, REST_TIME, RestCount
+from pinwm_drake.systems.runs.scripted import AddScriptedStation, ScriptedStation
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.sdf.twin import twin_solid
 from pinwm_drake.systems.station.station import MakePushStation
 
-_REST_SPEED = 1e-3  # m/s, of the fastest point: from there an object slides on by v^2 / 2 mu g, 2 um at mu 0.03
-_REST_TIME = 0.1  # s
 _PATIENCE = 3.0  # times as long as an object as fast as the pusher needs to stop
 _LONGEST = 10.0  # s, after the pusher has stopped
 SEPARATED, STICKING, SLIDING = 0, 1, 2
@@ -76,15 +74,12 @@ class _Row(NamedTuple):
 _UNTOUCHED = _Row(np.zeros(3), np.zeros(4), np.zeros(3), 0.0, 0.0, SEPARATED, SEPARATED, 0.0)
 
 
-class PushRig:
+class PushRig(ScriptedStation):
     """A station with a scripted pusher: push after push through one engine.
 
     Attributes:
         setup: What it was made from.
         engine: Its name.
-        diagram: Of station and script.
-        station: The station.
-        script: What moves its pusher.
     """
 
     def __init__(self, setup: Setup, engine: str) -> None:
@@ -101,54 +96,46 @@ class PushRig:
         solid = twin_solid(setup.twin)
         self._mass, self._p_OB, self._inertia = solid.mass, np.asarray(solid.p_OB), np.asarray(solid.inertia)
         self._reach = float(np.linalg.norm(load_mesh(setup.twin.mesh_path).vertices - self._p_OB, axis=1).max())
-        builder = DiagramBuilder()
-        self.station = builder.AddSystem(MakePushStation(setup, engine))
-        self.script = builder.AddSystem(ScriptedPush(setup.period))
-        builder.Connect(self.script.get_output_port(), self.station.GetInputPort("pusher_velocity_W"))
-        self.diagram = builder.Build()
+        builder, station = DiagramBuilder(), MakePushStation(setup, engine)
+        script = AddScriptedStation(builder, station)
+        super().__init__(builder.Build(), station, script)
 
     def run(self, trial: Trial) -> Motion:
-        """Pushes, and waits until the object rests; from a new context, so that no push depends on another."""
+        """Pushes, and waits until the fastest point of the object has been slow for `REST_TIME`."""
         period, push = self.setup.period, trial.push
-        context = self.diagram.CreateDefaultContext()
-        self.station.SetPlace(context, Place(trial.X_WO, push.p_WP))
-        self.script.SetPush(self.script.GetMyMutableContextFromRoot(context), push)
-        stop, still = int(np.ceil(push.end_time / period)), int(np.ceil(_REST_TIME / period))
-        rows, resting, failure = [self._sample(context, _UNTOUCHED)], 0, ""
+        stop, rest = int(np.ceil(push.end_time / period)), RestCount(int(np.ceil(REST_TIME / period)))
+        times = period * np.arange(stop + int(self._patience(push.speed) / period))
+        rows, failure = [_UNTOUCHED], ""
+        self.begin(Place(trial.X_WO, push.p_WP), push)
         try:
-            simulator = Simulator(self.diagram, context)
-            for k in range(1, stop + int(self._patience(push.speed) / period)):
-                simulator.AdvanceTo(k * period)
-                rows.append(self._sample(context, rows[-1]))
-                resting = resting + 1 if k >= stop and rows[-1].speed < _REST_SPEED else 0
-                if resting == still:
+            for k in self.advance_to(times):
+                rows.append(self._sample(rows[-1]))
+                if rest.add(k >= stop and rows[-1].speed < REST_SPEED):
                     break
         except (SolverError, RuntimeError) as error:
             failure = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
-        rest = len(rows) - resting if resting == still else None
+        del rows[0]
         columns: dict[str, Any] = {
             name: np.array(column) for name, column in zip(_Row._fields, zip(*rows, strict=True), strict=True)
         }
         del columns["speed"]
         t = period * np.arange(len(rows))
-        return Motion(t=t, **columns, stop=min(stop, len(rows) - 1), rest=rest, failure=failure)
+        first = len(rows) - rest.slow if rest.at_rest else None
+        return Motion(t=t, **columns, stop=min(stop, len(rows) - 1), rest=first, failure=failure)
 
     def _patience(self, speed: float) -> float:
         """How long to wait for the object after the pusher has stopped, s."""
         friction = self.setup.twin.theta["friction_floor"].value
-        return min(_REST_TIME + 0.5 + _PATIENCE * speed / max(friction * self.setup.twin.gravity, 1e-3), _LONGEST)
+        return min(REST_TIME + 0.5 + _PATIENCE * speed / max(friction * self.setup.twin.gravity, 1e-3), _LONGEST)
 
-    def _sample(self, context: Context, before: _Row) -> _Row:
-        mine = self.station.GetMyContextFromRoot(context)
-        state = self.station.GetOutputPort("object_state").Eval(mine)
-        pusher = self.station.GetOutputPort("pusher_state").Eval(mine)
+    def _sample(self, before: _Row) -> _Row:
+        state, pusher = self.evaluate("object_state"), self.evaluate("pusher_state")
         q_WO, p_WO, w_WO, v_WO = state[:4] / np.linalg.norm(state[:4]), state[4:7], state[7:10], state[10:13]
         R_WO = RotationMatrix(Quaternion(wxyz=q_WO)).matrix()
         arm = R_WO @ self._p_OB
         v_WB, w_O = v_WO + np.cross(w_WO, arm), R_WO.T @ w_WO
         try:
-            forces = self.station.GetOutputPort("contact_forces").Eval(mine)
-            floor, touching = contact_modes(forces, state, pusher[3:])
+            floor, touching = contact_modes(self.evaluate("contact_forces"), state, pusher[3:])
         except SolverError:
             # No shorter step has a solution either: the next update will say so.
             floor, touching = before.floor, before.pusher

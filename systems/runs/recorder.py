@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.cameras.object_camera import AddCaptureRig, CaptureRig
-from pinwm_drake.systems.pusher.motion import ScriptedPush, StraightPush
+from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.systems.runs.scripted import AddScriptedStation, Script, ScriptedStation
 from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario.schema import Scenario
 from pinwm_drake.systems.scenario.setup import Setup
@@ -61,23 +61,18 @@ class Recording:
     p_WP: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class PushRecorder:
+class PushRecorder(ScriptedStation):
     """A station with a scripted pusher and a camera, ready to run; `MakePushRecorder` makes one.
 
     Attributes:
-        diagram: Of station, script and camera.
-        station: What is pushed.
-        script: What drives the pusher.
         rig: The camera.
         rates: How often what happens.
     """
 
-    diagram: Diagram
-    station: PushStation
-    script: ScriptedPush
-    rig: CaptureRig
-    rates: Rates
+    def __init__(self, diagram: Diagram, station: PushStation, script: Script, rig: CaptureRig, rates: Rates) -> None:
+        """Takes the diagram, and what is in it."""
+        super().__init__(diagram, station, script)
+        self.rig, self.rates = rig, rates
 
     def settle(self, X_WO: RigidTransform) -> RigidTransform:
         """Lets the object come to rest, without the pusher.
@@ -88,9 +83,10 @@ class PushRecorder:
         Returns:
             Its pose afterwards.
         """
-        context = self._context(X_WO, StraightPush(_AWAY, np.array([1.0, 0.0, 0.0]), 1.0, 1.0, 1.0, np.inf))
-        Simulator(self.diagram, context).AdvanceTo(_SETTLING_TIME)
-        return self.station.object_pose(context)
+        self.begin(Place(X_WO, _AWAY))
+        for _ in self.advance_to([_SETTLING_TIME]):
+            pass
+        return self.station.object_pose(self.simulator.get_context())
 
     def push(self, X_WO: RigidTransform, push: StraightPush, number: int) -> Recording:
         """Pushes the object from rest.
@@ -103,18 +99,14 @@ class PushRecorder:
         Returns:
             What was recorded.
         """
-        context = self._context(X_WO, push)
-        simulator = Simulator(self.diagram, context)
+        self.begin(Place(X_WO, push.p_WP), push)
         per_frame = self.rates.records_per_frame
         period = 1 / (self.rates.frames * per_frame)
         times = np.arange((number - 1) * per_frame + 1) * period
         poses, positions = [], []
-        for t in times:
-            # AdvanceTo(0) would make the step that begins at 0 already.
-            if t > 0:
-                simulator.AdvanceTo(t)
-            poses.append(self.station.object_pose(context))
-            positions.append(self._pusher_position(context))
+        for _ in self.advance_to(times):
+            poses.append(self.station.object_pose(self.simulator.get_context()))
+            positions.append(self.evaluate("pusher_state")[:3])
         p_WP, X_WO_frames, t_frames = np.array(positions), poses[::per_frame], times[::per_frame]
         v_WP = np.array([push.average_velocity(k, period) for k in range(len(times))])
         q_WP = np.tile([1.0, 0.0, 0.0, 0.0], (len(times), 1))
@@ -145,16 +137,6 @@ class PushRecorder:
             self.station.SetPlace(context, Place(X_WO_k, _AWAY if p_WP is None else p_WP[k]))
             yield self.rig.take(context, X_WC_k)
 
-    def _context(self, X_WO: RigidTransform, push: StraightPush) -> Context:
-        """A new context with object and pusher at rest."""
-        context = self.diagram.CreateDefaultContext()
-        self.station.SetPlace(context, Place(X_WO, push.p_WP))
-        self.script.SetPush(self.script.GetMyMutableContextFromRoot(context), push)
-        return context
-
-    def _pusher_position(self, context: Context) -> np.ndarray:
-        return self.station.GetOutputPort("pusher_state").Eval(self.station.GetMyContextFromRoot(context))[:3]
-
 
 def MakePushRecorder(scenario: Scenario | Setup, rates: Rates, camera: Camera, supersampling: int) -> PushRecorder:
     """Assembles station, script and camera.
@@ -173,11 +155,10 @@ def MakePushRecorder(scenario: Scenario | Setup, rates: Rates, camera: Camera, s
         ParameterError: Rates and periods do not fit.
     """
     builder = DiagramBuilder()
-    station = builder.AddNamedSystem("station", MakePushStation(scenario))
+    station = MakePushStation(scenario)
     period = station.setup.period
     whole_multiple("a row of the pusher's log", rates.time_step * rates.steps_per_record, period, "pusher.period")
-    script = builder.AddNamedSystem("script", ScriptedPush(period))
-    builder.Connect(script.get_output_port(), station.GetInputPort("pusher_velocity_W"))
+    script = AddScriptedStation(builder, station)
     rig = AddCaptureRig(
         builder, station.engine.scene_graph, camera, supersampling, query=station.GetOutputPort("query_object")
     )

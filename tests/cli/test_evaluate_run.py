@@ -136,8 +136,8 @@ def test_an_evaluation_can_be_made_longer(pinwm, scenario, tmp_path, evaluated):
 def test_an_interrupted_run_says_how_to_go_on(pinwm, scenario, tmp_path, monkeypatch, evaluated):
     base = ["evaluate", "random", "--scene", scenario, "--seed", "5", *SHORT, "-o", str(tmp_path)]
 
-    def interrupted(runner, request, seeds, workers):
-        yield from run_episodes(runner, request, seeds[:2], workers)
+    def interrupted(runner, request, seeds, store, executor, *, on_result):
+        run_episodes(runner, request, seeds[:2], store, executor, on_result=on_result)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:

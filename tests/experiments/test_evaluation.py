@@ -12,6 +12,7 @@ from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner, _run, run
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.run import REPORT_FILE, TABLE_FILE, VIDEO_FILE, evaluate
 from pinwm_drake.experiments.evaluation.store import EpisodeStore
+from pinwm_drake.parallel import Executor
 from tests.cli.evaluations import document, write_scenario
 
 
@@ -53,23 +54,29 @@ def test_an_episode_whose_physics_fails_is_kept(scenario, tmp_path, monkeypatch)
     assert (record.result.outcome, record.result.failure, record.result.steps) == ("failure", "no solution", 3)
     assert record.p_WO.shape == (4, 3)
     store = EpisodeStore(tmp_path, {"a": 1}, resume=False)
-    store.write(record)
-    (kept,) = store.read([3, 4, 5]).values()
+    store.write(4, record)
+    assert (store.read(3), store.read(5)) == (None, None)
+    kept = store.read(4)
     assert kept.result == record.result
     for name in ("q_WO", "p_WO", "p_WP", "views", "at", "seconds", "cpu_seconds"):
         np.testing.assert_array_equal(getattr(kept, name), getattr(record, name))
 
 
-def test_a_worker_that_is_killed_is_told_of(scenario):
+def test_a_worker_that_is_killed_is_told_of(scenario, tmp_path):
     request = EvaluateRequest("random", scenario, "twin", episodes=200, max_steps=20)
-    runner = EpisodeRunner(read_contestant(request), request)
-    before = set(active_children())
-    episodes = run_episodes(runner, request, request.seeds, 2)
-    next(episodes)
-    (first, *_) = set(active_children()) - before
-    os.kill(first.pid, signal.SIGKILL)
+    runner, store = EpisodeRunner(read_contestant(request), request), EpisodeStore(tmp_path, {}, resume=False)
+    before, seen = set(active_children()), []
+
+    def kill(seed, record):
+        if not seen:
+            (first, *_) = set(active_children()) - before
+            os.kill(first.pid, signal.SIGKILL)
+        seen.append(seed)
+
     with pytest.raises(ParameterError, match=r"--workers: got 2, of which one ended by itself.*--resume"):
-        list(episodes)
+        run_episodes(runner, request, request.seeds, store, Executor(workers=2), on_result=kill)
+    assert all(store.read(seed) is not None for seed in seen)
+    assert 1 <= len(seen) < 200
 
 
 def test_a_policy_that_changes_meanwhile_is_told_of(scenario):

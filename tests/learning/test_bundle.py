@@ -71,9 +71,7 @@ def test_wrong_shapes_are_named(bundle):
     for wrong in (image[..., :3], image[None], image.astype(np.float32), image[:-1]):
         with pytest.raises(StateError, match=r"^image: got .*; allowed: uint8 \(32, 32, 6\)$"):
             bundle.act(wrong, np.zeros(2))
-    with pytest.raises(
-        StateError, match=r"^p_WP: got .*\(3,\); allowed: \(2,\), along the axes of the task, m$"
-    ):
+    with pytest.raises(StateError, match=r"^p_WP: got .*\(3,\); allowed: \(2,\), along the axes of the task, m$"):
         bundle.act(image, np.zeros(3))
     with pytest.raises(ParameterError, match=r"^observation: got \['image'\]; allowed: a dict with image and pusher$"):
         bundle.predict({"image": image})

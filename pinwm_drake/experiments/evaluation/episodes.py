@@ -1,27 +1,23 @@
 """Runs the episodes of an evaluation, in this process or shared among several."""
 
-import multiprocessing
-import os
-import signal
-import threading
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
-import torch
 
-from pinwm_drake.errors import ParameterError, PinwmError
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.experiments.evaluation.contestant import Contestant, make_environment, read_contestant
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+from pinwm_drake.experiments.evaluation.store import EpisodeStore
 from pinwm_drake.learning.evaluation import run_episode
+from pinwm_drake.parallel import Executor
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.report import strip_steps
 
-_runners: dict[str, "EpisodeRunner"] = {}  # of a worker
+# Of a process, by what the policy is and what is asked for.
+_runners: dict[tuple[str, EvaluateRequest], "EpisodeRunner"] = {}
 
 
 class EpisodeRunner:
@@ -63,73 +59,44 @@ class EpisodeRunner:
 
 
 def run_episodes(
-    runner: EpisodeRunner, request: EvaluateRequest, seeds: Sequence[int], workers: int
-) -> Iterator[EpisodeRecord]:
-    """Runs episodes, and yields each when it is done. Results do not depend on the number of workers.
+    runner: EpisodeRunner,
+    request: EvaluateRequest,
+    seeds: Sequence[int],
+    store: EpisodeStore,
+    executor: Executor,
+    *,
+    on_result: Callable[[int, EpisodeRecord], None] = lambda seed, record: None,
+) -> list[EpisodeRecord]:
+    """Runs those episodes that the store does not have, and keeps each when it is done.
 
     Args:
         runner: For this process; workers make their own.
         request: What is asked for.
         seeds: Of the episodes.
-        workers: Processes, 1 or more, with one thread of torch each.
+        store: Where episodes are kept.
+        executor: The processes, on which results do not depend.
+        on_result: Called with each seed and its episode: those of the store, then each when it is done.
+
+    Returns:
+        The episodes in the order of the seeds.
 
     Raises:
-        PinwmError: A policy or scene cannot be used.
+        PinwmError: A policy or scene cannot be used, or an episode of the store is of other settings.
         ParameterError: A worker was killed, or the policy has changed.
     """
-    if workers == 1 or len(seeds) <= 1:
-        threads = torch.get_num_threads()
-        torch.set_num_threads(1)
-        try:
-            for seed in seeds:
-                yield runner.run(seed)
-        finally:
-            torch.set_num_threads(threads)
-        return
-    # Spawned: a fork would copy the locks of threads that it does not copy.
-    context = multiprocessing.get_context("spawn")
-    ends, lasts = context.Pipe(duplex=False)
     identity = runner.contestant.identity
-    pool, whole = ProcessPoolExecutor(min(workers, len(seeds)), context, _begin, (ends,)), False
+    _runners[identity, request] = runner
     try:
-        jobs = [pool.submit(_run, request, identity, seed) for seed in seeds]
-        for job in as_completed(jobs):
-            yield job.result()
-        whole = True
-    except BrokenProcessPool as error:
-        raise ParameterError(
-            f"--workers: got {workers}, of which one ended by itself, perhaps for want of memory; the episodes that "
-            "are done are kept: go on with --resume, and fewer of them"
-        ) from error
+        return executor.map(partial(_run, request, identity), seeds, store=store, on_result=on_result)
     finally:
-        pool.shutdown(wait=whole, cancel_futures=True)
-        lasts.close()  # which ends workers that are in an episode
-        ends.close()
-
-
-def _begin(ends: Connection) -> None:
-    """What a worker does at first. It ends with the process that started it, whatever ends that."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    torch.set_num_threads(1)
-    threading.Thread(target=_end_with, args=(ends,), daemon=True).start()
-
-
-def _end_with(ends: Connection) -> None:
-    try:
-        ends.recv_bytes()
-    except (EOFError, OSError):
-        os._exit(1)
+        del _runners[identity, request]
 
 
 def _run(request: EvaluateRequest, identity: str, seed: int) -> EpisodeRecord:
-    """What a worker does; its environment is made for the first episode, and kept."""
-    try:
-        if identity not in _runners:
-            contestant = read_contestant(request)
-            if contestant.identity != identity:
-                raise ParameterError(f"{request.policy}: got another policy than a moment ago; allowed: one that stays")
-            _runners[identity] = EpisodeRunner(contestant, request)
-        return _runners[identity].run(seed)
-    except PinwmError as error:
-        # Not every error of the family can be sent from process to process.
-        raise ParameterError(str(error)) from None
+    """An episode, in an environment that is made for the first one and kept."""
+    if (identity, request) not in _runners:
+        contestant = read_contestant(request)
+        if contestant.identity != identity:
+            raise ParameterError(f"{request.policy}: got another policy than a moment ago; allowed: one that stays")
+        _runners[identity, request] = EpisodeRunner(contestant, request)
+    return _runners[identity, request].run(seed)

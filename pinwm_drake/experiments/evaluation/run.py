@@ -19,6 +19,7 @@ from pinwm_drake.experiments.evaluation.results import (
 from pinwm_drake.experiments.evaluation.store import EpisodeStore
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.evaluation import Evaluation
+from pinwm_drake.parallel import Executor
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.report import EvaluationStory, write_evaluation_report
 from pinwm_drake.report.video import write_video
@@ -54,6 +55,7 @@ def evaluate(
     out: Path,
     *,
     workers: int | None = None,
+    executor: str = "joblib",
     resume: bool = False,
     progress: ProgressCallback = lambda progress: None,
 ) -> Evaluation:
@@ -63,6 +65,7 @@ def evaluate(
         request: The policy, its scene and the episodes.
         out: Folder of the results; made if need be.
         workers: Processes, which do not change the results; None for one on each core.
+        executor: "joblib" or "ray", which runs them.
         resume: Whether to go on with the episodes that are in `out`.
         progress: Called before the first episode, after each, and while film and report are drawn.
 
@@ -74,11 +77,12 @@ def evaluate(
     """
     require("--workers", workers, workers is None or workers >= 1, "1 or more")
     workers = workers or available()
+    processes = Executor(executor, workers=workers)
     contestant = read_contestant(request)
     runner = EpisodeRunner(contestant, request)
     settings = settings_of(request, contestant, runner.env, scene_hash(runner.env.setup))
     store = EpisodeStore(prepare_folder(out) / EPISODES, settings, resume=resume)
-    records = _run_all(runner, request, store, workers, progress)
+    records = _run_all(runner, request, store, processes, progress)
     evaluation = _evaluation(records)
     provenance = provenance_of(request, contestant, records, workers)
     write_evaluation(out / SUMMARY_FILE, evaluation, request.seeds, settings, provenance)
@@ -93,22 +97,22 @@ def evaluate(
 
 
 def _run_all(
-    runner: EpisodeRunner, request: EvaluateRequest, store: EpisodeStore, workers: int, progress: ProgressCallback
+    runner: EpisodeRunner, request: EvaluateRequest, store: EpisodeStore, executor: Executor, progress: ProgressCallback
 ) -> list[EpisodeRecord]:
     """Every episode in the order of the seeds, those that were there and those that were not."""
-    found = store.read(request.seeds)
-    left = [seed for seed in request.seeds if seed not in found]
+    found = {seed: record for seed in request.seeds if (record := store.read(seed)) is not None}
 
     def tell() -> None:
         so_far = _evaluation(list(found.values())) if found else None
         progress(EvaluationProgress(len(found), request.episodes, so_far))
 
+    def add(seed: int, record: EpisodeRecord) -> None:
+        if seed not in found:
+            found[seed] = record
+            tell()
+
     tell()
-    for record in run_episodes(runner, request, left, workers):
-        store.write(record)
-        found[record.result.seed or 0] = record
-        tell()
-    return [found[seed] for seed in request.seeds]
+    return run_episodes(runner, request, request.seeds, store, executor, on_result=add)
 
 
 def _evaluation(records: list[EpisodeRecord]) -> Evaluation:

@@ -1,6 +1,6 @@
 """The episodes of an evaluation on disk: a file for each that is done, so that a run that was ended can go on."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ _FIGURES = ("success", "steps", "distance", "angle", "start_distance", "start_an
 
 
 class EpisodeStore:
-    """A folder of `SEED.npz`."""
+    """A folder of `SEED.npz`; a `parallel.Store`."""
 
     def __init__(self, folder: Path, about: Mapping[str, object], *, resume: bool) -> None:
         """Makes the folder.
@@ -30,7 +30,8 @@ class EpisodeStore:
         Raises:
             InputError: There are episodes, and they may not be; or the folder cannot be written to.
         """
-        self._folder, self._about = prepare_folder(folder), dict(about)
+        # A worker may be in another folder.
+        self._folder, self._about = prepare_folder(folder).absolute(), dict(about)
         for left in folder.glob(".*.npz"):  # by a run that was killed while it wrote
             left.unlink(missing_ok=True)
         if not resume and any(folder.glob("*.npz")):
@@ -38,36 +39,30 @@ class EpisodeStore:
                 folder, value="episodes of an evaluation", allowed="a new folder, or --resume to go on with them"
             )
 
-    def write(self, record: EpisodeRecord) -> None:
+    def write(self, seed: int, record: EpisodeRecord) -> None:
         """Keeps an episode.
 
         Raises:
             InputError: It cannot be written.
         """
-        result = record.result
-        arrays = {name: np.asarray(getattr(record, name)) for name in _TABLES}
-        arrays |= {name: np.asarray(getattr(result, name)) for name in (*_FIGURES, "failure")}
-        arrays |= {name: np.asarray(getattr(record, name)) for name in _TIMES}
-        write_arrays(self._path(result.seed or 0), self._about, arrays)
+        arrays = {name: np.asarray(getattr(record, name)) for name in (*_TABLES, *_TIMES)}
+        arrays |= {name: np.asarray(getattr(record.result, name)) for name in (*_FIGURES, "failure")}
+        write_arrays(self._path(seed), self._about, arrays)
 
-    def read(self, seeds: Iterable[int]) -> dict[int, EpisodeRecord]:
-        """Those episodes that are there.
+    def read(self, seed: int) -> EpisodeRecord | None:
+        """The episode of a seed; None where there is none.
 
         Raises:
-            InputError: One cannot be read, or is of other settings; the message names what differs.
+            InputError: It cannot be read, or is of other settings; the message names what differs.
         """
-        found = {}
-        for seed in seeds:
-            names = (*_TABLES, *_FIGURES, *_TIMES, "failure")
-            arrays = read_arrays(self._path(seed), self._about, "test", names)
-            if arrays is None:
-                continue
-            figures = {name: arrays[name].item() for name in _FIGURES}
-            result = EpisodeResult(seed=seed, failure=str(arrays["failure"]), **figures)
-            tables = {name: arrays[name] for name in _TABLES}
-            wall, cpu = (float(arrays[name]) for name in _TIMES)
-            found[seed] = EpisodeRecord(result, **tables, seconds=wall, cpu_seconds=cpu)
-        return found
+        arrays = read_arrays(self._path(seed), self._about, "test", (*_TABLES, *_FIGURES, *_TIMES, "failure"))
+        if arrays is None:
+            return None
+        figures = {name: arrays[name].item() for name in _FIGURES}
+        result = EpisodeResult(seed=seed, failure=str(arrays["failure"]), **figures)
+        tables = {name: arrays[name] for name in _TABLES}
+        wall, cpu = (float(arrays[name]) for name in _TIMES)
+        return EpisodeRecord(result, **tables, seconds=wall, cpu_seconds=cpu)
 
     def _path(self, seed: int) -> Path:
         return self._folder / f"{seed:06d}.npz"

@@ -1,0 +1,250 @@
+"""Work shared among processes: one `map`, whose results are kept on disk as they come, so that it can go on later."""
+
+import importlib.util
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import islice
+from multiprocessing.connection import Connection
+from typing import Any, Generic, Protocol, TypeVar
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.threads import LIMIT, available
+
+JOBLIB, RAY = "joblib", "ray"
+EXECUTORS = (JOBLIB, RAY)
+Item = TypeVar("Item")
+Named = TypeVar("Named", contravariant=True)
+Result = TypeVar("Result")
+# Of a worker; torch takes OpenMP's.
+_ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", LIMIT), "1"
+)
+_RAY_RETRIES = 3  # of a task whose worker ended by itself
+
+
+class Store(Protocol[Named, Result]):
+    """Results on disk, one for each item. It is sent to the workers, so it holds plain data."""
+
+    def read(self, item: Named) -> Result | None:
+        """The item's result; None where there is none yet."""
+
+    def write(self, item: Named, result: Result) -> None:
+        """Keeps a result, which appears whole or not at all."""
+
+
+@dataclass(frozen=True)
+class Executor:
+    """Processes that share work.
+
+    With joblib they are this machine's. With Ray they are this machine's too, or those of a cluster: one that the
+    process is connected to already, or that `RAY_ADDRESS` names; its machines share the folder of a store. Ray gives
+    the work of a worker that was killed to another one, up to three times.
+
+    Attributes:
+        name: "joblib" or "ray".
+        workers: Processes, each with one thread of torch, numba and BLAS; None for one on each core. With joblib, one
+            worker is the process itself.
+        option: What messages call the number of workers.
+
+    Raises:
+        ParameterError: A value is out of range, or Ray is asked for and not installed.
+    """
+
+    name: str = JOBLIB
+    workers: int | None = None
+    option: str = "--workers"
+
+    def __post_init__(self) -> None:
+        """Checks the values."""
+        if self.name not in EXECUTORS:
+            raise ParameterError(f"executor: got {self.name!r}; allowed: {', '.join(EXECUTORS)}")
+        if self.name == RAY and importlib.util.find_spec("ray") is None:
+            raise ParameterError(
+                f'executor: got ray, which is not installed; allowed: {JOBLIB}, or pip install "pinwm_drake[ray]"'
+            )
+        if self.workers is not None and self.workers < 1:
+            raise ParameterError(f"{self.option}: got {self.workers}; allowed: 1 or more")
+
+    def map(
+        self,
+        function: Callable[[Item], Result],
+        items: Sequence[Item],
+        *,
+        store: Store[Item, Result] | None = None,
+        on_result: Callable[[Item, Result], None] = lambda item, result: None,
+    ) -> list[Result]:
+        """Applies a function to every item whose result is not in the store yet.
+
+        A worker writes each result to the store as soon as it is there. When this process or a worker is killed, or an
+        item fails, only what was running is lost; a second call with the same store does the rest. Workers end with
+        the call, and with this process, whatever ends it.
+
+        Args:
+            function: A module's own, or a `functools.partial` of one; its arguments are plain data. Results depend on
+                nothing but the arguments. What is expensive may stay in a variable of the module for later items, but
+                workers of a cluster may serve several calls.
+            items: What to apply it to.
+            store: Where results are kept; without one they come from worker to driver.
+            on_result: Called in this process with each item and its result: those of the store, then each when done.
+
+        Returns:
+            The results in the order of the items, as the store has them where there is one.
+
+        Raises:
+            PinwmError: The function, or the store, refused something.
+            ParameterError: A worker was killed; or a store is not where workers write to.
+        """
+        found: dict[int, Result] = {}
+        if store is not None:
+            for k, item in enumerate(items):
+                kept = store.read(item)
+                if kept is not None:
+                    found[k] = kept
+        for k, result in found.items():
+            on_result(items[k], result)
+        left = {k: item for k, item in enumerate(items) if k not in found}
+        with closing(self._share(_Work(function, store), left)) as done:
+            for k, returned in done:
+                result = returned if store is None else _read_back(store, items[k])
+                found[k] = result
+                on_result(items[k], result)
+        return [found[k] for k in range(len(items))]
+
+    def _share(self, work: "_Work", items: dict[int, Any]) -> "_Done":
+        workers = min(self.workers or available(), len(items))
+        try:
+            if self.name == RAY and items:
+                yield from _with_ray(work, items, workers)
+            elif workers > 1:
+                yield from _with_joblib(work, items, workers)
+            else:
+                yield from _here(work, items)
+        except _WorkerEnded as error:
+            kept = "" if work.store is None else "what is done is kept: go on with --resume, and "
+            raise ParameterError(
+                f"{self.option}: got {workers}, of which one ended by itself, perhaps for want of memory; "
+                f"{kept or 'allowed: '}fewer of them"
+            ) from error
+
+
+# The keys of items in the order in which they are done, each with what came back.
+_Done = Generator[tuple[int, Any], None, None]
+
+
+class _WorkerEnded(Exception):
+    """A worker was killed, or ran out of memory."""
+
+
+@dataclass(frozen=True)
+class _Work(Generic[Item, Result]):
+    """All that a worker does with an item."""
+
+    function: Callable[[Item], Result]
+    store: Store[Item, Result] | None
+
+    def __call__(self, item: Item) -> Result | None:
+        result = self.function(item)
+        if self.store is None:
+            return result
+        self.store.write(item, result)
+        return None
+
+
+def _read_back(store: Store[Item, Result], item: Item) -> Result:
+    result = store.read(item)
+    if result is None:
+        raise ParameterError(f"store: got none of {item}'s results; allowed: a folder that workers and driver share")
+    return result
+
+
+def _here(work: _Work, items: dict[int, Any]) -> _Done:
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        for k, item in items.items():
+            yield k, work(item)
+    finally:
+        torch.set_num_threads(threads)
+
+
+def _with_joblib(work: _Work, items: dict[int, Any], workers: int) -> _Done:
+    # joblib.Parallel would keep its workers for minutes, and use this process where it is called from a thread.
+    from joblib.externals.loky import ProcessPoolExecutor, as_completed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    ends, lasts = multiprocessing.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(workers, initializer=_begin, initargs=(ends,), env=_ONE_THREAD)
+    whole = False
+    try:
+        jobs = {pool.submit(work, item): k for k, item in items.items()}
+        for job in as_completed(jobs):
+            yield jobs[job], job.result()
+        whole = True
+    except TerminatedWorkerError as error:
+        raise _WorkerEnded from error
+    finally:
+        pool.shutdown(wait=True, kill_workers=not whole)
+        lasts.close()
+        ends.close()
+
+
+def _begin(ends: Connection) -> None:
+    """Makes a worker end with the process that started it, and leave Ctrl-C to that."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(ends,), daemon=True).start()
+
+
+def _end_with(ends: Connection) -> None:
+    try:
+        ends.recv_bytes()
+    except (EOFError, OSError):
+        os._exit(1)
+
+
+def _with_ray(work: _Work, items: dict[int, Any], workers: int) -> _Done:
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    import ray
+
+    mine = not ray.is_initialized()
+    if mine:
+        cluster = "RAY_ADDRESS" in os.environ
+        ray.init(
+            num_cpus=None if cluster else workers,
+            include_dashboard=None if cluster else False,
+            log_to_driver=False,
+            logging_level="ERROR",
+        )
+    call = ray.remote(_call).options(num_cpus=1, max_retries=_RAY_RETRIES, runtime_env={"env_vars": _ONE_THREAD})
+    shared, left = ray.put(work), iter(items.items())
+    running: dict[Any, int] = {}
+    try:
+        for k, item in islice(left, workers):
+            running[call.remote(shared, item)] = k
+        while running:
+            (done,), _ = ray.wait(list(running), num_returns=1)
+            result, at = ray.get(done), running.pop(done)
+            # Before the caller is told, who may take a while.
+            for k, item in islice(left, 1):
+                running[call.remote(shared, item)] = k
+            yield at, result
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from error
+    except ray.exceptions.RayError as error:
+        raise _WorkerEnded from error
+    finally:
+        if mine:
+            ray.shutdown()
+        else:
+            for job in running:
+                ray.cancel(job, force=True)
+
+
+def _call(work: _Work, item: Any) -> Any:
+    return work(item)
