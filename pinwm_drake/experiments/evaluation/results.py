@@ -137,18 +137,23 @@ def story_of(
         q_WO=task.q_WO,
         settings=settings,
         provenance=provenance,
-        film=_film(env),
+        film=episode_film(env),
     )
 
 
-def _film(env: PushEnv) -> EpisodeFilm:
-    """Episodes as seen from where the scene's camera is."""
+def episode_film(env: PushEnv, height: int = _TILE) -> EpisodeFilm:
+    """Draws an environment's episodes as seen from where the scene's camera is.
+
+    Args:
+        env: The environment.
+        height: Of a picture [px]; it is as wide in proportion as the camera's.
+    """
     setup = env.setup
-    X_WC, scale = setup.X_WC, _TILE / setup.camera.height
+    X_WC, scale = setup.X_WC, height / setup.camera.height
     focal = scale * float(setup.camera.intrinsics[1])
     width = round(scale * setup.camera.width)
     return EpisodeFilm(
-        ViewCamera(X_WC.rotation().matrix(), X_WC.translation(), focal, width, _TILE),
+        ViewCamera(X_WC.rotation().matrix(), X_WC.translation(), focal, width, height),
         setup.twin.floor_height,
         coloured_actors(setup.visual_path),
         load_mesh(setup.twin.mesh_path),
