@@ -76,6 +76,9 @@ def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
     with KernelsAhead(options.capture, options.identify) as ahead:
         with stages.stage("align") as report:
             views, surfels = _align(out, capture, options, report)
+        # Before the twin is there: it needs nothing of it, and the compiler may still be at work.
+        with stages.stage("policy, hydroelastic"):
+            in_plant = _act(options.scene, "hydroelastic", options)
         with stages.stage("wait for the compiler") as report:
             report(0.0, "the first run compiles the physics, which takes minutes")
             compiled = ahead.wait()
@@ -94,12 +97,8 @@ def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
             _compare(twin, episodes[0], poses, True, lambda share, words: report(0.5 * share, words)),
             _compare(twin, episodes[1], predicted, False, lambda share, words: report(0.5 + 0.5 * share, words)),
         )
-    performances = []
-    for engine, scene in (("twin", str(out / _TWIN)), ("hydroelastic", options.scene)):
-        with stages.stage(f"policy, {engine}"):
-            performances.append(
-                run_policy(options.policy, scene, engine, seed=options.seed, max_steps=options.max_steps)
-            )
+    with stages.stage("policy, twin"):
+        performances = [_act(str(out / _TWIN), "twin", options), in_plant]
     with stages.stage("films") as report:
         films = write_films(out, pushes, performances, report)
     result = DemoResult(
@@ -113,6 +112,7 @@ def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
         predicted=pushes[1],
         performances=performances,
         costs=stages.costs,
+        seconds=stages.seconds,
     )
     write_page(out, result, films)
     _conclude(out, result, stages)
@@ -139,6 +139,7 @@ def _align(out: Path, capture: Capture, options: DemoOptions, report: Report) ->
         quality = "" if psnr is None else f"  {psnr:.2f} dB"
         report(iteration / iterations, f"loss {loss:.5f}{quality}  {surfels:,} surfels")
 
+    report(0.0, "getting ready (the first run compiles the renderer)")
     result = fit(views, mesh, options.fit, progress=show)
     prepare_folder(out / _TWIN)
     title = f"{capture.object.name}: {result.surfels.num_surfels:,} surfels"
@@ -177,6 +178,11 @@ def _compare(twin: Twin, episode: Episode, poses: ObjectPoses, identified: bool,
     return Push(episode.name, poses, shots, None if truth is None else pose_errors(poses, truth))
 
 
+def _act(scene: str, engine: str, options: DemoOptions) -> Performance:
+    """The policy's episode in a scene."""
+    return run_policy(options.policy, scene, engine, seed=options.seed, max_steps=options.max_steps)
+
+
 def _conclude(out: Path, result: DemoResult, stages: Stages) -> None:
     """The result in a few lines."""
     friction = result.twin.theta["friction_floor"]
@@ -187,7 +193,7 @@ def _conclude(out: Path, result: DemoResult, stages: Stages) -> None:
         stages.say(f"episode {result.predicted.name}, predicted: {result.predicted.errors.words()}")
     for performance in result.performances:
         stages.say(f"policy, {performance.engine}: {_outcome(performance)}")
-    stages.say(f"wrote {out / PAGE_FILE}")
+    stages.say(f"wrote {out / PAGE_FILE} after {stages.seconds:.0f} s")
 
 
 def _outcome(performance: Performance) -> str:

@@ -11,7 +11,6 @@ from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
 from pinwm_drake.demo.films import FOLDER, Frames
 from pinwm_drake.demo.policy import Performance
 from pinwm_drake.demo.result import DemoResult
-from pinwm_drake.demo.stages import Cost
 from pinwm_drake.files import replacing
 from pinwm_drake.models import policy_path
 from pinwm_drake.rendering.render import render
@@ -150,7 +149,7 @@ def _sections(out: Path, result: DemoResult, films: Mapping[str, Frames]) -> lis
         ),
         section("For an object of your own", *_next()),
         section("Files", _files(out, result)),
-        section("Seconds of each stage", _costs(result.costs)),
+        section("Seconds of each stage", _costs(result)),
     ]
 
 
@@ -208,7 +207,7 @@ def _next() -> list[str]:
             "lead",
         ),
         f"<pre>{text(_OWN)}</pre>",
-        paragraph("With your own computer's cores the defaults take some minutes, and the training hours."),
+        paragraph("On two cores identify takes some minutes, and the training hours."),
     ]
 
 
@@ -232,7 +231,9 @@ def _relative(path: Path, out: Path) -> str:
     return Path(os.path.relpath(path.resolve(), out.resolve())).as_posix() + "/"
 
 
-def _costs(costs: Sequence[Cost]) -> str:
+def _costs(result: DemoResult) -> str:
+    """Time of each stage and of all."""
+    costs = result.costs
     longest = max(cost.seconds for cost in costs)
     rows = [
         (
@@ -243,6 +244,10 @@ def _costs(costs: Sequence[Cost]) -> str:
         )
         for cost in costs
     ]
-    words = f"{available()} cores. The compiler works beside the alignment, and has nothing to do in a second run."
+    words = (
+        f"In all {result.seconds:.0f} s, in which {available()} cores worked for "
+        f"{sum(cost.cpu_seconds for cost in costs):.0f} s. The physics is compiled beside the alignment by a second "
+        "process, which has nothing to compile in a second run."
+    )
     header = [("stage", "key"), ("wall time", "number"), ("time of the cores", "number"), ("", "wide")]
     return table(header, rows) + paragraph(words)

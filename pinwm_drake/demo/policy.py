@@ -1,6 +1,8 @@
 """An episode of the policy that ships, in one engine."""
 
+import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
 
@@ -8,8 +10,11 @@ from pinwm_drake.experiments.evaluation.contestant import read_contestant
 from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.results import episode_film
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.film import EpisodeFilm
+from pinwm_drake.systems.envs.env import PushEnv
+from pinwm_drake.systems.sdf.colours import coloured_mesh
 
 _HEIGHT = 320  # px, of the film
 
@@ -23,14 +28,12 @@ class Performance:
         record: The episode.
         film: Draws it.
         horizon: Duration of an action [s].
-        tolerance: Distance from the goal within which the episode succeeds [m].
     """
 
     engine: str
     record: EpisodeRecord
     film: EpisodeFilm
     horizon: float
-    tolerance: float
 
 
 def run_policy(bundle: str, scene: str, engine: str, *, seed: int, max_steps: int | None = None) -> Performance:
@@ -55,4 +58,17 @@ def run_policy(bundle: str, scene: str, engine: str, *, seed: int, max_steps: in
     finally:
         torch.set_num_threads(threads)
     env = runner.env
-    return Performance(engine, record, episode_film(env, _HEIGHT), env.setup.period, env.task.tolerance)
+    return Performance(engine, record, _film(env, engine), env.setup.period)
+
+
+def _film(env: PushEnv, engine: str) -> EpisodeFilm:
+    """Draws the episode; the twin in the colours of its surfels."""
+    if engine != "twin":
+        return episode_film(env, _HEIGHT)
+    twin = env.setup.twin
+    mesh, colours = coloured_mesh(load_mesh(twin.mesh_path), twin.surfels, "object.mtl")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "object.obj"
+        path.write_text(mesh, encoding="utf-8")
+        path.with_suffix(".mtl").write_text(colours, encoding="utf-8")
+        return episode_film(env, _HEIGHT, path)

@@ -46,6 +46,7 @@ class DemoResult:
         predicted: The push that it was not.
         performances: The policy in the twin and in the hydroelastic plant.
         costs: Of the stages, in their order.
+        seconds: Wall time of all of them [s].
     """
 
     options: DemoOptions
@@ -58,3 +59,4 @@ class DemoResult:
     predicted: Push
     performances: list[Performance]
     costs: list[Cost]
+    seconds: float

@@ -40,6 +40,12 @@ class Stages:
         """Takes the console."""
         self.console = console
         self.costs: list[Cost] = []
+        self._begun = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """Wall time [s] since the stages were made."""
+        return time.perf_counter() - self._begun
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Report]:

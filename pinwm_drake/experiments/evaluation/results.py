@@ -141,12 +141,13 @@ def story_of(
     )
 
 
-def episode_film(env: PushEnv, height: int = _TILE) -> EpisodeFilm:
+def episode_film(env: PushEnv, height: int = _TILE, visual_path: Path | None = None) -> EpisodeFilm:
     """Draws an environment's episodes as seen from where the scene's camera is.
 
     Args:
         env: The environment.
         height: Of a picture [px]; it is as wide in proportion as the camera's.
+        visual_path: Mesh in colours of the object, frame O; None for that of the scene.
     """
     setup = env.setup
     X_WC, scale = setup.X_WC, height / setup.camera.height
@@ -155,7 +156,7 @@ def episode_film(env: PushEnv, height: int = _TILE) -> EpisodeFilm:
     return EpisodeFilm(
         ViewCamera(X_WC.rotation().matrix(), X_WC.translation(), focal, width, height),
         setup.twin.floor_height,
-        coloured_actors(setup.visual_path),
+        coloured_actors(visual_path or setup.visual_path),
         load_mesh(setup.twin.mesh_path),
         pusher_surface(setup.twin.pusher, sections=_SECTIONS),
         env.task.R_WG.matrix(),
