@@ -8,7 +8,7 @@ OUT ?= out
 .PHONY: demo test lint bench setup clean
 
 demo: $(VENV)/.installed
-	$(BIN)/pinwm push --out $(OUT)/push
+	$(BIN)/pinwm demo --out $(OUT)/demo
 
 # Most tests keep one core busy; those of a file share what they set up.
 test: lint

@@ -17,6 +17,7 @@ from pinwm_drake.cli.capture import capture_app
 from pinwm_drake.cli.control import control
 from pinwm_drake.cli.cousins import cousins
 from pinwm_drake.cli.crosscheck import crosscheck
+from pinwm_drake.cli.demo import demo_app
 from pinwm_drake.cli.evaluate import evaluate
 from pinwm_drake.cli.export import export
 from pinwm_drake.cli.identify import identify
@@ -26,19 +27,18 @@ from pinwm_drake.cli.report import report
 from pinwm_drake.cli.simulate import simulate
 from pinwm_drake.cli.train import train
 from pinwm_drake.cli.view import view
-from pinwm_drake.demo.command import push
 from pinwm_drake.errors import PinwmError
 
 app = typer.Typer(
     name="pinwm",
     help="Digital twins of pushed objects, and policies trained in them.",
-    epilog="Example: pinwm push --out out/push",
+    epilog="Example: pinwm demo; then open out/demo/index.html",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command(epilog="Example: pinwm push --friction 0.1 --pusher capsule --out out/push")(push)
+app.add_typer(demo_app)
 app.command(epilog="Example: pinwm align capture out/align; then: pinwm view out/align")(align)
 app.add_typer(capture_app, name="capture")
 app.command(epilog="Example: pinwm arm; then, in another terminal: pinwm control out/bundle --engine lcm --arm")(arm)

@@ -1,61 +1,40 @@
-"""What a demonstration push is made of, checked."""
+"""Budgets of the main demonstration."""
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.identification.options import IdentifyOptions
+from pinwm_drake.models import model_path
+from pinwm_drake.rendering.fit_options import FitOptions
 
-PUSHER_SHAPES = ("sphere", "capsule", "cylinder")
-_HALF_BAR = 0.05  # half the length of the face that is pushed [m]
+# Fewer pixels than the defaults are made for need fewer surfels and steps.
+_FIT = FitOptions(iterations=1500, max_surfels=2500, sh_every=400)
+_IDENTIFY = IdentifyOptions()
+
+
+def shipped_capture() -> Path:
+    """The folder of the capture that ships with the project."""
+    return model_path("captures/t_block/capture.yaml").parent
 
 
 @dataclass(frozen=True)
-class PushOptions:
-    """One straight push of the T-block.
+class DemoOptions:
+    """What the main demonstration works on, and how long.
 
     Attributes:
-        friction: Friction coefficient of block and floor, 0 or more.
-        pusher_friction: Friction coefficient of block and pusher, 0 or more.
-        speed: Speed of the pusher along +y [m/s].
-        offset: x at which it moves [m]; the block's centre of mass is at 0.
-        seconds: Simulated time [s].
-        time_step: [s].
-        pusher: One of `PUSHER_SHAPES`.
+        capture: A capture of two episodes: the first is identified, the second predicted.
+        fit: Of the surfels.
+        identify: Of the twin's parameters.
+        policy: Name of a bundle that ships.
+        scene: Name of the scenario in which the policy meets the hydroelastic plant.
+        seed: Of the start of the policy's episode.
+        max_steps: Actions of it at most; None for the policy's own limit.
     """
 
-    friction: float
-    pusher_friction: float
-    speed: float
-    offset: float
-    seconds: float
-    time_step: float
-    pusher: str
-
-    def __post_init__(self) -> None:
-        """Checks every option.
-
-        Raises:
-            ParameterError: When one is outside its range, named as on the command line.
-        """
-        _require("--friction", self.friction, 0 <= self.friction < math.inf, "0 or more")
-        _require("--pusher-friction", self.pusher_friction, 0 <= self.pusher_friction < math.inf, "0 or more")
-        _require("--speed", self.speed, 0 < self.speed <= 2, "more than 0, at most 2 m/s")
-        _require("--offset", self.offset, abs(self.offset) <= _HALF_BAR, f"-{_HALF_BAR} to {_HALF_BAR} m")
-        _require("--seconds", self.seconds, 0 < self.seconds <= 60, "more than 0, at most 60 s")
-        _require("--time-step", self.time_step, 0 < self.time_step <= 0.02, "more than 0, at most 0.02 s")
-        _require("--pusher", self.pusher, self.pusher in PUSHER_SHAPES, ", ".join(PUSHER_SHAPES))
-
-    @property
-    def steps_per_record(self) -> int:
-        """Time steps between two recorded states: about 60 records a second."""
-        return max(1, round(1 / (60 * self.time_step)))
-
-    @property
-    def records(self) -> int:
-        """Recorded states after the first one; at least one."""
-        return max(1, round(self.seconds / (self.time_step * self.steps_per_record)))
-
-
-def _require(name: str, value: object, allowed: bool, range_in_words: str) -> None:
-    if not allowed:
-        raise ParameterError(f"{name}: got {value}; allowed: {range_in_words}")
+    capture: Path = field(default_factory=shipped_capture)
+    fit: FitOptions = _FIT
+    identify: IdentifyOptions = _IDENTIFY
+    policy: str = "push_t"
+    scene: str = "push_t"
+    seed: int = 0
+    max_steps: int | None = None

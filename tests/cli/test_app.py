@@ -13,15 +13,19 @@ def test_version(pinwm):
     assert pinwm("--version") == (0, f"pinwm {pinwm_drake.__version__}\n", "")
 
 
-@pytest.mark.parametrize("command", [(), ("push",)])
-def test_help_shows_an_example(pinwm, command):
+@pytest.mark.parametrize(
+    ("command", "example"),
+    [((), "pinwm demo"), (("demo",), "pinwm demo"), (("demo", "push"), "pinwm demo push")],
+)
+def test_help_shows_an_example(pinwm, command, example):
     code, output, _ = pinwm(*command, "--help")
     assert code == 0
-    assert "Example: pinwm push" in output
+    assert f"Example: {example}" in output
 
 
 @pytest.mark.parametrize(
-    "arguments", [("no-such-command",), ("push", "--no-such-option"), ("push", "--friction", "slippery"), ()]
+    "arguments",
+    [("no-such-command",), ("demo", "push", "--no-such-option"), ("demo", "push", "--friction", "slippery"), ()],
 )
 def test_a_senseless_command_line_exits_with_2(pinwm, arguments):
     code, output, errors = pinwm(*arguments)
@@ -29,11 +33,12 @@ def test_a_senseless_command_line_exits_with_2(pinwm, arguments):
     assert "Usage: pinwm" in output + errors
 
 
-def test_help_loads_nothing_heavy():
-    code = """
+@pytest.mark.parametrize("command", [["demo"], ["demo", "push"]])
+def test_help_loads_nothing_heavy(command):
+    code = f"""
 import sys
 from pinwm_drake.cli import main
-sys.argv = ["pinwm", "push", "--help"]
+sys.argv = ["pinwm", *{command}, "--help"]
 try:
     main()
 finally:

@@ -134,7 +134,7 @@ def story_of(
         q_WO=lying(env),
         settings=settings,
         provenance=provenance,
-        film=_film(env),
+        film=episode_film(env),
     )
 
 
@@ -144,16 +144,22 @@ def lying(env: TaskEnv) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
-def _film(env: TaskEnv) -> EpisodeFilm:
-    """Episodes as seen from where the scene's camera is."""
+def episode_film(env: TaskEnv, height: int = _TILE, visual_path: Path | None = None) -> EpisodeFilm:
+    """Draws an environment's episodes as seen from where the scene's camera is.
+
+    Args:
+        env: The environment.
+        height: Of a picture [px]; it is as wide in proportion as the camera's.
+        visual_path: Mesh in colours of the object, frame O; None for that of the scene.
+    """
     setup = env.setup
-    X_WC, scale = setup.X_WC, _TILE / setup.camera.height
+    X_WC, scale = setup.X_WC, height / setup.camera.height
     focal = scale * float(setup.camera.intrinsics[1])
     width = round(scale * setup.camera.width)
     return EpisodeFilm(
-        ViewCamera(X_WC.rotation().matrix(), X_WC.translation(), focal, width, _TILE),
+        ViewCamera(X_WC.rotation().matrix(), X_WC.translation(), focal, width, height),
         setup.twin.floor_height,
-        coloured_actors(setup.visual_path),
+        coloured_actors(visual_path or setup.visual_path),
         load_mesh(setup.twin.mesh_path),
         pusher_surface(setup.twin.pusher, sections=_SECTIONS),
         env.task.goal_pose(setup.twin.floor_height),

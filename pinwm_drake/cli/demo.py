@@ -1,11 +1,37 @@
-"""`pinwm push`: its options. The work is in `push_scene` (physics) and `push_report` (what gets written)."""
+"""`pinwm demo`: its commands and their options. The work is in `pinwm_drake.demo`."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from pinwm_drake.errors import ParameterError
 
+_OUT = Path("out/demo")
+
+demo_app = typer.Typer(name="demo", invoke_without_command=True)
+
+
+@demo_app.callback(epilog="Example: pinwm demo; then open out/demo/index.html")
+def demo(
+    context: typer.Context,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder of the results.", show_default=str(_OUT))
+    ] = None,
+) -> None:
+    """Makes a twin from the video of a push, predicts another push, and lets the shipped policy act in it."""
+    if context.invoked_subcommand is not None:
+        if out is not None:
+            raise ParameterError(
+                f"--out: got {out} before {context.invoked_subcommand}; allowed: behind it, as its own option"
+            )
+        return
+    from pinwm_drake.demo.main import run_demo
+
+    run_demo(out or _OUT)
+
+
+@demo_app.command(epilog="Example: pinwm demo push --friction 0.1 --pusher capsule --out out/push")
 def push(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for trajectory.csv, push.png and push.mp4.")] = Path(
         "out/push"
@@ -19,8 +45,8 @@ def push(
     pusher: Annotated[str, typer.Option(help="Shape of the pusher: sphere, capsule or cylinder.")] = "sphere",
 ) -> None:
     """Pushes a T-block across the floor and differentiates the outcome through every contact."""
-    from pinwm_drake.demo.options import PushOptions
-    from pinwm_drake.demo.report import run_push
+    from pinwm_drake.demo.push.options import PushOptions
+    from pinwm_drake.demo.push.report import run_push
     from pinwm_drake.files import prepare_folder
 
     options = PushOptions(

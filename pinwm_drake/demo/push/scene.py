@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import torch
 
-from pinwm_drake.demo.options import PushOptions
+from pinwm_drake.demo.push.options import PushOptions
 from pinwm_drake.geometry.convex import t_block
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.pieces import ConvexPiece

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import trimesh
 
-from pinwm_drake.demo import scene as push_scene
+from pinwm_drake.demo.push import scene as push_scene
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.captions import write_caption
 from pinwm_drake.report.scene import Actor, Stage

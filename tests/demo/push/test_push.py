@@ -5,8 +5,8 @@ import re
 import cv2
 import pytest
 
-from pinwm_drake.demo.options import PUSHER_SHAPES, PushOptions
-from pinwm_drake.demo.scene import simulate_push
+from pinwm_drake.demo.push.options import PUSHER_SHAPES, PushOptions
+from pinwm_drake.demo.push.scene import simulate_push
 
 
 @pytest.mark.parametrize(
@@ -24,20 +24,20 @@ from pinwm_drake.demo.scene import simulate_push
 )
 def test_bad_input_is_one_line_and_exits_with_1(pinwm, tmp_path, arguments, message):
     out = tmp_path / "out"
-    assert pinwm("push", "--out", str(out), *arguments) == (1, "", f"pinwm: {message}\n")
+    assert pinwm("demo", "push", "--out", str(out), *arguments) == (1, "", f"pinwm: {message}\n")
     assert not out.exists()
 
 
 def test_a_folder_that_cannot_be_written_is_refused(pinwm, tmp_path):
     (tmp_path / "file").write_text("")
-    code, output, errors = pinwm("push", "--out", str(tmp_path / "file"))
+    code, output, errors = pinwm("demo", "push", "--out", str(tmp_path / "file"))
     assert (code, output) == (1, "")
     assert re.fullmatch(r"pinwm: .*file: got File exists; allowed: a folder that can be written to\n", errors)
 
 
 def test_push_writes_table_figure_and_video(pinwm, tmp_path):
     out = tmp_path / "new/folder"
-    code, output, errors = pinwm("push", "--out", str(out), "--seconds", "0.5", "--speed", "0.2")
+    code, output, errors = pinwm("demo", "push", "--out", str(out), "--seconds", "0.5", "--speed", "0.2")
     assert (code, errors) == (0, "")
     assert "d yaw / d friction on the floor" in output
     assert sorted(path.name for path in out.iterdir()) == ["push.mp4", "push.png", "trajectory.csv"]

@@ -1,4 +1,4 @@
-"""What `pinwm push` shows and writes: progress, trajectory.csv, push.png, push.mp4 and a table."""
+"""What `pinwm demo push` shows and writes: progress, trajectory.csv, push.png, push.mp4 and a table."""
 
 import csv
 import math
@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from pinwm_drake.demo import film as push_film
-from pinwm_drake.demo import scene as push_scene
-from pinwm_drake.demo.options import PushOptions
+from pinwm_drake.demo.push import film as push_film
+from pinwm_drake.demo.push import scene as push_scene
+from pinwm_drake.demo.push.options import PushOptions
 from pinwm_drake.files import replacing
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import model_path

@@ -1,0 +1,107 @@
+"""Compilation of the physics' kernels in a second process, while the first one fits surfels.
+
+numba compiles on one core and keeps the result on disk beside the sources, where the first process then finds it.
+"""
+
+import multiprocessing
+import signal
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import TracebackType
+
+import torch
+
+from pinwm_drake.capture.episodes import read_episode
+from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.demo.stages import Cost, cpu_seconds
+from pinwm_drake.errors import PinwmError
+from pinwm_drake.identification.forward import Forward
+from pinwm_drake.identification.options import IdentifyOptions
+from pinwm_drake.identification.unknowns import Coordinates
+from pinwm_drake.scene import make_scene
+
+
+class KernelsAhead:
+    """A process that compiles, from the beginning of a `with` block to its end at most."""
+
+    def __init__(self, capture: Path, options: IdentifyOptions) -> None:
+        """Prepares the process.
+
+        Args:
+            capture: The capture that will be identified.
+            options: Of that identification.
+        """
+        # Spawned: a fork would copy the locks of threads that it does not copy.
+        context = multiprocessing.get_context("spawn")
+        self._receiver, self._sender = context.Pipe(duplex=False)
+        self._process = context.Process(target=_compile, args=(capture, options, self._sender), daemon=True)
+
+    def __enter__(self) -> "KernelsAhead":
+        """Starts it."""
+        self._process.start()
+        # With no other sender left, a process that dies is noticed.
+        self._sender.close()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Ends it, whether it is done or not."""
+        self._process.terminate()
+        self._process.join()
+        self._receiver.close()
+
+    def wait(self) -> Cost | None:
+        """Waits until it is done.
+
+        Returns:
+            What it took; None where it failed, and the identification compiles for itself.
+        """
+        try:
+            return Cost("compile the physics", *self._receiver.recv())
+        except EOFError:
+            return None
+
+
+def _compile(folder: Path, options: IdentifyOptions, sender: Connection) -> None:
+    """Compiles in a process of its own; sends wall time and time of the cores [s]."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the first process, which ends this one
+    begun = time.perf_counter()
+    try:
+        compile_physics(folder, options)
+    except PinwmError:
+        return  # which the first process will meet too, and say
+    sender.send((time.perf_counter() - begun, cpu_seconds()))
+
+
+def compile_physics(folder: Path, options: IdentifyOptions) -> None:
+    """Calls every kernel of the physics that an identification needs, forward and backward, for a few steps.
+
+    Args:
+        folder: The capture.
+        options: Of the identification.
+
+    Raises:
+        PinwmError: The capture cannot be used.
+    """
+    torch.set_num_threads(1)
+    capture = read_capture(folder)
+    episode, X_WO = read_episode(capture, capture.episode_names[0]), capture.object.X_WO
+    mass = capture.object.mass or 1.0
+    coordinates = Coordinates(options.free, {"mass": mass, **options.held})
+    guess = coordinates.draw(1, torch.Generator().manual_seed(options.seed)).requires_grad_()
+    for support in options.supports:
+        scene = make_scene(
+            capture.object.mesh_path,
+            capture.pusher,
+            q_WO=X_WO.q,
+            gravity=capture.gravity,
+            floor_height=capture.floor_height,
+            time_step=options.time_step,
+            friction_directions=options.friction_directions,
+            support=support,
+        )
+        forward = Forward(scene, episode, X_WO, mass, 1, chosen=torch.tensor([0, 1]))
+        poses, _ = forward.poses(coordinates.values(guess))
+        poses.p.sum().backward()

@@ -1,0 +1,1 @@
+"""One push of the T-block, differentiated through every contact."""
