@@ -23,7 +23,7 @@ def identify(
     episode: Annotated[str | None, typer.Option(help="Which push.", show_default="the first of the capture")] = None,
     free: Annotated[
         list[str] | None,
-        typer.Option(help="A physical unknown to look for, instead of the default ones; repeat it."),
+        typer.Option(help="A physical unknown to look for, instead of the four below; repeat it."),
     ] = None,
     hold: Annotated[
         list[str] | None, typer.Option(metavar="NAME=VALUE", help="Hold an unknown at a value, or begin there.")
@@ -42,7 +42,11 @@ def identify(
         bool, typer.Option("--resume", help="Go on where an interrupted run with the same input ended.")
     ] = False,
 ) -> None:
-    """Finds mass properties, friction and restitution such that the twin reproduces the video of one push."""
+    """Finds friction and horizontal moments of a twin that reproduces the video of one push.
+
+    By default friction_floor, friction_pusher, moment_xx, moment_yy and the nuisances are looked for; mass, moment_zz
+    and restitution, of which a push in the plane tells little, are held unless --free names them.
+    """
     from rich.console import Console
 
     from pinwm_drake.experiments.twins import has_surfels, read_push, twin_from_capture
