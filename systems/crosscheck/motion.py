@@ -19,7 +19,7 @@ from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.sdf.twin import twin_solid
 from pinwm_drake.systems.station.station import MakePushStation
 
-_REST_SPEED = 1e-3  # m/s, of the fastest point: from there an object slides on by v^2 / 2 mu g, 2 um at mu 0.03
+_REST_SPEED = 1e-3  # m/s, of the fastest point; below it an object slides on by v^2 / 2 mu g, 2 um at mu 0.03, at most
 _REST_TIME = 0.1  # s
 _PATIENCE = 3.0  # times as long as an object as fast as the pusher needs to stop
 _LONGEST = 10.0  # s, after the pusher has stopped
@@ -31,20 +31,20 @@ _SLOW = 2e-3  # m/s, between the surfaces, up to which they stick
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What an engine made of a push, at n times that are one period apart.
+    """Motion of object and pusher in one engine during a push, at n times that are one period apart.
 
     Attributes:
-        t: (n,) s.
-        p_WO: (n, 3) m, world.
-        q_WO: (n, 4) wxyz.
-        p_WP: (n, 3) m, of the pusher.
-        kinetic: (n,) J, of the object.
-        height: (n,) m, of the centre of mass.
-        floor: (n,) modes of object and floor, numbered as in `crosscheck_modes.MODES`.
+        t: (n,) s, times.
+        p_WO: (n, 3) m, world: position of the object's origin O.
+        q_WO: (n, 4) wxyz, orientation of the object in the world.
+        p_WP: (n, 3) m, world: position of the pusher.
+        kinetic: (n,) J, kinetic energy of the object.
+        height: (n,) m, world: z of the centre of mass.
+        floor: (n,) modes of object and floor, numbered as in `MODES`.
         pusher: (n,) modes of object and pusher.
         stop: Index of the first time at which the pusher has stopped for good.
         rest: Index of the first time from which the object is at rest; None where it never came to that.
-        failure: What the engine said when it gave up; empty where it did not.
+        failure: Error of the engine when it gave up; empty where it did not.
     """
 
     t: np.ndarray
@@ -61,7 +61,7 @@ class Motion:
 
 
 class _Row(NamedTuple):
-    """A sample of what `Motion` describes, and the speed of the object's fastest point, m/s, or more."""
+    """Sample of a `Motion` at one time, and an upper bound of the speed of the object's fastest point, m/s."""
 
     p_WO: np.ndarray
     q_WO: np.ndarray
@@ -80,18 +80,18 @@ class PushRig:
     """A station with a scripted pusher: push after push through one engine.
 
     Attributes:
-        setup: What it was made from.
-        engine: Its name.
-        diagram: Of station and script.
+        setup: The scene.
+        engine: Name of the engine.
+        diagram: Diagram of station and script.
         station: The station.
-        script: What moves its pusher.
+        script: Source of the pusher's velocity.
     """
 
     def __init__(self, setup: Setup, engine: str) -> None:
         """Makes the diagram.
 
         Args:
-            setup: Of one world.
+            setup: The scene, of one world.
             engine: "twin", "hydroelastic" or "point".
 
         Raises:
@@ -134,7 +134,7 @@ class PushRig:
         return Motion(t=t, **columns, stop=min(stop, len(rows) - 1), rest=rest, failure=failure)
 
     def _patience(self, speed: float) -> float:
-        """How long to wait for the object after the pusher has stopped, s."""
+        """Longest time [s] to wait for the object's rest after a pusher of a speed [m/s] has stopped."""
         friction = self.setup.twin.theta["friction_floor"].value
         return min(_REST_TIME + 0.5 + _PATIENCE * speed / max(friction * self.setup.twin.gravity, 1e-3), _LONGEST)
 
@@ -165,23 +165,23 @@ class PushRig:
 
 
 def contact_modes(forces: ContactForces, object_state: np.ndarray, v_WP: np.ndarray) -> tuple[int, int]:
-    """The modes of both pairs of world 0.
+    """Modes of both pairs of world 0.
 
     Args:
-        forces: On the object.
-        object_state: (13,), as an engine's port has it.
-        v_WP: (3,) m/s, of the pusher.
+        forces: Contact forces on the object.
+        object_state: (13,) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
+        v_WP: (3,) m/s, world: velocity of the pusher.
 
     Returns:
-        Of object and floor, and of object and pusher. A pair sticks when its surfaces move against each other by no
-        more than 2 mm/s, on average over the contacts, each weighted by its force.
+        The modes of object and floor, and of object and pusher. A pair sticks when its surfaces move against each other
+        by no more than 2 mm/s, on average over the contacts, each weighted by its force.
     """
     p_WO, w_WO, v_WO = object_state[4:7], object_state[7:10], object_state[10:13]
     return _mode(forces, FLOOR_PAIR, p_WO, w_WO, v_WO), _mode(forces, PUSHER_PAIR, p_WO, w_WO, v_WO - v_WP)
 
 
 def _mode(forces: ContactForces, pair: str, p_WO: np.ndarray, w_WO: np.ndarray, v_W: np.ndarray) -> int:
-    """The mode of a pair; v_W is the velocity of O against the other body, which does not turn."""
+    """Mode of a pair; v_W (3,) m/s is the velocity of O against the other body, which does not turn."""
     mine = (np.array(forces.pairs, dtype=object) == pair) & (forces.worlds == 0)
     weights = np.linalg.norm(forces.f_W[mine], axis=1)
     if not weights.sum() > 0:
