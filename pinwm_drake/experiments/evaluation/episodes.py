@@ -21,14 +21,14 @@ from pinwm_drake.learning.evaluation import run_episode
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.report import strip_steps
 
-_runners: dict[str, "EpisodeRunner"] = {}  # of a worker
+_runners: dict[str, "EpisodeRunner"] = {}  # those of this worker, by the contestant's identity
 
 
 class EpisodeRunner:
     """An environment with a policy in it.
 
     Attributes:
-        contestant: Who acts.
+        contestant: Policy or controller that acts.
         env: The environment.
     """
 
@@ -68,10 +68,10 @@ def run_episodes(
     """Runs episodes, and yields each when it is done. Results do not depend on the number of workers.
 
     Args:
-        runner: For this process; workers make their own.
-        request: What is asked for.
-        seeds: Of the episodes.
-        workers: Processes, 1 or more, with one thread of torch each.
+        runner: Runner for this process; workers make their own.
+        request: Request of the evaluation.
+        seeds: Seeds of the episodes.
+        workers: Number of processes, 1 or more, with one thread of torch each.
 
     Raises:
         PinwmError: A policy or scene cannot be used.
@@ -108,7 +108,7 @@ def run_episodes(
 
 
 def _begin(ends: Connection) -> None:
-    """What a worker does at first. It ends with the process that started it, whatever ends that."""
+    """Prepares a worker, which ends with the process that started it, whatever ends that."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     torch.set_num_threads(1)
     threading.Thread(target=_end_with, args=(ends,), daemon=True).start()
@@ -122,7 +122,7 @@ def _end_with(ends: Connection) -> None:
 
 
 def _run(request: EvaluateRequest, identity: str, seed: int) -> EpisodeRecord:
-    """What a worker does; its environment is made for the first episode, and kept."""
+    """Runs an episode in a worker, whose environment is made for the first one, and kept."""
     try:
         if identity not in _runners:
             contestant = read_contestant(request)

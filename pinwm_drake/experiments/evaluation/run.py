@@ -1,4 +1,4 @@
-"""The evaluation of a policy: episodes that are kept as they end, and what is written of them."""
+"""The evaluation of a policy: episodes that are kept as they end, and the files that tell of them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class EvaluationProgress:
     Attributes:
         done: Episodes that have ended, those of an earlier run included.
         total: Episodes that are asked for.
-        evaluation: Of the episodes that have ended; None before the first.
+        evaluation: Evaluation of the episodes that have ended; None before the first.
         drawn: Share of film and report that is drawn, 0 to 1; None while episodes run.
     """
 
@@ -62,8 +62,8 @@ def evaluate(
     Args:
         request: The policy, its scene and the episodes.
         out: Folder of the results; made if need be.
-        workers: Processes, which do not change the results; None for one on each core.
-        resume: Whether to go on with the episodes that are in `out`.
+        workers: Number of processes, which do not change the results; None for one on each core.
+        resume: Flag: the evaluation goes on with the episodes that are in `out`.
         progress: Called before the first episode, after each, and while film and report are drawn.
 
     Returns:
@@ -95,7 +95,7 @@ def evaluate(
 def _run_all(
     runner: EpisodeRunner, request: EvaluateRequest, store: EpisodeStore, workers: int, progress: ProgressCallback
 ) -> list[EpisodeRecord]:
-    """Every episode in the order of the seeds, those that were there and those that were not."""
+    """Records of all episodes, in the order of the seeds; runs those that are not in the store."""
     found = store.read(request.seeds)
     left = [seed for seed in request.seeds if seed not in found]
 
@@ -116,7 +116,7 @@ def _evaluation(records: list[EpisodeRecord]) -> Evaluation:
 
 
 def _draw(out: Path, story: EvaluationStory, progress: Callable[[float], None]) -> None:
-    """Draws film and report."""
+    """Writes film and report, and tells of the share that is done."""
     grid = story.grid
     progress(0.0)
     write_video(out / VIDEO_FILE, grid.pictures(), rate=1.0 / story.horizon, size=grid.size)

@@ -17,18 +17,18 @@ _FIGURES = ("success", "steps", "distance", "angle", "start_distance", "start_an
 
 
 class EpisodeStore:
-    """A folder of `SEED.npz`."""
+    """Store of episodes: a folder of files `SEED.npz`."""
 
     def __init__(self, folder: Path, about: Mapping[str, object], *, resume: bool) -> None:
         """Makes the folder.
 
         Args:
-            folder: Made if need be.
-            about: What results depend on; episodes of other settings are refused.
-            resume: Whether there may be episodes in it.
+            folder: The folder; made if need be.
+            about: Settings that results depend on; episodes of other settings are refused.
+            resume: Flag: the folder may hold episodes already.
 
         Raises:
-            InputError: There are episodes, and they may not be; or the folder cannot be written to.
+            InputError: The folder holds episodes without `resume`, or cannot be written to.
         """
         self._folder, self._about = prepare_folder(folder), dict(about)
         for left in folder.glob(".*.npz"):  # by a run that was killed while it wrote
@@ -39,10 +39,10 @@ class EpisodeStore:
             )
 
     def write(self, record: EpisodeRecord) -> None:
-        """Keeps an episode.
+        """Writes an episode to its file.
 
         Raises:
-            InputError: It cannot be written.
+            InputError: The file cannot be written.
         """
         result = record.result
         arrays = {name: np.asarray(getattr(record, name)) for name in _TABLES}
@@ -51,10 +51,13 @@ class EpisodeStore:
         write_arrays(self._path(result.seed or 0), self._about, arrays)
 
     def read(self, seeds: Iterable[int]) -> dict[int, EpisodeRecord]:
-        """Those episodes that are there.
+        """Episodes that have been written, by seed.
+
+        Args:
+            seeds: Seeds to look for; those without a file are left out.
 
         Raises:
-            InputError: One cannot be read, or is of other settings; the message names what differs.
+            InputError: A file cannot be read, or is of other settings; the message names the one that differs.
         """
         found = {}
         for seed in seeds:
