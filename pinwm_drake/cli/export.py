@@ -1,4 +1,4 @@
-"""`pinwm export`: options, and what is in the bundle in a few lines."""
+"""`pinwm export`: options, and the contents of the bundle in a few lines."""
 
 import time
 from pathlib import Path
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 _Corner: TypeAlias = tuple[float, float, float] | None
 _LIMITS = "Limits"
-_CALLS = 100  # of the network, that are timed
+_CALLS = 100  # calls of the network that are timed
 
 
 def export(
@@ -66,7 +66,7 @@ def export(
 
 
 def _described(bundle: "Bundle", folder: Path) -> list[str]:
-    """Limits, golden samples, the time of a call, and files."""
+    """Lines on a bundle: limits, golden samples, the time of a call, and files."""
     import numpy as np
 
     golden, limits = bundle.provenance["golden"], bundle.limits
