@@ -14,17 +14,8 @@ OPENERS = (
 FEWEST_WORDS = 3
 # Folders and files whose first lines are still to be written.
 NOT_YET = (
-    "pinwm_drake/cli",
     "pinwm_drake/demo",
-    "pinwm_drake/experiments",
-    "pinwm_drake/learning",
-    "pinwm_drake/tasks",
-    "systems/control",
-    "systems/crosscheck",
-    "systems/envs",
-    "systems/mpc",
     "systems/runs",
-    "systems/scenario",
 )
 
 

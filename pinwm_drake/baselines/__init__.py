@@ -1,1 +1,1 @@
-"""Methods that lead from data and worlds to something that acts; trained, evaluated and compared alike."""
+"""Methods that make a policy or controller from data and worlds; trained, evaluated and compared alike."""

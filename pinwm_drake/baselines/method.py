@@ -15,7 +15,7 @@ Observation = Literal["state", "rgb", "rgb_state"]
 
 @dataclass(frozen=True)
 class MethodData:
-    """Recorded data that a method may learn from; each takes what it needs.
+    """Recorded data that a method may learn from; each method takes the part that it needs.
 
     Attributes:
         capture: Folder of a capture: static views and pushes; None where there is none.
@@ -31,7 +31,7 @@ class MakeWorlds(Protocol):
 
     @property
     def about(self) -> dict[str, object]:
-        """Scene, task and domains as JSON takes them: checkpoints of other ones are refused."""
+        """Description of scene, task and domains as JSON takes it: checkpoints of other ones are refused."""
 
     def worlds(self, observation: Observation) -> VecEnv:
         """Worlds with the rewards of training, in one vectorised environment."""
@@ -44,7 +44,7 @@ class MakeWorlds(Protocol):
 
 
 class Method(Protocol):
-    """A way to something that acts; a frozen dataclass whose fields are its settings."""
+    """A method that makes a policy or controller; a frozen dataclass whose fields are its settings."""
 
     def train(
         self,

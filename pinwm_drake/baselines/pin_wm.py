@@ -74,7 +74,7 @@ class Distillation:
     """A teacher that sees the state, and a student of images that learns from it.
 
     Attributes:
-        teacher: Training of the teacher; or the folder of one that is there, a policy of the state.
+        teacher: Training of the teacher; or the folder of a trained one, a policy of the state.
         options: Settings of the distillation.
     """
 
@@ -84,7 +84,7 @@ class Distillation:
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
     ) -> Policy:
-        """Trains the student in `out/distil`; see `Method.train`."""
+        """Trains the student in `out/distil`, after its teacher where there is none yet; see `Method.train`."""
         if isinstance(self.teacher, Path):
             teacher = read_policy(self.teacher)
             if teacher.spec.observes != "state":
@@ -98,7 +98,7 @@ class Distillation:
 
 
 def _common(make_worlds: MakeWorlds, seed: int, resume: bool, report: Report) -> dict[str, Any]:
-    """Arguments that every stage takes."""
+    """Arguments that every stage of a training takes, by name."""
     return {
         "seed": seed,
         "about": make_worlds.about,

@@ -51,14 +51,14 @@ def align(
 
 
 def show_align(source: Path, out: Path, *, mesh: Path | None, options: "FitOptions", resume: bool) -> None:
-    """Fits surfels with a bar, and tells of the result.
+    """Fits surfels with a bar, and prints the result.
 
     Args:
         source: A capture, or images with poses.
         out: Folder of the results.
         mesh: The object's mesh; None for that of the capture.
-        options: Of the fit.
-        resume: Whether to go on from a checkpoint.
+        options: Options of the fit.
+        resume: Flag: the fit goes on from a checkpoint, where there is one.
 
     Raises:
         PinwmError: An input was refused, or a file cannot be written.
@@ -92,7 +92,7 @@ def show_align(source: Path, out: Path, *, mesh: Path | None, options: "FitOptio
 
 
 def _summary(result: "FitResult") -> "Table":
-    """Quality of fitted and held-out views."""
+    """Table of the quality of fitted and held-out views, PSNR in dB."""
     from rich.table import Table
 
     table = Table("", "views", "mean PSNR", "lowest", "highest", title="Surfels fitted to images")

@@ -1,4 +1,4 @@
-"""The `pinwm` application: its commands, and what its exit codes mean.
+"""The `pinwm` application: its commands, and its exit codes.
 
 Exit codes: 0 when all went well, 1 when an input was refused, 2 when the command line itself makes no sense.
 Only light modules are imported here, so that `pinwm --help` answers at once; each command imports its work.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pinwm_drake.systems.arm.driver import ArmDriver
 
 _EVERY = 1.0  # s, between lines
-_SLOW = 0.9  # of real time
+_SLOW = 0.9  # pace, in units of real time, below which a line warns
 
 
 def arm(
@@ -71,7 +71,7 @@ def arm(
 
 
 def _line(driver: "ArmDriver", simulator: "Simulator", began: float) -> str:
-    """A line of status."""
+    """Line of the arm's state: time, tool, object, and pace."""
     context = simulator.get_context()
     tool, state = (driver.GetOutputPort(name).Eval(context) for name in ("pusher_state", "object_state"))
     t, speed = context.get_time(), math.hypot(*tool[3:5])

@@ -58,7 +58,7 @@ def _summary(result: "CheckResult") -> str:
 
 
 def _table(folder: Path, result: "CheckResult", every: bool) -> "Table":
-    """The problems: errors before warnings, each with its place."""
+    """Table of the problems: errors before warnings, each with its place."""
     from rich.table import Table
 
     table = Table("", title="Problems", show_lines=True)
@@ -86,7 +86,7 @@ def _row(folder: Path, problem: "Problem") -> list[str]:
 
 
 def _short(folder: Path, path: str) -> str:
-    """A path, from the capture's folder where it is in it."""
+    """Path relative to the capture's folder where it lies in it, else as it is."""
     try:
         return str(Path(path).relative_to(folder))
     except ValueError:

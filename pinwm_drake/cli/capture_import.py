@@ -136,7 +136,7 @@ def _scenery(
     floor: float,
     gravity: float,
 ) -> "Scenery":
-    """What the options say of the scene; raises ParameterError where one is out of range."""
+    """Scenery that the options describe; raises ParameterError where one is out of range."""
     from pinwm_drake.capture.importers.target import Scenery
 
     shape = None if pusher_shape is None else _shape(pusher_shape)
@@ -187,7 +187,7 @@ def _shape(text: str) -> "PusherShape":
 
 
 def _numbers(text: str) -> list[float]:
-    """The finite numbers of a text, with spaces or commas between them; none where it has something else."""
+    """Finite numbers in a text, with spaces or commas between them; an empty list where it has something else."""
     import math
 
     try:

@@ -1,4 +1,4 @@
-"""The console: lines, and bars that tell of long work; where the output is no terminal, lines in their place."""
+"""The console: lines, and bars that show the progress of long work."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ _PERIOD = 1800.0  # s, over which the time left is reckoned; an episode in a pla
 
 
 def say(text: str, *, style: str | None = None) -> None:
-    """Prints a line as it is: neither broken nor coloured by what it says."""
+    """Prints a line as it is: not broken, and not coloured by its contents."""
     Console().print(text, style=style, highlight=False, soft_wrap=True, markup=False)
 
 
@@ -29,13 +29,13 @@ class _LateProgress(Progress):
     """Bars that begin with the first task, so that work that is refused before prints nothing but its error."""
 
     def add_task(self, *arguments: Any, **options: Any) -> TaskID:
-        """Adds a bar; see rich."""
+        """Adds a bar, the first of which begins the display; see `rich.progress.Progress.add_task`."""
         self.start()
         return super().add_task(*arguments, **options)
 
 
 def duration(seconds: float) -> str:
-    """A duration in hours, minutes and seconds; dashes where it is not a number."""
+    """Duration [s] as text in hours, minutes and seconds; dashes where it is not finite."""
     if not math.isfinite(seconds):
         return "-:--:--"
     minutes, rest = divmod(round(seconds), 60)
@@ -53,10 +53,10 @@ def progress_bar(
     """A bar for each task that is added, with the time left.
 
     Args:
-        figures: Between bar and times, as rich formats it.
-        left: The time that is left, as rich formats it; None for rich's own estimate.
-        elapsed: Whether the time so far is shown too.
-        transient: Whether the bar goes when it is done.
+        figures: Text between bar and times, in rich's format.
+        left: Text of the time that is left, in rich's format; None for rich's own estimate.
+        elapsed: Flag: the time so far is shown too.
+        transient: Flag: the bar disappears when it is done.
 
     Yields:
         The bars.
@@ -77,7 +77,7 @@ def stages_bar(*, transient: bool = False) -> Iterator[Callable[[str, float, str
     """A bar for each stage of an experiment, as its callback names them.
 
     Args:
-        transient: Whether the bars go when all is done; then there are none where the output is no terminal.
+        transient: Flag: the bars disappear when all is done; then there are none where the output is no terminal.
 
     Yields:
         The callback: stage, share of it that is done, figures in words.

@@ -106,7 +106,7 @@ def require_common(contact: str, seed: int) -> None:
 
 
 def _run(console: Console, loop: "ControlLoop", duration: float) -> "ControlRow":
-    """Goes on to the end, with a line now and then; disarms whatever happens."""
+    """Runs a loop for a duration [s] with a line now and then, disarms it whatever happens, and gives its last row."""
     began, due, state = time.perf_counter(), 0.0, ""
     start = loop.simulator.get_context().get_time()
     try:
@@ -126,7 +126,7 @@ def _run(console: Console, loop: "ControlLoop", duration: float) -> "ControlRow"
 def _announce(
     console: Console, armed: bool, simulated: bool, engine: str, setup: "Setup", limits: "SafetyLimits"
 ) -> None:
-    """Says what is controlled, whether it moves, and within which limits."""
+    """Prints the name of the controlled robot or engine, whether the pusher moves, and its limits."""
     what = {True: "[bold]armed[/]: the pusher moves", False: "[bold]dry run[/]: nothing moves (--arm does)"}
     where = "a simulated arm" if simulated else engine
     if engine == "lcm" and not simulated:
@@ -141,7 +141,7 @@ def _announce(
 
 
 def _await_browser(console: Console, meshcat: "Meshcat") -> None:
-    """Says where the page is; on a terminal, waits a while for somebody to open it."""
+    """Prints the address of the page; on a terminal, waits a while for somebody to open it."""
     console.print(f"Meshcat is at {meshcat.web_url()}", highlight=False, soft_wrap=True)
     end = time.monotonic() + _PATIENCE
     while console.is_terminal and meshcat.GetNumActiveConnections() == 0 and time.monotonic() < end:
@@ -149,7 +149,7 @@ def _await_browser(console: Console, meshcat: "Meshcat") -> None:
 
 
 def _keep(console: Console) -> None:
-    """Leaves the page up until Ctrl-C."""
+    """Keeps the page until Ctrl-C."""
     console.print("Ctrl-C ends")
     try:
         while True:
@@ -163,10 +163,10 @@ def _corner(p: tuple[float, float, float]) -> str:
 
 
 def _line(t: float, row: "ControlRow", wall: float) -> str:
-    """A line of status."""
-    status, (x, y), p = row.status, 1e3 * row.raw_action, 1e3 * row.p_WP
-    parts = [f"{t:6.2f} s  {status.state}"]
-    parts.append("" if math.isnan(x) else f"action ({x:+.1f}, {y:+.1f}) mm{' cut' if status.limited else ''}")
+    """Line of the controller's status: time, state, action, pusher, object, and pace."""
+    status, action, p = row.status, 1e3 * row.raw_action, 1e3 * row.p_WP
+    parts, components = [f"{t:6.2f} s  {status.state}"], ", ".join(f"{value:+.1f}" for value in action)
+    parts.append("" if math.isnan(action[0]) else f"action ({components}) mm{' cut' if status.limited else ''}")
     parts.append(f"pusher ({p[0]:+.1f}, {p[1]:+.1f}) mm")
     if not math.isnan(row.distance):
         parts.append(f"object {1e3 * row.distance:.1f} mm, {math.degrees(row.angle):.1f}° from the goal")
@@ -176,7 +176,7 @@ def _line(t: float, row: "ControlRow", wall: float) -> str:
 
 
 def _conclude(console: Console, row: "ControlRow", armed: bool) -> None:
-    """Says how it ended; raises StateError where a fault stopped the pusher."""
+    """Prints the outcome of a run; raises StateError where a fault stopped the pusher."""
     if row.status.state == "latched":
         raise StateError(f"the pusher was stopped: {row.status.reason}")
     if not armed:

@@ -51,7 +51,7 @@ def cousins(
 
 
 def _table(drawn: "Cousins") -> "Table":
-    """The twin's value of each parameter, its range, and what that is from."""
+    """Table of the parameters: the twin's value, the range, and the origin of that."""
     from rich.table import Table
 
     from pinwm_drake.twin import THETA

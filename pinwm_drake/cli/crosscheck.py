@@ -98,7 +98,7 @@ def crosscheck(
 
 
 def _read_truth(path: Path) -> dict[str, float]:
-    """The true parameters; raises InputError where a file names none."""
+    """True values of parameters by name; raises InputError where a file names none."""
     from pinwm_drake.report.twin.data import read_ground_truth
 
     known = read_ground_truth(path)
@@ -108,7 +108,7 @@ def _read_truth(path: Path) -> dict[str, float]:
 
 
 def _question(setup: "Setup", truth: Path | None) -> str:
-    """The question that is asked, one of two."""
+    """Line that says which of two questions the cross-check asks: physics alone, or physics and parameters."""
     name = setup.scenario.name
     if truth is None:
         return f"{name}: the plants have the twin's own parameters; this checks its physics, not its parameters"
@@ -116,7 +116,7 @@ def _question(setup: "Setup", truth: Path | None) -> str:
 
 
 def _difference_table(found: "CrossCheck") -> "Table":
-    """One row for each push and engine, the twin's first."""
+    """Table of the differences: one row for each push and engine, the twin's first."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
@@ -158,7 +158,7 @@ energy: kinetic, when the pusher stopped"""
 
 
 def _remarks(found: "CrossCheck") -> Iterator[str]:
-    """Failures of an engine, one line for each push and engine."""
+    """Remarks on motions that failed, did not come to rest or gained energy, one line for each push and engine."""
     for number, push in enumerate(found.pushes):
         for engine, course in push.courses.items():
             if course.words():
@@ -166,7 +166,7 @@ def _remarks(found: "CrossCheck") -> Iterator[str]:
 
 
 def _engine_words(verdict: "Verdict", options: "CrossCheckOptions") -> str:
-    """A verdict in one line, in rich's markup."""
+    """Verdict on an engine in one line, in rich's markup."""
     limits = f"{_millimetres(options.threshold_translation)} and {_degrees(options.threshold_rotation)}"
     medians = f"{_millimetres(verdict.median_translation, 2)}, {_degrees(verdict.median_rotation, 2)}"
     most = f"{_millimetres(verdict.most_translation)}, {_degrees(verdict.most_rotation)}"
@@ -181,7 +181,7 @@ def _engine_words(verdict: "Verdict", options: "CrossCheckOptions") -> str:
 
 
 def _pair(translation: float, rotation: float) -> tuple[str, str]:
-    """In mm and degrees."""
+    """Texts of a translation [m] and a rotation [rad] in mm and degrees."""
     return f"{1e3 * translation:.1f}", f"{math.degrees(rotation):.1f}"
 
 

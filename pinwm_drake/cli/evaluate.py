@@ -97,7 +97,7 @@ def evaluate(
 
 @contextmanager
 def _shown() -> Iterator["ProgressCallback"]:
-    """Shows where an evaluation stands: a bar of its episodes, then one of film and report."""
+    """Shows the progress of an evaluation: a bar of its episodes, then one of film and report."""
     with progress_bar("{task.fields[figures]}") as bar:
         tasks = {}
 

@@ -1,4 +1,4 @@
-"""`pinwm export`: options, and what is in the bundle in a few lines."""
+"""`pinwm export`: options, and the contents of the bundle in a few lines."""
 
 import time
 from pathlib import Path
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 _Corner: TypeAlias = tuple[float, float, float] | None
 _LIMITS = "Limits"
-_CALLS = 100  # of the network, that are timed
+_CALLS = 100  # calls of the network that are timed
 
 
 def export(
@@ -66,11 +66,12 @@ def export(
 
 
 def _described(bundle: "Bundle", folder: Path) -> list[str]:
-    """Limits, golden samples, the time of a call, and files."""
+    """Lines on a bundle: limits, golden samples, the time of a call, and files."""
     import numpy as np
 
     golden, limits = bundle.provenance["golden"], bundle.limits
-    image, p_WP = np.full(bundle.spec.image_shape, 255, np.uint8), 0.5 * np.add(limits.box_low, limits.box_high)[:2]
+    image, axes = np.full(bundle.spec.image_shape, 255, np.uint8), bundle.spec.task.axis_indices
+    p_WP = 0.5 * np.add(limits.box_low, limits.box_high)[axes]
     seconds = []
     for _ in range(_CALLS):
         start = time.perf_counter()

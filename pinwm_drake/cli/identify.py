@@ -1,4 +1,4 @@
-"""`pinwm identify`: options, a bar of the search, and what was found in a table."""
+"""`pinwm identify`: options, a bar of the search, and the values that were found in a table."""
 
 import math
 from pathlib import Path
@@ -91,15 +91,15 @@ def identify(
 def _choose(
     free: list[str] | None, hold: list[str] | None, without: list[str] | None
 ) -> tuple[tuple[str, ...], dict[str, float]]:
-    """The free unknowns and the values of held ones.
+    """Names of the free unknowns, and values of the held ones.
 
     Args:
-        free: Names of physical ones to look for, instead of the default ones; nuisances are looked for as well.
-        hold: NAME=VALUE; such an unknown is held, or begins there where `free` names it.
-        without: Names to leave out.
+        free: Names of physical unknowns to look for, instead of the default ones; nuisances are looked for as well.
+        hold: Texts NAME=VALUE; such an unknown is held, or begins there where `free` names it.
+        without: Names of unknowns to leave out.
 
     Returns:
-        Names and values.
+        Names of the free unknowns, and values by name.
 
     Raises:
         ParameterError: A name is unknown, or a value is no number.
@@ -128,7 +128,7 @@ def _choose(
 
 
 def _summary(result: "Identification") -> "Table":
-    """Theta and nuisances."""
+    """Table of theta and nuisances, with 95 % intervals."""
     from rich.table import Table
 
     twin = result.twin

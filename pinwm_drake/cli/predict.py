@@ -66,7 +66,7 @@ def _require_free(path: Path, episode: "Episode") -> None:
 
 
 def _summary(poses: "ObjectPoses", capture: "Capture", episode: "Episode") -> list[str]:
-    """The predicted motion and, where the truth is known, its error."""
+    """Lines on the predicted motion and, where the truth is known, its error."""
     import numpy as np
 
     from pinwm_drake.report.twin.score import pose_errors

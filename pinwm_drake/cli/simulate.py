@@ -113,7 +113,7 @@ def _require_free(path: Path) -> None:
 
 
 def _announce(session: "Session", host: str) -> None:
-    """Says where the page is."""
+    """Prints the address of the page."""
     assert session.meshcat is not None
     say(f"Meshcat is at {session.meshcat.web_url()}")
     if not host.startswith(LOOPBACK):
@@ -122,7 +122,7 @@ def _announce(session: "Session", host: str) -> None:
 
 
 def _summary(session: "Session", record: "Record") -> "Table":
-    """Motion of the object, and the time that it took."""
+    """Table of the object's motion, and of the time that it took."""
     from rich.table import Table
 
     station = session.station

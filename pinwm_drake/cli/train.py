@@ -105,7 +105,7 @@ def train(
 
 @contextmanager
 def _shown() -> Iterator["Report"]:
-    """Shows where a training stands: a bar for each stage on a terminal, otherwise a line now and then."""
+    """Shows the progress of a training: a bar for each stage on a terminal, otherwise a line now and then."""
     if not Console().is_terminal:
         yield _Lines()
         return
@@ -122,13 +122,13 @@ def _shown() -> Iterator["Report"]:
 
 
 class _Lines:
-    """Lines of a training: at the beginning and the end of a round, and in between every 10 s at most."""
+    """Printer of lines on a training: at the beginning and the end of a round, and between every 10 s at most."""
 
     def __init__(self) -> None:
         self._last, self._evaluation = -math.inf, ""
 
     def __call__(self, step: "Step") -> None:
-        """Prints a line, or nothing."""
+        """Prints a line on the progress where one is due."""
         now, evaluation = time.monotonic(), f"{step.stage} {step.success} {step.length}"
         # A round has ended where its evaluation is another one.
         if evaluation == self._evaluation and step.done < 1.0 and now - self._last < _LINES_PERIOD:
@@ -138,7 +138,7 @@ class _Lines:
 
 
 def _figures(step: "Step") -> str:
-    """Numbers of a training, those that are known."""
+    """Text of the numbers of a training that are known."""
     if not step.steps:
         return "getting ready (the first run compiles for minutes)"
     words = [f"{step.steps:,} steps"]

@@ -72,7 +72,7 @@ def view(
 
 
 def _serve(surfels: "Surfels", path: Path, solids: "list[Solid]", host: str, port: int | None, browser: bool) -> None:
-    """Listens until Ctrl-C."""
+    """Serves a page of surfels until Ctrl-C."""
     from pinwm_drake.report.surfels.live_view import serve_surfels
 
     also = "".join(f", {solid.name}" for solid in solids)

@@ -19,27 +19,27 @@ from pinwm_drake.rendering.harmonics import harmonics
 from pinwm_drake.rendering.surfels import Surfels
 
 _DIRECTIONS = 512
-_CHUNK = 512  # colours that are looked at from all directions at once
-_NEAR = 1e-4  # of a colour: more than what single precision gets wrong
+_CHUNK = 512  # colours that are evaluated in all directions at once
+_NEAR = 1e-4  # in units of a colour, 0 to 1: more than the rounding error of single precision
 
 
 class ColourDraw:
     """Colours of one twin, and the limits that each has in a draw."""
 
     def __init__(self, surfels: Surfels) -> None:
-        """Looks at every surfel from all directions.
+        """Computes the range of every surfel's colours over all directions.
 
         Args:
-            surfels: The twin's; sh (N, K, 3).
+            surfels: Surfels of the twin; sh (N, K, 3).
         """
         self._sh = surfels.sh.detach().to(torch.float32).numpy()
         bands = [2 * band + 1 for band in range(surfels.degree + 1)]
-        # By the addition theorem, the largest value of a band's harmonics with coefficients of norm 1.
+        # The largest value of a band's harmonics with coefficients of norm 1, by the addition theorem.
         self._reach = np.sqrt(np.array(bands, np.float32) / np.float32(4.0 * math.pi))
         self._starts = np.cumsum([0, *bands[:-1]])
         self._basis = harmonics(_directions(_DIRECTIONS), surfels.degree).numpy().T
         self._twin = rows = np.ascontiguousarray(self._rows(self._sh))
-        # A colour that is the same in all directions needs no look at them; many are.
+        # A colour that is the same in all directions needs one evaluation alone; many are.
         self._constant = np.logical_not(rows[:, 1:].any(axis=1))
         ends = [part @ self._basis + 0.5 for part in np.split(rows, range(_CHUNK, len(rows), _CHUNK))]
         self._low: np.ndarray = np.concatenate([part.min(1) for part in ends])
@@ -52,7 +52,7 @@ class ColourDraw:
 
         Args:
             generator: Source of randomness; drawn from a fixed number of times.
-            delta: Relative half-width.
+            delta: Relative half-width of each coefficient's range, 0 or more, less than 1.
 
         Returns:
             (N, K, 3) float32 harmonics, and the share of the N x 3 colours that had to be moved back.
@@ -65,7 +65,7 @@ class ColourDraw:
         return torch.from_numpy(self._sh + change), moved
 
     def _share(self, change: np.ndarray) -> np.ndarray:
-        """Shares (3 N,) of a change (N, K, 3) that the colours can take."""
+        """Shares (3 N,), 0 to 1, of a change (N, K, 3) of the harmonics that each colour can take."""
         norms = np.sqrt(np.add.reduceat(change * change, self._starts, axis=1))
         most = np.tensordot(self._reach, norms, axes=(0, 1)).ravel() + _NEAR
         share = np.ones(len(most))
@@ -77,7 +77,14 @@ class ColourDraw:
         return share.astype(np.float32)
 
     def _limit(self, share: np.ndarray, at: np.ndarray, changes: np.ndarray, basis: np.ndarray) -> None:
-        """Lowers the shares of the colours `at` (n,) to what they can take of changes (3 N, K)."""
+        """Lowers the shares (3 N,) of the colours with indices `at` (n,) to those that their limits leave.
+
+        Args:
+            share: (3 N,), 0 to 1; changed in place.
+            at: (n,) indices of colours.
+            changes: (3 N, K), changes of all colours' harmonics.
+            basis: (K, directions), harmonics in the directions to look from.
+        """
         after = (self._twin[at] + changes[at]) @ basis.astype(np.float32) + np.float32(0.5)
         at = at[(after.max(1) > self._ceiling[at] - _NEAR) | (after.min(1) < self._floor[at] + _NEAR)]
         # In double, so that a sum in another order, on another machine, gives the same number in single precision.
@@ -88,13 +95,13 @@ class ColourDraw:
 
     @staticmethod
     def _rows(sh: np.ndarray) -> np.ndarray:
-        """Harmonics (N, K, 3) as rows (3 N, K): of a surfel's red, green, blue, then the next one's."""
+        """Harmonics (N, K, 3) as rows (3 N, K): red, green, blue of one surfel, then of the next."""
         rows: np.ndarray = sh.transpose(0, 2, 1).reshape(-1, sh.shape[1])
         return rows
 
 
 def _directions(number: int) -> torch.Tensor:
-    """Unit vectors (number, 3), spread evenly."""
+    """Unit vectors (number, 3), spread evenly over the sphere."""
     k = torch.arange(number, dtype=torch.float64) + 0.5
     z, angle = 1.0 - 2.0 * k / number, math.pi * (1.0 + math.sqrt(5.0)) * k
     radius = (1.0 - z * z).sqrt()

@@ -33,8 +33,8 @@ class Cousin:
 
     Attributes:
         of: The twin.
-        number: 0 or more; with seed and settings it tells the cousin.
-        theta: Values of `THETA`'s parameters.
+        number: Number of the cousin, 0 or more; with seed and settings of the draw it tells the cousin.
+        theta: Values of `THETA`'s parameters, SI units.
         looks: Gives `sh` and `moved`; called once, when one of them is asked for.
     """
 
@@ -75,7 +75,7 @@ class Cousin:
 
 
 class CousinDraw:
-    """Gives the cousin of a number; seed and number tell it, whatever was drawn before.
+    """Draw of cousins by number; a cousin follows from seed and number, whatever was drawn before.
 
     Attributes:
         twin, delta, from_intervals, seed: Arguments of the draw.
@@ -89,8 +89,8 @@ class CousinDraw:
         Args:
             twin: The twin.
             delta: Relative half-width of the ranges, 0 or more, less than 1.
-            from_intervals: Whether theta is drawn from the identified 95 % intervals, where there are any.
-            seed: 0 or more.
+            from_intervals: Flag: theta is drawn from the identified 95 % intervals, where there are any.
+            seed: Seed of the draw, 0 or more.
 
         Raises:
             ParameterError: delta or seed is out of range.
@@ -166,9 +166,9 @@ def draw_cousins(twin: Twin, n: int, delta: float = 0.1, *, seed: int = 0, from_
     Args:
         twin: The twin.
         n: Number of cousins, 1 or more.
-        delta: Relative half-width of what is drawn, 0 or more, less than 1; with 0, all are the twin.
-        seed: 0 or more.
-        from_intervals: Whether theta is drawn from the identified 95 % intervals, where there are any.
+        delta: Relative half-width of the ranges, 0 or more, less than 1; with 0, all are the twin.
+        seed: Seed of the draw, 0 or more.
+        from_intervals: Flag: theta is drawn from the identified 95 % intervals, where there are any.
 
     Raises:
         ParameterError: n, delta or seed is out of range.

@@ -1,4 +1,4 @@
-"""Domains: what a world becomes when an episode begins, and where training gets one for each episode.
+"""Domains: physics and colours that a world takes on when an episode begins, and the source of them for a training.
 
 Cousins of a twin are domains; methods that randomise otherwise differ from them in the domain alone.
 """
@@ -37,7 +37,7 @@ class DomainSource(Protocol):
     """A distribution of domains around a twin, which tells one training from another."""
 
     def draw(self, twin: Twin) -> DomainDraw | None:
-        """The domain of a number, 0 or more; None where every world is the twin itself."""
+        """Function from a number, 0 or more, to its domain; None where every world is the twin itself."""
 
     def about(self) -> dict[str, object]:
         """Settings as JSON takes them: checkpoints of other settings are refused."""
@@ -48,7 +48,8 @@ class CousinDomains:
     """Physics-aware digital cousins (PIN-WM, eq. 11) as the domains of a training.
 
     Attributes:
-        delta: Relative half-width of what is drawn, 0 or more, less than 1; with 0 all worlds are the twin.
+        delta: Relative half-width of the ranges, 0 or more, less than 1; with 0, and without intervals, all worlds are
+            the twin.
         from_intervals: Flag: theta is drawn from the identified 95 % intervals, where there are any.
         seed: Seed of the draws, 0 or more.
     """
@@ -58,7 +59,7 @@ class CousinDomains:
     seed: int = 0
 
     def draw(self, twin: Twin) -> DomainDraw | None:
-        """The cousin of a number, or None with a delta of 0.
+        """Function from a number to its cousin; None with a delta of 0 where theta is not drawn from intervals.
 
         Raises:
             ParameterError: delta or seed is out of range.

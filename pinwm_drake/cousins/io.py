@@ -19,7 +19,7 @@ from pinwm_drake.twin.twin import Twin
 _VERSION = 1
 _KEYS = ("version", "twin", "delta", "from_intervals", "seed", "ranges", "theta_keys", "sha256")
 _ARRAYS = ("theta", "sh", "moved")
-# What broken archives, members and texts lead to.
+# Errors that broken archives, members and texts lead to.
 _UNREADABLE = (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile)
 _ALLOWED = "cousins, as `pinwm cousins` writes them"
 
@@ -29,7 +29,7 @@ def write_cousins(path: Path, cousins: Cousins) -> None:
 
     Args:
         path: The file, which ends in .npz; its folder exists.
-        cousins: About 1 MB each with 5000 surfels of degree 3.
+        cousins: The cousins; each takes about 1 MB with 5000 surfels of degree 3.
 
     Raises:
         InputError: The file cannot be written, or a mesh of the twin cannot be read.
@@ -63,7 +63,7 @@ def read_cousins(path: Path, twin: Twin) -> Cousins:
         The very cousins that were written, and the draw that gives further ones.
 
     Raises:
-        InputError: The file is missing, is something else, was changed, or its cousins are another twin's.
+        InputError: The file is missing, is no file of cousins, was changed, or its cousins are another twin's.
     """
     if not path.is_file():
         raise InputError(path, value="no such file", allowed=_ALLOWED)
@@ -116,10 +116,10 @@ def hash_twin(twin: Twin) -> str:
     """SHA-256 of all that a twin's motion and looks depend on: not of its name, nuisances, provenance or place on disk.
 
     Args:
-        twin: Read or in memory; writing and reading does not change it.
+        twin: The twin, read or in memory; writing and reading does not change its hash.
 
     Returns:
-        64 hexadecimal digits.
+        The hash, 64 hexadecimal digits.
 
     Raises:
         InputError: A mesh cannot be read.

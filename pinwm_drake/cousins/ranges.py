@@ -20,8 +20,8 @@ class Range:
 
     Attributes:
         low, high: Ends of the range, in the parameter's unit.
-        source: "delta" for (1 - delta) to (1 + delta) times the twin's value, "interval" for the identified one, and
-            what the low and the high end are from where that differs.
+        source: Origin of the ends: "delta" for (1 - delta) to (1 + delta) times the twin's value, "interval" for the
+            identified interval; "interval to delta" and "delta to interval" where low and high end differ in it.
     """
 
     low: float
@@ -33,9 +33,9 @@ def theta_ranges(theta: Mapping[str, Estimate], delta: float, *, from_intervals:
     """Range of each parameter, cut to values that a body can have.
 
     Args:
-        theta: The twin's.
+        theta: Estimates of the twin's parameters, by name.
         delta: Relative half-width, 0 or more, less than 1.
-        from_intervals: Whether the identified 95 % intervals are the ranges. An interval that was not computed, and an
+        from_intervals: Flag: the identified 95 % intervals are the ranges. An interval that was not computed, and an
             end that is infinite or (of mass and inertia) not above 0, is replaced by that of delta; `source` says so.
 
     Returns:

@@ -10,25 +10,25 @@ from pinwm_drake.twin.twin import THETA
 KEYS = tuple(THETA)
 _MASS, _AT = KEYS.index("mass"), [KEYS.index(key) for key in MOMENTS]
 _TRIES = 64
-_ROUNDING = 1e-9  # relative, of the triangle inequality: what the physics allows
+_ROUNDING = 1e-9  # relative error of the triangle inequality that the physics allows
 
 
 def draw_theta(generator: np.random.Generator, twin: np.ndarray, ranges: Mapping[str, Range]) -> np.ndarray:
     """Parameters, each drawn evenly from its range, of a body that can be.
 
-    Moments of inertia are drawn together until no two of them are less than the third. Of a body so thin that none of
+    Moments of inertia are drawn together until no two of them are less than the third. For a body so thin that none of
     64 draws has this, the last one is taken and moved back towards the twin's, as far as needed.
 
     Where both mass and inertia come from identified intervals, the moments are for the twin's mass, and are scaled to
     the drawn one: a video shows their ratio, and the interval of the mass is that of one's guess at it.
 
     Args:
-        generator: Drawn from a fixed number of times.
-        twin: (8,), the twin's, in the order of `THETA`.
+        generator: Source of randomness; drawn from a fixed number of times.
+        twin: (8,) values of the twin, in the order and the units of `THETA`.
         ranges: Ranges of the parameters, by name.
 
     Returns:
-        (8,), in the order and the units of `THETA`.
+        (8,) values, in the order and the units of `THETA`.
     """
     low, high = (np.array([getattr(ranges[key], end) for key in KEYS]) for end in ("low", "high"))
     theta = _between(low, high, generator.random(len(KEYS)))
@@ -45,7 +45,7 @@ def _between(low: np.ndarray, high: np.ndarray, share: np.ndarray) -> np.ndarray
 
 
 def _of_a_body(twin: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """First of the moments (n, 3) that a body can have, else the last, moved towards the twin's."""
+    """First of the moments (n, 3) kg m^2 that a body can have, else the last, moved towards the twin's (3,)."""
     fits = (_excess(moments) >= -_ROUNDING * moments).all(axis=1)
     if fits.any():
         first: np.ndarray = moments[int(fits.argmax())]

@@ -1,1 +1,1 @@
-"""Evaluations and trainings as library calls, with results on disk."""
+"""Alignment, identification, training, evaluation and export as library calls, with results on disk."""

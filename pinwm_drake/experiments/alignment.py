@@ -20,7 +20,7 @@ from pinwm_drake.report.surfels.fit_results import write_fit_results
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
 _CHECKPOINT_EVERY = 200  # iterations, some ten seconds
-# What a run may write [bytes]: pictures and video; two checkpoints, page and PLY for each surfel.
+# Bytes that a run may write: pictures and video; two checkpoints, page and PLY for each surfel.
 _SPACE, _SPACE_PER_SURFEL = 32_000_000, 2500
 
 
@@ -30,10 +30,10 @@ class Source:
 
     Attributes:
         path: The capture, or the folder of the images.
-        mesh_path: The mesh's file.
+        mesh_path: File of the mesh.
         views: The posed images.
-        mesh: The object, metres, frame O.
-        up: (3,), unit, O: upwards in the world of the images.
+        mesh: Mesh of the object, m, frame O.
+        up: (3,) unit vector, frame O: upwards in the world of the images.
     """
 
     path: Path
@@ -58,8 +58,8 @@ def align(
         path: A capture, or a folder with `transforms.json` and images, or that file.
         out: Folder of the results; made if need be.
         mesh_path: The object's mesh; None for that of the capture.
-        options: Of the fit; None for the default ones.
-        resume: Whether to go on from the checkpoint in `out`, if there is one.
+        options: Options of the fit; None for the default ones.
+        resume: Flag: the fit goes on from the checkpoint in `out`, if there is one.
         progress: Called while the fit goes on, stage "fitting", and while it is drawn, stage "drawing".
 
     Returns:
@@ -102,7 +102,7 @@ def read_source(path: Path, mesh_path: Path | None) -> Source:
         mesh_path: The object's mesh; None for that of the capture.
 
     Returns:
-        What the fit needs.
+        Everything that the fit needs.
 
     Raises:
         InputError: One of the files is missing or refused.

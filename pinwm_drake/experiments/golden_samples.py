@@ -1,4 +1,4 @@
-"""A trained policy as a bundle, with golden samples of what it sees in a scene."""
+"""A trained policy as a bundle, with golden samples from a scene in which it acts."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -24,10 +24,10 @@ def export_bundle(
     """Writes the bundle of a policy, with golden samples that it sees in a scene.
 
     Args:
-        folder: The policy's.
-        out: The bundle's: new or empty.
-        scene: The scene of the golden samples: see `spec_environment`.
-        seed: Of the first episode's start, 0 or more.
+        folder: Folder of the policy.
+        out: Folder of the bundle, new or empty.
+        scene: Scene of the golden samples: see `spec_environment`.
+        seed: Seed of the first episode's start, 0 or more.
         limits: Values of `SafetyLimits` in the place of the default ones, by name.
 
     Returns:
@@ -50,9 +50,9 @@ def seen_samples(policy: Policy, scene: str, seed: int) -> tuple[np.ndarray, np.
     """Images and positions that the policy meets in the twin's station in a few short episodes in which it acts.
 
     Args:
-        policy: Of images.
-        scene: See `spec_environment`.
-        seed: Of the first episode.
+        policy: A policy of images.
+        scene: Scene of the episodes; see `spec_environment`.
+        seed: Seed of the first episode; the next ones count up from it.
 
     Returns:
         Images (n, height, width, 3 k) uint8, and positions of the pusher (n, action_size) m, world frame, along the

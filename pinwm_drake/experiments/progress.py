@@ -7,4 +7,4 @@ Progress = Callable[[str, float, str], None]
 
 
 def silent(stage: str, done: float, figures: str) -> None:
-    """Tells nothing."""
+    """Ignores the progress of an experiment."""

@@ -1,4 +1,4 @@
-"""The training of a policy in the cousins of a twin, in one or two stages, with all files that it leaves."""
+"""The training of a policy of a task in the cousins of a twin, in one or two stages, with all files that it leaves."""
 
 import math
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ FIGURE_FILE = "training.png"
 
 @dataclass(frozen=True)
 class TrainRequest:
-    """A training, named and in units as the options of `pinwm train`, which describes them.
+    """Request of a training: fields named, and in units, as the options of `pinwm train`, which describes them.
 
     Raises:
         ParameterError: An option is none of those allowed.
@@ -76,7 +76,7 @@ def train(request: TrainRequest, *, report: Report = silent) -> Policy:
 
     Args:
         request: The training.
-        report: Called with where the training stands.
+        report: Called with the progress of the training.
 
     Returns:
         The best policy, with its provenance.
@@ -139,5 +139,5 @@ def _method(request: TrainRequest) -> Method:
 
 
 def _with(options: Any, **values: Any) -> Any:
-    """Options with those values that are given."""
+    """Options with the values that are not None in the place of their own."""
     return replace(options, **{name: value for name, value in values.items() if value is not None})

@@ -22,7 +22,7 @@ from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset
 from pinwm_drake.twin import SURFELS_FILE, write_twin
 
-# Parameters of which progress tells.
+# Parameters that the progress shows.
 _SHOWN = {"friction_floor": "μ floor", "friction_pusher": "μ pusher", "mass": "mass"}
 
 
@@ -42,13 +42,13 @@ def twin_from_capture(
         path: The capture.
         out: The twin's folder; made if need be.
         episode: Name of the push; None for the first.
-        options: Of the identification; None for the default ones.
-        fit_options: Of the surfels' fit; None for the default ones.
-        resume: Whether to go on from checkpoints in `out`.
+        options: Options of the identification; None for the default ones.
+        fit_options: Options of the surfels' fit; None for the default ones.
+        resume: Flag: fit and identification go on from checkpoints in `out`.
         progress: Called with stages "fitting" and "drawing" where surfels are fitted, and "identifying".
 
     Returns:
-        The identification; its `twin` is what was written.
+        The identification; its `twin` is the one that was written.
 
     Raises:
         PinwmError: An input was refused, the physics found no solution, or a file cannot be written.
@@ -93,7 +93,7 @@ def read_push(path: Path, episode: str | None = None) -> tuple[Capture, Episode]
 
 
 def has_surfels(folder: Path) -> bool:
-    """Tells whether surfels have been fitted in a twin's folder."""
+    """Flag: surfels have been fitted in a twin's folder."""
     return (folder / SURFELS_FILE).is_file() and (folder / ALIGN_FILE).is_file()
 
 

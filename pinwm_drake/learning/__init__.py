@@ -1,1 +1,1 @@
-"""Policies: what they are, how they are trained, tested and exported. What to act in is passed in."""
+"""Policies: specification, training, evaluation and export. The worlds to act in are passed in."""

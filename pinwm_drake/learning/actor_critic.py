@@ -19,7 +19,7 @@ from pinwm_drake.learning.augment import Augment
 
 
 class _AsSeen(BaseFeaturesExtractor):
-    """Hands the observation on: actor and critic have extractors of their own."""
+    """Extractor that hands the observation on: actor and critic have extractors of their own."""
 
     def __init__(self, observation_space: Any) -> None:
         super().__init__(observation_space, features_dim=1)  # One that is not asked for.
@@ -68,12 +68,12 @@ class ActorCritic(ActorCriticPolicy):
         """Takes over an actor.
 
         Args:
-            observation_space: Of the worlds.
-            action_space: `ByLevels.action_space`.
-            lr_schedule: Of Adam.
+            observation_space: Observation space of the worlds.
+            action_space: Action space of `ByLevels`: a level's index for each component.
+            lr_schedule: Schedule of Adam's learning rate.
             actor: The network; trained in place, from weights that are drawn anew (orthogonal).
-            critic_width: Of the critic's hidden layers.
-            unused: What PPO passes to every policy.
+            critic_width: Width of the critic's hidden layers.
+            unused: Further arguments that PPO passes to every policy.
         """
         # In a list, as nn.Module takes no module before it is initialised.
         self._given: list[Any] = [actor]
@@ -104,14 +104,14 @@ class ActorCritic(ActorCriticPolicy):
         return self._given[0]
 
     def pull(self) -> nn.Module:
-        """The actor, its head as it is now: SB3 keeps that as `action_net`."""
+        """The actor, with the present weights of its head, which SB3 keeps as `action_net`."""
         head: Any = self.action_net
         self._actor.head.load_state_dict(head.state_dict())
         return self._actor
 
 
 def _size(env: VecEnv) -> int:
-    """Components of the worlds' actions."""
+    """Number of components of the worlds' actions."""
     space: Any = env.action_space
     return int(space.shape[0])
 
@@ -120,20 +120,20 @@ class ByLevels(VecEnvWrapper):
     """Worlds that take the index of a level for each component of an action."""
 
     def __init__(self, env: VecEnv) -> None:
-        """Takes the worlds."""
+        """Wraps worlds whose actions are numbers in [-1, 1]."""
         super().__init__(env, action_space=spaces.MultiDiscrete([len(LEVELS)] * _size(env)))
         self._levels = np.array(LEVELS, np.float32)
 
     def reset(self) -> Any:
-        """Begins anew."""
+        """Begins an episode in every world, and gives their observation."""
         return self.venv.reset()
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Goes on by an action, of indices (W, n)."""
+        """Begins a step by the actions whose levels have the indices (W, n)."""
         self.venv.step_async(self._levels[actions])
 
     def step_wait(self) -> VecEnvStepReturn:
-        """What came of it."""
+        """Outcome of the step: observation, rewards (W,), ends of episodes (W,) bool, and infos."""
         return self.venv.step_wait()
 
 
@@ -144,16 +144,16 @@ class Augmented(VecEnvWrapper):
     """
 
     def __init__(self, env: VecEnv, augment: Augment) -> None:
-        """Takes the worlds, of images."""
+        """Wraps worlds whose observation is a dict with `image`."""
         super().__init__(env)
         self._augment = augment
 
     def reset(self) -> Any:
-        """Begins anew."""
+        """Begins an episode in every world, and gives their observation with changed images."""
         return self._changed(self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """What came of it."""
+        """Outcome of the step, its images changed."""
         seen, rewards, ended, infos = self.venv.step_wait()
         return self._changed(seen), rewards, ended, infos
 
@@ -166,5 +166,5 @@ class Ppo(PPO):
 
     @staticmethod
     def _wrap_env(env: GymEnv, verbose: int = 0, monitor_wrapper: bool = True) -> VecEnv:
-        """The worlds, by levels."""
+        """The worlds, which take actions by levels."""
         return ByLevels(cast(VecEnv, env))

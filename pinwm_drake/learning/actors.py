@@ -1,8 +1,8 @@
 """Networks of policies: from an observation to an action in [-1, 1]^n.
 
-Each component of an action is one of a few levels. The likeliest is taken, and what it and its neighbours are likely by
-settles where between them the action is. A network that gave numbers would give the mean of two good ways around an
-object, which is none, and stand still there.
+A network gives logits of a few levels for each component of an action. The action is the mean of the likeliest level
+and its neighbours, weighted by their probabilities. A network that gave numbers would give the mean of two good ways
+around an object, which is none, and stand still there.
 
 Source: Tang and Agrawal, "Discretizing continuous action space for on-policy optimization" (AAAI 2020).
 """
@@ -21,9 +21,9 @@ Seen = Tensor | Mapping[str, Tensor]
 
 
 def chosen(logits: Tensor) -> Tensor:
-    """Actions (B, n) of logits (B, n, len(LEVELS)): the mean of the likeliest level and its neighbours.
+    """Actions (B, n) of logits (B, n, len(LEVELS)): the weighted mean of the likeliest level and its neighbours.
 
-    Not a number where logits are none.
+    NaN where logits are NaN.
     """
     levels = torch.tensor(LEVELS, device=logits.device)
     numbers = torch.arange(len(LEVELS), device=logits.device)
@@ -33,22 +33,22 @@ def chosen(logits: Tensor) -> Tensor:
 
 
 class StateActor(nn.Module):
-    """An action from the state (B, state_size): two hidden layers of tanh.
+    """Network from the state (B, state_size) to an action: two hidden layers of tanh.
 
     Attributes:
         latent_size: Width of the last hidden layer.
-        head: From there to the logits of the action's levels, those of the first component first.
+        head: Linear layer to the logits of the action's levels, those of the first component first.
     """
 
     def __init__(self, task: Task, width: int = 256) -> None:
-        """Builds layers of a width for a task's state and action."""
+        """Builds hidden layers of a width for a task's state and action."""
         super().__init__()
         self.latent_size, self._components = width, task.action_size
         self.body = nn.Sequential(nn.Linear(task.state_size, width), nn.Tanh(), nn.Linear(width, width), nn.Tanh())
         self.head = nn.Linear(width, task.action_size * len(LEVELS))
 
     def latent(self, seen: Seen) -> Tensor:
-        """(B, latent_size) of an observation: the state, or a dict with `state`."""
+        """Last hidden layer (B, latent_size) of an observation: the state, or a dict with `state`."""
         state = seen["state"] if isinstance(seen, Mapping) else seen
         latent: Tensor = self.body(state)
         return latent
@@ -64,22 +64,23 @@ class StateActor(nn.Module):
 
 
 class ImageActor(nn.Module):
-    """An action from images and the pusher's position, by way of an estimate of the state.
+    """Network from images and the pusher's position to an action, by way of an estimate of the state.
 
     Between the two stands a state as `StateActor` takes it, so that what was learned from the state can be taken over.
     The task says what of it has to be estimated (`Task.assembly`).
     The convolutions have strides of 4, 2 and 1, so that what is left tells where things are.
 
     Attributes:
-        actor: From the state to the action.
+        actor: Network from the state to the action.
+        assembly: Module from estimate and pusher to the state; None where the estimate is the state.
     """
 
     def __init__(self, spec: PolicySpec, features: int = 192) -> None:
         """Makes the layers.
 
         Args:
-            spec: Of a policy that observes "rgb".
-            features: Of the images, how many.
+            spec: Specification of a policy that observes "rgb".
+            features: Number of features of the images.
         """
         super().__init__()
         height, width, channels = spec.image_shape
@@ -113,24 +114,24 @@ class ImageActor(nn.Module):
 
     @property
     def head(self) -> nn.Module:
-        """From there to the logits."""
+        """Layer from the last hidden layer to the logits, that of `actor`."""
         return self.actor.head
 
     @staticmethod
     def darken(image: Tensor) -> Tensor:
-        """(B, channels, height, width) float32, 0 for white, of images as the policy sees them.
+        """Images (B, channels, height, width) float32, 0 for white and 1 for black, of those that the policy sees.
 
         Args:
-            image: (B, height, width, channels), uint8 or, as some of SB3's ways hand it on, floats of the same range.
+            image: (B, height, width, channels) RGB, uint8 or, as some of SB3's ways hand it on, floats from 0 to 255.
         """
         return 1.0 - image.permute(0, 3, 1, 2).float() / 255.0
 
     def state(self, dark: Tensor, pusher: Tensor) -> Tensor:
-        """The state (B, state_size), as far as images tell.
+        """Estimate of the state (B, state_size), by images and the pusher's position.
 
         Args:
-            dark: (B, channels, height, width), as `darken` has it.
-            pusher: (B, n), across its box.
+            dark: (B, channels, height, width) float32, as `darken` gives them.
+            pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1.
         """
         estimate: Tensor = self.estimate(torch.cat([self.features(self.convolutions(dark)), pusher], 1))
         if self.assembly is None:
@@ -139,7 +140,7 @@ class ImageActor(nn.Module):
         return state
 
     def latent(self, seen: Seen) -> Tensor:
-        """(B, latent_size) of an observation with `image` and `pusher`."""
+        """Last hidden layer (B, latent_size) of an observation with `image` and `pusher`."""
         assert isinstance(seen, Mapping)
         return self.actor.latent(self.state(self.darken(seen["image"]), seen["pusher"]))
 
@@ -149,10 +150,10 @@ class ImageActor(nn.Module):
         return logits
 
     def forward(self, image: Tensor, pusher: Tensor) -> Tensor:
-        """Actions (B, n).
+        """Actions (B, n) in [-1, 1]^n of images and positions of the pusher.
 
         Args:
-            image: (B, height, width, channels) uint8.
+            image: (B, height, width, channels) uint8, RGB.
             pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1.
         """
         return chosen(self.logits({"image": image, "pusher": pusher}))

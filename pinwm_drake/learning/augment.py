@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-_GROUPS = 8  # of a batch, each of which is moved alike: one image at a time takes longer than the network
+_GROUPS = 8  # parts of a batch, each of which is moved alike: one image at a time takes longer than the network
 
 
 class Augment:
@@ -13,10 +13,10 @@ class Augment:
     """
 
     def __init__(self, shift: int, gain: float) -> None:
-        """Keeps the ranges.
+        """Keeps the ranges of the changes.
 
         Args:
-            shift: px, at most, along both axes.
+            shift: px, largest shift along both axes.
             gain: Relative half-width of a factor for each of red, green and blue, alike in all frames of a stack.
         """
         self._shift, self._gain = shift, gain
@@ -36,11 +36,11 @@ class Augment:
         return dark.permute(0, 3, 1, 2).float().mul_(scale[:, :, None, None])
 
     def as_images(self, image: Tensor) -> Tensor:
-        """The same as images again, (B, height, width, 3 k) uint8, 255 for white; `image` as for a call."""
+        """Changed images (B, height, width, 3 k) uint8, 255 for white; the argument is that of a call."""
         return (255.0 * (1.0 - self(image))).round_().clamp_(0.0, 255.0).byte().permute(0, 2, 3, 1)
 
     def _moved(self, dark: Tensor) -> Tensor:
-        """All by the same pixels."""
+        """Images (b, height, width, 3 k), all moved by the same pixels; 0 comes in from the sides."""
         s = self._shift
         x, y = torch.randint(2 * s + 1, (2,)).tolist()
         height, width = dark.shape[1:3]

@@ -1,9 +1,9 @@
 """A policy bundle: a folder that holds all that a controller needs, and that onnxruntime alone runs.
 
     policy.onnx       the network: images and the pusher's position in, translation in metres out
-    contract.yaml     what goes in and out, and the limits (`contract.py`)
-    golden.npz        samples with what the policy answered to them when it was exported (`golden.py`)
-    provenance.json   where the policy is from; SHA-256 of the other three, and of itself without that
+    contract.yaml     inputs, outputs and limits (`contract.py`)
+    golden.npz        samples with the policy's answers to them when it was exported (`golden.py`)
+    provenance.json   the policy's origin; SHA-256 of the other three, and of itself without that
 
 Neither torch nor Stable-Baselines3 nor Drake is imported here.
 """
@@ -35,12 +35,12 @@ class Bundle:
     """A policy that can be run.
 
     Attributes:
-        spec: What it sees and does.
-        limits: That a controller keeps, whatever the policy asks for.
-        contract: The document, as `make_contract` describes it.
-        provenance: The document: when and with what it was made, of which training, and the files' SHA-256.
-        sha256: Of the provenance, which holds those of the other files: it tells this bundle from all others.
-        network: What runs it.
+        spec: Specification of the policy: its inputs and outputs, and its task.
+        limits: Limits of the pusher's motion that a controller keeps, whatever the policy asks for.
+        contract: Contents of contract.yaml, as `make_contract` describes them.
+        provenance: Contents of provenance.json: time, versions, training, and the files' SHA-256.
+        sha256: SHA-256 of the provenance, which holds those of the other files: it tells this bundle from all others.
+        network: The network of policy.onnx.
     """
 
     spec: PolicySpec
@@ -53,11 +53,11 @@ class Bundle:
     def act(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
         """Translation d_W (n,) m of the pusher along the task's n axes over the horizon, at most `max_translation`.
 
-        It is not a number where the position is none; a position outside the box counts as at its wall.
+        NaN where the position is NaN; a position outside the box counts as at its wall.
 
         Args:
             image: (height, width, 3 k) uint8, RGB: the last k images, the oldest first.
-            p_WP: (n,) m, the pusher along the task's axes when the last image was taken.
+            p_WP: (n,) m, world: position of the pusher along the task's axes when the last image was taken.
 
         Raises:
             StateError: A shape, or the image's type, is another.
@@ -70,8 +70,8 @@ class Bundle:
         """Actions (n,) or (B, n) float32 in [-1, 1]^n and no longer than 1; with the signature of `Policy.predict`.
 
         Args:
-            observation: Of one world or of B, as the environment gives it: a dict of which `image` and `pusher`, across
-                the box, are used.
+            observation: Observation of one world or of B, as the environment gives it: a dict of which `image` and
+                `pusher`, across the box, are used.
             state: Not used.
             episode_start: Not used.
             deterministic: Not used: it always is.
@@ -91,12 +91,12 @@ class Bundle:
 
 
 def is_bundle(folder: Path) -> bool:
-    """Whether a folder is, or was meant to be, a bundle and not the policy that `pinwm train` writes."""
+    """Flag: a folder is, or was meant to be, a bundle and not the policy that `pinwm train` writes."""
     return any((folder / name).exists() for name in (ONNX_FILE, CONTRACT_FILE, PROVENANCE_FILE))
 
 
 def read_bundle(folder: Path) -> Bundle:
-    """Reads a bundle and checks it: files, SHA-256, contract, network, and what that answers to the golden samples.
+    """Reads a bundle and checks it: files, SHA-256, contract, network, and its answers to the golden samples.
 
     Raises:
         InputError: There is none, a file is missing, too many, changed or cut off, of another version, or the files
@@ -119,7 +119,7 @@ def read_bundle(folder: Path) -> Bundle:
 
 
 def check_golden(path: Path, network: Network, golden: Golden) -> float:
-    """How far the network's answers are from the golden ones at most, m; raises InputError beyond the tolerance."""
+    """Largest distance of the network's answers from the golden ones, m; raises InputError beyond the tolerance."""
     answers = np.array([network.run(*one) for one in zip(golden.images, golden.p_WP, strict=True)])
     for row, (answer, expected) in enumerate(zip(answers, golden.d_W, strict=True), 1):
         if not (gap := deviation(answer, expected)) <= TOLERANCE:
@@ -129,7 +129,7 @@ def check_golden(path: Path, network: Network, golden: Golden) -> float:
 
 
 def provenance_hash(document: Mapping[str, Any]) -> str:
-    """SHA-256 of a provenance without its entry `sha256`; however it is laid out in its file."""
+    """SHA-256 of a provenance without its entry `sha256`; the layout of its file does not count."""
     rest = {name: value for name, value in document.items() if name != "sha256"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
@@ -144,7 +144,7 @@ def _content(path: Path) -> bytes:
 
 
 def _hashed(path: Path, sha256: str) -> bytes:
-    """The content of a file, if it has the hash."""
+    """The content of a file; raises InputError where its SHA-256 is another one."""
     content = _content(path)
     found = hashlib.sha256(content).hexdigest()
     if found != sha256:
@@ -156,7 +156,7 @@ def _hashed(path: Path, sha256: str) -> bytes:
 def _provenance(path: Path) -> dict[str, Any]:
     try:
         document = json.loads(_content(path).decode())
-    except ValueError as error:  # of JSON, and of UTF-8
+    except ValueError as error:  # JSON's, or UTF-8's
         raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
     _check_version(path, document)
     files = document.get("files")

@@ -1,4 +1,4 @@
-"""The contract of a bundle: what goes into its network and what comes out, in words and numbers.
+"""The contract of a bundle: inputs and outputs of its network, in words and numbers.
 
 All of it follows from the specification and the limits, so that a reader can work it out again and compare.
 """
@@ -15,11 +15,11 @@ _PROSE = ("notes", "meaning")
 
 
 def make_contract(spec: PolicySpec, limits: SafetyLimits) -> dict[str, Any]:
-    """The contract, plain data.
+    """Contract of a bundle, as plain data.
 
     Args:
-        spec: Of a policy that observes "rgb".
-        limits: That a controller keeps, whatever the policy asks for.
+        spec: Specification of a policy that observes "rgb".
+        limits: Limits of the pusher's motion that a controller keeps, whatever the policy asks for.
     """
     # Latency is 0: a policy is trained in an environment that waits for it.
     axes = " and ".join(spec.task.axes)
@@ -84,12 +84,12 @@ def upgraded(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def difference(found: Any, expected: Any, name: str = "") -> tuple[str, Any, Any] | None:
-    """Where two documents differ first, but for what is there for people.
+    """First difference between two documents; entries that only people read, `notes` and `meaning`, do not count.
 
     Args:
         found: Plain data.
         expected: Plain data.
-        name: Of the entry that they are.
+        name: Name of the entry that they are; empty for whole documents.
 
     Returns:
         The entry's name, what was found, and what was expected; None where they are the same.

@@ -1,8 +1,8 @@
 """Distillation of a policy of the state into one of images, by DAgger.
 
-The student acts, the teacher, who sees the state, says how likely it would have done what, and the student learns that
-from all images so far. What the student does in a state is what the teacher does, with the same weights; it learns to
-see the state.
+The student acts; the teacher, who sees the state, gives the probabilities of its own actions; the student learns these
+from all images so far. In a given state the student acts as the teacher does, with the same weights; it learns to see
+the state.
 
 Source: Ross, Gordon and Bagnell, "A reduction of imitation learning and structured prediction to no-regret online
 learning" (AISTATS 2011); the teacher's privilege as in Chen et al., "Learning by cheating" (CoRL 2019).
@@ -43,17 +43,17 @@ class DistilOptions:
     """Settings of the distillation.
 
     Attributes:
-        rounds: Each collects images, learns, and is evaluated.
-        round_images: Of all worlds in a round; rounded up to whole actions.
-        updates: Of the network in a round.
-        batch_size: Images in an update.
-        learning_rate: Of Adam at first; it falls to a hundredth along half a cosine.
-        action_weight: Of the actions' cross-entropy beside the state's mean squared error.
-        noise: Standard deviation of what is added to the student's actions while it collects.
-        keep: Images; older ones are forgotten.
-        shift: px, by which images are moved at random, at most.
+        rounds: Number of rounds; each collects images, learns, and is evaluated.
+        round_images: Number of images of all worlds in a round; rounded up to whole actions.
+        updates: Number of updates of the network in a round.
+        batch_size: Number of images in an update.
+        learning_rate: Learning rate of Adam at first; it falls to a hundredth along half a cosine.
+        action_weight: Weight of the actions' cross-entropy beside the state's mean squared error.
+        noise: Standard deviation of the normal noise on the actions while images are collected, in units of an action.
+        keep: Number of images that are kept; older ones are forgotten.
+        shift: px, largest random shift of the images.
         gain: Relative half-width of the colours' random factors.
-        episodes: Of an evaluation.
+        episodes: Number of episodes in an evaluation.
 
     Raises:
         ParameterError: A number is out of range.
@@ -94,14 +94,14 @@ def train_distil(
     Args:
         env: Worlds with observation "rgb_state".
         teacher: A policy of the state.
-        spec: Of the student.
-        folder: For checkpoints, images, `history.csv` and TensorBoard's events.
-        options: Settings.
-        seed: 0 or more.
-        about: What worlds and teacher are, as JSON takes it: a checkpoint with another one is refused.
-        on_round: Called with a seed at the beginning of a round, to draw new cousins.
-        resume: Whether to go on from a checkpoint.
-        report: Is told where the training stands.
+        spec: Specification of the student.
+        folder: Folder of checkpoints, images, `history.csv` and TensorBoard's events.
+        options: Settings of the distillation.
+        seed: Seed of networks and worlds, 0 or more.
+        about: Description of worlds and teacher, as JSON takes it: a checkpoint with another one is refused.
+        on_round: Called with a seed at the beginning of a round, to draw its domains.
+        resume: Flag: the training goes on from a checkpoint, where there is one.
+        report: Called with the progress of the training.
 
     Returns:
         The best student, by its evaluations.
@@ -143,7 +143,7 @@ def train_distil(
             if len(losses) % _TOLD == 0:
                 share = _COLLECTING + (1.0 - _COLLECTING) * len(losses) / options.updates
                 rounds.tell(share, steps=len(chunk.start), loss=losses[-1])
-        # Of the last tenth of the updates.
+        # The mean loss of the last tenth of the updates.
         loss = float(np.mean(losses[-max(1, len(losses) // 10) :]))
         found = evaluate_worlds(env, Policy(spec, student), options.episodes, seed=EVALUATION_SEED)
         rounds.end(pack(student, optimizer), student, found, steps=len(chunk.start), loss=loss, logger=logger)
@@ -151,7 +151,7 @@ def train_distil(
 
 
 def _begin(spec: PolicySpec, teacher: Policy, options: DistilOptions) -> tuple[ImageActor, torch.optim.Optimizer]:
-    """A network that sees nothing yet and acts as the teacher does; its weights follow from the round's seed."""
+    """A student that sees nothing yet and acts as the teacher does, and its optimizer; both follow from the seed."""
     student = make_actor(spec)
     assert isinstance(student, ImageActor)
     set_weights(student.actor, weights(teacher.actor))
@@ -177,7 +177,7 @@ class _Kept:
 def _collect(
     env: VecEnv, actor: Policy, options: DistilOptions, generator: np.random.Generator, rounds: Rounds
 ) -> Chunk:
-    """Episodes of a policy."""
+    """Images and states that the worlds give while a policy acts in them, with noise on its actions."""
     W = env.num_envs
     length = math.ceil(options.round_images / W)
     seen: Any = env.reset()
@@ -212,7 +212,7 @@ def _learn(
     generator: np.random.Generator,
     losses: list[float],
 ) -> Iterator[None]:
-    """Updates of a round, from the one that follows those whose losses are there; yields after each."""
+    """Updates of a round, from the one after those whose losses are in `losses`; yields after each."""
     total = options.rounds * options.updates
     for update in range(len(losses), options.updates):
         share = (number * options.updates + update) / total

@@ -1,4 +1,4 @@
-"""How often a policy succeeds: one episode after another in a gymnasium environment."""
+"""Success rate of a policy, by one episode after another in a gymnasium environment."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -13,34 +13,34 @@ from pinwm_drake.learning.wilson import wilson_interval
 
 
 class Acts(Protocol):
-    """What can be evaluated: a policy, a bundle, a controller or a model of Stable-Baselines3."""
+    """Anything that acts and can be evaluated: a policy, a bundle, a controller or a model of Stable-Baselines3."""
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Actions, and what the policy wants to be given with the next observation.
+        """Actions (n,) or (W, n) in [-1, 1]^n, and the state that the policy is to be given with the next observation.
 
         Args:
-            observation: Of one environment, or of several.
-            state: What came back last; None at first.
-            episode_start: (W,) bool, where an episode begins.
-            deterministic: Asked for always.
+            observation: Observation of one environment, or of W.
+            state: The state that came back last; None at first.
+            episode_start: (W,) bool, true where an episode begins.
+            deterministic: Flag: the policy does not draw its actions; true in every evaluation.
         """
 
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """How an episode went.
+    """Result of one episode.
 
     Attributes:
-        seed: Of the episode; None where it went on with an earlier generator.
-        success: Whether the environment says so.
-        steps: Actions taken.
-        distance: m, of the object from the goal at the end; not a number where the environment does not say.
-        angle: rad, likewise.
-        failure: Why the physics failed; empty where it did not.
-        start_distance: m, at the start.
-        start_angle: rad, at the start.
+        seed: Seed of the episode; None where it went on with an earlier generator.
+        success: Flag: the episode ended with success, by the environment's `info`.
+        steps: Number of actions taken.
+        distance: m, distance of the object from the goal at the end; NaN where the environment gives none.
+        angle: rad, angle between the object's orientation and the goal's at the end; NaN likewise.
+        failure: Reason why the physics failed; empty where it did not.
+        start_distance: m, distance from the goal at the start; NaN likewise.
+        start_angle: rad, angle from the goal at the start; NaN likewise.
     """
 
     seed: int | None
@@ -54,7 +54,7 @@ class EpisodeResult:
 
     @property
     def outcome(self) -> str:
-        """One of "success", "time limit" and "failure", which is that of the physics."""
+        """Outcome of the episode: "success", "time limit", or "failure", which is one of the physics."""
         if self.success:
             return "success"
         return "failure" if self.failure else "time limit"
@@ -62,10 +62,10 @@ class EpisodeResult:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What episodes came to.
+    """Results of several episodes, and the figures that follow from them.
 
     Attributes:
-        results: Of each episode, 1 or more.
+        results: Result of each episode, 1 or more.
 
     Raises:
         ParameterError: There are none.
@@ -74,41 +74,45 @@ class Evaluation:
     results: tuple[EpisodeResult, ...]
 
     def __post_init__(self) -> None:
-        """Checks that there are some."""
+        """Checks that there is an episode."""
         if not self.results:
             raise ParameterError("results: got none; allowed: 1 episode or more")
 
     @property
     def episodes(self) -> int:
-        """How many there were."""
+        """Number of episodes."""
         return len(self.results)
 
     @property
     def successes(self) -> int:
-        """How many succeeded."""
+        """Number of episodes that succeeded."""
         return sum(result.success for result in self.results)
 
     @property
     def success_rate(self) -> float:
-        """0 to 1."""
+        """Share of successful episodes, 0 to 1."""
         return self.successes / self.episodes
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The rate's 95 % interval, after Wilson."""
+        """Wilson's 95 % interval of the success rate: both ends, 0 to 1."""
         return wilson_interval(self.successes, self.episodes)
 
     def steps(self, *, successful: bool = False) -> np.ndarray:
-        """Actions of each episode, or of each that succeeded: (n,) int. One that failed counts what it took."""
+        """Numbers (n,) int of the actions of each episode, in order.
+
+        Args:
+            successful: Flag: episodes that succeeded alone; otherwise those that failed count the actions they took.
+        """
         return np.array([result.steps for result in self.results if result.success or not successful], int)
 
     @property
     def mean_steps(self) -> float:
-        """Over all episodes."""
+        """Mean number of actions, over all episodes."""
         return float(self.steps().mean())
 
     def summary(self) -> dict[str, Any]:
-        """The figures as plain data; None where there is nothing to tell of."""
+        """Figures of all episodes as plain data: counts, rates, m and rad; None for a mean or median of nothing."""
         outcomes = [result.outcome for result in self.results]
         return {
             "episodes": self.episodes,
@@ -131,9 +135,12 @@ def run_episode(
     Args:
         env: Its `info` has `distance`, `angle` and `success`, and `failure` where there is one. Its action space is
             seeded too, for policies that draw from it.
-        policy: What acts; `episode_start` is true in the first step, as Stable-Baselines3 has it.
-        seed: Of the episode.
+        policy: Policy or controller that acts; `episode_start` is true in the first step, as in Stable-Baselines3.
+        seed: Seed of the episode.
         watch: Called with every observation, the first and the last included.
+
+    Returns:
+        The result.
     """
     observation, info = env.reset(seed=seed)
     env.action_space.seed(seed)
@@ -150,7 +157,7 @@ def run_episode(
 
 
 def result_of(info: dict[str, Any], seed: int | None, steps: int, start: dict[str, Any]) -> EpisodeResult:
-    """The result of an episode from its last `info`, and from the first one."""
+    """Result of an episode, from its last `info`, and from that of its start."""
     return EpisodeResult(
         seed=seed,
         success=bool(info.get("success", info.get("is_success", False))),
@@ -173,10 +180,10 @@ def evaluate(
     """Runs one episode for each seed.
 
     Args:
-        env: See `run_episode`.
-        policy: What acts.
-        seeds: Of the episodes.
-        progress: Called after each.
+        env: The environment; see `run_episode`.
+        policy: Policy or controller that acts.
+        seeds: Seeds of the episodes.
+        progress: Called with the result of each episode, after it.
 
     Raises:
         ParameterError: There are no seeds.
@@ -189,7 +196,7 @@ def evaluate(
 
 
 def _middle(values: Any) -> dict[str, float | None]:
-    """Mean and median of those that are numbers."""
+    """Mean and median of the finite ones among some values; None where there is none."""
     numbers = np.asarray(values, float)
     numbers = numbers[np.isfinite(numbers)]
     if not len(numbers):

@@ -1,4 +1,4 @@
-"""From a policy to a bundle: torch to ONNX, with the contract, golden samples and the SHA-256 of each."""
+"""Export of a policy as a bundle: torch to ONNX, with the contract, golden samples and the SHA-256 of each."""
 
 import contextlib
 import copy
@@ -42,7 +42,7 @@ _LIBRARIES = ("torch", "onnx", "onnxscript", "onnxruntime", "numpy")
 
 
 class InMetres(nn.Module):
-    """An actor with everything that its numbers mean: one image stack and position in, a translation in metres out."""
+    """An actor in physical units: one image stack and a position in metres in, a translation in metres out."""
 
     low: Tensor
     size: Tensor
@@ -51,8 +51,8 @@ class InMetres(nn.Module):
         """Takes a copy of the actor, on the CPU.
 
         Args:
-            spec: Of the policy.
-            actor: Takes images and positions in [-1, 1].
+            spec: Specification of the policy.
+            actor: Network from images and positions in [-1, 1]^n to actions.
         """
         super().__init__()
         self.actor = copy.deepcopy(actor).cpu()
@@ -76,9 +76,9 @@ def export_policy(
     """Writes a bundle, which appears whole or not at all, and reads it back.
 
     Args:
-        policy: One that observes "rgb".
-        folder: New or empty.
-        limits: That a controller is to keep.
+        policy: A policy that observes "rgb".
+        folder: Folder of the bundle, new or empty.
+        limits: Limits of the pusher's motion that a controller is to keep.
         samples: Images (n, height, width, 3 k) uint8 and positions p_WP (n, action_size) m of a run of the policy, n of
             1 or more. A few that no run has, with positions beyond the box, are added.
 
@@ -123,15 +123,15 @@ def require_images(policy: Policy) -> None:
 
 
 def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray) -> Golden:
-    """Samples with what the policy does, worked out as its environment does it and not as `InMetres`.
+    """Samples with the policy's actions, worked out as its environment does it and not as `InMetres`.
 
     Beside those given there are four: an empty image and one of random blocks, each with the pusher in the upper corner
     of its box and beyond the lower one. Samples in which rounding decides between two levels are left out.
 
     Args:
-        policy: Of images.
-        images: (n, height, width, 3 k) uint8.
-        p_WP: (n, action_size) m, along the axes of the task.
+        policy: A policy that observes "rgb".
+        images: (n, height, width, 3 k) uint8, RGB.
+        p_WP: (n, action_size) m, world: positions of the pusher along the axes of the task.
 
     Raises:
         ParameterError: A shape or type is another, a number is not finite, or there is no sample.
@@ -164,7 +164,7 @@ def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray) -> Gold
 
 
 def _margin(policy: Policy, images: np.ndarray, pusher: np.ndarray) -> np.ndarray:
-    """By how much the likeliest levels lead, the least of both components, (n,) in logits."""
+    """Lead (n,) of the likeliest level over the next in logits, the least among an action's components."""
     actor: Any = policy.actor
     with torch.inference_mode():
         logits: Tensor = actor.logits({"image": torch.from_numpy(images), "pusher": torch.from_numpy(pusher)})
@@ -189,7 +189,7 @@ def onnx_bytes(policy: Policy) -> bytes:
     if program is None:
         raise ParameterError("policy: got none from torch.onnx.export; allowed: a network that it can trace")
     model = program.model_proto
-    # Of each node torch notes the lines of the source that it is from, with their paths on this machine.
+    # Torch notes for each node the lines of the source that it is from, with their paths on this machine.
     del model.metadata_props[:]
     for item in (model.graph, *model.graph.node, *model.graph.value_info, *model.graph.input, *model.graph.output):
         del item.metadata_props[:]
@@ -200,7 +200,7 @@ def onnx_bytes(policy: Policy) -> bytes:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keeps back what torch.onnx has to say of torchvision, and of functions of its own that it should not call."""
+    """Suppresses warnings of torch.onnx on torchvision, and on functions of its own that it should not call."""
     logger = logging.getLogger("torch.onnx")
     level = logger.level
     logger.setLevel(logging.ERROR)
@@ -213,6 +213,6 @@ def _quiet() -> Iterator[None]:
 
 
 def _versions() -> dict[str, str]:
-    """Of this package, of Python and of what the bundle was made and checked with."""
+    """Versions of this package, of Python and of the libraries that the bundle was made and checked with."""
     own = {"pinwm_drake": pinwm_drake.__version__, "python": platform.python_version()}
     return own | {name: version(name) for name in _LIBRARIES}

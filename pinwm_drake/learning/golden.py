@@ -1,4 +1,4 @@
-"""Golden samples of a bundle: inputs, and what the policy answered to them when it was exported."""
+"""Golden samples of a bundle: inputs, and the policy's answers to them when it was exported."""
 
 import io
 import zipfile
@@ -17,12 +17,12 @@ _AS_WRITTEN = "golden samples that `pinwm export` wrote"
 
 @dataclass(frozen=True, eq=False)
 class Golden:
-    """n samples.
+    """Golden samples, n of them.
 
     Attributes:
-        images: (n, height, width, 3 k) uint8.
-        p_WP: (n, k) float32, m, along the k axes of the task.
-        d_W: (n, k) float32, m, likewise.
+        images: (n, height, width, 3 k) uint8, RGB: k images each, the oldest first.
+        p_WP: (n, action_size) float32 m, world: positions of the pusher along the axes of the task.
+        d_W: (n, action_size) float32 m, world: translations that the policy answered, along the same axes.
     """
 
     images: np.ndarray
@@ -30,7 +30,7 @@ class Golden:
     d_W: np.ndarray
 
     def to_bytes(self) -> bytes:
-        """A compressed npz file; most of an image is white."""
+        """Contents of a compressed npz file; most of an image is white."""
         file = io.BytesIO()
         arrays = {IMAGE: self.images, POSITION: self.p_WP, TRANSLATION: self.d_W}
         np.savez_compressed(file, allow_pickle=False, **arrays)
@@ -38,12 +38,12 @@ class Golden:
 
     @classmethod
     def from_bytes(cls, content: bytes, path: Path, spec: PolicySpec) -> "Golden":
-        """Reads what `to_bytes` made.
+        """Golden samples from the contents that `to_bytes` made.
 
         Args:
-            content: Of the file.
-            path: That messages name.
-            spec: Of the policy.
+            content: Contents of the file.
+            path: Path that messages name.
+            spec: Specification of the policy.
 
         Raises:
             InputError: It is no such file, or its arrays are not of the shapes and types of the contract.
@@ -68,5 +68,5 @@ class Golden:
 
 
 def deviation(found: np.ndarray, expected: np.ndarray) -> float:
-    """The largest difference of a component of translations (..., k), m; not a number where one of them is none."""
+    """Largest difference of a component of translations (..., action_size), m; NaN where one of them is NaN."""
     return float(np.abs(np.asarray(found, float) - np.asarray(expected, float)).max())

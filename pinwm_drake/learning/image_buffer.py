@@ -1,4 +1,4 @@
-"""What a student learns from: single images, in the order in which worlds gave them, and stacks of them."""
+"""Data that a student learns from: single images, in the order in which worlds gave them, and stacks of them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +13,13 @@ _NAMES = ("image", "start", "pusher", "state")
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """What W worlds gave in T actions, one after another: row t W + w is world w's at action t.
+    """Observations of W worlds in T actions, one after another: row t W + w is world w's at action t.
 
     Attributes:
-        image: (T W, height, width, 3) uint8, the last image.
-        start: (T W,) bool, where an episode begins; the first W do.
-        pusher: (T W, 2) float32, across its box.
-        state: (T W, 11) float32, as `StateActor` takes it.
+        image: (T W, height, width, 3) uint8, RGB: the last image.
+        start: (T W,) bool, true where an episode begins; the first W do.
+        pusher: (T W, action_size) float32, along the task's axes across the pusher's box, -1 to 1.
+        state: (T W, state_size) float32, as `StateActor` takes it.
     """
 
     image: np.ndarray
@@ -28,12 +28,12 @@ class Chunk:
     state: np.ndarray
 
     def write(self, path: Path) -> None:
-        """Writes it, compressed: most of an image is white."""
+        """Writes the chunk to a file, compressed: most of an image is white."""
         write_arrays(path, {}, {name: getattr(self, name) for name in _NAMES}, compressed=True)
 
     @staticmethod
     def read(path: Path) -> "Chunk":
-        """Reads what `write` wrote.
+        """Reads the chunk that `write` wrote to a file.
 
         Raises:
             InputError: There is no such file, or it cannot be read.
@@ -48,12 +48,12 @@ class Frames:
     """Chunks of W worlds, from which batches are drawn; the oldest chunk goes when there are more than fit."""
 
     def __init__(self, worlds: int, frames: int, most: int) -> None:
-        """Empty.
+        """Begins without a chunk.
 
         Args:
-            worlds: W.
-            frames: k, how many images make a stack.
-            most: Images that are kept.
+            worlds: Number of worlds, W.
+            frames: Number of images in a stack, k.
+            most: Largest number of images that are kept; the newest chunk always is, whatever its size.
         """
         self._worlds, self._frames, self._most = worlds, frames, most
         self._chunks: list[Chunk] = []
@@ -63,21 +63,22 @@ class Frames:
         return int(self._ends[-1]) if len(self._ends) else 0
 
     def add(self, chunk: Chunk) -> None:
-        """Takes a chunk over."""
+        """Adds a chunk, and drops the oldest ones where there are more images than fit."""
         self._chunks.append(chunk)
         while len(self._chunks) > 1 and sum(len(one.start) for one in self._chunks) > self._most:
             self._chunks.pop(0)
         self._ends = np.cumsum([len(one.start) for one in self._chunks])
 
     def draw(self, size: int, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A batch.
+        """Draws a batch of stacks, evenly and with repetition.
 
         Args:
-            size: B.
-            generator: Of the draw.
+            size: Number of stacks, B.
+            generator: Source of randomness.
 
         Returns:
-            Images (B, height, width, 3 k) uint8, the oldest first; pusher (B, 2), state (B, 11).
+            Images (B, height, width, 3 k) uint8, the oldest first; pusher (B, action_size) and state (B, state_size),
+            float32.
         """
         rows = np.sort(generator.integers(len(self), size=size))
         parts = np.split(rows, np.searchsorted(rows, self._ends[:-1]))
@@ -89,7 +90,7 @@ class Frames:
         return images, pusher, state
 
     def _stacks(self, chunk: Chunk, rows: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Of some rows of a chunk."""
+        """Stacks of images, pusher and state of some rows (b,) of a chunk; see `draw`."""
         before, newest_first = rows, []
         for _ in range(self._frames):
             newest_first.append(chunk.image[before])

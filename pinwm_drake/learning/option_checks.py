@@ -1,4 +1,4 @@
-"""The check of a training's settings."""
+"""Check of a training's settings."""
 
 import math
 from collections.abc import Collection
@@ -13,10 +13,10 @@ def check_options(options: Any, may_be_zero: Collection[str]) -> None:
 
     Args:
         options: The dataclass.
-        may_be_zero: Names of those that may also be 0.
+        may_be_zero: Names of the fields that may also be 0.
 
     Raises:
-        ParameterError: One is out of range.
+        ParameterError: A field is out of range.
     """
     for name, value in asdict(options).items():
         zero = name in may_be_zero

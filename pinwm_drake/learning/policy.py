@@ -24,10 +24,10 @@ _WEIGHTS_VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """A network that acts, and what its numbers mean.
+    """A network that acts, and the meaning of its inputs and outputs.
 
     Attributes:
-        spec: What it sees and does.
+        spec: Specification of its inputs and outputs, and its task.
         actor: `ImageActor` where it observes "rgb", `StateActor` where it observes "state".
         provenance: Twin, seeds, settings, versions and results of its training; plain data.
     """
@@ -42,14 +42,14 @@ class Policy:
         """Actions (n,) or (B, n) in [-1, 1]^n, with the signature of SB3's `predict`; the policy has no state.
 
         Args:
-            observation: Of one world or of B, as the environment gives it: an array where it observes "state";
-                otherwise a dict of which `image` and `pusher` are used.
+            observation: Observation of one world or of B, as the environment gives it. A policy that observes "state"
+                takes an array or a dict with `state`; one that observes "rgb" a dict with `image` and `pusher`.
             state: Not used.
             episode_start: Not used.
             deterministic: Not used: it always is.
 
         Raises:
-            ParameterError: What the policy sees is not in the observation.
+            ParameterError: An entry that the policy sees is not in the observation.
         """
         if self.spec.observes == "state":
             seen = observation if isinstance(observation, np.ndarray) else seen_parts(observation, "state")[0]
@@ -82,7 +82,7 @@ def write_policy(folder: Path, policy: Policy) -> None:
     """Writes a policy over an earlier one of the folder; each file appears whole or not at all.
 
     Args:
-        folder: Made if need be.
+        folder: Folder of the policy; made if need be.
         policy: The policy.
 
     Raises:
@@ -96,7 +96,7 @@ def write_policy(folder: Path, policy: Policy) -> None:
 
 
 def read_policy(folder: Path) -> Policy:
-    """Reads what `write_policy` wrote.
+    """Reads the policy that `write_policy` wrote to a folder.
 
     Raises:
         InputError: A file is missing, cannot be read, or does not fit the other.

@@ -1,4 +1,4 @@
-"""PPO of SB3 on the push task, from the state or from images, in rounds."""
+"""PPO of SB3 on a task, from the state or from images, in rounds."""
 
 import math
 from collections.abc import Mapping
@@ -32,20 +32,20 @@ class PpoOptions:
     """Settings of PPO, as SB3 names them.
 
     Attributes:
-        steps: Of all worlds together; rounded up to whole rounds.
-        round_steps: Of a round; rounded up to whole rollouts. An evaluation follows.
-        n_steps: Of each world in a rollout.
-        batch_size: Of an update; all of a rollout where that is less.
-        n_epochs: Of a rollout.
-        learning_rate: Of Adam at first.
-        last_share: Of the learning rate that is left at the end; it falls evenly.
+        steps: Number of steps of all worlds together; rounded up to whole rounds.
+        round_steps: Number of steps of all worlds in a round; rounded up to whole rollouts. An evaluation follows.
+        n_steps: Number of steps of each world in a rollout.
+        batch_size: Number of steps in an update; all of a rollout where that is less.
+        n_epochs: Number of passes over a rollout.
+        learning_rate: Learning rate of Adam at first.
+        last_share: Share of the learning rate that is left at the end; it falls evenly from round to round.
         gamma: Discount of an action.
-        gae_lambda: Of the advantages.
-        clip_range: Of PPO's ratio.
-        shift: px, by which images are moved at random as the policy sees them, at most.
+        gae_lambda: Lambda of the generalised advantage estimate.
+        clip_range: Range by which PPO clips the ratio of probabilities.
+        shift: px, largest random shift of the images as the policy sees them.
         gain: Relative half-width of the random factors of their colours.
-        entropy: Of the actions, how much it counts in the objective.
-        episodes: Of an evaluation.
+        entropy: Weight of the actions' entropy in the objective.
+        episodes: Number of episodes in an evaluation.
 
     Raises:
         ParameterError: A number is out of range.
@@ -68,7 +68,7 @@ class PpoOptions:
 
     @classmethod
     def for_images(cls) -> "PpoOptions":
-        """What is used from images: fewer steps, as they take longer, and smaller updates.
+        """Settings for policies of images: fewer steps, as they take longer, and smaller updates.
 
         With the teacher's learning rate and six epochs of a rollout half as long, the divergence (KL) of an update was
         0.12 to 0.20, and the entropy fell while success did not grow; with these it is 0.02 to 0.04.
@@ -106,18 +106,18 @@ def train_ppo(
     Args:
         env: Worlds; observation "state" for a policy of the state, "rgb_state" for one of images: the critic sees the
             state in any case.
-        spec: Of the policy.
-        folder: For checkpoints, `history.csv` and TensorBoard's events.
-        options: Of PPO.
-        stage: What progress and messages call it.
-        seed: 0 or more.
-        about: What the worlds are, as JSON takes it: a checkpoint with another one is refused.
-        on_round: Called with a seed before worlds are reset at the beginning of a round, to draw new cousins.
-        resume: Whether to go on from a checkpoint.
-        report: Is told where the training stands.
+        spec: Specification of the policy.
+        folder: Folder of checkpoints, `history.csv` and TensorBoard's events.
+        options: Settings of PPO.
+        stage: Name of the stage in progress and messages.
+        seed: Seed of networks and worlds, 0 or more.
+        about: Description of the worlds, as JSON takes it: a checkpoint with another one is refused.
+        on_round: Called with a seed before worlds are reset at the beginning of a round, to draw its domains.
+        resume: Flag: the training goes on from a checkpoint, where there is one.
+        report: Called with the progress of the training.
 
     Returns:
-        The best.
+        The best policy, by its evaluations.
 
     Raises:
         InputError: A checkpoint cannot be used, or a file cannot be written.
@@ -149,7 +149,7 @@ def train_ppo(
 
 
 def _begin(model: Ppo, rounds: Rounds, kept: Mapping[str, np.ndarray] | None) -> int:
-    """Begins a round, or goes on with one that was kept; gives the steps of the worlds that are done in it."""
+    """Begins a round, or goes on with one that was kept; gives the number of steps of all worlds done in it."""
     if kept is None:
         model._last_obs, model.num_timesteps = None, rounds.steps  # Without an observation SB3 resets the worlds.
         return 0
@@ -163,10 +163,10 @@ def _begin(model: Ppo, rounds: Rounds, kept: Mapping[str, np.ndarray] | None) ->
 
 
 class _WithinRound(BaseCallback):
-    """Tells of each rollout, and keeps the round before the next."""
+    """Callback that reports each rollout, and keeps the round before the next one."""
 
     def __init__(self, rounds: Rounds, env: VecEnv, size: int) -> None:
-        """Takes the round of `size` steps of the worlds."""
+        """Takes the round, of `size` steps of all worlds."""
         super().__init__()
         self._rounds, self._env, self._size = rounds, env, size
 

@@ -12,13 +12,13 @@ class Step:
 
     Attributes:
         stage: "teacher", "distil" or "ppo".
-        done: Share of the stage's work, 0 to 1.
-        steps: Of the worlds so far, in this stage.
+        done: Share of the stage's work that is done, 0 to 1.
+        steps: Number of steps of all worlds so far, in this stage.
         success: Share of the episodes of the last round's evaluation that succeeded; NaN before the first.
-        length: Mean number of actions, of all of them; NaN before the first.
-        loss: Of the last update; of PPO its value loss; NaN before the first.
+        length: Mean number of actions of those episodes; NaN before the first.
+        loss: Loss of the last update, that of the value with PPO; NaN before the first.
         best: Success of the best round so far; NaN before the first.
-        seconds: Time taken, all runs of the stage together.
+        seconds: s, time taken, all runs of the stage together.
         recent: Share of the last episodes of the training itself that succeeded; NaN where it is not known.
         rate: 1/s, steps of the worlds in this run of the stage; NaN before the first.
         left: s, until the stage is done at the pace of this run; NaN before the first step.
@@ -41,22 +41,22 @@ Report = Callable[[Step], None]
 
 
 def silent(step: Step) -> None:
-    """Tells nothing."""
+    """Ignores the progress of a training."""
 
 
 class Pace:
     """Pace of one run of a stage, from its first call on."""
 
     def __init__(self) -> None:
-        """Begins with the first call."""
+        """Waits for the first call, from which the pace is counted."""
         self._first: tuple[float, float, int] | None = None
 
     def __call__(self, done: float, steps: int) -> tuple[float, float]:
-        """Steps a second, and seconds that are left, since the first call; NaN where nothing has been done since.
+        """Steps a second [1/s] since the first call, and the time left [s]; NaN where nothing has been done since.
 
         Args:
-            done: Share of the stage's work, 0 to 1.
-            steps: Of the worlds so far.
+            done: Share of the stage's work that is done, 0 to 1.
+            steps: Number of steps of all worlds so far.
         """
         now = time.monotonic()
         if self._first is None:

@@ -1,8 +1,8 @@
 """Training in rounds: each begins from a seed of its own, so that one that was killed goes on with the same result.
 
-What a round does depends on the networks, on the settings and on its number only: worlds, cousins and generators begin
-anew. A checkpoint at the end of a round is therefore all that there is to keep between rounds. Within a round, the
-generators and the worlds' states are kept beside the networks, so that a round too goes on bit by bit.
+A round depends on the networks, on the settings and on its number only: worlds, domains and generators begin anew. A
+checkpoint at the end of a round is therefore all that there is to keep between rounds. Within a round, the generators
+and the worlds' states are kept beside the networks, so that a round too goes on bit by bit.
 """
 
 import csv
@@ -33,24 +33,24 @@ from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import set_weights, weights
 
 CHECKPOINT_FILE, HISTORY_FILE = "checkpoint.npz", "history.csv"
-ROUND_FILE = "round.npz"  # of a round that is not done
+ROUND_FILE = "round.npz"  # the state of a round that is not done
 OnRound = Callable[[int], None]
-EVALUATION_SEED = 1_000_000  # of the first world, in every round: rounds are compared on the same starts
+EVALUATION_SEED = 1_000_000  # seed of the first world, in every round: rounds are compared on the same starts
 _BEST, _WORLDS = "best.", "worlds."
 _PERIOD = 30.0  # s, between two checkpoints within a round, at least
 
 
 @dataclass(frozen=True)
 class Round:
-    """What came of a round.
+    """Result of one round.
 
     Attributes:
-        number: From 0.
-        steps: Of the worlds, all rounds together.
-        success: Share of the episodes of its evaluation that succeeded.
-        length: Mean number of actions, of all of them: one that failed counts what it took, as a rule the limit.
-        loss: Of its last update.
-        seconds: Since the stage began, all runs together.
+        number: Number of the round, from 0.
+        steps: Number of steps of all worlds, all rounds so far together.
+        success: Share of the episodes of its evaluation that succeeded, 0 to 1.
+        length: Mean number of actions of those episodes: one that failed counts what it took, as a rule the limit.
+        loss: Loss at the end of the round.
+        seconds: s, time since the stage began, all runs together.
     """
 
     number: int
@@ -65,8 +65,11 @@ class Rounds:
     """The memory of a stage of training, in a folder.
 
     Attributes:
+        folder: Folder of the checkpoints.
+        stage: Name of the stage.
+        total: Number of rounds of the stage.
         history: The rounds that are done.
-        arrays: Of the checkpoint that was read; empty where there was none.
+        arrays: Arrays of the checkpoint that was read; empty where there was none.
     """
 
     def __init__(
@@ -80,16 +83,16 @@ class Rounds:
         total: int,
         report: Report = silent,
     ) -> None:
-        """Empty, or as an earlier run left it.
+        """Begins empty, or as an earlier run left the stage.
 
         Args:
-            folder: Made if need be.
-            stage: What messages call it.
-            about: What the training depends on, as JSON takes it; a checkpoint of another one is refused.
-            seed: 0 or more.
-            resume: Whether to go on from a checkpoint, if there is one.
-            total: Rounds of the stage.
-            report: Is told where the stage stands.
+            folder: Folder of the checkpoints; made if need be.
+            stage: Name of the stage, in messages too.
+            about: Everything that the training depends on, as JSON takes it; a checkpoint of another one is refused.
+            seed: Seed of the training, 0 or more.
+            resume: Flag: the stage goes on from a checkpoint, if there is one.
+            total: Number of rounds of the stage.
+            report: Called with the progress of the stage.
 
         Raises:
             InputError: The checkpoint cannot be read, or is of another training.
@@ -110,30 +113,30 @@ class Rounds:
 
     @property
     def number(self) -> int:
-        """Of the round to come."""
+        """Number of the next round."""
         return len(self.history)
 
     @property
     def steps(self) -> int:
-        """Of the worlds, so far."""
+        """Number of steps of all worlds in the rounds that are done."""
         return self.history[-1].steps if self.history else 0
 
     @property
     def seconds(self) -> float:
-        """Of the rounds that are done."""
+        """Time [s] of the rounds that are done, all runs together."""
         return self.history[-1].seconds if self.history else 0.0
 
     @property
     def best(self) -> Round | None:
-        """The round with the shortest episodes so far, the earliest of several."""
+        """Round with the shortest episodes in its evaluation, the earliest of several; None before the first."""
         return min(self.history, key=lambda one: one.length, default=None)
 
     def begin(self, env: VecEnv, on_round: OnRound | None = None) -> None:
-        """Seeds the generators of python, numpy and torch, and the worlds, for the round to come.
+        """Seeds the generators of python, numpy and torch, and the worlds, for the next round.
 
         Args:
             env: The worlds; the seed counts from their next reset.
-            on_round: Called with a seed of the round.
+            on_round: Called with a seed that follows from the round's number.
         """
         words = np.random.SeedSequence(self._seed, spawn_key=(_key(self.stage), self.number)).generate_state(2)
         set_random_seed(int(words[0]))
@@ -146,7 +149,7 @@ class Rounds:
 
         Args:
             env: The worlds.
-            arrays: Gives what the training needs to go on; generators and worlds are added.
+            arrays: Gives the arrays that the training needs to go on; generators and worlds are added.
 
         Raises:
             InputError: The file cannot be written.
@@ -165,7 +168,7 @@ class Rounds:
             env: The worlds.
 
         Returns:
-            What `keep` was given; None where the round begins anew.
+            The arrays that `keep` was given; None where the round begins anew.
 
         Raises:
             InputError: The file cannot be read, or is of another training.
@@ -191,15 +194,15 @@ class Rounds:
         loss: float,
         logger: Logger,
     ) -> None:
-        """Keeps a round: the checkpoint, the table of all rounds, and TensorBoard's numbers.
+        """Ends a round: writes the checkpoint, the table of all rounds, and TensorBoard's numbers.
 
         Args:
-            arrays: What the next round begins with.
-            actor: As it is now; its weights are kept where it is the best so far.
-            found: Its evaluation.
-            steps: Of the worlds, in this round.
-            loss: Of the last update.
-            logger: Takes the evaluation's numbers.
+            arrays: Arrays that the next round begins with.
+            actor: The network at the end of the round; its weights are kept where it is the best so far.
+            found: Evaluation of the network.
+            steps: Number of steps of all worlds in this round.
+            loss: Loss at the end of the round.
+            logger: TensorBoard's logger, which takes the evaluation's numbers.
 
         Raises:
             InputError: A file cannot be written.
@@ -229,13 +232,13 @@ class Rounds:
         return actor.eval()
 
     def tell(self, share: float = 0.0, *, steps: int = 0, loss: float = math.nan, recent: float = math.nan) -> None:
-        """Reports where the stage stands.
+        """Reports the progress of the stage.
 
         Args:
-            share: Of the round that goes on, 0 to 1.
-            steps: Of the worlds in that round.
-            loss: Of the last update in it; NaN for that of the last round.
-            recent: Share of the last episodes of the training itself that succeeded.
+            share: Share of the round that goes on, 0 to 1.
+            steps: Number of steps of all worlds in that round.
+            loss: Loss of the last update in it; NaN for that of the last round.
+            recent: Share of the last episodes of the training itself that succeeded; NaN where it is not known.
         """
         last = self.history[-1] if self.history else Round(0, 0, math.nan, math.nan, math.nan, 0.0)
         best, done, steps = self.best or last, (self.number + share) / self.total, self.steps + steps

@@ -18,15 +18,15 @@ _TYPES = {"tensor(uint8)": "uint8", "tensor(float)": "float32"}
 
 
 class Network:
-    """What policy.onnx answers."""
+    """The network of policy.onnx, loaded once."""
 
     def __init__(self, content: bytes, path: Path, contract: dict[str, Any]) -> None:
-        """Loads it, and compares its inputs and outputs with the contract.
+        """Loads the network, and compares its inputs and outputs with the contract.
 
         Args:
-            content: Of the file.
-            path: That messages name.
-            contract: Of `make_contract`.
+            content: Contents of policy.onnx.
+            path: Path that messages name.
+            contract: Contract of the bundle, as `make_contract` gives it.
 
         Raises:
             InputError: onnxruntime cannot load it, or inputs and outputs are others.
@@ -53,11 +53,11 @@ class Network:
         self._shape, self._position = (tuple(entry["shape"]) for entry in contract["inputs"])
 
     def run(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """Translation d_W (n,) float32, m, over the horizon; not a number where the position is none.
+        """Translation d_W (n,) float32 m, world, along the task's axes over the horizon; NaN where the position is NaN.
 
         Args:
-            image: (height, width, 3 k) uint8.
-            p_WP: (n,) m, along the axes of the task.
+            image: (height, width, 3 k) uint8, RGB: the last k images, the oldest first.
+            p_WP: (n,) m, world: position of the pusher along the axes of the task.
 
         Raises:
             StateError: A shape, or the image's type, is another.

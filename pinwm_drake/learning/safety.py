@@ -1,4 +1,4 @@
-"""How far and how fast a controller may move the pusher: the part of a policy's contract that keeps a robot whole."""
+"""Limits of a controller's motion of the pusher: the part of a policy's contract that keeps a robot whole."""
 
 import math
 from dataclasses import asdict, dataclass, fields
@@ -11,7 +11,7 @@ from pinwm_drake.learning.spec import PolicySpec
 
 _CORNERS = ("box_low", "box_high")
 _COMMAND_AGE = 0.25  # s, two actions of 0.1 s and a half
-_HALF_HEIGHT = 0.01  # m, of the default box
+_HALF_HEIGHT = 0.01  # m, half the default box's size along axes that the task does not move
 
 
 @dataclass(frozen=True)
@@ -20,13 +20,13 @@ class SafetyLimits:
 
     Attributes:
         box_low, box_high: (3,) m, world: corners of the box that the pusher's point P stays in.
-        max_speed: m/s, of the norm of the commanded velocity.
-        max_acceleration: m/s^2, of the norm of its change per time. Only a fault, and a pusher that something else took
-            to the edge of its box, may be stopped in less.
-        max_image_age: s; an image that was taken longer ago is stale.
-        box_tolerance: m, by which the pusher may be found outside of the box before that is a fault.
-        max_command_age: s; when no velocity has come for longer, what streams them to a robot slows down to rest.
-        max_lag: m, how far a robot may be from where it is to be; beyond it, it is led no farther away.
+        max_speed: m/s, largest norm of the commanded velocity.
+        max_acceleration: m/s^2, largest norm of its change per time. Only a fault, and a pusher that something else
+            took to the edge of its box, may be stopped in less.
+        max_image_age: s, age beyond which an image is stale.
+        box_tolerance: m, distance up to which the pusher may be outside of the box before that is a fault.
+        max_command_age: s; when no velocity has come for longer, the driver of a robot slows down to rest.
+        max_lag: m, largest distance of a robot from its commanded place; beyond it, it is led no farther away.
 
     Raises:
         ParameterError: A value is not finite, or not positive, or the box is empty.
@@ -57,12 +57,12 @@ class SafetyLimits:
             )
 
     def to_document(self) -> dict[str, Any]:
-        """Plain data, for YAML."""
+        """The limits as plain data, for YAML."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
     @classmethod
     def from_document(cls, document: Any) -> "SafetyLimits":
-        """Of what `to_document` gave; every limit is to be there, so that none is taken for granted.
+        """Limits that `to_document` described; every one has to be there, so that none is taken for granted.
 
         Raises:
             ParameterError: A key is missing or unknown, or a value is out of range.
@@ -82,7 +82,7 @@ def default_limits(spec: PolicySpec) -> SafetyLimits:
     action.
 
     Args:
-        spec: Of the policy.
+        spec: Specification of the policy.
     """
     speed, still = round(spec.max_translation / spec.horizon, 9), np.array([0.0, 0.0, spec.pusher_height])
     low, high = still - _HALF_HEIGHT, still + _HALF_HEIGHT

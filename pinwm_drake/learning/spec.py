@@ -20,11 +20,11 @@ class CameraSpec:
     """A pinhole camera without distortion; its pixels' centres lie at half-integers.
 
     Attributes:
-        width, height: px.
+        width, height: px, size of an image.
         fx, fy: px, focal lengths.
         cx, cy: px, principal point.
-        p_WC: (3,) m.
-        q_WC: (4,) wxyz; OpenCV axes: x right, y down, z forward.
+        p_WC: (3,) m, world: position of the camera.
+        q_WC: (4,) wxyz, its orientation in the world; OpenCV axes: x right, y down, z forward.
     """
 
     width: int
@@ -43,16 +43,16 @@ class PolicySpec:
 
     Attributes:
         observes: "rgb": images and the pusher's position; "state": the numbers of `Task.state`.
-        frames: k, how many of the last images it sees, the oldest first, one an action; the first image of an episode
+        frames: Number k of the last images that it sees, the oldest first, one an action; the first image of an episode
             stands for those before it.
-        camera: That takes them: sRGB of the object where it is seen, white elsewhere.
-        horizon: s, how long an action lasts.
-        max_translation: m, of the pusher in an action; what stands for 1.
-        pusher_low, pusher_high: (n,) m, along the task's axes: corners of the box that the pusher may be in; what
-            stands for -1 and 1.
-        pusher_height: m, of the pusher's frame P while it pushes.
+        camera: Camera of the images: sRGB of the object where it is seen, white elsewhere.
+        horizon: s, duration of an action.
+        max_translation: m, longest translation of the pusher in an action, which an action of norm 1 stands for.
+        pusher_low, pusher_high: (n,) m, world, along the task's axes: corners of the box that the pusher may be in,
+            which -1 and 1 stand for.
+        pusher_height: m, world: z of the pusher's frame P at the start; it stays where z is not an axis of the task.
         task: Goal, success, axes of the action and size of the state.
-        max_steps: Actions in an episode.
+        max_steps: Largest number of actions in an episode.
 
     Raises:
         ParameterError: A value is not finite, not positive, or not among those allowed.
@@ -93,11 +93,11 @@ class PolicySpec:
 
     @property
     def image_shape(self) -> tuple[int, int, int]:
-        """(height, width, 3 k) of what the policy sees."""
+        """Shape (height, width, 3 k) of the images that the policy sees, k of them in one stack."""
         return (self.camera.height, self.camera.width, 3 * self.frames)
 
     def to_document(self) -> dict[str, Any]:
-        """Plain data, for YAML."""
+        """The specification as plain data, for YAML."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         values |= {"camera": asdict(self.camera), "task": self.task.to_document()}
         return {name: _plain(value) for name, value in values.items()}
@@ -118,7 +118,7 @@ class PolicySpec:
 def from_version_1(document: Any) -> Any:
     """The document with its task in an entry of its own: in version 1 the push task's fields stood beside the others.
 
-    Anything else is returned as it is.
+    Any other document is returned as it is.
     """
     if not isinstance(document, dict) or "task" in document or not set(_FLAT) <= set(document):
         return document
@@ -166,7 +166,7 @@ def seen_parts(observation: Any, *names: str) -> list[np.ndarray]:
     """Entries of an observation, by name.
 
     Raises:
-        ParameterError: It has not got them.
+        ParameterError: The observation is no dict, or lacks one of them.
     """
     if not isinstance(observation, Mapping) or not set(names) <= set(observation):
         given = sorted(observation) if isinstance(observation, Mapping) else type(observation).__name__

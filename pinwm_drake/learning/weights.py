@@ -10,12 +10,12 @@ from pinwm_drake.errors import ParameterError
 
 
 def weights(network: nn.Module) -> dict[str, np.ndarray]:
-    """All numbers of a network, copied."""
+    """All numbers of a network by name, copied."""
     return {name: value.detach().cpu().numpy().copy() for name, value in network.state_dict().items()}
 
 
 def set_weights(network: nn.Module, arrays: Mapping[str, np.ndarray]) -> None:
-    """Puts what `weights` gave back.
+    """Restores a network from the arrays of `weights`.
 
     Raises:
         ParameterError: They are not of this network.
@@ -27,7 +27,7 @@ def set_weights(network: nn.Module, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def pack(network: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str, np.ndarray]:
-    """All that both hold, copied: `net.NAME` and `adam.NUMBER.NAME`."""
+    """All numbers of a network and its optimizer, copied: `net.NAME` and `adam.NUMBER.NAME`."""
     arrays = {f"net.{name}": value for name, value in weights(network).items()}
     for number, values in optimizer.state_dict()["state"].items():
         for name, value in values.items():
@@ -36,7 +36,7 @@ def pack(network: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str, np.n
 
 
 def unpack(arrays: Mapping[str, np.ndarray], network: nn.Module, optimizer: torch.optim.Optimizer) -> None:
-    """Puts what `pack` gave back.
+    """Restores a network and its optimizer from the arrays of `pack`.
 
     Raises:
         ParameterError: They are not of this network.

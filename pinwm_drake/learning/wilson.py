@@ -1,4 +1,4 @@
-"""The interval of a success rate."""
+"""Confidence interval of a success rate."""
 
 import math
 from statistics import NormalDist
@@ -13,12 +13,12 @@ def wilson_interval(successes: int, episodes: int, confidence: float = 0.95) -> 
     it stays within 0 and 1 and says something even where every episode succeeded.
 
     Args:
-        successes: 0 to `episodes`.
-        episodes: n, 1 or more.
-        confidence: Of the interval, between 0 and 1.
+        successes: Number of episodes that succeeded, 0 to `episodes`.
+        episodes: Number of episodes n, 1 or more.
+        confidence: Confidence of the interval, between 0 and 1.
 
     Returns:
-        Its two ends.
+        The low and the high end, 0 to 1.
 
     Raises:
         ParameterError: The numbers are no such counts, or the confidence is out of range.

@@ -1,4 +1,4 @@
-"""How often a policy succeeds in many worlds at once, which is quick enough to do while it is trained."""
+"""Success rate of a policy in many worlds at once, which is quick enough to do while it is trained."""
 
 from collections.abc import Callable
 
@@ -19,19 +19,21 @@ def evaluate_worlds(
 ) -> Evaluation:
     """Runs episodes in all worlds of a vectorised environment, which begins anew with this.
 
-    How many episodes a world runs is settled beforehand, one more in the first worlds where they do not come out even.
+    The number of episodes of each world is settled beforehand, one more in the first worlds where it is not even.
     To take those that end first would favour the short ones, which are the successes. With as many episodes as worlds
     each world runs one, and no action is wasted but those of worlds that wait for the longest.
 
     Args:
         env: The worlds; `infos` at the end of an episode have `distance`, `angle` and `success` or `is_success`.
-        policy: What acts.
-        episodes: How many, 1 or more.
-        seed: World k is seeded with `seed + k`; None goes on with the generators, and so with other episodes.
-        progress: Called after each episode that counts.
+        policy: Policy or controller that acts.
+        episodes: Number of episodes, 1 or more.
+        seed: Seed of the first world; world k is seeded with `seed + k`. None goes on with the generators, and so with
+            other episodes.
+        progress: Called with the result of each episode that counts.
 
     Returns:
-        First episodes of all worlds, then second ones, and so on, whichever ended first; a first one has its seed.
+        Results of the first episodes of all worlds, then of the second ones, and so on, whichever ended first; the
+        first ones have their seeds.
 
     Raises:
         ParameterError: `episodes` is less than 1.

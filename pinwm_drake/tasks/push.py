@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 Reward = Literal["paper", "shaped"]
 REWARDS = ("paper", "shaped")
-LENGTH, SPEED, TURN = 0.1, 0.3, 3.0  # m, m/s, rad/s: what stands for 1 in the state
+LENGTH, SPEED, TURN = 0.1, 0.3, 3.0  # m, m/s, rad/s: units of the state's components
 
 
 @register
 @dataclass(frozen=True)
 class PushTask(Task):
-    """An object is to be pushed to a fixed pose on the floor, and to rest there.
+    """Task of pushing an object to a fixed pose on the floor, where it is to rest.
 
     Rewards, of a step that ends at d_t [m] and d_r [rad]:
 
@@ -46,17 +46,18 @@ class PushTask(Task):
 
     Attributes:
         goal: x [m], y [m], yaw [rad] of the object's frame O in the world; yaw is a turn about z after `q_WO`.
-        q_WO: (4,) wxyz, how the object lies at yaw 0; a scene's own stands for it in its environments.
+        q_WO: (4,) wxyz, orientation of the object at yaw 0; environments replace it by that of their scene.
         reward: "paper" or "shaped".
-        tolerance: m, of d_t.
-        turn_tolerance: rad, of d_r.
-        rest_speed: m/s, below which the object rests. Friction of 0.03 stops it within 0.05 mm from there.
-        rest_turn: rad/s, below which it does.
+        tolerance: m, largest d_t of a success.
+        turn_tolerance: rad, largest d_r of a success.
+        rest_speed: m/s, speed below which the object rests. Friction of 0.03 stops it within 0.05 mm from there.
+        rest_turn: rad/s, rate of turn below which the object rests.
         cost: Cost of an action in the shaped reward.
         bonus: Bonus on success in the shaped reward.
 
     Raises:
-        ParameterError: There is no such reward, or a number is not finite or not positive.
+        ParameterError: There is no such reward, the goal is not finite, or a tolerance or limit of rest is not finite
+            and positive.
     """
 
     name: ClassVar[str] = "push"
@@ -74,11 +75,16 @@ class PushTask(Task):
     bonus: float = 10.0
 
     def __post_init__(self) -> None:
-        """Validates the fields; see the class for what is allowed."""
+        """Validates reward, goal, tolerances and limits of rest."""
         if self.reward not in REWARDS:
             raise ParameterError(f"reward: got {self.reward!r}; allowed: {', '.join(REWARDS)}")
         if len(self.goal) != 3 or not all(math.isfinite(value) for value in self.goal):
             raise ParameterError(f"goal: got {self.goal}; allowed: x [m], y [m] and yaw [rad], finite")
+        if not 0.0 < math.hypot(*self.q_WO) < math.inf:
+            raise ParameterError(f"q_WO: got {self.q_WO}; allowed: a quaternion wxyz that is finite and not zero")
+        for name in ("cost", "bonus"):
+            if not math.isfinite(getattr(self, name)):
+                raise ParameterError(f"{name}: got {getattr(self, name)}; allowed: a finite number")
         for name in ("tolerance", "turn_tolerance", "rest_speed", "rest_turn"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ParameterError(f"{name}: got {getattr(self, name)}; allowed: more than 0")
@@ -96,7 +102,7 @@ class PushTask(Task):
         return self.goal[2]
 
     def lying(self, q_WO: Sequence[float]) -> Self:
-        """The task of an object that lies as q_WO (4,) wxyz says at yaw 0."""
+        """The task of an object whose orientation at yaw 0 is q_WO (4,) wxyz."""
         w, x, y, z = (float(value) for value in q_WO)
         return replace(self, q_WO=(w, x, y, z))
 
@@ -137,7 +143,7 @@ class PushTask(Task):
         return gain
 
     def state(self, object_state: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """Observation (W, 11) float32; the class says what each number is."""
+        """State (W, 11) float32 of W worlds, whose components the class describes; see `Task.state`."""
         goal, values = np.array(self.goal), np.empty((len(object_state), self.state_size))
         yaw = turn_from(np.array(self.q_WO), object_state[:, :4])
         turn = yaw - goal[2]
@@ -151,39 +157,39 @@ class PushTask(Task):
         return np.clip(np.nan_to_num(values), -self.state_bound, self.state_bound).astype(np.float32)
 
     def assembly(self, low: np.ndarray, high: np.ndarray) -> Any:
-        """The map from seven estimated numbers and the pusher to the state; see `Task.assembly`."""
+        """Torch module from an estimate (B, 7) and the pusher (B, 2) to the state (B, 11); see `Task.assembly`."""
         from pinwm_drake.tasks.push_assembly import PushAssembly
 
         return PushAssembly(np.array(self.goal), LENGTH, low, high)
 
 
 def turn_from(q_WO: np.ndarray, q_WB: np.ndarray) -> np.ndarray:
-    """The turn about z [rad] that leads from an orientation to others, as far as one does.
+    """Turns (...) about the world's z [rad] that lead from an orientation to others, or nearest to them.
 
     Args:
-        q_WO: (4,) wxyz, not zero.
-        q_WB: (..., 4) wxyz.
+        q_WO: (4,) wxyz, not zero: the orientation to turn.
+        q_WB: (..., 4) wxyz, not zero: the orientations to reach.
     """
     w, x, y, z = np.moveaxis(q_WB, -1, 0)
     a, b, c, d = q_WO
-    # Of the product q_WB q_WO^-1, the part that turns about z.
+    # The part of the product q_WB q_WO^-1 that turns about z.
     turn: np.ndarray = 2.0 * np.arctan2(z * a - w * d - x * c + y * b, w * a + x * b + y * c + z * d)
     return turn
 
 
 def _lengths(vectors: np.ndarray) -> np.ndarray:
-    """(W,) of vectors (W, n); numpy's norm takes three times as long for so few."""
+    """Lengths (W,) of vectors (W, n); numpy's norm takes three times as long for so few."""
     lengths: np.ndarray = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
     return lengths
 
 
 def _turned(vectors: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:
-    """Vectors (W, 2) in axes that are turned by yaw."""
+    """Components of vectors (W, 2) in axes that are turned by a yaw [rad], one for all or (W,)."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.stack([c * vectors[:, 0] + s * vectors[:, 1], c * vectors[:, 1] - s * vectors[:, 0]], axis=1)
 
 
 def _potential(progress: Progress) -> np.ndarray:
-    """Phi of the shaped reward, (W,)."""
+    """Potential phi (W,) of the shaped reward."""
     phi: np.ndarray = 10.0 * progress.distance + progress.angle + 2.0 * np.maximum(progress.reach - 0.1, 0.0)
     return phi

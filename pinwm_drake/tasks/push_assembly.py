@@ -1,17 +1,19 @@
-"""The push task's state from what a network estimates of the object, and from the pusher, whose position is known."""
+"""The push task's state from a network's estimate of the object, and from the pusher, whose position is known."""
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-MOTION_SIZE = 7  # of the state, without the pusher
+MOTION_SIZE = 7  # components of the state that are of the object alone
 
 
 class PushAssembly(nn.Module):
-    """From an estimate (B, 7) of the object and the pusher (B, 2) across its box to the state (B, 11) of `PushTask`.
+    """Module from an estimate (B, 7) of the object and the pusher (B, 2) across its box to the state of `PushTask`.
 
     Attributes:
-        estimate_size: Numbers that a network estimates: position, heading and velocity of the object.
+        estimate_size: Number of components that a network estimates: position, heading and velocity of the object.
+        placing: (2, 2) float32, map of the pusher's observation into the goal's frame, in units of the state.
+        origin: (2,) float32, middle of the pusher's box in the goal's frame, in units of the state.
     """
 
     estimate_size = MOTION_SIZE
@@ -23,7 +25,7 @@ class PushAssembly(nn.Module):
 
         Args:
             goal: (3,) x [m], y [m], yaw [rad], world.
-            length: m, length that stands for 1 in the state.
+            length: m, unit of lengths in the state.
             low: (2,) m, world: lower corner of the pusher's box.
             high: (2,) m, world: upper corner.
         """
@@ -35,11 +37,11 @@ class PushAssembly(nn.Module):
         self.register_buffer("origin", torch.tensor(origin, dtype=torch.float32), persistent=False)
 
     def forward(self, estimate: Tensor, pusher: Tensor) -> Tensor:
-        """The state (B, 11).
+        """State (B, 11) of `PushTask`, the goal's frame.
 
         Args:
-            estimate: (B, 7): x and y, heading (of any length), velocity and turn, in units of the state.
-            pusher: (B, 2), x and y across its box, -1 to 1.
+            estimate: (B, 7): x and y, heading (of any length), velocity and rate of turn, in units of the state.
+            pusher: (B, 2), x and y of the pusher across its box, -1 to 1.
         """
         heading = nn.functional.normalize(estimate[:, 2:4])
         c, s = heading.unbind(1)

@@ -1,4 +1,4 @@
-"""The seam between a task and everything that is the same for all of them: environments, training, evaluation, bundles.
+"""The seam between a task and the parts that are alike for all tasks: environments, training, evaluation, bundles.
 
 A task is a frozen dataclass whose fields are plain numbers, texts and tuples, so that it can stand in a scenario, in a
 policy and in a bundle. It sees W worlds at once.
@@ -28,9 +28,9 @@ class Progress:
     Attributes:
         distance: d_t (W,) m, from the object to the goal, as the task measures it.
         angle: d_r (W,) rad, 0 to pi, between the object's orientation and the goal's.
-        reach: (W,) m, from the pusher to the object's origin.
-        at_rest: (W,) bool.
-        success: (W,) bool.
+        reach: (W,) m, from the pusher to the object's origin, as the task measures it.
+        at_rest: (W,) bool, true where the object rests.
+        success: (W,) bool, true where the task is done.
     """
 
     distance: np.ndarray
@@ -44,11 +44,11 @@ class Task(ABC):
     """One task; subclasses are frozen dataclasses that `register` makes known by their names.
 
     Attributes:
-        name: Such as "push".
+        name: Name of the task, such as "push".
         axes: World axes along which an action moves the pusher, such as ("x", "y"); its other coordinates stay.
-        state_size: Numbers in `state`.
-        state_bound: Largest absolute value in `state`.
-        max_steps: Actions of an episode, unless an environment is told otherwise.
+        state_size: Number of components of `state`.
+        state_bound: Largest absolute value of a component of `state`.
+        max_steps: Largest number of actions in an episode, unless an environment is told otherwise.
     """
 
     name: ClassVar[str]
@@ -63,7 +63,7 @@ class Task(ABC):
 
         Args:
             object_state: (W, 13), as the station's port has it: q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
-            p_WP: (W, 3) m, the pusher, world.
+            p_WP: (W, 3) m, world: position of the pusher.
         """
 
     @abstractmethod
@@ -76,12 +76,12 @@ class Task(ABC):
 
         Args:
             object_state: (W, 13), as for `measure`.
-            p_WP: (W, 3) m.
+            p_WP: (W, 3) m, world: position of the pusher.
         """
 
     @property
     def action_size(self) -> int:
-        """Components of an action, one for each of `axes`."""
+        """Number of components of an action, one for each of `axes`."""
         return len(self.axes)
 
     @cached_property
@@ -93,8 +93,8 @@ class Task(ABC):
         """Translations d_W (W, 3) m of the pusher, none longer than `longest`.
 
         Args:
-            action: (W, action_size) in [-1, 1], in units of `longest`; a row that is not finite is no translation.
-            longest: m.
+            action: (W, action_size) in [-1, 1], in units of `longest`; a row that is not finite gives a zero row.
+            longest: m, longest translation.
         """
         action = np.asarray(action, float).reshape(-1, self.action_size)
         action = np.where(np.isfinite(action).all(axis=1)[:, None], np.clip(action, -1.0, 1.0), 0.0)
@@ -102,7 +102,7 @@ class Task(ABC):
         return self.along_axes(longest * action / np.maximum(length, 1.0))
 
     def along_axes(self, components: np.ndarray) -> np.ndarray:
-        """World vectors (..., 3) of their components (..., action_size) along `axes`; zero along the other ones."""
+        """World vectors (..., 3) with the components (..., action_size) along `axes`, and zero along the other ones."""
         vectors = np.zeros((*np.shape(components)[:-1], 3))
         vectors[..., self.axis_indices] = components
         return vectors
@@ -117,7 +117,7 @@ class Task(ABC):
 
     @property
     def goal_yaw(self) -> float:
-        """Turn of the goal about the world's z, rad, from which ranges of starts are counted."""
+        """Turn [rad] of the goal about the world's z, from which ranges of starts are counted."""
         return 0.0
 
     def lying(self, q_WO: Sequence[float]) -> Self:
@@ -145,19 +145,19 @@ class Task(ABC):
         return f"success in the task {self.name}"
 
     def assembly(self, low: np.ndarray, high: np.ndarray) -> Any:
-        """A torch module from a network's estimate (B, n) and the pusher (B, action_size) to the state; None for none.
+        """A torch module from a network's estimate (B, n) and the pusher (B, action_size) to the state (B, state_size).
 
-        With None the estimate is the state itself. A module has `estimate_size`, n, and makes use of what need not be
-        estimated: the pusher is known.
+        It has `estimate_size`, n, which may be less than `state_size`, as the pusher is known and need not be
+        estimated. None means that the estimate is the state itself.
 
         Args:
-            low: (action_size,) m, lower corner of the pusher's box along `axes`, where its observation is -1.
-            high: (action_size,) m, upper corner.
+            low: (action_size,) m, world: lower corner of the pusher's box along `axes`, where its observation is -1.
+            high: (action_size,) m, world: upper corner, where it is 1.
         """
         return None
 
     def to_document(self) -> dict[str, Any]:
-        """Plain data, for YAML and JSON: the name and all fields."""
+        """The task as plain data, for YAML and JSON: its name and all fields."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
         return {_NAME: self.name} | {key: list(v) if isinstance(v, tuple) else v for key, v in values.items()}
 

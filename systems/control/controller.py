@@ -18,27 +18,32 @@ from pinwm_drake.systems.station.station import PushStation
 
 
 class Acting(Protocol):
-    """What a controller needs of a bundle."""
+    """Policy in physical units, such as a bundle, as a controller takes it."""
 
     @property
     def spec(self) -> PolicySpec:
-        """What the policy sees and does; it observes "rgb"."""
+        """Specification of the policy, which observes "rgb"."""
 
     def act(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """Translation d_W (n,) m of the pusher, of images (height, width, 3 k) uint8 and its position (n,) m."""
+        """Translation d_W (n,) m of the pusher along the task's axes over the horizon, world.
+
+        Args:
+            image: (height, width, 3 k) uint8, RGB: the last k images, the oldest first.
+            p_WP: (n,) m, world: position of the pusher along the task's axes.
+        """
 
 
 @dataclass(frozen=True)
 class ControlStatus:
-    """What a controller does, and why.
+    """Status of a controller, and the reason for it.
 
     Attributes:
         state: "disarmed", "armed", "running" or "latched"; see `Safety`.
         reason: The fault that latched it, or the present one while disarmed; empty where there is none.
         time: s, of the last action or change.
-        image_age: s, of the image at that time; NaN before the first.
-        actions: How many the policy has computed since the last reset.
-        limited: Whether the limits changed the last one.
+        image_age: s, age of the image at that time; NaN before the first.
+        actions: Number of actions that the policy has computed since the last reset.
+        limited: Flag: the limits changed the last action.
     """
 
     state: Mode = "disarmed"
@@ -51,7 +56,7 @@ class ControlStatus:
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """The state: images (height, width, 3), the oldest first, and what came of them."""
+    """State of the controller: images (height, width, 3) uint8, the oldest first, and the action that followed."""
 
     safety: Safety = field(default_factory=Safety)
     images: tuple[np.ndarray, ...] = ()
@@ -62,7 +67,7 @@ class _Held:
 
 
 class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Acts every horizon H, and moves the pusher only within limits, once armed, until the first fault.
+    """Controller by a policy: acts every horizon H, moves the pusher within limits, once armed, until the first fault.
 
                                               ┌──────────────────┐─► pusher_velocity_W  (3) [m/s], W: limited
         rgb           ImageRgba8U ───────────►│                  │─► raw_action         (n) [m], W: the policy's own
@@ -84,8 +89,8 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
     `TaskEnv`.
 
     Attributes:
-        spec: Of the policy.
-        limits: Of the motion.
+        spec: Specification of the policy; n is its number of action components.
+        limits: Limits of the pusher's motion.
     """
 
     def __init__(self, bundle: Acting, limits: SafetyLimits, period: float | None = None) -> None:
@@ -93,8 +98,8 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
 
         Args:
             bundle: The policy.
-            limits: Of the motion.
-            period: s, that of the worlds which take the velocity; H is a whole multiple of it. None: H itself.
+            limits: Limits of the pusher's motion.
+            period: s, period of the worlds that take the velocity; H is a whole multiple of it. None for H itself.
 
         Raises:
             ParameterError: The policy sees no images, limits are missing, or the horizon is no whole multiple.
@@ -123,24 +128,24 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
         """Lets the policy move the pusher, from the next action on.
 
         Args:
-            context: Of this system, or of the outermost diagram around it; as for the next two.
+            context: Context of this system, or of the outermost diagram around it.
 
         Raises:
-            StateError: A fault latched it; `Reset` first.
+            StateError: A fault latched the controller; `Reset` first.
         """
         self._put(context, self._filter.arm(self._mine(context).safety))
 
     def Disarm(self, context: Context) -> None:
-        """Stops the pusher; a fault that latched stays."""
+        """Stops the pusher; a fault that latched stays; context as for `Arm`."""
         self._put(context, self._filter.disarm(self._mine(context).safety))
 
     def Reset(self, context: Context) -> None:
-        """Forgets fault and images, as at the beginning of an episode; it is disarmed then."""
+        """Forgets fault and images, as at the beginning of an episode, and disarms; context as for `Arm`."""
         state = self.GetMyMutableContextFromRoot(context).get_mutable_abstract_state(int(self._held))
         state.set_value(_Held(status=ControlStatus(time=context.get_time())))
 
     def status(self, context: Context) -> ControlStatus:
-        """What the port says; context as for `Arm`."""
+        """Status of the controller, as its port has it; context as for `Arm`."""
         return self._mine(context).status
 
     def _mine(self, context: Context) -> _Held:
@@ -211,10 +216,10 @@ def AddPolicyController(
     """Adds a controller, disarmed, and connects it with a station of any engine.
 
     Args:
-        builder: Of a diagram that has the station already.
-        station: Its input is `pusher_velocity_W`.
+        builder: Builder of a diagram that has the station already.
+        station: The station; its input is `pusher_velocity_W`.
         bundle: The policy.
-        limits: Of the motion.
+        limits: Limits of the pusher's motion.
 
     Returns:
         The controller, with the name "policy_controller".
@@ -236,6 +241,6 @@ def AddPolicyController(
 
 
 def _with(held: _Held, safety: Safety, **told: Any) -> _Held:
-    """The state with another one of the safety block, and the status that tells of it."""
+    """The controller's state with another one of the safety block, and the status that follows."""
     status = replace(held.status, state=safety.mode, reason=safety.reason, **told)
     return replace(held, safety=safety, status=status)

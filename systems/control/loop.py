@@ -19,22 +19,22 @@ from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.systems.sdf.twin import ContactName
 from pinwm_drake.systems.station.station import MakePushStation
 
-_LOOKS = 5  # in an action, how often a robot's faults are looked for
+_LOOKS = 5  # times in an action at which faults of a robot are looked for
 
 
 @dataclass(frozen=True, eq=False)
 class ControlRow:
-    """How things stand after an action.
+    """State of a control loop after an action.
 
     Attributes:
-        t: s.
-        status: Of the controller.
-        raw_action: (n,) m along the task's axes, what the policy wants; NaN where there is no action.
-        p_WP: (3,) m, of the pusher; NaN where it is not known.
-        object_state: (13,) as the station's port has it; NaN where a robot is all that there is.
-        distance: m, of the object from the goal; NaN where it is not known, and so the next.
-        angle: rad.
-        success: Whether the object is within the task's tolerances, at rest.
+        t: s, time of the simulation.
+        status: Status of the controller.
+        raw_action: (n,) m, world, along the task's axes: translation of the policy, before limits; NaN without one.
+        p_WP: (3,) m, world: position of the pusher; NaN where it is not known.
+        object_state: (13,) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world; NaN with a robot alone.
+        distance: m, of the object from the goal, as the task measures it; NaN where it is not known.
+        angle: rad, between the object's orientation and the goal's; NaN where it is not known.
+        success: Flag: the task is done, by its own criterion.
     """
 
     t: float
@@ -52,10 +52,10 @@ class ControlLoop:
 
     Attributes:
         station: The station.
-        controller: The policy's; disarmed until `arm`.
+        controller: The controller by the policy; disarmed until `listen`.
         driver: The simulated arm; None where there is none.
-        armed: Whether the pusher may move.
-        simulator: Of the diagram.
+        armed: Flag: the pusher may move.
+        simulator: Simulator of the diagram.
     """
 
     def __init__(
@@ -74,12 +74,12 @@ class ControlLoop:
 
         Args:
             bundle: The policy.
-            limits: Of the motion.
+            limits: Limits of the pusher's motion.
             setup: The scene, of one world, as `environment_setup` makes it.
-            engine: Of the station.
-            armed: Whether the pusher may move. Without, everything is computed and nothing is sent.
-            simulate_arm: With "lcm": an arm in simulation behind it, in this process.
-            contact: Of the simulated arm.
+            engine: Engine of the station: "twin", "hydroelastic", "point" or "lcm".
+            armed: Flag: the pusher may move. Without, everything is computed and nothing is sent.
+            simulate_arm: Flag, with "lcm": an arm is simulated behind the station, in this process.
+            contact: Contact model of the simulated arm.
             meshcat: Shows the scene, if given; with "lcm", the simulated arm.
 
         Raises:
@@ -108,7 +108,7 @@ class ControlLoop:
             self.simulator.set_target_realtime_rate(1.0)  # a robot's time is not ours to choose
 
     def draw_place(self, generator: np.random.Generator) -> Place:
-        """A start of the scenario; one that the arm reaches where there is one."""
+        """Random start of the scenario; with a simulated arm one that it reaches."""
         if self.driver is not None:
             return self.driver.draw_place(generator)
         return StartDistribution(self.station.setup).draw(generator)
@@ -132,10 +132,10 @@ class ControlLoop:
         self.simulator.ResetStatistics()  # or one in real time would catch up with what that took
 
     def listen(self, patience: float = 5.0) -> None:
-        """Simulates until image and pusher are there, and from then on lets the pusher move, if it may.
+        """Simulates until image and pusher's state have come, resets the controller, and arms it where it may move.
 
         Args:
-            patience: s.
+            patience: s, longest time to wait, of the simulation.
 
         Raises:
             StateError: Nothing has come in that time.
@@ -157,11 +157,11 @@ class ControlLoop:
         """Simulates action by action.
 
         Args:
-            duration: s, at most.
+            duration: s, longest duration of the run.
 
         Yields:
-            How things stand before the first action, and after each. Nothing comes after a success, nor after a fault
-            that latched.
+            The row before the first action, and after each. Nothing comes after a success, nor after a fault that
+            latched.
         """
         context, row = self.simulator.get_context(), self.row()
         end = context.get_time() + duration
@@ -177,7 +177,7 @@ class ControlLoop:
         self.simulator.AdvanceTo(self._next())
 
     def row(self) -> ControlRow:
-        """How things stand."""
+        """Row of the present state."""
         root = self.simulator.get_context()
         station, watched = self.station, self.station if self.driver is None else self.driver
         state = watched.GetOutputPort("object_state").Eval(watched.GetMyContextFromRoot(root)).copy()
@@ -203,5 +203,5 @@ class ControlLoop:
         return {"image": bool(image), "state of the pusher": bool(pusher)}
 
     def _next(self) -> float:
-        """The end, s, of the action that goes on now."""
+        """Time [s] at which the action ends that goes on now."""
         return (round(self.simulator.get_context().get_time() / self._horizon) + 1) * self._horizon

@@ -1,4 +1,4 @@
-"""What stands between a policy and a robot: faults, a latch, and limits; plain numpy, without Drake."""
+"""The safety block between a policy and a robot: faults, a latch, and limits; plain numpy, without Drake."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -17,14 +17,14 @@ _CLOCK = 1e-6  # s, by which an image may be from the future
 
 @dataclass(frozen=True)
 class Safety:
-    """Where the safety block stands.
+    """State of the safety block.
 
     Attributes:
         mode: "disarmed": nothing moves; "armed": the next action will move; "running": an action does; "latched":
             there was a fault, and nothing moves until a reset.
         reason: The fault: that which latched, or the present one while disarmed; empty where there is none.
         v_WP: (3,) m/s, world: the velocity commanded; zero unless running.
-        limited: Whether that is another one than the policy's.
+        limited: Flag: the limits changed the policy's velocity.
     """
 
     mode: Mode = "disarmed"
@@ -34,7 +34,7 @@ class Safety:
 
 
 class SafetyFilter:
-    """Lets a policy's translations through as velocities, within limits, until the first fault.
+    """Filter that lets a policy's translations through as velocities, within limits, until the first fault.
 
     A fault is an image that is stale, from the future, older than the last or of another size, a pusher whose state is
     lost (not finite) or which is outside of its box, or an action that is not finite or of another shape. While armed,
@@ -44,7 +44,7 @@ class SafetyFilter:
     The filter itself has no state, so that a Drake Context can hold it: methods take a `Safety` and return the next.
 
     Attributes:
-        limits: Kept whatever comes in.
+        limits: Limits of the pusher's motion, kept whatever comes in.
         horizon: s, over which a translation is spread.
     """
 
@@ -52,7 +52,7 @@ class SafetyFilter:
         """Takes the limits; there is no filter without.
 
         Args:
-            limits: Box, speed, acceleration, and age of images.
+            limits: Limits: box, speed, acceleration, and age of images.
             horizon: s, between actions.
             image_size: Height and width, px, of images.
             task: Axes of the actions.
@@ -67,17 +67,17 @@ class SafetyFilter:
         self._low, self._high = np.array(limits.box_low), np.array(limits.box_high)
 
     def arm(self, safety: Safety) -> Safety:
-        """Lets the next action move; no change while running.
+        """Next state of a safety block whose next action may move the pusher; no change while running.
 
         Raises:
-            StateError: It is latched.
+            StateError: The safety block is latched.
         """
         if safety.mode == "latched":
             raise StateError(f"arm: got a controller latched by a fault ({safety.reason}); allowed: after a reset")
         return safety if safety.mode == "running" else Safety("armed")
 
     def disarm(self, safety: Safety) -> Safety:
-        """Stops at once; what is latched stays so."""
+        """Next state of a safety block that stops at once; a latched one stays as it is."""
         return safety if safety.mode == "latched" else Safety()
 
     def fault(
@@ -88,7 +88,7 @@ class SafetyFilter:
         *,
         last_image_time: float = -np.inf,
     ) -> str:
-        """What is wrong with what comes in, but for the image itself; empty if nothing is.
+        """Fault of the inputs, but for the image itself, in words; empty if there is none.
 
         Args:
             time: s, now.
@@ -114,12 +114,12 @@ class SafetyFilter:
         return ""
 
     def image_fault(self, shape: tuple[int, ...]) -> str:
-        """What is wrong with an image of a shape (height, width, channels); empty if nothing is."""
+        """Fault of an image of a shape (height, width, channels), in words; empty if there is none."""
         height, width = self._size
         return "" if shape[:2] == self._size else f"image has {shape[1]} by {shape[0]} px; allowed: {width} by {height}"
 
     def watch(self, safety: Safety, fault: str) -> Safety:
-        """The next state, with a fault, or without (""), between actions."""
+        """Next state between actions, with a fault in words, or without ("")."""
         if safety.mode == "latched":
             return safety
         if safety.mode == "disarmed":
@@ -127,12 +127,12 @@ class SafetyFilter:
         return Safety("latched", fault) if fault else safety
 
     def act(self, safety: Safety, d_W: np.ndarray, p_WP: np.ndarray) -> Safety:
-        """The next state, with an action.
+        """Next state with an action.
 
         Args:
-            safety: Now, without a fault in what came in.
-            d_W: (n,) m, the policy's translation along the task's axes; whatever it is.
-            p_WP: (3,) m, where the pusher is; finite.
+            safety: Present state, when the inputs have no fault.
+            d_W: (n,) m, world: the policy's translation along the task's axes; of any values and shape.
+            p_WP: (3,) m, world: position of the pusher; finite.
         """
         fault = self.action_fault(d_W)
         if fault or safety.mode in ("disarmed", "latched"):
@@ -143,7 +143,7 @@ class SafetyFilter:
         return Safety("running", "", (x, y, z), bool((v_WP != wanted).any()))
 
     def action_fault(self, d_W: np.ndarray) -> str:
-        """What is wrong with an action; empty if nothing is."""
+        """Fault of an action, in words; empty if there is none."""
         if np.shape(d_W) != (shape := (self._task.action_size,)):
             return f"action has shape {np.shape(d_W)}; allowed: {shape}"
         with np.errstate(over="ignore"):

@@ -1,4 +1,4 @@
-"""The same pushes through the learned twin and through Drake's own contact models."""
+"""Comparison of the learned twin with Drake's own contact models, by equal pushes."""
 
 import dataclasses
 import math
@@ -20,25 +20,25 @@ from pinwm_drake.systems.scenario.setup import Setup
 
 PLANTS = tuple(name for name in ENGINES if name != "twin")
 _MOST_PUSHES, _MOST_PROCESSES = 10_000, 64
-# What an engine is called, and the setup of its station.
+# Setups of stations, by the engine's name.
 Cases = dict[str, Setup]
 _rigs: dict[str, dict[str, PushRig]] = {}  # of a process: those of the last call, by its name and the engine
 
 
 @dataclass(frozen=True)
 class CrossCheckOptions:
-    """What is compared with what, and what is agreement.
+    """Options of a cross-check: engines, pushes, and thresholds of agreement.
 
     Attributes:
         engines: Drake's contact models, each compared with the twin.
-        pushes: How many.
-        seed: Of the pushes.
-        threshold_translation: m, for the median over the pushes of the difference after rest.
+        pushes: Number of pushes.
+        seed: Seed of the pushes.
+        threshold_translation: m, largest median over the pushes of the difference after rest.
         threshold_rotation: rad, likewise.
-        processes: That share the pushes.
+        processes: Number of processes that share the pushes.
 
     Raises:
-        ParameterError: One is out of range.
+        ParameterError: An option is out of range.
     """
 
     engines: tuple[str, ...] = PLANTS
@@ -49,7 +49,7 @@ class CrossCheckOptions:
     processes: int = 1
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Checks names and numbers."""
         for name in self.engines:
             if name not in PLANTS:
                 raise ParameterError(f"engine: got {name!r}; allowed: {', '.join(PLANTS)}")
@@ -69,9 +69,9 @@ class PushResult:
 
     Attributes:
         trial: The push.
-        motions: By engine; the twin's too.
-        courses: The same, summed up.
-        differences: By engine, from the twin.
+        motions: Motion by the engine's name; the twin's too.
+        courses: Summary of each motion, by the engine's name.
+        differences: Difference from the twin, by the engine's name.
     """
 
     trial: Trial
@@ -82,17 +82,18 @@ class PushResult:
 
 @dataclass(frozen=True)
 class Verdict:
-    """On an engine. It passes where both medians keep their thresholds.
+    """Verdict on the twin against one engine, which passes where both medians keep their thresholds.
 
     Attributes:
-        engine: Which.
-        median_translation: m, of the differences after rest.
-        median_rotation: rad.
-        most_translation: m.
-        most_rotation: rad.
-        unsound: How many pushes did not come to an end in the twin or in this engine; their difference is infinite.
-        rising: In how many energy came from nowhere, in the twin or in this engine.
-        passed: Whether the twin agrees with it.
+        engine: Name of the engine.
+        median_translation: m, median of the differences after rest.
+        median_rotation: rad, median of the differences after rest.
+        most_translation: m, largest difference after rest.
+        most_rotation: rad, largest difference after rest.
+        unsound: Number of pushes that failed or did not come to rest in the twin or in this engine; their difference
+            is infinite.
+        rising: Number of pushes in which energy came from nowhere, in the twin or in this engine.
+        passed: Flag: the twin agrees with the engine.
     """
 
     engine: str
@@ -107,12 +108,12 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class CrossCheck:
-    """What came of a cross-check.
+    """Results of a cross-check.
 
     Attributes:
-        options: What was compared.
-        pushes: The results, in the order of the draw.
-        verdicts: One for each engine.
+        options: Options of the cross-check.
+        pushes: Results of the pushes, in the order of the draw.
+        verdicts: Verdict on each engine.
     """
 
     options: CrossCheckOptions
@@ -121,11 +122,11 @@ class CrossCheck:
 
     @property
     def passed(self) -> bool:
-        """Whether the twin agrees with every engine."""
+        """Flag: the twin agrees with every engine."""
         return all(verdict.passed for verdict in self.verdicts)
 
     def worst(self) -> int:
-        """The push with the largest difference, against the thresholds."""
+        """Index of the push with the largest difference after rest, in units of the thresholds."""
         limits = self.options.threshold_translation, self.options.threshold_rotation
         scores = [
             max(max(d.translation / limits[0], d.rotation / limits[1]) for d in push.differences.values())
@@ -141,11 +142,11 @@ def cross_check(
     truth: dict[str, float] | None = None,
     report: Callable[[], None] = lambda: None,
 ) -> CrossCheck:
-    """Pushes the object in the twin and in plants, from the same states, and compares.
+    """Compares the motions of an object that is pushed in the twin and in plants, from the same states.
 
     Args:
-        setup: The twin. Limits of its pusher, and the number of its worlds, do not count.
-        options: What is compared.
+        setup: The scene of the twin. Limits of its pusher, and the number of its worlds, do not count.
+        options: Engines, pushes and thresholds.
         truth: Values of `THETA`'s parameters that the plants have instead of the twin's; None compares the physics at
             equal theta, the truth checks the theta too.
         report: Called after each push.
@@ -176,7 +177,7 @@ def cross_check(
 
 
 def unlimited(setup: Setup) -> Setup:
-    """The same with one world, and a pusher that may go wherever it is told."""
+    """The setup with one world, and a pusher that may go wherever it is told."""
     far = 1e2
     pusher = dataclasses.replace(
         setup.scenario.pusher, max_speed=4 * SPEEDS[1], low=[-far, -far, -far], high=[far, far, far]
@@ -202,7 +203,7 @@ def _judge(engine: str, results: list[PushResult], options: CrossCheckOptions) -
 
 
 def _median(values: np.ndarray) -> float:
-    """The middle one, or the mean of the two; infinite rather than undefined where those are infinite."""
+    """Median of values (n,); infinite rather than undefined where the two in the middle are infinite."""
     with np.errstate(invalid="ignore"):
         middle = float(np.median(values))
     return math.inf if math.isnan(middle) else middle
@@ -211,12 +212,13 @@ def _median(values: np.ndarray) -> float:
 def run_trials(
     cases: Cases, trials: Sequence[Trial], *, processes: int = 1, report: Callable[[], None] = lambda: None
 ) -> list[dict[str, Motion]]:
-    """Every push through every engine.
+    """Runs every push in every engine.
 
     Args:
-        cases: The engines.
+        cases: Setups by the engine's name.
         trials: The pushes.
-        processes: That share the pushes, 1 or more; with one thread each. Results do not depend on it.
+        processes: Number of processes that share the pushes, 1 or more; with one thread each. Results do not depend on
+            it.
         report: Called after each push.
 
     Returns:

@@ -1,4 +1,4 @@
-"""How far two engines are apart after one and the same push."""
+"""Difference of two engines after one and the same push."""
 
 import math
 from dataclasses import dataclass
@@ -13,19 +13,19 @@ ENERGY_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class Course:
-    """What is known of a motion by itself.
+    """Summary of one motion by itself.
 
     Attributes:
-        moved: m, from start to end.
-        turned: rad, from start to end.
+        moved: m, translation of the object's origin O from start to end.
+        turned: rad, rotation of the object from start to end.
         rest_time: s, when the object came to rest; infinite where it did not.
-        floor: Shares of the time from the first contact of the pusher to rest: separated, sticking, sliding; of object
-            and floor.
-        pusher: The same of object and pusher.
-        energy_stop: J, kinetic energy of the object when the pusher stopped: what friction had to take.
-        energy_peak: J, the most kinetic energy.
-        energy_rise: J, by how much kinetic energy and weight times height rose again, after the pusher had stopped.
-        failure: What the engine said when it gave up.
+        floor: Shares (3,) of the time from the first contact of the pusher to rest in which object and floor are
+            separated, sticking and sliding.
+        pusher: Shares (3,) of that time in which object and pusher are.
+        energy_stop: J, kinetic energy of the object when the pusher stopped, which friction had to take.
+        energy_peak: J, largest kinetic energy.
+        energy_rise: J, rise of kinetic energy and weight times height together, after the pusher had stopped.
+        failure: Error of the engine when it gave up; empty where it did not.
     """
 
     moved: float
@@ -40,16 +40,16 @@ class Course:
 
     @property
     def energy_rises(self) -> bool:
-        """Whether energy came from nowhere, by more than `ENERGY_TOLERANCE`."""
+        """Flag: energy came from nowhere, by more than `ENERGY_TOLERANCE`."""
         return self.energy_rise > ENERGY_TOLERANCE * self.energy_peak
 
     @property
     def sound(self) -> bool:
-        """Whether the engine came to an end, with the object at rest."""
+        """Flag: the engine came to an end, with the object at rest."""
         return not self.failure and math.isfinite(self.rest_time)
 
     def words(self) -> str:
-        """What has to be known of it beside its numbers; empty where there is nothing."""
+        """Remarks on a failure, a motion without rest, or a rise of energy; empty where there is none."""
         if self.failure:
             return self.failure
         parts = [] if math.isfinite(self.rest_time) else ["does not come to rest"]
@@ -58,13 +58,13 @@ class Course:
 
 @dataclass(frozen=True)
 class Difference:
-    """Of the object's poses in two engines; infinite where one of them failed or did not come to rest.
+    """Difference of the object's poses in two engines; infinite where one of them failed or did not come to rest.
 
     Attributes:
-        translation: m, of O, after rest.
-        rotation: rad, after rest.
-        path_translation: m, the most at one time.
-        path_rotation: rad, the most at one time.
+        translation: m, distance of the two origins O after rest.
+        rotation: rad, angle between the two orientations after rest.
+        path_translation: m, largest distance at one time.
+        path_rotation: rad, largest angle at one time.
         same_modes: Share of the time in which both pairs touch in the same mode in both engines.
     """
 
@@ -76,11 +76,11 @@ class Difference:
 
 
 def course_of(motion: Motion, weight: float) -> Course:
-    """Sums a motion up.
+    """Summary of a motion.
 
     Args:
-        motion: Of an engine.
-        weight: N, of the object.
+        motion: Motion in one engine.
+        weight: N, weight of the object.
     """
     touched = np.flatnonzero(motion.pusher != SEPARATED)
     first = int(touched[0]) if len(touched) else 0
@@ -125,18 +125,18 @@ def difference_of(one: Motion, other: Motion) -> Difference:
 
 
 def _held(values: np.ndarray, n: int) -> np.ndarray:
-    """With the last row repeated up to n rows."""
+    """Values (m, ...) with the last row repeated up to n rows."""
     return np.concatenate([values, np.repeat(values[-1:], n - len(values), axis=0)])
 
 
 def _angles(q: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Between orientations (..., 4), rad."""
-    # Of q and -q the nearer one; the chord is exact for small angles, where an arc cosine is not.
+    """Angles (...) rad between orientations (..., 4) wxyz."""
+    # The nearer one of q and -q; the chord is exact for small angles, where an arc cosine is not.
     chord = np.minimum(np.linalg.norm(q - other, axis=-1), np.linalg.norm(q + other, axis=-1))
     return np.asarray(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
 
 
 def _shares(modes: np.ndarray) -> tuple[float, float, float]:
-    """Of the time, in each of `MODES`."""
+    """Shares (3,) of the time in each of `MODES`, of modes (n,)."""
     a, b, c = (float((modes == mode).mean()) for mode in range(len(MODES)))
     return a, b, c

@@ -29,20 +29,20 @@ _SLOW = 2e-3  # m/s, between the surfaces, up to which they stick
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What an engine made of a push, at n times that are one period apart.
+    """Motion of object and pusher in one engine during a push, at n times that are one period apart.
 
     Attributes:
-        t: (n,) s.
-        p_WO: (n, 3) m, world.
-        q_WO: (n, 4) wxyz.
-        p_WP: (n, 3) m, of the pusher.
-        kinetic: (n,) J, of the object.
-        height: (n,) m, of the centre of mass.
-        floor: (n,) modes of object and floor, numbered as in `crosscheck_modes.MODES`.
+        t: (n,) s, times.
+        p_WO: (n, 3) m, world: position of the object's origin O.
+        q_WO: (n, 4) wxyz, orientation of the object in the world.
+        p_WP: (n, 3) m, world: position of the pusher.
+        kinetic: (n,) J, kinetic energy of the object.
+        height: (n,) m, world: z of the centre of mass.
+        floor: (n,) modes of object and floor, numbered as in `MODES`.
         pusher: (n,) modes of object and pusher.
         stop: Index of the first time at which the pusher has stopped for good.
         rest: Index of the first time from which the object is at rest; None where it never came to that.
-        failure: What the engine said when it gave up; empty where it did not.
+        failure: Error of the engine when it gave up; empty where it did not.
     """
 
     t: np.ndarray
@@ -59,7 +59,7 @@ class Motion:
 
 
 class _Row(NamedTuple):
-    """A sample of what `Motion` describes, and the speed of the object's fastest point, m/s, or more."""
+    """Sample of a `Motion` at one time, and an upper bound of the speed of the object's fastest point, m/s."""
 
     p_WO: np.ndarray
     q_WO: np.ndarray
@@ -86,7 +86,7 @@ class PushRig(ScriptedStation):
         """Makes the diagram.
 
         Args:
-            setup: Of one world.
+            setup: The scene, of one world.
             engine: "twin", "hydroelastic" or "point".
 
         Raises:
@@ -124,7 +124,7 @@ class PushRig(ScriptedStation):
         return Motion(t=t, **columns, stop=min(stop, len(rows) - 1), rest=first, failure=failure)
 
     def _patience(self, speed: float) -> float:
-        """How long to wait for the object after the pusher has stopped, s."""
+        """Longest time [s] to wait for the object's rest after a pusher of a speed [m/s] has stopped."""
         friction = self.setup.twin.theta["friction_floor"].value
         return min(REST_TIME + 0.5 + _PATIENCE * speed / max(friction * self.setup.twin.gravity, 1e-3), _LONGEST)
 
@@ -152,23 +152,23 @@ class PushRig(ScriptedStation):
 
 
 def contact_modes(forces: ContactForces, object_state: np.ndarray, v_WP: np.ndarray) -> tuple[int, int]:
-    """The modes of both pairs of world 0.
+    """Modes of both pairs of world 0.
 
     Args:
-        forces: On the object.
-        object_state: (13,), as an engine's port has it.
-        v_WP: (3,) m/s, of the pusher.
+        forces: Contact forces on the object.
+        object_state: (13,) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
+        v_WP: (3,) m/s, world: velocity of the pusher.
 
     Returns:
-        Of object and floor, and of object and pusher. A pair sticks when its surfaces move against each other by no
-        more than 2 mm/s, on average over the contacts, each weighted by its force.
+        The modes of object and floor, and of object and pusher. A pair sticks when its surfaces move against each other
+        by no more than 2 mm/s, on average over the contacts, each weighted by its force.
     """
     p_WO, w_WO, v_WO = object_state[4:7], object_state[7:10], object_state[10:13]
     return _mode(forces, FLOOR_PAIR, p_WO, w_WO, v_WO), _mode(forces, PUSHER_PAIR, p_WO, w_WO, v_WO - v_WP)
 
 
 def _mode(forces: ContactForces, pair: str, p_WO: np.ndarray, w_WO: np.ndarray, v_W: np.ndarray) -> int:
-    """The mode of a pair; v_W is the velocity of O against the other body, which does not turn."""
+    """Mode of a pair; v_W (3,) m/s is the velocity of O against the other body, which does not turn."""
     mine = (np.array(forces.pairs, dtype=object) == pair) & (forces.worlds == 0)
     weights = np.linalg.norm(forces.f_W[mine], axis=1)
     if not weights.sum() > 0:

@@ -25,13 +25,13 @@ COLUMNS = (*_PUSH, *_DIFFERENCE, *_COURSE, "failure")
 
 
 def write_crosscheck(out: Path, setup: Setup, found: CrossCheck, title: str) -> None:
-    """Writes table and figure.
+    """Writes table and figure of a cross-check.
 
     Args:
-        out: Their folder; made if need be.
-        setup: The twin.
+        out: Folder of the files; made if need be.
+        setup: The scene of the twin.
         found: The cross-check.
-        title: Of the figure.
+        title: Title of the figure.
 
     Raises:
         InputError: A file cannot be written.
@@ -61,7 +61,9 @@ def write_crosscheck(out: Path, setup: Setup, found: CrossCheck, title: str) -> 
 
 
 def write_table(path: Path, found: CrossCheck) -> None:
-    """One row for each push and engine, the twin's first. SI units, radians, world frame; shares of time from 0 to 1.
+    """Writes a row for each push and engine, the twin's first.
+
+    SI units, radians, world frame; shares of time from 0 to 1.
 
     Raises:
         InputError: The file cannot be written.

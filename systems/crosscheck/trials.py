@@ -15,18 +15,18 @@ from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.twin.rollout import twin_scene
 
-_VARIATION = (0.85, 1.15)  # of speed
+_VARIATION = (0.85, 1.15)  # factors of the speed
 _DISTANCES = (0.04, 0.10)  # m, that the pusher goes on after it has met the object
 _DELAY = 0.05  # s, in which the object settles
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A push, and where the object is before it.
+    """A push, and the pose of the object before it.
 
     Attributes:
         X_WO: Pose of the object, at rest.
-        push: What the pusher does.
+        push: Motion of the pusher.
     """
 
     X_WO: RigidTransform
@@ -37,11 +37,11 @@ def draw_trials(setup: Setup, reference: Setup, number: int, seed: int) -> list[
     """Draws pushes; trial k does not depend on their number.
 
     Args:
-        setup: The twin: where the object starts, how high it rests, its mesh and pusher.
-        reference: Its friction on the floor sets how fast the pusher is, so that twins that are checked against one
-            and the same truth get the same pushes.
-        number: How many.
-        seed: Of the draw.
+        setup: The scene of the twin: starts of the object, its mesh and pusher.
+        reference: Setup whose friction on the floor sets the speed of the pusher, so that twins that are checked
+            against one and the same truth get the same pushes.
+        number: Number of pushes.
+        seed: Seed of the draw.
 
     Returns:
         The trials. Pushes are level, at the height of the centre of mass, or as near to it as the floor allows.

@@ -17,7 +17,7 @@ from pinwm_drake.systems.scenario.schema import ENGINES
 
 
 class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
-    """One world in which a task is to be done.
+    """Environment of one world, in which a task is to be done.
 
     An action in [-1, 1]^n is a translation of the pusher along the task's n axes in units of `max_translation`, no
     longer than one such, over the scenario's `pusher.horizon` (0.1 s). Observations: `Observer`; rewards and success:
@@ -27,10 +27,10 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
     `info`: `distance` [m], `angle` [rad], `success`, `step` and `engine`; after a failure also `failure`.
 
     Attributes:
-        worlds: The one world.
+        worlds: `Worlds` of one world.
         setup: The scene, with the task.
         task: Goal, success and rewards.
-        run: The station, and what drives it.
+        run: The station, and the Simulator that advances it.
         engine: Name of the engine.
         max_steps: Actions after which an episode is truncated.
     """
@@ -51,8 +51,8 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
         Args:
             scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
             engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
-            options: See `EnvOptions`; None for the defaults.
-            render_mode: "rgb_array", or None.
+            options: Options of the environment; None for the defaults.
+            render_mode: "rgb_array" for pictures by `render`, or None.
             changes: Single fields of `EnvOptions`, in the place of those of `options`.
 
         Raises:
@@ -78,8 +78,8 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
 
         Args:
             seed: Seed of this episode and those that follow; None goes on with the last one's generator.
-            options: {"place": Place}, or any of {"X_WO": RigidTransform, "p_WP": (3,) m}: where things are, in place
-                of what the scenario's start draws.
+            options: {"place": Place}, or any of {"X_WO": RigidTransform, "p_WP": (3,) m, world}: places of object and
+                pusher, instead of those that the scenario's start draws.
 
         Raises:
             ParameterError: There is no such option.
@@ -98,7 +98,10 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
         return observation, reward, terminated, truncated, out.info(0, self.engine)
 
     def render(self) -> np.ndarray | None:
-        """The camera's picture (height, width, 3) uint8 with goal and pusher, or None without a render mode."""
+        """Picture (f height, f width, 3) uint8 RGB of camera, goal and pusher; None without a render mode.
+
+        The whole factor f is that of `TaskPicture.draw`.
+        """
         if self.render_mode is None:
             return None
         self._picture = self._picture or TaskPicture(self.setup)
@@ -119,7 +122,7 @@ def changed_options(options: EnvOptions | None, changes: dict[str, Any]) -> EnvO
 
 
 def row_of(observation: Observation, row: int) -> Observation:
-    """One world's part of an observation."""
+    """Part of one world in an observation of several."""
     if isinstance(observation, dict):
         return {name: values[row] for name, values in observation.items()}
     return observation[row]

@@ -25,16 +25,16 @@ class Observer:
 
     Attributes:
         kind: "state", "rgb" or "rgb_state".
-        space: Of one world.
+        space: Observation space of one world.
     """
 
     def __init__(self, setup: Setup, kind: Kind, frames: int = 1) -> None:
-        """Builds the space.
+        """Builds the observation space.
 
         Args:
-            setup: Task, camera, pusher's box and number of worlds.
+            setup: The scene: task, camera, pusher's box and number of worlds.
             kind: "state", "rgb" or "rgb_state".
-            frames: k, 1 or more.
+            frames: Number k of the last images that are seen, 1 or more.
 
         Raises:
             ParameterError: There is no such kind, or no frame.
@@ -65,7 +65,7 @@ class Observer:
         return self.kind != "state"
 
     def see(self, images: np.ndarray) -> None:
-        """Takes images (W, height, width, 4) as the last ones."""
+        """Takes images (W, height, width, 4) uint8 RGBA of all worlds as the last ones."""
         stack, rgb = self._images, _without_alpha(images)
         if stack.shape[3] == 3:
             self._images = rgb
@@ -74,15 +74,15 @@ class Observer:
         stack[..., -3:] = rgb
 
     def begin(self, worlds: np.ndarray, images: np.ndarray) -> None:
-        """Takes images (m, height, width, 4) as all that some worlds (m,) have seen."""
+        """Takes images (m, height, width, 4) uint8 RGBA as all that worlds with indices (m,) have seen."""
         self._images[worlds] = np.tile(images[..., :3], self._images.shape[3] // 3)
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """The images that the worlds have seen last, for `set_state`."""
+        """Images that the worlds have seen last, by name, for `set_state`."""
         return {"images": self._images.copy()} if self.needs_images else {}
 
     def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Puts what `get_state` gave back."""
+        """Restores the images of `get_state`."""
         if self.needs_images:
             self._images = arrays["images"].copy()
 
@@ -90,9 +90,9 @@ class Observer:
         """Observations, in arrays of their own.
 
         Args:
-            object_state: (W, 13), as the station's port has it.
-            p_WP: (W, 3) m.
-            worlds: Which of them.
+            object_state: (W, 13), as for `Task.measure`.
+            p_WP: (W, 3) m, world: position of the pusher.
+            worlds: Indices of the worlds that are observed, or a slice of them.
         """
         if self.kind == "state":
             return self._task.state(object_state[worlds], p_WP[worlds])
@@ -104,7 +104,7 @@ class Observer:
 
 
 def _without_alpha(images: np.ndarray) -> np.ndarray:
-    """(W, height, width, 3) of images with alpha; numpy takes ten times as long to copy three bytes of four."""
+    """RGB (W, height, width, 3) of RGBA images; numpy takes ten times as long to copy three bytes of four."""
     W, height, width, _ = images.shape
     rows = np.ascontiguousarray(images).reshape(W * height, width, 4)
     rgb: np.ndarray = cv2.cvtColor(rows, cv2.COLOR_RGBA2RGB).reshape(W, height, width, 3)

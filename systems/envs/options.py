@@ -12,7 +12,7 @@ from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks import Task
 
-_ROUNDING = 1e-9  # by which a translation may exceed what is allowed, relative
+_ROUNDING = 1e-9  # relative, by which a translation may exceed the allowed one
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,10 @@ class EnvOptions:
         observation: "state", "rgb", or "rgb_state" for both.
         frames: Number of the last images that are seen, 1 or more.
         task: A task; or fields of the scene's task that are to be others, such as {"reward": "shaped"}; or None.
-        max_steps: Actions after which an episode is truncated; None for the task's.
-        max_translation: m, longest translation of the pusher in an action; None for what its speed allows.
-        time_step: s, of the twin's physics; None for that of the scene. It divides the horizon of an action.
-        friction_directions: Directions of the twin's friction cone; None for those of the scene.
+        max_steps: Number of actions after which an episode is truncated; None for the task's.
+        max_translation: m, longest translation of the pusher in an action; None for the longest that its speed allows.
+        time_step: s, step of the twin's physics; None for that of the scene. It divides the horizon of an action.
+        friction_directions: Number of directions of the twin's friction cone; None for that of the scene.
         image_size: px, width and height of images; None for those of the scene's camera.
 
     Raises:
@@ -48,7 +48,7 @@ class EnvOptions:
             raise ParameterError(f"max_steps: got {self.max_steps}; allowed: 1 or more")
 
     def task_in(self, setup: Setup) -> Task:
-        """The task in a scene, whose object lies as it does there.
+        """The task in a scene, with the object's orientation of that scene.
 
         Raises:
             ParameterError: There is no such task or field, or a value is out of range.
@@ -59,7 +59,7 @@ class EnvOptions:
 
 
 def environment_setup(setup: Setup, options: EnvOptions | None = None, *, num_worlds: int = 1) -> Setup:
-    """The setup of an environment.
+    """Makes the setup of an environment.
 
     The velocity of the pusher is constant in an action, so that state and sample are taken once an action, whatever
     the scenario says: the steps of the physics are the same, and the diagram is run less often.
@@ -67,10 +67,11 @@ def environment_setup(setup: Setup, options: EnvOptions | None = None, *, num_wo
     Args:
         setup: The scene.
         options: Task, physics and image size; None for those of the scene.
-        num_worlds: 1 or more.
+        num_worlds: Number of worlds, 1 or more.
 
     Raises:
-        ParameterError: The horizon is no whole multiple of the time step, or the task cannot be.
+        ParameterError: The horizon is no whole multiple of a time step, or there is no such task, or a value of it is
+            out of range.
     """
     options = options or EnvOptions()
     scenario, twin, camera, view = setup.scenario, setup.twin, setup.camera, setup.scenario.camera
@@ -98,7 +99,7 @@ def longest_translation(setup: Setup, wanted: float | None) -> float:
 
     Args:
         setup: The scene.
-        wanted: m; None for what the pusher's speed allows.
+        wanted: m, the translation to allow; None for the longest that the pusher's speed allows.
 
     Raises:
         ParameterError: It is not positive, or longer than the pusher's speed allows.

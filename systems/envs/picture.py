@@ -20,10 +20,10 @@ _NEAR = 1e-3  # m
 
 
 class TaskPicture:
-    """Draws a picture of one world."""
+    """Painter of pictures of one world."""
 
     def __init__(self, setup: Setup) -> None:
-        """Finds the outline of the goal, where the task has one."""
+        """Finds the outline of the object at the goal, where the task has a pose for that."""
         width, height = setup.camera.width, setup.camera.height
         self._factor = f = -(-_LEAST // min(height, width))
         self._camera = Camera.from_field_of_view(f * width, f * height, setup.scenario.camera.fov_y)
@@ -39,11 +39,11 @@ class TaskPicture:
         self._pusher = np.asarray(pusher.vertices), np.asarray(pusher.faces)
 
     def draw(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """The picture.
+        """Draws goal and pusher into an enlarged image.
 
         Args:
-            image: (height, width, 3 or 4) uint8, of the object.
-            p_WP: (3,) m.
+            image: (height, width, 3 or 4) uint8, RGB or RGBA: the object on white.
+            p_WP: (3,) m, world: position of the pusher.
 
         Returns:
             (f height, f width, 3) uint8, RGB, with a whole factor f that makes it 256 px or larger.
@@ -58,7 +58,12 @@ class TaskPicture:
         return picture
 
     def _silhouette(self, vertices_W: np.ndarray, faces: np.ndarray) -> np.ndarray:
-        """(f height, f width) bool: where a mesh with corners (n, 3) m is seen."""
+        """Mask (f height, f width) bool of the pixels in which a mesh is seen.
+
+        Args:
+            vertices_W: (n, 3) m, world: corners of the mesh.
+            faces: (m, 3) indices of the corners of its triangles.
+        """
         vertices_C = self._X_CW.multiply(vertices_W.T).T
         seen: np.ndarray = np.isfinite(mesh_depth(vertices_C[None], faces, self._camera, _NEAR)[0])
         return seen

@@ -1,4 +1,4 @@
-"""From a scene to the specification of a policy, and back to an environment that such a policy can act in."""
+"""Specification of a policy from a scene, and the environment in which such a policy can act."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,7 +15,7 @@ from pinwm_drake.systems.scenario.load import Scene
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks import Task
 
-# By how much a scene's camera may be elsewhere: an identified floor lies within a millimetre of the true one.
+# Largest distances of a scene's camera from the policy's: an identified floor lies within a millimetre of the true one.
 _OFF, _TURNED = 2e-3, 5e-3  # m, rad
 _SHARE = 1e-6
 
@@ -24,8 +24,8 @@ def policy_spec(setup: Setup, options: EnvOptions, observes: Observes) -> Policy
     """Specification of a policy that is trained in a scene.
 
     Args:
-        setup: Of `environment_setup`.
-        options: Frames, longest translation and number of steps; the task is the setup's.
+        setup: The scene, as `environment_setup` makes it.
+        options: Options of which frames, longest translation and number of steps count; the task is the setup's.
         observes: "rgb" or "state".
 
     Raises:
@@ -58,11 +58,11 @@ def policy_spec(setup: Setup, options: EnvOptions, observes: Observes) -> Policy
 
 
 def spec_environment(spec: PolicySpec, scene: Scene, engine: str | None = None, **changes: Any) -> TaskEnv:
-    """An environment in which a policy sees and does what it is made for.
+    """Makes the environment of a scene in which a policy has the observations and actions that it is made for.
 
     Args:
         spec: Specification of the policy.
-        scene: As `TaskEnv` takes it.
+        scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
         engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
         changes: Fields of `EnvOptions` in the place of the specification's; a mapping as `task` changes the policy's.
 
@@ -92,10 +92,14 @@ def _task(task: Task, wanted: Task | Mapping[str, Any] | None) -> Task:
 
 
 def check_scene(spec: PolicySpec, setup: Setup) -> None:
-    """Compares a scene with what a policy is made for.
+    """Checks that a scene is one that a policy is made for.
+
+    Args:
+        spec: Specification of the policy.
+        setup: The scene.
 
     Raises:
-        ParameterError: Its camera, its pusher's box or its horizon differs.
+        ParameterError: The scene's camera (with images), pusher's box or horizon is not that of the policy.
     """
     scenario, camera = setup.scenario, spec.camera
     if abs(scenario.pusher.horizon - spec.horizon) > _SHARE:

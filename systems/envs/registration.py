@@ -1,9 +1,10 @@
-"""The environment's name in gymnasium, which importing this registers; nothing heavy is loaded for that.
+"""Name of the environments in gymnasium, which importing this module registers; nothing heavy is loaded for that.
 
     gymnasium.make("pinwm_drake.systems.envs.registration:pinwm/Push-v0")     imports this by itself
     import pinwm_drake.systems.envs.registration                              from here on "pinwm/Push-v0" will do
 
-gymnasium 1.0 and later knows no entry points by which a package that is only installed could add a name.
+The default scene is push_t, with the push task; the options `scene` and `task` choose others. gymnasium 1.0 and later
+knows no entry points by which a package that is only installed could add a name.
 """
 
 import gymnasium

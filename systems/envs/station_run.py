@@ -15,25 +15,26 @@ from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import MakePushStation
 
-FAILURES = (SolverError, RuntimeError)  # of the twin, and of Drake's plants
+FAILURES = (SolverError, RuntimeError)  # errors of the twin's physics, and of Drake's plants
 
 
 class StationRun:
     """A station with its Simulator, which advances by one translation an action.
 
     Attributes:
-        setup: Of `environment_setup`: one update of the state an action.
+        setup: The scene, as `environment_setup` makes it: one update of the state an action.
         station: The station; its input is `pusher_translation_W`.
-        num_worlds: W.
+        num_worlds: Number of worlds, W.
+        max_translation: m, longest translation of the pusher in an action.
     """
 
     def __init__(self, setup: Setup, engine: str | None, max_translation: float | None) -> None:
         """Makes the station.
 
         Args:
-            setup: The scene.
+            setup: The scene, as `environment_setup` makes it.
             engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
-            max_translation: m, the longest in an action; None for what the pusher's speed allows.
+            max_translation: m, the longest in an action; None for the longest that the pusher's speed allows.
 
         Raises:
             ParameterError: The translation is not positive, or longer than the pusher's speed allows.
@@ -70,7 +71,13 @@ class StationRun:
         self.station.SetPlace(self._context, place, world)
 
     def set_world_state(self, object_state: np.ndarray, p_WP: np.ndarray, world: int) -> None:
-        """Sets the state of object (13,) and pusher (3,) m in one of the twin's worlds."""
+        """Sets the state of object and pusher in one of the twin's worlds.
+
+        Args:
+            object_state: (13,) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
+            p_WP: (3,) m, world: position of the pusher.
+            world: Index of the world.
+        """
         model, object_state = self._world_model, object_state.copy()
         object_state[:4] /= np.linalg.norm(object_state[:4])
         model.SetState(model.GetMyMutableContextFromRoot(self._context), object_state, p_WP, world)
@@ -79,7 +86,7 @@ class StationRun:
         """Gives one of the twin's worlds the theta and colours of a domain.
 
         Args:
-            domain: Such as a cousin of the twin.
+            domain: Theta and colours, such as a cousin of the twin.
             world: Index of the world.
             colours: Flag: the colours are set too; drawing them takes longer than some actions.
 
@@ -112,7 +119,7 @@ class StationRun:
         )
 
     def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Puts what `get_state` gave back."""
+        """Restores the arrays of `get_state`."""
         self._actions = int(arrays["actions"])
         self._context.SetTime(self._actions * self.setup.period)
         for group in range(len(self._begin)):
@@ -131,7 +138,7 @@ class StationRun:
         return model
 
     def advance(self, action: np.ndarray) -> None:
-        """Goes on by one action (W, action_size) in [-1, 1], of the scene's task.
+        """Simulates one action (W, action_size) in [-1, 1], along the axes of the scene's task.
 
         Raises:
             SolverError, RuntimeError: The contacts have no solution that is found; see `FAILURES`.
@@ -143,20 +150,20 @@ class StationRun:
 
     @property
     def object_state(self) -> np.ndarray:
-        """(W, 13)."""
+        """States (W, 13) of the objects: q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world."""
         return self._object.Eval(self._context).reshape(self.num_worlds, 13)
 
     @property
     def p_WP(self) -> np.ndarray:
-        """(W, 3) m."""
+        """Positions (W, 3) m of the pushers, world."""
         return self._pusher.Eval(self._context).reshape(self.num_worlds, 6)[:, :3]
 
     def images(self) -> np.ndarray:
-        """(W, height, width, 4) uint8, as the station's port has them."""
+        """Images (W, height, width, 4) uint8 RGBA of all worlds, as the station's port has them."""
         images: np.ndarray = self._rgb.Eval(self._context)
         return images
 
     def images_of(self, worlds: np.ndarray) -> np.ndarray:
-        """(m, height, width, 4) uint8 of some of the twin's worlds (m,), without rendering the others."""
+        """Images (m, height, width, 4) uint8 RGBA of the twin's worlds with indices (m,), without rendering others."""
         model = self._world_model
         return model.TakePictures(model.GetMyContextFromRoot(self._context), worlds)

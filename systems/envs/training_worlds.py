@@ -27,20 +27,20 @@ def training_options(**changes: object) -> EnvOptions:
 
 
 class DomainPool:
-    """One of a number of domains for each episode; a round of the training has domains of its own.
+    """Pool of domains, one of which each episode gets; a round of the training has a pool of its own.
 
-    Meant as `Worlds.domain`. The domains are drawn beforehand, as drawing colours takes longer than some actions.
+    It serves as `Worlds.domain`. The domains are drawn beforehand, as drawing colours takes longer than some actions.
 
     Attributes:
         size: Number of domains in a round.
     """
 
     def __init__(self, draw: DomainDraw, size: int = _POOL) -> None:
-        """Draws the first round's.
+        """Draws domains from the seed 0.
 
         Args:
-            draw: The domain of a number.
-            size: 1 or more.
+            draw: Function from a number to its domain.
+            size: Number of domains in a round, 1 or more.
 
         Raises:
             ParameterError: The size is out of range.
@@ -65,7 +65,7 @@ class DomainPool:
         set_generator_state(self._random, arrays["generator"])
 
     def __call__(self, world: int) -> Domain:
-        """The domain of a world's next episode."""
+        """Domain of a world's next episode, one of the pool, drawn evenly."""
         return self._members[int(self._random.integers(self.size))]
 
 
@@ -93,9 +93,9 @@ class TrainingWorlds:
         Args:
             scene: The folder of a twin, or what else `load_setup` takes.
             options: Options of the environments; None for `training_options()`.
-            num_worlds: W.
+            num_worlds: Number of worlds, W.
             domains: Distribution of the domains; None for cousins with a delta of 0.1.
-            yaw: rad, by which the object is turned at the start at most, either way; None for the scene's range.
+            yaw: rad, largest turn of the object from the goal at the start, either way; None for the scene's range.
 
         Raises:
             InputError: The scene, or one of its files, cannot be used.

@@ -31,7 +31,7 @@ class TaskVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     some did, `final_obs` and `final_info`, as `SyncVectorEnv` has them with AutoresetMode.SAME_STEP.
 
     Attributes:
-        worlds: What does the work.
+        worlds: The worlds, which begin episodes and advance by actions.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012  # as gymnasium has it
@@ -49,13 +49,13 @@ class TaskVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
 
         Args:
             scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
-            num_envs: W.
-            options: See `EnvOptions`; None for the defaults.
-            domain: See `Worlds`.
+            num_envs: Number of worlds, W.
+            options: Options of the environment; None for the defaults.
+            domain: Gives the domain of a world's next episode; see `Worlds`.
             changes: Single fields of `EnvOptions`, in the place of those of `options`.
 
         Raises:
-            InputError: The scenario, or one of its files, cannot be used.
+            InputError: The scene, or one of its files, cannot be used.
             ParameterError: An option is none of those allowed.
         """
         changes.pop("render_mode", None)
@@ -71,8 +71,9 @@ class TaskVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         """Begins an episode in every world.
 
         Args:
-            seed: World k takes `seed + k`; or one for each.
-            options: Of `TaskEnv.reset`, alike in all worlds.
+            seed: Seed of the first world, where world k takes `seed + k`; or one for each world; None goes on with the
+                generators.
+            options: Options as for `TaskEnv.reset`, alike in all worlds.
         """
         seeds = [int(seed) + world for world in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
         observation = self.worlds.reset(seeds, None if options is None else [options] * self.num_envs)
@@ -98,7 +99,7 @@ class TaskVecEnv(VecEnv):
     for SB3's log, `episode` and `is_success`; before that they are empty.
 
     Attributes:
-        worlds: What does the work.
+        worlds: The worlds, which begin episodes and advance by actions.
     """
 
     def __init__(
@@ -126,11 +127,11 @@ class TaskVecEnv(VecEnv):
         return observation
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keeps the actions (W, n)."""
+        """Keeps the actions (W, n) in [-1, 1]^n for `step_wait`."""
         self._next = actions
 
     def step_wait(self) -> tuple[Observation, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Goes on by the actions."""
+        """Goes on by the actions of `step_async`; gives observation, rewards (W,), ends (W,) bool, and infos."""
         out = self.worlds.advance(self._next)
         observation, last = _go_on(self.worlds, out)
         self._sums += out.reward
@@ -150,17 +151,17 @@ class TaskVecEnv(VecEnv):
         return self.worlds.get_state() | {"sums": self._sums.copy()}
 
     def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Puts what `get_state` gave back; seeds and options that wait for a reset are dropped."""
+        """Restores the arrays of `get_state`; seeds and options that wait for a reset are dropped."""
         self._reset_seeds()
         self._reset_options()
         self._sums = arrays["sums"].copy()
         self.worlds.set_state(arrays)
 
     def close(self) -> None:
-        """There is nothing to close."""
+        """Does nothing: the worlds hold nothing that has to be closed."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of the worlds, once for each of `indices`."""
+        """Value of an attribute of the worlds, once for each of `indices`."""
         if attr_name == "render_mode":
             return [None for _ in self._get_indices(indices)]
         return [getattr(self.worlds, attr_name) for _ in self._get_indices(indices)]
@@ -176,7 +177,7 @@ class TaskVecEnv(VecEnv):
         return [getattr(self.worlds, method_name)(*method_args, **method_kwargs)] * self.num_envs
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:
-        """No world is wrapped."""
+        """Flags for each of `indices`: no world is wrapped."""
         return [False for _ in self._get_indices(indices)]
 
     def _require_all(self, indices: Iterable[int] | int | None) -> None:
@@ -185,7 +186,7 @@ class TaskVecEnv(VecEnv):
 
 
 def _go_on(worlds: Worlds, out: Advance) -> tuple[Observation, Observation | None]:
-    """Begins the next episode where one ended; the observation of all worlds, and the last one of those that ended."""
+    """Begins the next episode where one ended; gives the observation of all worlds, and the last one of those ended."""
     last, ended = None, out.ended
     if len(ended):
         last = worlds.observe(ended)

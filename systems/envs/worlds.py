@@ -28,12 +28,12 @@ class Advance:
     """Outcome of one action in W worlds.
 
     Attributes:
-        reward: (W,).
-        terminated: (W,) bool: success.
-        truncated: (W,) bool: the time limit, or a failure of the physics.
+        reward: (W,) rewards of the task.
+        terminated: (W,) bool, true with success.
+        truncated: (W,) bool, true at the time limit, or after a failure of the physics.
         progress: Progress at the end of the action.
         steps: (W,) int, actions of the episodes, this one included.
-        failures: Why the physics failed, by world.
+        failures: Reasons why the physics failed, by the world's index.
     """
 
     reward: np.ndarray
@@ -63,10 +63,10 @@ class Worlds:
     Attributes:
         setup: The scene, with the task.
         task: Goal, success and rewards.
-        run: The station, and what drives it.
+        run: The station, and the Simulator that advances it.
         engine: Name of the engine.
-        max_steps: Actions after which an episode is truncated.
-        observation_space: Of one world.
+        max_steps: Number of actions after which an episode is truncated.
+        observation_space: Observation space of one world.
         domain: Called with a world's index before it begins an episode; gives the theta and colours of that episode, or
             None to leave them. Colours are not asked for where no images are seen.
     """
@@ -83,11 +83,11 @@ class Worlds:
         """Builds the station.
 
         Args:
-            scene: See `load_setup`.
+            scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
             engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
-            num_worlds: W; 1 for engines other than the twin.
-            options: See `EnvOptions`; None for the defaults.
-            domain: See the class.
+            num_worlds: Number of worlds, W; 1 for engines other than the twin.
+            options: Options of the environment; None for the defaults.
+            domain: Gives the domain of a world's next episode; see the class.
 
         Raises:
             InputError: The scene, or one of its files, cannot be used.
@@ -133,9 +133,9 @@ class Worlds:
         """Begins an episode in every world, at time 0 of the simulation.
 
         Args:
-            seeds: (W,) of the worlds' generators; None goes on with a generator, or with all.
-            options: (W,) any of {"place": Place, "X_WO": RigidTransform, "p_WP": (3,) m}: where things are, in place
-                of what the scenario's start draws; None for nothing.
+            seeds: (W,) seeds of the worlds' generators; None goes on with a generator, or with all.
+            options: (W,) any of {"place": Place, "X_WO": RigidTransform, "p_WP": (3,) m, world}: places of object and
+                pusher, instead of those that the scenario's start draws; None for the drawn ones.
 
         Returns:
             The observation of all worlds.
@@ -157,8 +157,8 @@ class Worlds:
         """Begins an episode in some worlds.
 
         Args:
-            worlds: (m,) int, their indices.
-            options: (W,) as for `reset`.
+            worlds: (m,) int, indices of the worlds.
+            options: (W,) options as for `reset`.
 
         Raises:
             ParameterError: There is no such option.
@@ -181,7 +181,10 @@ class Worlds:
         A world whose physics finds no solution stays where it was, and its episode is truncated.
 
         Args:
-            actions: (W, task.action_size) in [-1, 1].
+            actions: (W, task.action_size) in [-1, 1], along the task's axes.
+
+        Returns:
+            Rewards, ends of episodes, progress and failures.
         """
         before = self._progress
         self._steps += 1
@@ -196,7 +199,7 @@ class Worlds:
         return Advance(reward, terminated, truncated, progress, self._steps.copy(), failures)
 
     def observe(self, worlds: np.ndarray | slice = np.s_[:]) -> Observation:
-        """The observation of some worlds, (m,) int or a slice, in arrays of its own."""
+        """Observation of the worlds with indices (m,) int, or of a slice of them, in arrays of its own."""
         return self._observer.observe(self._object_state, self._p_WP, worlds)
 
     def get_state(self) -> dict[str, np.ndarray]:
@@ -220,7 +223,7 @@ class Worlds:
         self._take_state()
 
     def _advance(self, actions: np.ndarray) -> dict[int, str]:
-        """One action; worlds whose physics fails are put back to where they were, and named."""
+        """Simulates one action; worlds whose physics fails are put back, and returned with the reasons."""
         failures: dict[int, str] = {}
         last = self._object_state, self._p_WP
         try:
@@ -266,7 +269,7 @@ def progress_info(progress: Progress, world: int) -> dict[str, Any]:
 
 
 def _chosen_place(drawn: Place, options: dict[str, Any] | None) -> Place:
-    """A place with what the options of a reset say; raises ParameterError where there is no such option."""
+    """The drawn place with the changes of a reset's options; raises ParameterError where there is no such option."""
     options = options or {}
     for name in options:
         if name not in RESET_OPTIONS:

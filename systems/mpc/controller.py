@@ -13,7 +13,7 @@ from pinwm_drake.tasks.push import PushTask
 
 
 class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Plans pushes of an object to a goal.
+    """Controller that plans pushes of an object to a goal on the floor, and moves the pusher along x and y.
 
                                          ┌─────────┐
         object_state  (13): q_WO wxyz,   │         │─► pusher_velocity_W  (3) [m/s], W
@@ -41,10 +41,10 @@ class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
         """Declares state, ports and event.
 
         Args:
-            setup: Of `environment_setup`: what is known of the scene, such as an identified twin.
+            setup: The scene as far as it is known, such as an identified twin, as `environment_setup` makes it.
             task: Goal and tolerances.
-            max_translation: m, of an action; None for what the pusher's speed allows.
-            period: s, at which the station samples the velocity, if shorter than the horizon, which is a multiple.
+            max_translation: m, longest translation in an action; None for the longest that the pusher's speed allows.
+            period: s, at which the station samples the velocity, a whole fraction of the horizon; None for the horizon.
 
         Raises:
             InputError: A mesh cannot be used.
@@ -64,7 +64,7 @@ class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Plan)
 
     def plan(self, context: Context) -> Plan | None:
-        """The last plan; the context is that of this system, or of a diagram around it."""
+        """The last plan, None before the first; the context is that of this system, or of a diagram around it."""
         found: Plan | None = self.GetMyContextFromRoot(context).get_abstract_state(self._plan).get_value()
         return found
 
@@ -92,11 +92,11 @@ def AddPushMpc(
     """Adds the controller of a station that is in the builder; its command is the velocity.
 
     Args:
-        builder: Of the diagram around the station.
-        station: What is moved.
-        setup: What is known of it; see `PushMpc`.
+        builder: Builder of the diagram around the station.
+        station: The station, whose input is `pusher_velocity_W`.
+        setup: The scene as far as it is known; see `PushMpc`.
         task: Goal and tolerances.
-        max_translation: m, of an action.
+        max_translation: m, longest translation in an action; None for the longest that the pusher's speed allows.
 
     Raises:
         InputError, ParameterError: See `PushMpc`.

@@ -16,31 +16,31 @@ from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.sdf.twin import twin_solid
 from pinwm_drake.tasks.push import turn_from
 
-SUB_STEPS = 6  # of an action
+SUB_STEPS = 6  # steps of the model in an action
 _COAST_STEPS = 8
-_FACE_POINTS = 12  # of `resting_points`: those that carry the object
+_FACE_POINTS = 12  # first points of `resting_points`, which carry the object
 _SPEED = 2e-3  # m/s, over which contact and slip are rounded off
 _SLOW = 1e-3  # m/s, likewise where the object comes to rest
 
 
 @dataclass(frozen=True, eq=False)
 class PlanarBody:
-    """What the model knows of a scene.
+    """Rigid body that slides on the floor, with everything that the model knows of a scene.
 
-    The planar frame B is at the object's centre of mass; its axes are the world's where the object lies as `q_WO` has
-    it, and turn with the object about z. A planar state (6) is x, y [m], yaw [rad], and their rates, in the world.
+    The planar frame B is at the object's centre of mass; its axes are the world's where the object's orientation is
+    `q_WO`, and turn with the object about z. A planar state (6) is x, y [m], yaw [rad], and their rates, in the world.
 
     Attributes:
-        outline: At the height of the pusher, frame B.
-        p_OB: (2,) m, the centre of mass seen from the origin of the mesh, axes of B.
-        q_WO: (4,) wxyz, how the object lies at yaw 0.
-        radius: m, of the pusher.
-        turning: I/m about z, m^2.
+        outline: Outline of the object at the height of the pusher, frame B.
+        p_OB: (2,) m, from the origin of the mesh to the centre of mass, axes of B.
+        q_WO: (4,) wxyz, orientation of the object at yaw 0.
+        radius: m, radius of the pusher.
+        turning: m^2, moment of inertia about z over the mass.
         lever: m, the mean distance of the floor's pressure from the centre of mass.
-        friction_floor: Of the floor.
-        friction_pusher: Of the pusher.
-        gravity: m/s^2.
-        horizon: s, of an action.
+        friction_floor: Coulomb coefficient of object and floor.
+        friction_pusher: Coulomb coefficient of object and pusher.
+        gravity: m/s^2, downwards.
+        horizon: s, duration of an action.
     """
 
     outline: Outline
@@ -56,11 +56,11 @@ class PlanarBody:
 
     @property
     def braking(self) -> float:
-        """By which a sliding object slows down, m/s^2."""
+        """Deceleration of a sliding object, m/s^2."""
         return self.friction_floor * self.gravity
 
     def planar(self, object_state: np.ndarray) -> np.ndarray:
-        """The planar state (6) of an object's state (13) as the station's port has it."""
+        """Planar state (6) of an object's state (13,): q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world."""
         yaw = float(turn_from(self.q_WO, object_state[:4]))
         offset = rotated(self.p_OB, yaw)
         turn = float(object_state[9])
@@ -69,10 +69,10 @@ class PlanarBody:
 
 
 def planar_body(setup: Setup) -> PlanarBody:
-    """Of a scene: theta of its twin, and the shapes of object and pusher.
+    """Planar body of a scene, from theta of its twin, and the shapes of object and pusher.
 
     Args:
-        setup: Of `environment_setup`; the object lies as `scenario.start.q_WO` has it.
+        setup: The scene, as `environment_setup` makes it; the object's orientation is `scenario.start.q_WO`.
 
     Raises:
         InputError: A mesh cannot be used.
@@ -105,27 +105,27 @@ def planar_body(setup: Setup) -> PlanarBody:
 
 
 def rotated(vector: np.ndarray, yaw: float) -> np.ndarray:
-    """Vectors (..., 2), turned by an angle [rad]."""
+    """Vectors (..., 2) turned by an angle [rad]."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.stack([c * vector[..., 0] - s * vector[..., 1], s * vector[..., 0] + c * vector[..., 1]], axis=-1)
 
 
 def push_step(body: PlanarBody, x: ca.SX, p: ca.SX, v: ca.SX, edge: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """A sub-step of an action.
+    """One sub-step of an action, of which there are `SUB_STEPS`.
 
     Floor friction is that of an ellipsoidal limit surface; then the contact with the pusher takes the impulse, per
     mass, after which they do not approach farther than their gap, an LCP of one contact, solved in closed form. Corners
     of functions are rounded off, so that there are derivatives. Last, the state moves on with the new velocity.
 
     Args:
-        body: The scene.
+        body: The model of the scene.
         x: (6) planar state.
-        p: (2) m, the pusher.
-        v: (2) m/s, its velocity.
+        p: (2) m, world: position of the pusher.
+        v: (2) m/s, world: velocity of the pusher.
         edge: (4) a point of the edge [m] and its outward normal, frame B. The edge is a whole line here.
 
     Returns:
-        State and pusher, a sub-step later.
+        Planar state (6) and position of the pusher (2), a sub-step later.
 
     Source: for the limit surface, Howe and Cutkosky, IJRR 15(6), 1996.
     """
@@ -140,7 +140,7 @@ def push_step(body: PlanarBody, x: ca.SX, p: ca.SX, v: ca.SX, edge: ca.SX) -> tu
     arm_n, arm_t = r[0] * n[1] - r[1] * n[0], r[0] * t[1] - r[1] * t[0]
     W_n, W_t = 1.0 + arm_n**2 / body.turning, 1.0 + arm_t**2 / body.turning
     slip = v - velocity[:2] - velocity[2] * ca.vertcat(-r[1], r[0])
-    # How fast they would come too near; the object is pushed along -n.
+    # Speed at which they would come too near; the object is pushed along -n.
     excess = -(gap / h + ca.dot(n, slip))
     push = 0.5 * (excess + ca.sqrt(excess**2 + _SPEED**2)) / W_n
     drag = ca.dot(t, slip)
@@ -153,9 +153,10 @@ def push_step(body: PlanarBody, x: ca.SX, p: ca.SX, v: ca.SX, edge: ca.SX) -> tu
 
 
 def coast(body: PlanarBody, x: ca.SX) -> ca.SX:
-    """The pose (3) in which an object comes to rest that nothing pushes any more, of its planar state (6).
+    """Pose of B (3) in which an object comes to rest that nothing pushes any more, from its planar state (6).
 
-    Translation and rotation stop together, after about the time that the friction takes; steps of that time's parts.
+    Translation and rotation stop together, after about the time that the friction takes; the steps are equal parts of
+    that time.
     """
     v, h = x[3:], coasting_time(body, x) / _COAST_STEPS
     pose = x[:3]
@@ -167,7 +168,7 @@ def coast(body: PlanarBody, x: ca.SX) -> ca.SX:
 
 
 def coasting_time(body: PlanarBody, x: ca.SX) -> ca.SX:
-    """How long, s, an object in a planar state (6) goes on sliding."""
+    """Time [s] for which an object in a planar state (6) goes on sliding."""
     line, turn = x[3] ** 2 + x[4] ** 2 + _SLOW**2, (body.lever * x[5]) ** 2
     braking = body.braking * (line + body.lever**2 / body.turning * turn) / (line + turn)
     return ca.sqrt(line + turn) / braking

@@ -1,4 +1,4 @@
-"""The outline of an object at the height at which it is pushed, and how far points are from it."""
+"""The outline of an object at the height at which it is pushed, and distances of points from it."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import trimesh
 
 from pinwm_drake.errors import ParameterError
 
-_STRAIGHT = 1e-3  # m: a corner that is this near to the line between its neighbours is none
+_STRAIGHT = 1e-3  # m, distance from the line between its neighbours up to which a corner is left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,39 +24,48 @@ class Outline:
 
     @cached_property
     def spans(self) -> np.ndarray:
-        """(n, 2) m, of each edge, from its first corner to its second."""
+        """Vectors (n, 2) m from each edge's first corner to its second, frame B."""
         return np.roll(self.corners, -1, axis=0) - self.corners
 
     @cached_property
     def lengths(self) -> np.ndarray:
-        """(n,) m, of the edges."""
+        """Lengths (n,) m of the edges."""
         return np.hypot(*self.spans.T)
 
     @cached_property
     def tangents(self) -> np.ndarray:
-        """(n, 2), unit, along the edges."""
+        """Unit vectors (n, 2) along the edges, frame B."""
         return self.spans / self.lengths[:, None]
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """(n, 2), unit, outward."""
+        """Outward unit normals (n, 2) of the edges, frame B."""
         return np.stack([self.tangents[:, 1], -self.tangents[:, 0]], axis=1)
 
     @cached_property
     def convex(self) -> np.ndarray:
-        """(n,) bool, of the corners: whether the object is outside of none of its sides there."""
+        """Flags (n,) bool of the convex corners, at which the outline turns to the left."""
         before = np.roll(self.tangents, 1, axis=0)
         turn = before[:, 0] * self.tangents[:, 1] - before[:, 1] * self.tangents[:, 0]
         return turn > 0
 
     def stretch(self, edge: int, radius: float, margin: float) -> tuple[float, float]:
-        """From where to where along an edge [m] a disc of a radius [m] touches it, by a margin [m] off its ends."""
+        """Stretch of an edge on which a disc can touch it.
+
+        Args:
+            edge: Index of the edge.
+            radius: m, radius of the disc.
+            margin: m, distance that stays free at both ends.
+
+        Returns:
+            Begin and end of the stretch, m from the edge's first corner; the end may be below the begin.
+        """
         after = (edge + 1) % len(self.corners)
         ends = [margin if self.convex[corner] else radius + margin for corner in (edge, after)]
         return ends[0], float(self.lengths[edge]) - ends[1]
 
     def corner_points(self, distance: float) -> np.ndarray:
-        """(m, 2) m: where to go round the convex corners, at a distance [m] from both of their edges."""
+        """Points (m, 2) m at which to go round the convex corners, frame B, at a distance [m] from both edges."""
         n, before = self.normals[self.convex], np.roll(self.normals, 1, axis=0)[self.convex]
         both = n + before
         # Along the bisector; of a sharp corner no farther off than twice the distance.
@@ -64,7 +73,7 @@ class Outline:
         return self.corners[self.convex] + distance * both * reach[:, None]
 
     def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far points are from the outline, and which way is out.
+        """Distances of points from the outline, and directions outward.
 
         Args:
             points: (m, 2) m, frame B.
@@ -91,7 +100,7 @@ class Outline:
 
 
 def slice_outline(mesh: trimesh.Trimesh, height: float) -> Outline:
-    """The outline of a mesh at a height z [m], its frame's x and y kept.
+    """Outline of a mesh at a height z [m], in x and y of the mesh's frame.
 
     Where the object is in several pieces at that height, or has holes, the outline of the largest piece.
 
@@ -109,13 +118,13 @@ def slice_outline(mesh: trimesh.Trimesh, height: float) -> Outline:
 
 
 def _area(loop: np.ndarray) -> float:
-    """Of a polygon, m^2; positive if counter-clockwise."""
+    """Area [m^2] of a polygon with corners (n, 2) m; positive if counter-clockwise."""
     after = np.roll(loop, -1, axis=0)
     return 0.5 * float((loop[:, 0] * after[:, 1] - loop[:, 1] * after[:, 0]).sum())
 
 
 def _simple(loop: np.ndarray) -> np.ndarray:
-    """A polygon without the corners that hardly are some."""
+    """Polygon (n, 2) m without the corners that are within `_STRAIGHT` of the line between their neighbours."""
     corners = list(loop)
     while len(corners) > 3:
         off = [_height(corners[k - 1], corners[k], corners[(k + 1) % len(corners)]) for k in range(len(corners))]
@@ -127,7 +136,7 @@ def _simple(loop: np.ndarray) -> np.ndarray:
 
 
 def _height(before: np.ndarray, corner: np.ndarray, after: np.ndarray) -> float:
-    """How far a corner is from the line between its neighbours, m."""
+    """Distance [m] of a corner from the line between its neighbours, all (2,) m."""
     u, v = after - before, corner - before
     length = math.hypot(*u)
     return abs(float(u[0] * v[1] - u[1] * v[0])) / length if length > 0 else math.hypot(*v)

@@ -6,41 +6,41 @@ from pinwm_drake.systems.mpc.model import PlanarBody, rotated
 from pinwm_drake.systems.mpc.outline import Outline
 
 _AWAY = np.stack([np.cos(a := np.linspace(0, 2 * np.pi, 16, endpoint=False)), np.sin(a)], axis=1)
-_PARTS = (1.0, 0.7, 0.4, 0.2)  # of the longest step, tried in this order
-_LOOKS = 5  # times in an action at which is looked whether there is room
+_PARTS = (1.0, 0.7, 0.4, 0.2)  # shares of the longest step, tried in this order
+_LOOKS = 5  # times in an action at which the room around the pusher is checked
 _NEARER = 2e-4  # m, by which a pusher that is too near may come nearer
 _SHORT = 1e-3  # m, by which there may be less room beside a moving object than beside one at rest
 _CLEAR, _ROUND = 3e-3, 5e-3  # m, off the object: at least, and at corners
-_SAMPLES = 24  # of a straight piece
+_SAMPLES = 24  # points of a straight piece that are checked
 
 
 class Walk:
-    """Takes the pusher round an object that nothing pushes, at rest or on its way there.
+    """Way of the pusher round an object that nothing pushes, at rest or on its way there.
 
     Attributes:
         detours: Ways around the object at rest.
     """
 
     def __init__(self, body: PlanarBody, max_translation: float, low: np.ndarray, high: np.ndarray) -> None:
-        """Finds the ways.
+        """Finds the ways around the object at rest.
 
         Args:
-            body: The scene.
-            max_translation: m, of an action.
-            low: (2) m, of the pusher's box.
-            high: (2) m.
+            body: The model of the scene.
+            max_translation: m, longest translation in an action.
+            low: (2) m, world: lower corner of the pusher's box.
+            high: (2) m, world: upper corner.
         """
         self.detours = Detours(body.outline, body.radius)
         self._body, self._longest, self._low, self._high = body, max_translation, low, high
 
     def step(self, x: np.ndarray, p: np.ndarray, rest: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """(2) m: an action toward a point around where the object will rest, and out of its way while it moves.
+        """Translation (2) m, world, of one action toward a point, round the object and out of its way while it moves.
 
         Args:
             x: (6) planar state.
-            p: (2) m, the pusher.
-            rest: (3) of B, where the object comes to rest.
-            end: (2) m, where to.
+            p: (2) m, world: position of the pusher.
+            rest: (3) m and rad, pose of B in which the object comes to rest.
+            end: (2) m, world: point to go to.
         """
         seen = (rotated(point - rest[:2], -rest[2]) for point in (p, end))
         way = rest[:2] + rotated(self.detours.way(*seen), rest[2])
@@ -57,14 +57,14 @@ class Walk:
         return found
 
     def allowed(self, p: np.ndarray, d_W: np.ndarray) -> np.ndarray:
-        """(2) m: d_W (2) m, no longer than the longest, and not out of the box for a pusher at p (2) m."""
+        """Translation (2) m like d_W (2) m, but no longer than the longest, and not out of the box from p (2) m."""
         d_W = d_W * min(1.0, self._longest / max(float(np.hypot(*d_W)), 1e-12))
         # A pusher that is outside may stay or come back.
         inside: np.ndarray = np.clip(p + d_W, np.minimum(self._low, p), np.maximum(self._high, p)) - p
         return inside
 
     def _ahead(self, x: np.ndarray) -> np.ndarray:
-        """(_LOOKS, 3): poses of an object that nothing pushes, in the next action."""
+        """Poses of B (_LOOKS, 3), m and rad, of an object that nothing pushes, in the next action."""
         poses, pose, v = [], x[:3].copy(), x[3:].copy()
         h = self._body.horizon / _LOOKS
         for _ in range(_LOOKS):
@@ -76,7 +76,7 @@ class Walk:
 
 
 def _cut(way: np.ndarray, length: float) -> np.ndarray:
-    """(2) m: along a way (k, 2) from its beginning, as far as a length [m] and the next corner."""
+    """Translation (2) m along a way (k, 2) m from its beginning, to the next corner or as far as a length [m]."""
     for corner in way[1:]:
         to = corner - way[0]
         far = float(np.hypot(*to))
@@ -97,8 +97,8 @@ class Detours:
         """Finds the ways between corners.
 
         Args:
-            outline: The object.
-            radius: m, of the disc.
+            outline: Outline of the object.
+            radius: m, radius of the disc.
         """
         self._outline, self.clear = outline, radius + _CLEAR
         nodes = outline.corner_points(radius + _ROUND)
@@ -108,7 +108,7 @@ class Detours:
             self._between = np.minimum(self._between, self._between[:, k : k + 1] + self._between[k])
 
     def lengths(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """(m, k) m: of the shortest ways from starts (m, 2) to ends (k, 2); infinite where there is none."""
+        """Lengths (m, k) m of the shortest ways from starts (m, 2) m to ends (k, 2) m; infinite where there is none."""
         starts = self.outside(starts)
         there = self._straight(starts, self._nodes)
         here = self._straight(self._nodes, ends)
@@ -117,9 +117,9 @@ class Detours:
         return np.minimum(self._straight(starts, ends), around)
 
     def way(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """(k, 2) m: corners of the shortest way from start (2) to end (2), both included; straight where there is none.
+        """Corners (k, 2) m of the shortest way from start (2) m to end (2) m, both included.
 
-        It begins where the disc is far enough off, if it is too near.
+        A disc that is too near first goes straight out. Where there is no way, it goes straight to the end.
         """
         begin = self.outside(start[None])
         points, here = [start], begin[0]
@@ -140,13 +140,13 @@ class Detours:
             points.append(here)
 
     def outside(self, points: np.ndarray) -> np.ndarray:
-        """Points (m, 2), those that are too near moved straight out."""
+        """Points (m, 2) m of which those that are too near are moved straight out."""
         distance, out = self._outline.nearest(points)
         moved: np.ndarray = points + np.maximum(self.clear + 1e-4 - distance, 0.0)[:, None] * out
         return moved
 
     def _straight(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """(m, k) m: lengths of the straight ways; infinite where the object is in the way."""
+        """Lengths (m, k) m of the straight ways from starts (m, 2) m to ends (k, 2) m; infinite through the object."""
         share = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
         pieces = starts[:, None, None] + share * (ends[None, :, None] - starts[:, None, None])
         distance = self._outline.nearest(pieces.reshape(-1, 2))[0].reshape(len(starts), len(ends), _SAMPLES)

@@ -1,4 +1,4 @@
-"""Plans pushes anew in every action: from an object's state and the pusher's position to a translation."""
+"""Planner of pushes, anew in every action: from an object's state and the pusher's position to a translation."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -13,8 +13,9 @@ from pinwm_drake.systems.mpc.table import PushTable, missed_cost
 from pinwm_drake.tasks.push import PushTask
 
 Phase = Literal["approach", "push", "wait"]
-_ENOUGH = 0.8  # of the tolerances, within which a coasting object is left alone
-_GOOD, _TRIED = 0.8, 3  # tolerances: when that many choices were tried and none misses by less, others are
+_ENOUGH = 0.8  # share of the tolerances within which a coasting object is left alone
+# A choice that misses by less [tolerances] is good; after so many tries a good one ends the search.
+_GOOD, _TRIED = 0.8, 3
 _NOTHING = 0.1  # tolerances, by which a push moves an object at least
 _THERE = 1e-3  # m, from where a push begins
 _ELSEWHERE = 3e-3  # m, the pusher from where the last plan had it: it was moved by something else
@@ -22,18 +23,18 @@ _ELSEWHERE = 3e-3  # m, the pusher from where the last plan had it: it was moved
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What is to be done, and in the next action.
+    """Plan of up to two pushes, with the next action.
 
     Attributes:
         phase: "approach" a push, "push", or "wait" for the object to come to rest at the goal.
-        d_W: (2) m, the translation of the next action.
-        p_WP: (2) m, where that takes the pusher.
-        pushes: This one and the next.
-        left: How many actions of this push are left after the next action.
-        rests: (k, 3) of B: where the object comes to rest after the pushes, by the model; m and rad.
-        goal: (3) of B; the yaw is the one that the object is turned to, any number of turns away.
-        miss: Of the last rest, the norm of the error in tolerances.
-        yaw: rad, of B now, without jumps since the plan was begun.
+        d_W: (2) m, world: translation of the next action.
+        p_WP: (2) m, world: position of the pusher after it.
+        pushes: The present push and the next.
+        left: Number of actions of the present push that are left after the next action.
+        rests: (k, 3) m and rad, poses of B in which the object comes to rest after the pushes, by the model.
+        goal: (3) m and rad, pose of B at the goal; the yaw may be any number of turns away.
+        miss: Norm of the error of the last rest, in tolerances.
+        yaw: rad, yaw of B now, without jumps since the plan was begun.
         barren: An edge at which the last plan wanted to push and then found that of no use; None where there is none.
     """
 
@@ -51,7 +52,7 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class _Now:
-    """Where things are: planar state x (6), pusher p (2) m, and pose (3) and time (1) s in which the object rests."""
+    """Present state: planar state x (6), pusher p (2) m, and pose (3) and time (1) s in which the object rests."""
 
     x: np.ndarray
     p: np.ndarray
@@ -60,7 +61,7 @@ class _Now:
 
 
 class PushPlanner:
-    """A receding horizon of two pushes.
+    """Planner with a receding horizon of two pushes.
 
     Without a plan, or after a push, two pushes are chosen from the table and improved by the program. The pusher goes
     round the object to where the first begins; from there on the program is solved in every action, with the state as
@@ -73,11 +74,11 @@ class PushPlanner:
         """Makes program and table.
 
         Args:
-            body: The scene.
+            body: The model of the scene.
             task: Goal and tolerances.
-            max_translation: m, of an action.
-            low: (2) m, of the pusher's box.
-            high: (2) m.
+            max_translation: m, longest translation in an action.
+            low: (2) m, world: lower corner of the pusher's box.
+            high: (2) m, world: upper corner.
 
         Raises:
             ParameterError: No side of the object is long enough to be pushed.
@@ -96,8 +97,8 @@ class PushPlanner:
 
         Args:
             x: (6) planar state.
-            p: (2) m, the pusher.
-            last: The plan before, if the state is what came of it.
+            p: (2) m, world: position of the pusher.
+            last: The plan before, if its action led to this state; None to plan anew.
         """
         x, p = x.copy(), p.copy()
         if last is not None and np.hypot(*(last.p_WP - p)) > _ELSEWHERE:
@@ -115,13 +116,13 @@ class PushPlanner:
         return self._approach(now, last)
 
     def _near_goal(self, pose: np.ndarray) -> np.ndarray:
-        """(3) the goal, its yaw the one next to that of a pose."""
+        """Goal (3) m and rad as a pose of B, with the yaw, of all whole turns, that is nearest to a pose's."""
         goal = self._goal.copy()
         goal[2] += 2 * np.pi * np.round((pose[2] - goal[2]) / (2 * np.pi))
         return goal
 
     def _choose(self, now: "_Now", barren: int | None) -> Plan:
-        """The best of the table's choices, improved."""
+        """Plan of the best among the table's choices, improved by the program."""
         still, goal = np.concatenate([now.rest, np.zeros(3)]), self._near_goal(now.rest)
         waiting = float(now.time[0]) / self.body.horizon
         choices = self._table.choose(now.rest, now.p, goal, self._scales, waiting, barren)
@@ -144,7 +145,7 @@ class PushPlanner:
         )
 
     def _is_nothing(self, now: "_Now", found: Solution) -> bool:
-        """Whether the first push leaves the object where it comes to rest without."""
+        """Flag: the first push leaves the object where it comes to rest without."""
         return float(np.linalg.norm((found.rests[0] - now.rest) / self._scales)) < _NOTHING
 
     def _approach(self, now: "_Now", plan: Plan) -> Plan:
@@ -155,7 +156,7 @@ class PushPlanner:
         return replace(plan, phase="approach", d_W=d_W, p_WP=now.p + d_W, left=ACTIONS, yaw=float(now.x[2]))
 
     def _push(self, now: "_Now", plan: Plan, left: int) -> Plan:
-        """The next action of a push; if that is of no use any more, on to the next push."""
+        """Plan with the next action of a push; if that is of no use any more, with the approach of the next push."""
         found, barren = self.program.solve(now.x, now.p, plan.pushes, plan.goal, left), None
         first, second = found.pushes
         if self._is_nothing(now, found):

@@ -1,4 +1,4 @@
-"""The model-predictive controller where a learned policy would be: from the environment's observation to an action."""
+"""The model-predictive controller in the place of a policy: from the environment's observation to an action."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,17 +14,17 @@ from pinwm_drake.tasks.push import LENGTH, SPEED, TURN, PushTask
 
 
 def make_planner(setup: Setup, task: PushTask, max_translation: float | None = None) -> PushPlanner:
-    """A planner for a scene.
+    """Planner of pushes for a scene.
 
     Args:
-        setup: Of `environment_setup`: what is known of the scene, such as an identified twin.
-        task: Goal and tolerances; it has the object lie as the setup does.
-        max_translation: m, of an action; None for what the pusher's speed allows.
+        setup: The scene as far as it is known, such as an identified twin, as `environment_setup` makes it.
+        task: Goal and tolerances; its `q_WO` is that of the setup's start.
+        max_translation: m, longest translation in an action; None for the longest that the pusher's speed allows.
 
     Raises:
         InputError: A mesh cannot be used.
-        ParameterError: The translation is not positive or longer than the pusher's speed allows, the object lies
-            otherwise, or it has no side that the pusher can reach.
+        ParameterError: The translation is not positive or longer than the pusher's speed allows, the task's `q_WO` is
+            another one, or the object has no side that the pusher can touch.
     """
     pusher, start = setup.scenario.pusher, setup.scenario.start
     length = longest_translation(setup, max_translation)
@@ -36,13 +36,13 @@ def make_planner(setup: Setup, task: PushTask, max_translation: float | None = N
 
 
 class PushMpcPolicy:
-    """Plans from the environment's observation `state`, with the signature of SB3's `predict`.
+    """Policy of the push task that plans from the observation `state`, with the signature of SB3's `predict`.
 
-    What it plans it hands out as the policy's state and takes back with the next observation: it keeps nothing itself.
+    It hands its plans out as the policy's state and takes them back with the next observation: it keeps nothing itself.
 
     Attributes:
-        planner: What plans.
-        max_translation: m, of an action.
+        planner: Planner of the pushes.
+        max_translation: m, longest translation in an action.
     """
 
     def __init__(self, setup: Setup, task: PushTask, max_translation: float | None = None) -> None:
@@ -53,12 +53,13 @@ class PushMpcPolicy:
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, tuple[Plan | None, ...]]:
-        """Actions (2,) or (W, 2) in [-1, 1]^2, and the plans behind them.
+        """Actions (2,) or (W, 2) in [-1, 1]^2 along x and y, and the plans behind them.
 
         Args:
-            observation: Of one world or of W: an array (11) of kind "state", or a dict that has one under `state`.
+            observation: Observation of one world or of W: the state (11,) or (W, 11) of `PushTask`, or a dict that has
+                it under `state`.
             state: The plans that came back last; None to plan anew.
-            episode_start: (W,) bool, where an episode begins: plans before it are dropped.
+            episode_start: (W,) bool, true where an episode begins: plans before it are dropped.
             deterministic: Not used: it always is.
 
         Raises:
@@ -88,7 +89,7 @@ class PushMpcPolicy:
         return self.planner.plan(*self.read(row), last)
 
     def read(self, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The planar state (6) of `PlanarBody` and the pusher's position (2) [m], world, of an observation (11)."""
+        """Planar state (6) of `PlanarBody` and pusher's position (2) m, world, from an observation (11,)."""
         goal, yaw = self._goal[:2], self._goal[2]
         turned = yaw + float(np.arctan2(row[3], row[2]))
         offset = rotated(self.planner.body.p_OB, turned)

@@ -8,10 +8,10 @@ import numpy as np
 
 from pinwm_drake.systems.mpc.model import SUB_STEPS, PlanarBody, coast, coasting_time, push_step
 
-ACTIONS = 3  # of a push
+ACTIONS = 3  # actions of a push, at most
 GAP = 4e-3  # m, between pusher and edge when a push begins
 _MARGIN = 4e-3  # m, from the ends of an edge
-_EFFORT = 1e-3  # what an action of full length costs, in the units of the objective
+_EFFORT = 1e-3  # cost of an action of full length, in the units of the objective
 _PUSH = 1 + 2 * ACTIONS  # variables of a push
 # The solver stops when its objective has changed by no more than this share of max(1, objective), three times.
 _CHANGE, _ITERATIONS = 1e-2, 30
@@ -22,9 +22,9 @@ class Push:
     """A push, as the program has it.
 
     Attributes:
-        edge: Of the outline; None for no push.
-        along: m, from the edge's first corner to where the pusher begins.
-        actions: (ACTIONS, 2), how far the pusher goes toward the object along the edge's normal as it is when the push
+        edge: Index of an edge of the outline; None for no push.
+        along: m, from the edge's first corner to the place where the pusher begins.
+        actions: (ACTIONS, 2), ways of the pusher toward the object along the edge's normal as it is when the push
             begins, and along the edge, both in units of the longest translation.
     """
 
@@ -34,19 +34,19 @@ class Push:
 
     @classmethod
     def none(cls) -> "Push":
-        """No push."""
+        """An absent push, in the place of a second one."""
         return cls(None, 0.0, np.zeros((ACTIONS, 2)))
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What the program found.
+    """Solution of the program.
 
     Attributes:
-        pushes: The two of them.
-        rests: (2, 3): the pose at rest after each, m and rad.
-        error: Of the last: (3) in units of the tolerances.
-        d_W: (ACTIONS, 2) m, the translations of the first push.
+        pushes: The two pushes.
+        rests: (2, 3) m and rad, pose of B at rest after each push.
+        error: (3) error of the last pose from the goal, in units of the tolerances.
+        d_W: (ACTIONS, 2) m, world: translations of the first push.
     """
 
     pushes: tuple[Push, Push]
@@ -56,15 +56,15 @@ class Solution:
 
     @property
     def miss(self) -> float:
-        """The norm of the error."""
+        """Norm of the error, in units of the tolerances."""
         return float(np.linalg.norm(self.error))
 
 
 class PushProgram:
-    """Solves for translations of the pusher.
+    """Nonlinear program that improves translations of the pusher.
 
         minimise    |error|^2 + effort |u|^2
-        over        where each push begins on its edge, and its actions u
+        over        the place on its edge where each push begins, and its actions u
         such that   no action is longer than the longest, and the pusher stays on the edge
 
     where the error is that of the pose at rest after the second push, in units of the tolerances, by `push_step` and
@@ -75,9 +75,9 @@ class PushProgram:
         """Makes the program.
 
         Args:
-            body: The scene.
-            max_translation: m.
-            scales: m and rad, errors that stand for 1.
+            body: The model of the scene.
+            max_translation: m, longest translation in an action.
+            scales: m and rad, tolerances: the units of the errors.
         """
         self.body, self._longest = body, max_translation
         outline = body.outline
@@ -112,17 +112,17 @@ class PushProgram:
         self._where = ca.Function("where", [x, w[0], edges[:, 0]], [self._start(x, w[0], edges[:, 0])])
         u = ca.SX.sym("u", 2 * ACTIONS)
         rest, ends, d_W, along = self._push(x, p, u, edges[:, 0])
-        # The pose at rest after actions u of a pusher that is at p; the pusher then; where on the edge it was after
-        # each action; and how long the object slides on.
+        # The pose at rest after actions u of a pusher that is at p; the pusher then; its place on the edge after each
+        # action; and the time for which the object slides on.
         outputs = [rest, p + sum(d_W), ca.vertcat(*along), coasting_time(body, ends)]
         self.rest_after = ca.Function("rest_after", [x, p, u, edges[:, 0]], outputs)
 
     def edge(self, edge: int) -> np.ndarray:
-        """(4,): the first corner [m] and the outward normal of an edge, frame B."""
+        """First corner [m] and outward normal of an edge, together (4,), frame B."""
         return self._edges[edge]
 
     def start(self, pose: np.ndarray, push: Push) -> np.ndarray:
-        """(2,) m: where the pusher begins a push of an object at a pose (3)."""
+        """Position (2,) m, world, at which the pusher begins a push of an object at a pose of B (3)."""
         assert push.edge is not None
         found = self._where([*pose[:3], 0.0, 0.0, 0.0], push.along, self._edges[push.edge])
         return np.asarray(found, float).ravel()
@@ -139,10 +139,10 @@ class PushProgram:
 
         Args:
             x: (6) planar state when the first push begins.
-            p: (2) m, where the pusher is then; None where it may begin anywhere on the edge.
-            pushes: To start from; a push without an edge stays none.
-            goal: (3) of B, m and rad; the yaw is taken as it is, so that it should be the turn that is meant.
-            left: How many actions of the first push may be used.
+            p: (2) m, world: position of the pusher then; None where it may begin anywhere on the edge.
+            pushes: Pushes to start from; a push without an edge stays none.
+            goal: (3) m and rad, pose of B; the yaw is taken as it is, so that it should be the turn that is meant.
+            left: Number of actions of the first push that may be used.
         """
         parameters = self._parameters(x, p, pushes, goal)
         low, high = np.zeros(2 * _PUSH), np.zeros(2 * _PUSH)
@@ -183,14 +183,19 @@ class PushProgram:
         return np.concatenate([x, place, [float(p is None)], *edges, goal])
 
     def _start(self, x: ca.SX, along: ca.SX, edge: ca.SX) -> ca.SX:
-        """Where the pusher is, a gap off the edge."""
+        """Position (2) m, world, of a pusher that is a gap off a place on an edge."""
         off = self.body.radius + GAP
         point = ca.vertcat(edge[0] - edge[3] * along + off * edge[2], edge[1] + edge[2] * along + off * edge[3])
         c, s = ca.cos(x[2]), ca.sin(x[2])
         return x[:2] + ca.vertcat(c * point[0] - s * point[1], s * point[0] + c * point[1])
 
     def _push(self, x: ca.SX, p: ca.SX, u: ca.SX, edge: ca.SX) -> tuple[ca.SX, ca.SX, list[ca.SX], list[ca.SX]]:
-        """The pose at rest; the state before it coasts there; translations; where on the edge the pusher then is."""
+        """Outcome of the actions u (2 ACTIONS) of one push.
+
+        Returns:
+            Pose at rest (3); planar state (6) after the last action; translations (2) m, world, of the actions; and the
+            pusher's place on the edge after each, m from its first corner.
+        """
         c, s = ca.cos(x[2]), ca.sin(x[2])
         n = ca.vertcat(c * edge[2] - s * edge[3], s * edge[2] + c * edge[3])
         t = ca.vertcat(-n[1], n[0])

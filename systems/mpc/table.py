@@ -1,4 +1,4 @@
-"""What single pushes do to an object at rest, and which one or two of them bring it to a goal soonest."""
+"""Table of single pushes of an object at rest, and the choice of one or two that bring it to a goal soonest."""
 
 from dataclasses import dataclass
 
@@ -10,22 +10,22 @@ from pinwm_drake.systems.mpc.path import Detours
 from pinwm_drake.systems.mpc.program import ACTIONS, Push, PushProgram
 
 _SPACING = 0.012  # m, of the places on an edge
-_SPEEDS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)  # of the longest action
+_SPEEDS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)  # shares of the longest action
 _MISSED = 10.0  # actions that an error of a tolerance costs
-_FAR = 4.0  # actions that every further one costs
-_GAIN = 0.6  # of the error now: pushes that leave more are no choice while there are others
-_NO_CHOICE = 100.0  # actions
+_FAR = 4.0  # actions that every further tolerance costs
+_GAIN = 0.6  # share of the present error: pushes that leave more are no choice while there are others
+_NO_CHOICE = 100.0  # actions that are added to the cost of a push that is no choice
 _CHOICES, _CANDIDATES = 6, 400
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Pushes that look good.
+    """Candidate of up to two pushes.
 
     Attributes:
-        pushes: Two, the second maybe none.
-        actions: How many actions they take, roughly, with what is left to do thereafter.
-        busy: Actions without that.
+        pushes: The two pushes, the second maybe none.
+        actions: Number of actions that they take, roughly, with those to mend the error that is left.
+        busy: Number of actions without those.
     """
 
     pushes: tuple[Push, Push]
@@ -42,14 +42,14 @@ class PushTable:
     def __init__(
         self, program: PushProgram, detours: Detours, max_translation: float, low: np.ndarray, high: np.ndarray
     ) -> None:
-        """Computes what the pushes do.
+        """Computes the outcome of every push.
 
         Args:
-            program: Has the model.
+            program: Program of the pushes, with its model.
             detours: Ways around the object at rest.
-            max_translation: m, of an action.
-            low: (2) m, of the pusher's box.
-            high: (2) m.
+            max_translation: m, longest translation in an action.
+            low: (2) m, world: lower corner of the pusher's box.
+            high: (2) m, world: upper corner.
 
         Raises:
             ParameterError: No side of the object is long enough to be pushed.
@@ -87,14 +87,14 @@ class PushTable:
         self._place, self._actions, self._rest = self._place[good], self._actions[good], rest[good]
         self._edge = np.array([place[0] for place in places])[self._place]
         self._used = (self._actions[:, :, 0] > 0).sum(axis=1)
-        # How long the object slides on, in actions.
+        # The time for which the object slides on, in actions.
         self._roll = rolling[good, 0] / body.horizon
-        # The pusher's way from where a push left it to each place, in actions.
+        # The pusher's way from its end of each push to each place, in actions.
         pusher = rotated_rows(pusher[good] - self._rest[:, :2], -self._rest[:, 2])
         self._between = detours.lengths(pusher, self._starts) / self._longest
 
     def __len__(self) -> int:
-        """How many pushes there are."""
+        """Number of pushes in the table."""
         return len(self._place)
 
     def choose(
@@ -109,12 +109,12 @@ class PushTable:
         """The best pushes for an object that comes to rest at a pose.
 
         Args:
-            rest: (3) the pose.
-            p: (2) m, the pusher.
-            goal: (3) of B.
-            scales: (3) errors that stand for 1.
-            waiting: Actions until it rests.
-            barren: An edge at which not to push first.
+            rest: (3) m and rad, pose of B at rest.
+            p: (2) m, world: position of the pusher.
+            goal: (3) m and rad, pose of B at the goal.
+            scales: (3) m and rad, tolerances: the units of the errors.
+            waiting: Number of actions until the object rests.
+            barren: Index of an edge at which not to push first; None for none.
 
         Returns:
             Some choices, the best first, no two of which push at the same edges.
@@ -164,20 +164,25 @@ class PushTable:
 
 
 def missed_cost(miss: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Actions that it takes to mend an error of so many tolerances, roughly; pushes are to make it smaller than now."""
+    """Number of actions, roughly, to mend errors; those that are not clearly smaller than now cost much.
+
+    Args:
+        miss: (...) norms of the errors that are left, in tolerances.
+        now: Norm of the present error, in tolerances.
+    """
     cost: np.ndarray = _MISSED * np.minimum(miss**2, 1.0) + _FAR * np.maximum(miss - 1.0, 0.0)
     cost += _NO_CHOICE * (miss > _GAIN * now)
     return cost
 
 
 def _norm(error: np.ndarray) -> np.ndarray:
-    """(...) of errors (..., 3)."""
+    """Norms (...) of errors (..., 3)."""
     norm: np.ndarray = np.sqrt(np.einsum("...i,...i->...", error, error))
     return norm
 
 
 def rotated_rows(vectors: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """Vectors (n, 2), each turned by its own angle (n,) [rad]."""
+    """Vectors (n, 2), each turned by an angle of its own, (n,) rad."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.stack([c * vectors[:, 0] - s * vectors[:, 1], s * vectors[:, 0] + c * vectors[:, 1]], axis=1)
 

@@ -1,4 +1,4 @@
-"""Checks a document against dataclasses whose fields carry bounds, so that every message names file, key and value."""
+"""Check of a document against dataclasses whose fields carry bounds; every message names file, key and value."""
 
 import dataclasses
 import types
@@ -8,7 +8,7 @@ from pinwm_drake.capture.documents import Entry
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.tasks import task_from_document
 
-# Ranges [low, high] are drawn from; low must not be above high.
+# Keys of ranges [low, high] to draw from; low must not be above high.
 _RANGES = ("x", "y", "yaw", "pusher_angle", "pusher_gap")
 
 
@@ -17,7 +17,7 @@ def check_scenario(entry: Entry, schema: type) -> None:
 
     Args:
         entry: The whole document.
-        schema: `Scenario`.
+        schema: The class `Scenario`, which imports this module.
 
     Raises:
         InputError: A key is unknown, or a value is of the wrong kind, in another unit or out of range.
@@ -73,7 +73,7 @@ def _check_start(start: Entry, default: Any) -> None:
 
 
 def _or_default(entry: Entry, key: str, default: Any) -> Entry:
-    """The entry under a key, or what stands for it where there is none."""
+    """Entry under a key, or one of the default value where there is none."""
     return entry.find(key) or Entry(entry.path, f"{entry.place}.{key}", getattr(default, key))
 
 
@@ -94,7 +94,7 @@ def _check(entry: Entry, schema: type) -> None:
 
 
 def _check_value(entry: Entry, kind: Any, about: Any) -> None:
-    """Requires a value of a field's kind and within its bounds."""
+    """Requires that a value is of a field's kind and within its bounds."""
     if get_origin(kind) in (types.UnionType, Union):
         if entry.value is None:
             return

@@ -1,4 +1,4 @@
-"""Scenes by name: whatever a user calls a scene becomes one `Setup`, once, and only that travels from there."""
+"""Scenes by name: every way to name a scene leads to one `Setup`, made once, and only that travels from there."""
 
 import dataclasses
 import hashlib
@@ -22,7 +22,7 @@ from pinwm_drake.twin.origin import Origin
 Scene: TypeAlias = Setup | Scenario | str | Path
 _FOLDER, _SUFFIX = "scenarios/", ".scenario.yaml"
 _USUAL = "push_t"  # the scene in which a twin without a scenario stands
-_USUAL_REACH = 0.085  # m, of the T-block, which the camera of that scene sees well
+_USUAL_REACH = 0.085  # m, distance of the T-block's farthest point from its origin, which that scene's camera sees well
 
 
 def load_setup(scene: Scene, *, twin: str | Path | None = None) -> Setup:
@@ -83,7 +83,12 @@ def scenario_path(text: str) -> str:
 
 
 def with_url(setup: Setup, url: str | None) -> Setup:
-    """The setup with an address of LCM; None for the scenario's, which another process can reach."""
+    """The setup with an address of LCM that another process can reach.
+
+    Args:
+        setup: The scene.
+        url: The address; None for that of the scenario, or `LOCAL` where that stays within the process.
+    """
     link = setup.scenario.lcm
     chosen = url or (LOCAL if link.url == MEMORY else link.url)
     scenario = dataclasses.replace(setup.scenario, lcm=dataclasses.replace(link, url=chosen))
@@ -91,7 +96,7 @@ def with_url(setup: Setup, url: str | None) -> Setup:
 
 
 def scene_hash(setup: Setup) -> str:
-    """SHA-256 of a scenario and of its twin, which tells scenes apart wherever they lie; the task is left out.
+    """SHA-256 of a scenario and of its twin, which tells scenes apart in any folder; the task is left out.
 
     One scene serves many tasks, whose documents stand beside the hash wherever results are kept.
     """
@@ -106,7 +111,7 @@ def scene_hash(setup: Setup) -> str:
 
 
 def _twin_scenario(folder: str) -> Scenario:
-    """The usual scene, with a twin in the place of the object."""
+    """Scenario of the usual scene, with a twin in the place of the object; see `load_setup`."""
     usual, twin = load_scenario(scenario_path(_USUAL)), read_twin(Path(folder))
     floor = np.array([0.0, 0.0, twin.floor_height])
     reach = float(np.linalg.norm(load_mesh(twin.mesh_path).vertices, axis=1).max())
@@ -133,7 +138,7 @@ def _twin_scenario(folder: str) -> Scenario:
 
 
 def _lies(twin: Twin) -> list[float]:
-    """Orientation q_WO wxyz of the object in the capture that a twin is from."""
+    """Orientation q_WO (4,) wxyz of the object in the capture that a twin is from; the identity where that is gone."""
     origin = Origin.read(twin)
     if origin is not None:
         try:

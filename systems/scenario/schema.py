@@ -1,4 +1,4 @@
-"""What a pushing scene is made of, as `*.scenario.yaml` says it. SI units and radians throughout."""
+"""Schema of `*.scenario.yaml`: object, pusher, camera, task and engine of a scene. SI units and radians throughout."""
 
 import math
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ MEMORY, LOCAL = "memq://", "udpm://239.255.76.67:7667?ttl=0"
 
 
 def _quantity(default: object, low: float, high: float, unit: str) -> Any:
-    """A number, or a list of numbers, with bounds and unit for `check_scenario`."""
+    """Field of a number, or of a list of numbers, with bounds and unit for `check_scenario`."""
     metadata = {"low": low, "high": high, "unit": unit}
     if isinstance(default, list):
         return field(default_factory=lambda: list(default), metadata={**metadata, "length": len(default)})
@@ -36,7 +36,14 @@ def _seconds(default: float, low: float, high: float) -> Any:
 
 @dataclass
 class Units:
-    """The units of the file: these and no others, written down so that nobody has to guess."""
+    """The units of the file: these and no others, written down so that nobody has to guess.
+
+    Attributes:
+        length: m.
+        mass: kg.
+        time: s.
+        angle: rad.
+    """
 
     length: str = _choice("m", ("m",))
     mass: str = _choice("kg", ("kg",))
@@ -49,7 +56,7 @@ class Theta:
     """The physical parameters of an object of uniform density.
 
     Attributes:
-        mass: kg.
+        mass: kg, mass of the object.
         friction_floor: Coulomb coefficient of the pair object and floor.
         friction_pusher: Coulomb coefficient of the pair object and pusher.
         restitution: Coefficient of restitution of both pairs.
@@ -67,8 +74,8 @@ class Shape:
 
     Attributes:
         kind: sphere, capsule or cylinder.
-        radius: m.
-        length: m, of the straight part; 0 for a sphere.
+        radius: m, of sphere, caps or cylinder.
+        length: m, length of the straight part; 0 for a sphere.
     """
 
     kind: str = _choice("sphere", PUSHER_KINDS)
@@ -78,15 +85,15 @@ class Shape:
 
 @dataclass
 class Pusher:
-    """What pushes, and within which limits.
+    """The pusher and the limits of its motion.
 
     Attributes:
-        shape: Its shape; null for that of the twin, or a sphere of 10 mm.
-        max_speed: m/s; a faster command is slowed down.
+        shape: Shape of the pusher; null for that of the twin, or a sphere of 10 mm.
+        max_speed: m/s, largest speed; a faster command is slowed down.
         low: (3,) m, world: lower corner of the box that its middle stays in.
         high: (3,) m, world: upper corner.
-        period: s, at which its velocity is sampled and held; null for the period of the twin's updates.
-        horizon: s, over which a commanded translation is made.
+        period: s, period at which its velocity is sampled and held; null for the period of the twin's updates.
+        horizon: s, duration of a commanded translation, and of an action.
     """
 
     shape: Shape | None = None
@@ -102,10 +109,10 @@ class Physics:
     """Settings of the twin's physics; null for those of the twin folder, or 1/240 s, 32 and patch.
 
     Attributes:
-        time_step: s.
-        friction_directions: Of the polyhedral friction cone.
-        support: What carries the object: the "corners" of its mesh, or a "patch" of its face.
-        steps_per_update: Steps of the physics in one update of the diagram's state.
+        time_step: s, one step of the physics.
+        friction_directions: Number of directions of the polyhedral friction cone.
+        support: Points that carry the object: the "corners" of its mesh, or a "patch" of its face.
+        steps_per_update: Number of steps of the physics in one update of the diagram's state.
     """
 
     time_step: float | None = _quantity(None, 1e-5, 0.1, "s")
@@ -119,8 +126,8 @@ class Plant:
     """Settings of Drake's plants.
 
     Attributes:
-        time_step: s; null for the longest one that divides the pusher's period and is at most 1/3840 s.
-        reference_speed: m/s, of approach, at which a restitution above 0 is meant: Drake's depends on it.
+        time_step: s, one step; null for the longest one that divides the pusher's period and is at most 1/3840 s.
+        reference_speed: m/s, speed of approach at which a restitution above 0 is meant: Drake's depends on it.
     """
 
     time_step: float | None = _quantity(None, 1e-6, 1e-2, "s")
@@ -132,11 +139,11 @@ class View:
     """The camera of the `rgb` port, which stands still and has the world's z upwards.
 
     Attributes:
-        width: px.
-        height: px.
-        fov_y: rad, of the whole height.
-        p_WC: (3,) m, where it is.
-        p_WT: (3,) m, what it looks at.
+        width: px, width of an image.
+        height: px, height of an image.
+        fov_y: rad, angle of view over the whole height.
+        p_WC: (3,) m, world: position of the camera.
+        p_WT: (3,) m, world: point that it looks at.
     """
 
     width: int = _quantity(128, 8, 4096, "px")
@@ -148,16 +155,16 @@ class View:
 
 @dataclass
 class Start:
-    """Where things are at first; each range [low, high] is drawn from evenly.
+    """Places of object and pusher at the start; each range [low, high] is drawn from evenly.
 
     Attributes:
-        x: m, world, of the object's origin O.
-        y: m, world, of O.
-        yaw: rad, about the world's z, after `q_WO`.
-        q_WO: (4,) wxyz, how the object lies before it is turned by `yaw`. It rests on the floor.
-        pusher_angle: rad, direction in which the pusher stands, seen from the object; 0 is the world's x.
-        pusher_gap: m, between the pusher and the circle around the object.
-        pusher_height: m, world, of the pusher's middle.
+        x: [low, high] m, world: x of the object's origin O.
+        y: [low, high] m, world: y of O.
+        yaw: [low, high] rad, turn of the object about the world's z, after `q_WO`.
+        q_WO: (4,) wxyz, orientation of the object before it is turned by `yaw`. It rests on the floor.
+        pusher_angle: [low, high] rad, direction of the pusher, seen from the object; 0 is the world's x.
+        pusher_gap: [low, high] m, between the pusher and the circle around the object.
+        pusher_height: m, world: z of the pusher's middle.
     """
 
     x: list[float] = _quantity([0.0, 0.0], -100.0, 100.0, "m")
@@ -181,10 +188,10 @@ class LcmLink:
     object is seen; whoever sends it has cut the object out. What has alpha 0 is white.
 
     Attributes:
-        url: Where; `MEMORY` within a process, `LOCAL` between processes of this machine.
-        command_channel: To the robot.
-        state_channel: From the robot.
-        image_channel: From its camera.
+        url: Address of LCM; `MEMORY` within a process, `LOCAL` between processes of this machine.
+        command_channel: Channel of commands to the robot.
+        state_channel: Channel of the robot's states.
+        image_channel: Channel of its camera's images.
         period: s, between commands, and between states.
         image_period: s, between images.
         timeout: s. Commands that stop for longer stop the robot; a state that is older counts as unknown.
@@ -201,25 +208,25 @@ class LcmLink:
 
 @dataclass
 class Scenario:
-    """A pushing scene.
+    """A scene: an object that a pusher moves on a floor in front of a camera, and a task.
 
     Attributes:
-        units: Of the file.
-        name: Of the scene.
-        object: A model that ships with pinwm_drake; null with a twin.
+        units: Units of the file.
+        name: Name of the scene.
+        object: Name of an object that ships with pinwm_drake; null with a twin.
         twin: A twin's folder, relative to the file; null with an object.
-        engine: What moves it: the "twin", or Drake's plant with "hydroelastic" or "point" contact.
-        theta: The physical parameters of an object; null for those of the twin.
-        task: The name of a task, and those of its fields that are not as its class has them.
-        pusher: What pushes it.
+        engine: Engine that moves it: the "twin", or Drake's plant with "hydroelastic" or "point" contact.
+        theta: The physical parameters of an object; null for the default ones, or with a twin for its own.
+        task: The name of a task, and those of its fields that differ from its class's defaults.
+        pusher: The pusher and its limits.
         physics: Settings of the twin's physics.
         plant: Settings of Drake's plants.
-        camera: Of the `rgb` port.
-        start: Where things are at first.
+        camera: Camera of the `rgb` port.
+        start: Places of object and pusher at the start.
         gravity: m/s^2, downwards; null for that of the twin, or 9.81.
-        lcm: How to find a robot, for a station with the engine "lcm".
-        num_worlds: How many worlds the twin engine holds.
-        seed: Of the start, and of whatever else is drawn.
+        lcm: Messages to and from a robot, for a station with the engine "lcm".
+        num_worlds: Number of worlds that the twin engine holds.
+        seed: Seed of the start, and of everything else that is drawn.
 
     `load_scenario` checks one from a file, `make_setup` one that was made in Python, and both raise InputError where
     something is out of range.

@@ -25,22 +25,22 @@ from pinwm_drake.twin import THETA, Estimate, Twin, read_twin
 
 _TIME_STEP, _DIRECTIONS, _GRAVITY = 1 / 240, 32, 9.81
 _LONGEST_PLANT_STEP = 1 / 3840  # s
-_SHARE = 1e-6  # of a period, by which a multiple may be missed
+_SHARE = 1e-6  # share of a period by which a multiple may be missed
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What every engine is built from.
+    """Everything of a scene that engines are built from.
 
     Attributes:
-        scenario: What was asked for.
+        scenario: The scenario.
         twin: Geometry, theta, settings of the physics, and appearance; from a folder, or made for an object.
-        visual_path: Mesh in colours of the object, frame O, for Drake's renderers.
-        camera: Of the `rgb` port; intrinsics (4,).
-        X_WC: Its pose, OpenCV axes.
+        visual_path: File of the object's coloured mesh, m, frame O, for Drake's renderers.
+        camera: Camera of the `rgb` port; intrinsics (4,) px.
+        X_WC: Pose of the camera in the world, OpenCV axes.
         period: s, at which the pusher's velocity is sampled; also that of the twin's updates.
-        plant_time_step: s, of Drake's plants; a whole number of them make a period.
-        task: The scenario's, of an object that lies as `scenario.start.q_WO` has it.
+        plant_time_step: s, one step of Drake's plants; a whole number of them make a period.
+        task: The scenario's task, with the object's orientation `scenario.start.q_WO`.
     """
 
     scenario: Scenario
@@ -53,9 +53,12 @@ class Setup:
     task: Task
 
     def with_theta(self, **values: float) -> "Setup":
-        """The same with other values of some of `THETA`'s parameters, such as friction_floor=0.1.
+        """The setup with other values of some of `THETA`'s parameters, such as friction_floor=0.1.
 
         A mass without moments of inertia scales these too: the object keeps its shape.
+
+        Args:
+            values: Values by name, in SI units.
 
         Raises:
             ParameterError: There is no such parameter.
@@ -73,14 +76,14 @@ class Setup:
 
 
 def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:
-    """Loads what a scenario names.
+    """Makes the setup of a scenario: reads its files, and checks its values.
 
     Args:
         scenario: The scenario.
-        twin: Instead of the scenario's object or twin, one that is in memory.
+        twin: A twin in memory, in the place of the scenario's object or twin; None for the scenario's.
 
     Returns:
-        What the engines are built from.
+        The setup.
 
     Raises:
         InputError: The scenario is out of range, or one of its files cannot be used.
@@ -146,7 +149,7 @@ def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
 
 
 def _with_settings(twin: Twin, scenario: Scenario) -> Twin:
-    """The twin with what the scenario sets otherwise."""
+    """The twin with the physics, gravity and pusher's shape that the scenario sets in the place of its own."""
     physics, shape = scenario.physics, scenario.pusher.shape
     changes: dict[str, Any] = {
         "time_step": physics.time_step,

@@ -1,4 +1,4 @@
-"""Draws where object and pusher are at first."""
+"""Random places of object and pusher at the start of an episode."""
 
 import dataclasses
 import math
@@ -16,11 +16,11 @@ from pinwm_drake.systems.scenario.setup import Setup
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where object and pusher are, both at rest.
+    """Places of object and pusher, both at rest.
 
     Attributes:
         X_WO: Pose of the object, on the floor.
-        p_WP: (3,) m, of the pusher.
+        p_WP: (3,) m, world: position of the pusher.
     """
 
     X_WO: RigidTransform
@@ -28,10 +28,10 @@ class Place:
 
 
 class StartDistribution:
-    """What `Scenario.start` describes, for the object and the pusher of a setup."""
+    """Distribution of starts that `Scenario.start` describes, for the object and the pusher of a setup."""
 
     def __init__(self, setup: Setup) -> None:
-        """Measures object and pusher."""
+        """Measures object and pusher of a scene."""
         self._start = setup.scenario.start
         self._floor = setup.twin.floor_height
         self._vertices = load_mesh(setup.twin.mesh_path).vertices
@@ -40,11 +40,11 @@ class StartDistribution:
         self._R = RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO)))
 
     def middle(self) -> Place:
-        """The middle of every range."""
+        """Place at the middle of every range."""
         return self._place(lambda ends: 0.5 * (ends[0] + ends[1]))
 
     def draw(self, generator: np.random.Generator) -> Place:
-        """A place, each number drawn evenly from its range."""
+        """Random place, each number drawn evenly from its range."""
         return self._place(lambda ends: float(generator.uniform(ends[0], ends[1])))
 
     def _place(self, pick: Callable[[list[float]], float]) -> Place:
@@ -60,14 +60,14 @@ class StartDistribution:
 
 
 def on_floor(vertices: np.ndarray, R_WO: RotationMatrix, x: float, y: float, floor_height: float) -> RigidTransform:
-    """The pose X_WO of an object that touches the floor.
+    """Pose X_WO of an object that touches the floor.
 
     Args:
-        vertices: (n, 3) m, frame O.
-        R_WO: How it lies.
-        x: m, world, of its origin O.
-        y: m, world, of O.
-        floor_height: m, world.
+        vertices: (n, 3) m, frame O: points of the object.
+        R_WO: Orientation of the object.
+        x: m, world: x of its origin O.
+        y: m, world: y of O.
+        floor_height: m, world: z of the floor.
     """
     return RigidTransform(R_WO, [x, y, floor_height - (vertices @ R_WO.matrix()[2]).min()])
 
@@ -76,7 +76,7 @@ def level_height(setup: Setup) -> float:
     """Height z of a pusher [m, world] that pushes at the height of the centre of mass, or as near as the floor allows.
 
     Args:
-        setup: Of an object that lies as `scenario.start.q_WO` has it.
+        setup: The scene; its object has the orientation `scenario.start.q_WO`.
 
     Raises:
         InputError: A mesh cannot be used.
@@ -91,7 +91,7 @@ def with_start_yaw(setup: Setup, yaw: float, goal_yaw: float | None = None) -> S
 
     Args:
         setup: The scene.
-        yaw: rad, 0 or more.
+        yaw: rad, largest turn from the goal, 0 or more.
         goal_yaw: rad, yaw of the goal; None for that of the scene's task.
     """
     middle = setup.task.goal_yaw if goal_yaw is None else goal_yaw

@@ -1,4 +1,4 @@
-"""Where cameras stand. Camera frames have OpenCV's axes, which are Drake's: x right, y down, z forward."""
+"""Poses of cameras. Camera frames have OpenCV's axes, which are Drake's: x right, y down, z forward."""
 
 import math
 
@@ -8,11 +8,11 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pinwm_drake.rendering.camera import Camera
 
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
-_LOWEST, _HIGHEST = math.radians(12), math.radians(80)  # above the horizon
+_LOWEST, _HIGHEST = math.radians(12), math.radians(80)  # rad, above the horizon
 
 
 def look_at(p_WC: np.ndarray, p_WT: np.ndarray) -> RigidTransform:
-    """The pose X_WC of a camera at p_WC that looks at p_WT, the world's z upwards in its image; both (3,) m."""
+    """Pose X_WC of a camera at p_WC (3,) m that looks at p_WT (3,) m, the world's z upwards in its image."""
     forward = (p_WT - p_WC) / np.linalg.norm(p_WT - p_WC)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -21,13 +21,13 @@ def look_at(p_WC: np.ndarray, p_WT: np.ndarray) -> RigidTransform:
 
 
 def around(p_WT: np.ndarray, distance: float, count: int, turn: float) -> list[RigidTransform]:
-    """Cameras all over the upper hemisphere around a point, evenly by area.
+    """Poses of cameras all over the upper hemisphere around a point, evenly by area.
 
     Args:
-        p_WT: (3,) m, what they look at.
-        distance: m, from it.
-        count: How many.
-        turn: rad, of all of them about the vertical.
+        p_WT: (3,) m, world: point that they look at.
+        distance: m, from that point.
+        count: Number of cameras.
+        turn: rad, turn of all cameras about the vertical.
 
     Returns:
         Their poses X_WC, from low to high.
@@ -43,12 +43,12 @@ def around(p_WT: np.ndarray, distance: float, count: int, turn: float) -> list[R
 
 
 def framed(points_W: np.ndarray, towards_W: np.ndarray, camera: Camera, margin: float) -> RigidTransform:
-    """The nearest camera on a line of sight that sees all of some points.
+    """Pose of the nearest camera on a line of sight that sees all of some points.
 
     Args:
-        points_W: (n, 3) m, world.
-        towards_W: (3,), from the points to the camera, not vertical.
-        camera: With intrinsics (4,), principal point in the middle.
+        points_W: (n, 3) m, world: the points.
+        towards_W: (3,), world: direction from the points to the camera, of any length, not vertical.
+        camera: Camera with intrinsics (4,) px, principal point in the middle.
         margin: Share of half the image that stays free on each side.
 
     Returns:

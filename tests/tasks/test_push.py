@@ -90,6 +90,8 @@ def test_the_goals_pose():
         ({"reward": "sparse"}, "reward: got 'sparse'; allowed: paper, shaped"),
         ({"goal": (0.0, math.nan, 0.0)}, "goal: got"),
         ({"tolerance": 0.0}, "tolerance: got 0.0; allowed: more than 0"),
+        ({"q_WO": (0.0, 0.0, 0.0, 0.0)}, "q_WO: got"),
+        ({"bonus": math.inf}, "bonus: got inf; allowed: a finite number"),
     ],
 )
 def test_what_cannot_be_is_refused(options, words):

@@ -1,4 +1,4 @@
-"""Who is evaluated, by name: a trained policy, a bundle, the model-predictive controller, or chance."""
+"""Contestants of an evaluation by name: a trained policy, a bundle, the model-predictive controller, or chance."""
 
 import dataclasses
 import hashlib
@@ -27,29 +27,29 @@ _MAX_TRANSLATION = 0.02  # m, as `pinwm train` has it
 
 
 class RandomActions:
-    """Draws from the environment's action space, which an episode's seed has seeded."""
+    """Policy that draws from the environment's action space, which an episode's seed has seeded."""
 
     def __init__(self, space: spaces.Space) -> None:
-        """Takes the space."""
+        """Takes the action space of the environment."""
         self._space = space
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """An action, whatever is seen."""
+        """Random action (n,), whatever the observation is; see `Acts.predict`."""
         return np.asarray(self._space.sample()), None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Contestant:
-    """Who acts.
+    """Policy or controller that is evaluated.
 
     Attributes:
         kind: "policy", "bundle", "mpc" or "random".
-        identity: What tells this one from others: a hash, or what it is made from.
-        spec: Of a policy; None for the others.
-        provenance: Plain data, of the training.
-        make: The policy for an environment.
+        identity: Text that tells this contestant from others: a hash, or "random".
+        spec: Specification of a policy or bundle; None for the others.
+        provenance: Origin as plain data: the training's; for "mpc", name and theta of the scene it plans with.
+        make: Gives the policy for an environment.
     """
 
     kind: str
@@ -60,15 +60,15 @@ class Contestant:
 
     @property
     def observes(self) -> str:
-        """What the environment shows: "rgb" or "state"."""
+        """Kind of observation that it acts on: "rgb" or "state"."""
         return "state" if self.spec is None else self.spec.observes
 
 
 def read_contestant(request: EvaluateRequest) -> Contestant:
-    """Reads a policy, or a bundle, or takes what the name says.
+    """Reads the policy or bundle that a request names, or makes the contestant of the name "mpc" or "random".
 
     Raises:
-        InputError: There is none, or a file of it cannot be used.
+        InputError: There is no such policy or bundle, or a file of it cannot be used.
     """
     if request.policy == RANDOM:
         return Contestant(RANDOM, RANDOM, None, {}, lambda env: RandomActions(env.action_space))
@@ -93,7 +93,7 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
 
 
 def make_environment(contestant: Contestant, request: EvaluateRequest) -> TaskEnv:
-    """The environment that an evaluation runs in.
+    """Makes the environment that an evaluation runs in.
 
     Raises:
         InputError: The scene, or one of its files, cannot be used.
@@ -114,7 +114,7 @@ def make_environment(contestant: Contestant, request: EvaluateRequest) -> TaskEn
 
 
 def _mpc(model: str) -> Contestant:
-    """The controller, which plans with the parameters of a scene, be they the true ones or not."""
+    """Contestant of the model-predictive controller, which plans with a scene's parameters, be they true or not."""
     from pinwm_drake.systems.mpc.policy import PushMpcPolicy
 
     known = environment_setup(load_setup(model))

@@ -24,7 +24,7 @@ class EpisodeRunner:
     """An environment with a policy in it.
 
     Attributes:
-        contestant: Who acts.
+        contestant: Policy or controller that acts.
         env: The environment.
     """
 

@@ -7,15 +7,15 @@ from pinwm_drake.errors import require
 from pinwm_drake.systems.scenario.schema import ENGINES
 
 MPC, RANDOM = "mpc", "random"
-_LARGEST = 2**31  # of a seed
+_LARGEST = 2**31  # one more than the largest seed of an episode
 
 
 @dataclass(frozen=True)
 class EvaluateRequest:
-    """The options of `pinwm evaluate`, named and in units as there; those on which results depend.
+    """Request of an evaluation: the options of `pinwm evaluate` on which results depend, named and in units as there.
 
     Raises:
-        ParameterError: One is out of range.
+        ParameterError: An option is out of range.
     """
 
     policy: str
@@ -31,7 +31,7 @@ class EvaluateRequest:
     model: str | None = None
 
     def __post_init__(self) -> None:
-        """Checks what nothing else does."""
+        """Checks the options that nothing else checks."""
         require("--engine", repr(self.engine), self.engine in ENGINES, ", ".join(ENGINES))
         require("--episodes", self.episodes, self.episodes >= 1, "1 or more")
         last = _LARGEST - self.episodes
@@ -43,5 +43,5 @@ class EvaluateRequest:
 
     @property
     def seeds(self) -> range:
-        """One for each episode."""
+        """Seeds of the episodes, one for each."""
         return range(self.seed, self.seed + self.episodes)

@@ -1,4 +1,4 @@
-"""What an evaluation writes: evaluation.json, episodes.csv, and what the report tells."""
+"""Results of an evaluation: evaluation.json, episodes.csv, and the contents of the report."""
 
 import csv
 import json
@@ -34,7 +34,7 @@ _COLUMNS = (
 
 
 def settings_of(request: EvaluateRequest, contestant: Contestant, env: TaskEnv, scene_sha256: str) -> dict[str, Any]:
-    """What the results depend on, but for the seeds; plain data."""
+    """Settings that the results depend on, but for the seeds, as plain data."""
     return {
         "policy": contestant.kind,
         "policy_sha256": contestant.identity,
@@ -53,7 +53,7 @@ def settings_of(request: EvaluateRequest, contestant: Contestant, env: TaskEnv, 
 def provenance_of(
     request: EvaluateRequest, contestant: Contestant, records: Sequence[EpisodeRecord], workers: int
 ) -> dict[str, Any]:
-    """Where the results are from, and how long they took; plain data."""
+    """Provenance of the results, and the time that they took, as plain data."""
     actions = sum(record.result.steps for record in records)
     return {
         "command": shlex.join(["pinwm", *sys.argv[1:]]),
@@ -99,9 +99,9 @@ def write_episodes(path: Path, records: Sequence[EpisodeRecord], q_WO: tuple[flo
     """Writes episodes.csv, a row for each; SI units and radians, world frame.
 
     Args:
-        path: Where to.
+        path: The file.
         records: The episodes.
-        q_WO: (4,) wxyz, how the object lies at yaw 0.
+        q_WO: (4,) wxyz, orientation of the object at yaw 0.
 
     Raises:
         InputError: It cannot be written.
@@ -123,7 +123,7 @@ def story_of(
     settings: Mapping[str, Any],
     provenance: Mapping[str, Any],
 ) -> EvaluationStory:
-    """What the report tells."""
+    """Contents of the report."""
     task, setup = env.task, env.setup
     return EvaluationStory(
         title=f"Evaluation of {request.policy}",

@@ -1,4 +1,4 @@
-"""The evaluation of a policy: episodes that are kept as they end, and what is written of them."""
+"""The evaluation of a policy: episodes that are kept as they end, and the files that tell of them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class EvaluationProgress:
     Attributes:
         done: Episodes that have ended, those of an earlier run included.
         total: Episodes that are asked for.
-        evaluation: Of the episodes that have ended; None before the first.
+        evaluation: Evaluation of the episodes that have ended; None before the first.
         drawn: Share of film and report that is drawn, 0 to 1; None while episodes run.
     """
 
@@ -120,7 +120,7 @@ def _evaluation(records: list[EpisodeRecord]) -> Evaluation:
 
 
 def _draw(out: Path, story: EvaluationStory, progress: Callable[[float], None]) -> None:
-    """Draws film and report."""
+    """Writes film and report, and tells of the share that is done."""
     grid = story.grid
     progress(0.0)
     write_video(out / VIDEO_FILE, grid.pictures(), rate=1.0 / story.horizon, size=grid.size)

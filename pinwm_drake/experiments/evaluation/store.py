@@ -23,12 +23,12 @@ class EpisodeStore:
         """Makes the folder.
 
         Args:
-            folder: Made if need be.
-            about: What results depend on; episodes of other settings are refused.
-            resume: Whether there may be episodes in it.
+            folder: The folder; made if need be.
+            about: Settings that results depend on; episodes of other settings are refused.
+            resume: Flag: the folder may hold episodes already.
 
         Raises:
-            InputError: There are episodes, and they may not be; or the folder cannot be written to.
+            InputError: The folder holds episodes without `resume`, or cannot be written to.
         """
         # A worker may be in another folder.
         self._folder, self._about = prepare_folder(folder).absolute(), dict(about)
@@ -43,7 +43,7 @@ class EpisodeStore:
         """Keeps an episode.
 
         Raises:
-            InputError: It cannot be written.
+            InputError: The file cannot be written.
         """
         arrays = {name: np.asarray(getattr(record, name)) for name in (*_TABLES, *_TIMES)}
         arrays |= {name: np.asarray(getattr(record.result, name)) for name in (*_FIGURES, "failure")}

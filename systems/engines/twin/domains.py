@@ -13,8 +13,8 @@ def SetDomain(
     """Gives one world the theta and colours of a domain; states stay as they are, and so do the other worlds.
 
     Args:
-        world_model: Of the same twin; a station's is `station.world`.
-        context: Of the world model, or of the outermost diagram around it, where there is one.
+        world_model: World model of the domain's twin; a station's is `station.world`.
+        context: Context of the world model, or of the outermost diagram around it, where there is one.
         domain: Theta and colours, such as a cousin of the same twin.
         world: Index of the world; None for all of them.
         colors: Flag: colours are set too; without them it takes a tenth of the time.
@@ -33,12 +33,12 @@ def SetDomain(
 
 
 def SetCousins(world_model: WorldModel, context: Context, cousins: Cousins) -> None:
-    """Makes each world a cousin: the first the first one, and so on.
+    """Gives world k the theta and colours of cousin k, for every world; states stay as they are.
 
     Args:
-        world_model: Of the same twin.
-        context: Of the world model, or of the outermost diagram around it, where there is one.
-        cousins: As many as there are worlds.
+        world_model: World model of the cousins' twin.
+        context: Context of the world model, or of the outermost diagram around it, where there is one.
+        cousins: Cousins, as many as there are worlds.
 
     Raises:
         ParameterError: There are more or fewer cousins than worlds, or their surfels are not those of the world model.
