@@ -85,8 +85,7 @@ def simulate(
             _require_free(path)
     scene = twin if scenario is None else scenario
     if scene is None:
-        allowed = f"a file, {', '.join(shipped_scenarios())}, or a twin's folder"
-        raise ParameterError(f"SCENARIO: got none, and no --twin; allowed: {allowed}")
+        raise ParameterError(f"SCENARIO: got none, and no --twin; allowed: a file, {', '.join(shipped_scenarios())}")
     session = Session(load_setup(scene, twin=None if scenario is None else twin), options)
     if meshcat:
         _announce(session, host)

@@ -234,9 +234,8 @@ class Worlds:
                 failures = {0: str(error)}
             if not failures:
                 raise
-            if self.run.world_model is None:  # a plant is not put back: its next episode begins with a restart
-                self._take_state(*last)
-                return failures
+            if self.num_worlds == 1:
+                return self._stay(last, failures)
             middle = self._start.middle()
             for world in failures:
                 self.run.place(middle, world)
@@ -244,12 +243,19 @@ class Worlds:
             self.run.advance(actions)
         lost = np.flatnonzero(~np.isfinite(self.run.object_state).all(axis=1)).tolist()
         failures |= dict.fromkeys(lost, "the object's state is not finite")
-        if failures and self.run.world_model is None:
-            self._take_state(*last)
-            return failures
+        if failures and self.num_worlds == 1:
+            return self._stay(last, failures)
         for world in failures:
             self.run.set_world_state(last[0][world], last[1][world], world)
         self._take_state()
+        return failures
+
+    def _stay(self, last: tuple[np.ndarray, np.ndarray], failures: dict[int, str]) -> dict[int, str]:
+        """Leaves the only world in the state before an action that failed, (1, 13) and (1, 3) m; gives the failures."""
+        if self.run.world_model is not None:  # a plant is not put back: its next episode begins with a restart
+            self.run.set_world_state(last[0][0], last[1][0], 0)
+            self.run.retry()
+        self._take_state(*last)
         return failures
 
     def _take_state(self, object_state: np.ndarray | None = None, p_WP: np.ndarray | None = None) -> None:

@@ -9,7 +9,6 @@ from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.env import TaskEnv
-from pinwm_drake.systems.envs.observation import Observer
 from pinwm_drake.systems.mpc.controller import AddPushMpc, PushMpc
 from pinwm_drake.systems.mpc.model import rotated
 from pinwm_drake.systems.mpc.outline import Outline
@@ -108,7 +107,7 @@ def test_an_observation_tells_what_the_state_does(setup, body):
     policy = PushMpcPolicy(setup, task)
     policy.planner.body = dataclasses.replace(body, p_OB=np.array([0.01, -0.02]))
     state, p_WP = object_state((-0.07, 0.02, -2.9), (0.1, -0.2, 1.5)), np.array([0.12, 0.21, HEIGHT])
-    row = Observer(setup, task, "state").observe(state[None], p_WP[None])[0]
+    row = task.state(state[None], p_WP[None])[0]
     x, p = policy.read(row.astype(float))
     np.testing.assert_allclose(x, policy.planner.body.planar(state), atol=1e-6)  # float32
     np.testing.assert_allclose(p, p_WP[:2], atol=1e-7)
