@@ -53,8 +53,17 @@ def test_the_environments_example_runs_and_does_what_it_says(capsys):
     assert np.isfinite(names["reward"])
 
 
+def test_the_example_of_a_task_runs_and_does_what_it_says(capsys):
+    names = run_example(PYTHON, 0, of=3)
+    assert names["observation"].shape == (6,)
+    assert names["env"].task == names["SlideTask"](0.05)
+    assert f"'distance': {names['info']['distance']}" in capsys.readouterr().out
+    # The object starts within 8 cm of the origin.
+    assert 0.0 <= names["info"]["distance"] < 0.14
+
+
 def test_the_renderers_example_runs_and_does_what_it_says(capsys):
-    names = run_example(PYTHON, 1, of=2)
+    names = run_example(PYTHON, 2, of=3)
     assert "torch.Size([1, 200, 200, 3])" in capsys.readouterr().out
     # The disc's radius is 50 px.
     assert names["image"].alpha[0, 80:120, 80:120].mean() > 0.9
@@ -66,7 +75,7 @@ def test_the_renderers_example_runs_and_does_what_it_says(capsys):
 
 
 def test_the_physics_example_runs_and_does_what_it_says(capsys):
-    names = run_example(PYTHON, 0, of=2)
+    names = run_example(PYTHON, 1, of=3)
     assert "tensor" in capsys.readouterr().out
     # The pusher starts 5 mm before the face and moves 100 mm; contacts give by far less than 10 µm.
     assert names["end"].p_WB[0, 0, 0].item() == pytest.approx(0.095, abs=1e-5)

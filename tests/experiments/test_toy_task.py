@@ -28,7 +28,7 @@ from pinwm_drake.tasks import Progress, Task, register
 class SlideTask(Task):
     """An object is to be moved 10 cm along the world's x, with any turn."""
 
-    name: ClassVar[str] = "slide"
+    name: ClassVar[str] = "toy_slide"
     axes: ClassVar[tuple[str, ...]] = ("x", "y")
     state_size: ClassVar[int] = 6
     max_steps: ClassVar[int] = 6
@@ -52,7 +52,7 @@ class SlideTask(Task):
 class LiftTask(SlideTask):
     """The same with a pusher that moves up and down too."""
 
-    name: ClassVar[str] = "lift"
+    name: ClassVar[str] = "toy_lift"
     axes: ClassVar[tuple[str, ...]] = ("x", "y", "z")
 
 
@@ -64,25 +64,25 @@ def scenario(folder, task: str) -> str:
 
 
 def test_a_task_of_its_own_is_trained_evaluated_and_exported(tmp_path):
-    scene = scenario(tmp_path, "slide")
+    scene = scenario(tmp_path, "toy_slide")
     short = {"worlds": 4, "image_size": 32, "frames": 2, "threads": 1, "steps": 256, "round_steps": 256}
     train(TrainRequest(scene, tmp_path / "run", rounds=1, images=64, **short))
     policy = read_policy(tmp_path / "run")
     assert policy.spec.task == SlideTask(0.05)
     assert policy.spec.max_steps == 6
-    assert policy.provenance["task"] == "slide"
+    assert policy.provenance["task"] == "toy_slide"
     found = evaluate(
         EvaluateRequest(str(tmp_path / "run"), scene, "twin", episodes=2), tmp_path / "evaluation", workers=1
     )
     assert found.episodes == 2
-    assert "success in the task slide" in (tmp_path / "evaluation/report.html").read_text()
+    assert "success in the task toy_slide" in (tmp_path / "evaluation/report.html").read_text()
     bundle = export_bundle(tmp_path / "run", tmp_path / "bundle", scene=scene)
     assert bundle.spec == policy.spec
-    assert bundle.contract["spec"]["task"] == {"name": "slide", "distance": 0.05}
+    assert bundle.contract["spec"]["task"] == {"name": "toy_slide", "distance": 0.05}
 
 
 def test_a_task_in_three_dimensions_is_exported_and_controlled(tmp_path):
-    scene = scenario(tmp_path, "lift")
+    scene = scenario(tmp_path, "toy_lift")
     setup = environment_setup(load_setup(scene), options := EnvOptions(frames=2, max_translation=0.02, image_size=32))
     spec = policy_spec(setup, options, "rgb")
     assert len(spec.pusher_low) == spec.action_size == 3
@@ -109,5 +109,5 @@ def test_a_task_in_three_dimensions_is_exported_and_controlled(tmp_path):
 
 def test_a_scenario_with_an_unknown_task_names_file_and_key(tmp_path):
     path = scenario(tmp_path, "juggle")
-    with pytest.raises(InputError, match=r"juggle.scenario.yaml: got task = .*allowed: .*one of .*slide"):
+    with pytest.raises(InputError, match=r"juggle.scenario.yaml: got task = .*allowed: .*one of .*toy_slide"):
         load_setup(path)
