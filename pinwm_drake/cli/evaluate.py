@@ -32,17 +32,18 @@ def evaluate(
     episodes: Annotated[int, typer.Option(help="How many.")] = 100,
     seed: Annotated[int, typer.Option(help="Of the first episode; the next has the next.")] = 0,
     tolerance: Annotated[
-        float | None, typer.Option(help="m, from the goal, for success.", show_default="the policy's, or 0.02")
+        float | None, typer.Option(help="m, from the goal, for success.", show_default="the policy's, or the task's")
     ] = None,
     turn_tolerance: Annotated[
-        float | None, typer.Option(help="rad, from the goal's, for success.", show_default="the policy's, or 0.2")
+        float | None,
+        typer.Option(help="rad, from the goal's, for success.", show_default="the policy's, or the task's"),
     ] = None,
     yaw: Annotated[
         float | None,
         typer.Option(help="rad, by which the object is turned at the start, at most.", show_default="the scene's"),
     ] = None,
     max_steps: Annotated[
-        int | None, typer.Option(help="Actions in an episode.", show_default="the policy's, or 100")
+        int | None, typer.Option(help="Actions in an episode.", show_default="the policy's, or the task's")
     ] = None,
     max_translation: Annotated[
         float | None,
@@ -55,6 +56,7 @@ def evaluate(
     workers: Annotated[
         int | None, typer.Option(help="Processes that share the episodes.", show_default="one on each core")
     ] = None,
+    executor: Annotated[str, typer.Option(help="joblib, or ray where it is installed.")] = "joblib",
     resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run ended.")] = False,
 ) -> None:
     """Tests a policy: how often it succeeds, how soon, and what failed."""
@@ -84,7 +86,9 @@ def evaluate(
                 done = stands.done
                 show(stands)
 
-            evaluation = run.evaluate(request, out, workers=workers, resume=resume, progress=progress)
+            evaluation = run.evaluate(
+                request, out, workers=workers, executor=executor, resume=resume, progress=progress
+            )
     except KeyboardInterrupt:
         say(f"interrupted after {done} episodes; go on with --resume")
         raise SystemExit(1) from None

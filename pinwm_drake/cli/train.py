@@ -24,7 +24,7 @@ def train(
         str, typer.Argument(metavar="TWIN", help="Folder that `pinwm identify` wrote, or a scenario such as push_t.")
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; the policy is there at the end.")],
-    task: Annotated[str, typer.Option(help="What is to be learned: push.")] = "push",
+    task: Annotated[str | None, typer.Option(help="Task to learn, such as push.", show_default="the scene's")] = None,
     method: Annotated[
         str,
         typer.Option(
@@ -39,8 +39,12 @@ def train(
     yaw: Annotated[
         float | None, typer.Option(help="rad, by which the object is turned at the start, at most.", show_default="π/2")
     ] = None,
-    tolerance: Annotated[float, typer.Option(help="m, from the goal, for success.")] = 0.02,
-    turn_tolerance: Annotated[float, typer.Option(help="rad, from the goal's, for success.")] = 0.2,
+    tolerance: Annotated[
+        float | None, typer.Option(help="m, from the goal, for success.", show_default="the task's")
+    ] = None,
+    turn_tolerance: Annotated[
+        float | None, typer.Option(help="rad, from the goal's, for success.", show_default="the task's")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of networks, worlds and cousins.")] = 0,
     worlds: Annotated[int, typer.Option(help="That are trained in at once.")] = 64,
     image_size: Annotated[int, typer.Option(help="px.")] = 64,

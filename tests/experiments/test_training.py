@@ -36,7 +36,6 @@ def test_an_interruption_passes_through_and_a_second_training_is_refused(tmp_pat
 @pytest.mark.parametrize(
     "values",
     [
-        {"task": "flip"},
         {"method": "dreams"},
         {"worlds": 0},
         {"seed": -1},
@@ -47,3 +46,8 @@ def test_an_interruption_passes_through_and_a_second_training_is_refused(tmp_pat
 def test_options_that_make_no_sense_are_refused(tmp_path, values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         TrainRequest(scene="push_t", out=tmp_path, **values)
+
+
+def test_an_unknown_task_is_refused(tmp_path):
+    with pytest.raises(ParameterError, match=r"task: got 'juggle'; allowed: a mapping whose name is one of .*push"):
+        train(TrainRequest("push_t", tmp_path, task="juggle"))
