@@ -12,7 +12,7 @@ import numpy as np
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.models import PACKAGE_NAME, model_names
+from pinwm_drake.models import PACKAGE_NAME, model_names, object_model
 from pinwm_drake.systems.scenario.schema import LOCAL, MEMORY, Scenario, load_scenario
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import level_height
@@ -22,7 +22,7 @@ from pinwm_drake.twin.origin import Origin
 Scene: TypeAlias = Setup | Scenario | str | Path
 _FOLDER, _SUFFIX = "scenarios/", ".scenario.yaml"
 _USUAL = "push_t"  # the scene in which a twin without a scenario stands
-_USUAL_REACH = 0.085  # m, distance of the T-block's farthest point from its origin, which that scene's camera sees well
+_LARGE = 1.2  # times as large as that scene's own object, from which on the camera is moved away
 
 
 def load_setup(scene: Scene, *, twin: str | Path | None = None) -> Setup:
@@ -31,7 +31,7 @@ def load_setup(scene: Scene, *, twin: str | Path | None = None) -> Setup:
     A twin's folder stands for the scene of push_t with the twin's object and pusher: the object lies as in the capture
     that it was identified from (as its mesh does where that is gone), without that capture's turn about z; the pusher
     is as high as the object's centre of mass; the pusher's box and the camera are as much higher as the twin's floor
-    is, and the camera is farther away where the object is larger than the T-block.
+    is, and the camera is farther away where the object is more than 1.2 times as large as the T-block.
 
     Args:
         scene: A setup, which is returned as it is; a scenario; the name of one that ships; its file or `package://`
@@ -114,8 +114,8 @@ def _twin_scenario(folder: str) -> Scenario:
     """Scenario of the usual scene, with a twin in the place of the object; see `load_setup`."""
     usual, twin = load_scenario(scenario_path(_USUAL)), read_twin(Path(folder))
     floor = np.array([0.0, 0.0, twin.floor_height])
-    reach = float(np.linalg.norm(load_mesh(twin.mesh_path).vertices, axis=1).max())
-    size = max(reach / _USUAL_REACH, 1.0)
+    size = _reach(twin.mesh_path) / _reach(object_model(str(usual.object)).mesh_path)
+    size = size if size > _LARGE else 1.0
     camera, pusher = usual.camera, usual.pusher
     scenario = dataclasses.replace(
         usual,
@@ -135,6 +135,11 @@ def _twin_scenario(folder: str) -> Scenario:
     )
     height = level_height(make_setup(scenario))
     return dataclasses.replace(scenario, start=dataclasses.replace(scenario.start, pusher_height=height))
+
+
+def _reach(mesh_path: Path) -> float:
+    """Distance of a mesh's farthest corner from its origin, m."""
+    return float(np.linalg.norm(load_mesh(mesh_path).vertices, axis=1).max())
 
 
 def _lies(twin: Twin) -> list[float]:

@@ -2,11 +2,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+import trimesh
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RollPitchYaw, RotationMatrix
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.systems.scenario.load import _without_yaw
+from pinwm_drake.systems.scenario.load import _without_yaw, load_setup
 from pinwm_drake.systems.scenario.schema import load_scenario
 from pinwm_drake.twin import write_twin
 from tests.systems.stations import action_setup, scenario, setup_of
@@ -48,6 +49,17 @@ def test_a_twins_folder_is_the_usual_scene_with_the_twin(tmp_path):
     assert setup.scenario.pusher.low == pytest.approx(usual.scenario.pusher.low)
     assert setup.scenario.start.pusher_height == pytest.approx(0.025, abs=1e-3)
     np.testing.assert_allclose(setup.X_WC.GetAsMatrix4(), usual.X_WC.GetAsMatrix4())
+
+
+@pytest.mark.parametrize(("size", "away"), [(1.0, 1.0), (1.1, 1.0), (1.4, 1.4)])
+def test_the_camera_of_a_twins_scene_is_farther_from_a_large_object(tmp_path, size, away):
+    own = load_setup("push_t")
+    mesh = trimesh.load_mesh(own.twin.mesh_path)
+    mesh.apply_scale(size)
+    mesh.export(tmp_path / "large.obj")
+    write_twin(tmp_path / "twin", dataclasses.replace(own.twin, mesh_path=tmp_path / "large.obj"))
+    found = load_setup(tmp_path / "twin")
+    np.testing.assert_allclose(found.X_WC.translation(), away * own.X_WC.translation(), rtol=1e-6)
 
 
 @pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (1.2, 0.0), (1.0, -0.7)])
