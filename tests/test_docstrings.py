@@ -12,11 +12,6 @@ OPENERS = (
     "that those this these there here it its they and but or see"
 )
 FEWEST_WORDS = 3
-# Folders and files whose first lines are still to be written.
-NOT_YET = (
-    "pinwm_drake/demo",
-    "systems/runs",
-)
 
 
 def first_lines(text: str) -> Iterator[tuple[int, str]]:
@@ -44,10 +39,6 @@ def fault(line: str) -> str | None:
     return None
 
 
-def is_done(file: str) -> bool:
-    return not any(file == path or file.startswith(f"{path}/") for path in NOT_YET)
-
-
 def offences(root: Path) -> list[str]:
     """Every first line with a fault, as `file:line: reason: text`."""
     found = []
@@ -55,7 +46,7 @@ def offences(root: Path) -> list[str]:
         for path in sorted((root / folder).rglob("*.py")):
             file = path.relative_to(root).as_posix()
             # pinwm_drake holds links to the other two folders.
-            if not is_done(file) or path.resolve() != path.absolute():
+            if path.resolve() != path.absolute():
                 continue
             for number, line in first_lines(path.read_text(encoding="utf-8")):
                 reason = fault(line)
@@ -67,10 +58,6 @@ def offences(root: Path) -> list[str]:
 def test_first_lines_stand_alone():
     assert offences(ROOT) == []
     assert len(list((ROOT / "pinwm_drake").rglob("*.py"))) > 10
-
-
-def test_all_that_is_not_yet_done_is_there():
-    assert [path for path in NOT_YET if not (ROOT / path).exists()] == []
 
 
 @pytest.mark.parametrize(

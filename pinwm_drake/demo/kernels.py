@@ -38,7 +38,7 @@ class KernelsAhead:
         self._process = context.Process(target=_compile, args=(capture, options, self._sender), daemon=True)
 
     def __enter__(self) -> "KernelsAhead":
-        """Starts it."""
+        """Starts the compiling process."""
         self._process.start()
         # With no other sender left, a process that dies is noticed.
         self._sender.close()

@@ -19,7 +19,7 @@ def shipped_capture() -> Path:
 
 @dataclass(frozen=True)
 class DemoOptions:
-    """What the main demonstration works on, and how long.
+    """Inputs and budgets of the main demonstration.
 
     Attributes:
         capture: A capture of two episodes: the first is identified, the second predicted.

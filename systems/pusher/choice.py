@@ -27,7 +27,7 @@ _ATTEMPTS = 1000
 COASTING = 0.022  # m, by which an object slides on that is as fast as the pusher
 SPEEDS = (0.08, 0.5)  # m/s
 _DISTANCE = 0.10  # m, that the pusher goes on after it has met the object
-_ATTEMPTS2 = 20
+_PUSHES_DRAWN = 20
 
 
 def choose_push(
@@ -121,7 +121,7 @@ def random_push(setup: Setup, X_WO: RigidTransform, generator: np.random.Generat
     mesh_W.apply_transform(X_WO.GetAsMatrix4())
     p_WB, shape = mass_properties(mesh_W, mass=1.0).p_com, upright_shape(setup.twin.pusher)
     speed = min(coasting_speed(theta["friction_floor"].value, setup.twin.gravity), limits.max_speed)
-    for _ in range(_ATTEMPTS2):
+    for _ in range(_PUSHES_DRAWN):
         push = choose_push(
             mesh_W,
             p_WB,

@@ -21,7 +21,7 @@ _PATIENCE = 3.0  # s, for the object to come to rest after the pusher has
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What happened, n times one period apart.
+    """Record of an episode: n samples, one period apart.
 
     Attributes:
         t: (n,) s, from 0.
@@ -37,13 +37,13 @@ class Record:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the object was slow (`is_slow`) all through the last 0.1 s."""
+        """Flag: the object was slow (`is_slow`) all through the last 0.1 s."""
         last = self.object_state[self.t >= self.t[-1] - REST_TIME]
         return bool(self.t[-1] >= REST_TIME and is_slow(last).all())
 
     @property
     def displacement(self) -> np.ndarray:
-        """(3,) m, world: from the first place of the object's origin to the last."""
+        """Displacement (3,) m, world, of the object's origin from its first place to its last."""
         moved: np.ndarray = self.object_state[-1, 4:7] - self.object_state[0, 4:7]
         return moved
 
@@ -54,7 +54,7 @@ class Record:
         return 2 * math.acos(min(share, 1.0))
 
     def quaternions(self) -> np.ndarray:
-        """(n, 4) wxyz, of unit norm."""
+        """Orientations (n, 4) wxyz of the object, unit norm."""
         q_WO = self.object_state[:, :4]
         unit: np.ndarray = q_WO / np.linalg.norm(q_WO, axis=1, keepdims=True)
         return unit
@@ -139,11 +139,11 @@ class Episode(ScriptedStation):
 
     @property
     def record(self) -> Record:
-        """What has happened since the last `advance` began."""
+        """Record of all since the last `advance` began."""
         table = np.array(self._rows)
         t = self.station.setup.period * np.arange(len(table))
         return Record(t, table[:, :13], table[:, 13:], self.wall_time)
 
     def longest(self, duration: float | None = None) -> float:
-        """How long `run` takes at most, s of simulated time."""
+        """Longest duration of `run`, s of simulated time."""
         return self.end_time + _PATIENCE if duration is None else duration

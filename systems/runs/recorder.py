@@ -24,7 +24,7 @@ _AWAY = np.array([0.0, 0.0, 50.0])  # m, where the pusher is while it is not nee
 
 @dataclass(frozen=True)
 class Rates:
-    """How often what happens.
+    """Rates of pictures, rows of the log, and steps of the plant.
 
     Attributes:
         frames: Pictures a second.
@@ -38,13 +38,13 @@ class Rates:
 
     @property
     def time_step(self) -> float:
-        """That of the plant, s."""
+        """Time step of the plant, s."""
         return 1 / (self.frames * self.records_per_frame * self.steps_per_record)
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What was recorded of a push.
+    """Recording of a push: pictures' times, the log, and poses.
 
     Attributes:
         t: (n,) [s], of the pictures.

@@ -10,7 +10,7 @@ REST_TIME = 0.1  # s, for which it has to be as slow
 
 
 def is_slow(object_state: np.ndarray) -> np.ndarray:
-    """Whether the object's origin O, and its turning, are slower than the thresholds.
+    """Flag: the object's origin O, and its turning, are slower than the thresholds.
 
     Args:
         object_state: (..., 13), as the station's port has it.
@@ -41,7 +41,7 @@ class RestCount:
 
     @property
     def at_rest(self) -> bool:
-        """Whether there are as many as it takes."""
+        """Flag: as many slow samples have come as it takes."""
         return self.slow >= self.needed
 
     def add(self, slow: bool) -> bool:

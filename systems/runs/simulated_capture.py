@@ -100,20 +100,20 @@ class SimulateOptions:
 
     @property
     def rates(self) -> Rates:
-        """How often what happens."""
+        """Rates of pictures, rows of the log, and steps of the plant."""
         records = math.ceil(_RECORD_RATE / self.rate)
         steps = math.ceil(1 / (self.rate * records * _LONGEST_STEP))
         return Rates(self.rate, records, steps if self.restitution == 0 else _BOUNCING_STEPS * steps)
 
     @property
     def shape(self) -> PusherShape:
-        """The pusher's."""
+        """Shape of the pusher."""
         kind = cast(PusherKind, self.pusher)
         return PusherShape(kind, self.pusher_radius, 0.0 if kind == "sphere" else _PUSHER_LENGTH)
 
     @property
     def scenario(self) -> Scenario:
-        """What there is. The pusher may change its speed at every step of the plant, as a smooth motion does."""
+        """Scenario of the capture, whose pusher may change its speed at every step of the plant."""
         step = self.rates.time_step
         return Scenario(
             name=self.object_name,
@@ -159,7 +159,7 @@ class _Capture:
         self.X_WO = self.recorder.settle(self._first_pose())
 
     def write(self, progress: CaptureProgress) -> None:
-        """Writes everything."""
+        """Writes all files of the capture."""
         total = self.options.static_views + self.options.episodes * self.options.frames
         done = 0
 
@@ -196,7 +196,7 @@ class _Capture:
         )
 
     def _first_pose(self) -> RigidTransform:
-        """Where the object is put: near the origin, turned at random, on the floor."""
+        """First pose of the object: near the origin, turned at random, on the floor."""
         yaw, x, y = self.generator.uniform([-math.pi, -0.02, -0.02], [math.pi, 0.02, 0.02])
         R_WO = RotationMatrix.MakeZRotation(yaw)
         if self.options.lying:
@@ -252,7 +252,7 @@ class _Capture:
 
 
 def _reach(vertices: np.ndarray) -> float:
-    """How far the farthest corner is from the origin, m."""
+    """Distance of the farthest corner from the origin, m."""
     return float(np.linalg.norm(vertices, axis=1).max())
 
 

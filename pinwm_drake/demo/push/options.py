@@ -1,4 +1,4 @@
-"""What a demonstration push is made of, checked."""
+"""Options of a demonstration push, checked."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What `pinwm demo push` shows and writes: progress, trajectory.csv, push.png, push.mp4 and a table."""
+"""Output of `pinwm demo push`: progress, trajectory.csv, push.png, push.mp4 and a table."""
 
 import csv
 import math
@@ -84,7 +84,7 @@ def _write_table(path: Path, result: push_scene.PushResult) -> None:
 
 
 def _summary(result: push_scene.PushResult) -> Table:
-    """What came out, with the derivatives of the final yaw."""
+    """Table of the outcome, with the derivatives of the final yaw."""
     table = Table("", "result", "by differences", title="Push of the T-block")
     moved = 1e3 * (result.p_WB[-1] - result.p_WB[0])
     table.add_row("moved in x and y", f"{moved[0]:.2f}, {moved[1]:.2f} mm")

@@ -32,7 +32,7 @@ _DIFFERENCE_STEP = 1e-5
 
 @dataclass(frozen=True)
 class Derivative:
-    """How the final yaw follows one input.
+    """Derivative of the final yaw with respect to one input.
 
     Attributes:
         name: The input, in words.
@@ -69,12 +69,12 @@ class PushResult:
 
     @property
     def R_WB(self) -> np.ndarray:
-        """(N, 3, 3), orientation of the block."""
+        """Orientations (N, 3, 3) of the block."""
         return quaternion_to_matrix(torch.from_numpy(self.q_WB)).numpy()
 
     @property
     def yaw(self) -> np.ndarray:
-        """(N,) [rad], rotation about the vertical since the start, without jumps."""
+        """Yaw (N,) [rad] of the block about the vertical since the start, without jumps."""
         return np.unwrap(yaw_of(torch.from_numpy(self.q_WB)).numpy())
 
 
