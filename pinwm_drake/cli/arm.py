@@ -43,7 +43,7 @@ def arm(
     from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
     from pinwm_drake.systems.scenario.load import load_setup, with_url
     from pinwm_drake.systems.sdf.twin import contact_name
-    from pinwm_drake.systems.view.scene import make_meshcat
+    from pinwm_drake.systems.view.meshcat import make_meshcat
 
     require("--duration", duration, 0.1 <= duration <= 3600, "0.1 to 3600 s")
     require("--image-size", image_size, image_size is None or 8 <= image_size <= 4096, "8 to 4096 px")

@@ -60,7 +60,7 @@ def control(
     from pinwm_drake.systems.scenario.schema import MEMORY
     from pinwm_drake.systems.sdf.twin import contact_name
     from pinwm_drake.systems.station.station import STATION_ENGINES
-    from pinwm_drake.systems.view.scene import make_meshcat
+    from pinwm_drake.systems.view.meshcat import make_meshcat
 
     engine = "lcm" if simulate_arm else engine
     robot = engine == "lcm" and not simulate_arm

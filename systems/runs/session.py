@@ -21,7 +21,7 @@ from pinwm_drake.systems.scenario.schema import ENGINES
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import MakePushStation, PushStation
-from pinwm_drake.systems.view.scene import make_meshcat, recorded
+from pinwm_drake.systems.view.meshcat import make_meshcat, recorded
 
 STRAIGHT = "straight"
 SessionProgress = Callable[[str, float, str], None]

@@ -17,19 +17,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.view.forces import MeshcatForces
-from pinwm_drake.systems.view.meshcat import AddThetaSliders, ReadThetaSliders, make_meshcat, recorded, recorded_html
 from pinwm_drake.systems.view.surfels import MeshcatSurfels
-from pinwm_drake.twin import Twin
 
-__all__ = [
-    "AddSceneView",
-    "AddThetaSliders",
-    "ReadThetaSliders",
-    "make_meshcat",
-    "recorded",
-    "recorded_html",
-]
 PERIOD = 1 / 30  # s, of simulated time, between publishes
 PREFIX = "/station"
 _FLOOR_SIDE, _FLOOR_DEPTH, _FLOOR_COLOUR = 1.2, 0.001, Rgba(0.75, 0.75, 0.75, 0.4)  # m
@@ -58,27 +49,11 @@ class Shown(Protocol):
         """SceneGraph whose geometries are shown."""
 
 
-class Seen(Protocol):
-    """Parts of a Setup that the view reads."""
-
-    @property
-    def twin(self) -> Twin:
-        """Twin, for its surfels and the height of the floor."""
-
-    @property
-    def camera(self) -> Camera:
-        """Camera of the `rgb` port; intrinsics (4,)."""
-
-    @property
-    def X_WC(self) -> RigidTransform:
-        """Pose of the camera, OpenCV axes."""
-
-
 def AddSceneView(
     builder: DiagramBuilder,
     engine: Shown,
     meshcat: Meshcat,
-    setup: Seen,
+    setup: Setup,
     *,
     period: float = PERIOD,
     prefix: str = PREFIX,

@@ -9,7 +9,7 @@ import umsgpack
 from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.systems.view.scene import AddThetaSliders, ReadThetaSliders, make_meshcat, recorded, recorded_html
+from pinwm_drake.systems.view.meshcat import AddThetaSliders, ReadThetaSliders, make_meshcat, recorded, recorded_html
 from tests.systems.shown import X_WO, small_setup, station
 
 

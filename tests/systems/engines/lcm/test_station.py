@@ -12,7 +12,7 @@ from pinwm_drake.systems.engines.engine import ContactForces
 from pinwm_drake.systems.scenario.schema import LcmLink, load_scenario
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import MakePushStation
-from pinwm_drake.systems.view.scene import make_meshcat
+from pinwm_drake.systems.view.meshcat import make_meshcat
 from tests.systems.stations import FAR, REST, output, setup_of, station_of
 
 LINK = LcmLink()
