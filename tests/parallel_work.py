@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import sys
 import time
 from dataclasses import dataclass
@@ -84,6 +85,8 @@ def main() -> None:
     """A driver that is to be killed: `python -m tests.parallel_work EXECUTOR FOLDER`."""
     from functools import partial
 
+    # A background script's children ignore it, as the tests may be.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     folder = Path(sys.argv[2])
     executor = Executor(sys.argv[1], workers=2)
     try:

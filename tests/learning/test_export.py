@@ -157,4 +157,4 @@ def test_provenance_may_hold_what_yaml_can(policy, tmp_path):
     told = {"made": datetime.date(2026, 1, 2), "steps": {1: 2.5}, "name": "Größe"}
     folder = exported(tmp_path / "bundle", Policy(SPEC, policy.actor, told))
     assert read_bundle(folder).provenance["policy"] == {"made": "2026-01-02", "steps": {"1": 2.5}, "name": "Größe"}
-    assert json.loads((folder / "provenance.json").read_text())["schema_version"] == 1
+    assert json.loads((folder / "provenance.json").read_text())["schema_version"] == 2

@@ -15,7 +15,7 @@ from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.systems.arm.driver import MakeArmDriver, arm_limits
 from pinwm_drake.systems.control.loop import ControlLoop
 from pinwm_drake.systems.engines.lcm.link import make_lcm
-from pinwm_drake.systems.envs.env import make_task
+from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import policy_spec
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
@@ -36,8 +36,7 @@ class Towards:
     """Stands for a bundle: goes to `GOAL`, slower near it; counts what it sees of the object."""
 
     def __init__(self, setup):
-        task = make_task(setup.scenario.start.q_WO, (0.0, 0.0, 0.0), "shaped")
-        self.spec = policy_spec(setup, task, observes="rgb", frames=2, max_translation=0.02, max_steps=50)
+        self.spec = policy_spec(setup, EnvOptions(frames=2, max_translation=0.02, max_steps=50), "rgb")
         self.seen = []
 
     def act(self, image, p_WP):

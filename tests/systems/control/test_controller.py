@@ -62,7 +62,7 @@ def in_environment(setup, engine="twin"):
         middle = 0.5 * (np.array(policy.spec.pusher_high) + policy.spec.pusher_low)
         np.testing.assert_allclose(seen["pusher"] * half + middle, p_WP, atol=1e-7)
         action = policy.action(seen["image"], p_WP)
-        actions.append(env.run.translation(action[None])[0])
+        actions.append(env.task.translation(action, LONGEST)[0, :2])
         seen = env.step(action)[0]
         path.append(np.concatenate([env.run.object_state[0], env.run.p_WP[0]]))
     return np.array(path), np.array(actions)
