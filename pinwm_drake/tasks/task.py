@@ -98,7 +98,7 @@ class Task(ABC):
         """
         action = np.asarray(action, float).reshape(-1, self.action_size)
         action = np.where(np.isfinite(action).all(axis=1)[:, None], np.clip(action, -1.0, 1.0), 0.0)
-        length = np.sqrt(np.einsum("ij,ij->i", action, action))[:, None]
+        length = np.hypot.reduce(action, axis=1)[:, None]
         return self.along_axes(longest * action / np.maximum(length, 1.0))
 
     def along_axes(self, components: np.ndarray) -> np.ndarray:
