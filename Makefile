@@ -10,9 +10,10 @@ OUT ?= out
 demo: $(VENV)/.installed
 	$(BIN)/pinwm demo --out $(OUT)/demo
 
-# Most tests keep one core busy; those of a file share what they set up.
+# Most tests keep one core busy; those of a file share what they set up. Not reordered by the number of a file's tests:
+# those of few and long ones, such as the notebooks, would come last, and one core would wait for the other.
 test: lint
-	$(BIN)/pytest --numprocesses auto --dist loadfile
+	$(BIN)/pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check

@@ -60,7 +60,7 @@ def repeated(call, calls: int = CALLS):
 
 def measure(policy: Policy, bundle: Bundle, image: np.ndarray, p_WP: np.ndarray, rounds: int) -> dict:
     """Times policy, network and bundle in turn."""
-    module = InMetres(policy.spec, policy.actor)
+    module = InMetres(policy.spec, policy.actor, estimate=False)
 
     def in_torch() -> np.ndarray:
         with torch.inference_mode():

@@ -2,6 +2,7 @@
 
 import platform
 import time
+from collections.abc import Sequence
 from importlib.metadata import version
 
 import pinwm_drake
@@ -14,10 +15,10 @@ def timestamp() -> str:
     return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
 
 
-def versions() -> dict[str, str]:
+def versions(libraries: Sequence[str] = _LIBRARIES) -> dict[str, str]:
     """The versions of this package, of Python and of the libraries that results depend on."""
     return {
         "pinwm_drake": pinwm_drake.__version__,
         "python": platform.python_version(),
-        **{name: version(name) for name in _LIBRARIES},
+        **{name: version(name) for name in libraries},
     }

@@ -7,6 +7,10 @@ import pytest
 
 from pinwm_drake.cli import main
 
+# Before torch is imported, here and in the processes that tests start: of two workers with two threads of OpenMP each,
+# all spin while they wait for each other, and small networks took up to twenty times as long.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 ROOT = Path(__file__).resolve().parent.parent
 
 

@@ -1,6 +1,7 @@
 """The `pinwm` application: its commands, and its exit codes.
 
-Exit codes: 0 when all went well, 1 when an input was refused, 2 when the command line itself makes no sense.
+Exit codes: 0 when all went well, 1 when an input was refused or a fault stopped a robot, 2 when the command line itself
+makes no sense; 130, 143 and 129 when Ctrl-C, SIGTERM or a closed terminal ended `control`.
 Only light modules are imported here, so that `pinwm --help` answers at once; each command imports its work.
 """
 
@@ -23,6 +24,7 @@ from pinwm_drake.cli.export import export
 from pinwm_drake.cli.identify import identify
 from pinwm_drake.cli.model import model
 from pinwm_drake.cli.predict import predict
+from pinwm_drake.cli.rehearse import rehearse
 from pinwm_drake.cli.report import report
 from pinwm_drake.cli.simulate import simulate
 from pinwm_drake.cli.train import train
@@ -50,6 +52,7 @@ app.command(epilog="Example: pinwm export runs/push/best out/bundle --max-speed 
 app.command(epilog="Example: pinwm identify capture out/twin; then: pinwm report out/twin")(identify)
 app.command(epilog="Example: pinwm model out/twin out/model")(model)
 app.command(epilog="Example: pinwm predict out/twin capture/episodes/0001 -o out/poses.csv")(predict)
+app.command(epilog="Example: pinwm rehearse push_t --faults --moments 5 -o out/rehearsal")(rehearse)
 app.command(epilog="Example: pinwm report out/twin -o out/report.html")(report)
 app.command(epilog="Example: pinwm simulate push_t --engine hydroelastic --video out/push.mp4")(simulate)
 app.command(epilog="Example: pinwm train out/twin -o out/policy; then: pinwm evaluate out/policy")(train)

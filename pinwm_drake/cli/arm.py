@@ -9,6 +9,7 @@ import typer
 
 from pinwm_drake.cli.console import say
 from pinwm_drake.cli.control import CONTACT, SCENE, URL, require_common
+from pinwm_drake.cli.stopping import stop_signals
 from pinwm_drake.errors import require
 
 if TYPE_CHECKING:
@@ -17,14 +18,19 @@ if TYPE_CHECKING:
     from pinwm_drake.systems.arm.driver import ArmDriver
 
 _EVERY = 1.0  # s, between lines
+_LOOK = 0.05  # s, between looks for a wish to stop
 _SLOW = 0.9  # pace, in units of real time, below which a line warns
 
 
 def arm(
+    bundle: Annotated[
+        str, typer.Argument(metavar="BUNDLE", help="Bundle that is to control it, which tells the size of images.")
+    ] = "push_t",
     scene: Annotated[str, typer.Option(help=SCENE)] = "push_t",
     image_size: Annotated[
-        int | None, typer.Option(help="px, of images, as the policy sees them.", show_default="that of the scene")
+        int | None, typer.Option(help="px, of images, as the policy sees them.", show_default="the bundle's")
     ] = None,
+    latency: Annotated[float, typer.Option(help="s, between an image's exposure and its arrival, 0 to 1.")] = 0.0,
     contact: Annotated[str, typer.Option(help=CONTACT)] = "point",
     duration: Annotated[float, typer.Option(help="s, 0.1 to 3600.")] = 60.0,
     seed: Annotated[int, typer.Option(help="Of where object and pusher start, 0 or more.")] = 0,
@@ -38,6 +44,7 @@ def arm(
     import numpy as np
     from pydrake.systems.analysis import Simulator
 
+    from pinwm_drake.learning.bundle import read_bundle
     from pinwm_drake.systems.arm.driver import MakeArmDriver
     from pinwm_drake.systems.engines.lcm.link import make_lcm
     from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
@@ -47,12 +54,14 @@ def arm(
 
     require("--duration", duration, 0.1 <= duration <= 3600, "0.1 to 3600 s")
     require("--image-size", image_size, image_size is None or 8 <= image_size <= 4096, "8 to 4096 px")
+    require("--latency", latency, 0.0 <= latency <= 1.0, "0 to 1 s")
     require_common(contact, seed)
+    size = read_bundle(bundle).spec.camera.width if image_size is None else image_size
     logging.getLogger("drake").setLevel(logging.WARNING)
-    setup = with_url(environment_setup(load_setup(scene), EnvOptions(image_size=image_size)), lcm_url)
+    setup = with_url(environment_setup(load_setup(scene), EnvOptions(image_size=size)), lcm_url)
     page = make_meshcat(port=port) if meshcat else None
     lcm = make_lcm(setup.scenario.lcm)
-    driver = MakeArmDriver(setup, lcm, contact=contact_name(contact), meshcat=page)
+    driver = MakeArmDriver(setup, lcm, contact=contact_name(contact), latency=latency, meshcat=page)
     simulator = Simulator(driver)
     simulator.set_target_realtime_rate(1.0)
     context = simulator.get_mutable_context()
@@ -61,13 +70,17 @@ def arm(
     if page is not None:
         say(f"Meshcat is at {page.web_url()}")
     say(f"a simulated arm listens at {setup.scenario.lcm.url}; Ctrl-C ends")
-    began = time.perf_counter()
-    try:
-        for k in range(1, math.ceil(duration / _EVERY) + 1):
-            simulator.AdvanceTo(min(k * _EVERY, duration))
-            say(_line(driver, simulator, began))
-    except KeyboardInterrupt:
-        say("ended")
+    began, due = time.perf_counter(), _EVERY
+    with stop_signals() as stop:
+        stop.defer()
+        while context.get_time() < duration - 1e-9 and not stop():
+            simulator.AdvanceTo(min(context.get_time() + _LOOK, duration))
+            if context.get_time() >= min(due, duration) - 1e-9:
+                say(_line(driver, simulator, began))
+                due += _EVERY
+    say(f"ended by {stop()}" if stop() else "ended")
+    if stop():
+        raise SystemExit(stop.exit_code)
 
 
 def _line(driver: "ArmDriver", simulator: "Simulator", began: float) -> str:

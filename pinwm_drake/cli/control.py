@@ -1,4 +1,8 @@
-"""`pinwm control`: options, and lines of the state of a controlled station."""
+"""`pinwm control`: options, and lines of the state of a controlled station.
+
+Exit codes: 0 when it ended by itself (at the goal, after its last action, at the end of its time, or a dry run), 1 when
+an input was refused or a fault stopped the pusher, 130, 143 and 129 when Ctrl-C, SIGTERM or a closed terminal did.
+"""
 
 import logging
 import math
@@ -8,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from pinwm_drake.errors import StateError, require
+from pinwm_drake.cli.stopping import Stop, stop_signals
+from pinwm_drake.errors import ParameterError, StateError, require
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
@@ -39,6 +44,9 @@ def control(
         bool, typer.Option("--simulate-arm", help="Simulate an arm behind lcm in this process; needs no robot.")
     ] = False,
     contact: Annotated[str, typer.Option(help=CONTACT)] = "hydroelastic",
+    force: Annotated[
+        bool, typer.Option("--force", help="Control another object or pusher than the policy was trained with.")
+    ] = False,
     duration: Annotated[float, typer.Option(help="s, at most, 0.1 to 600; it ends at the goal.")] = 20.0,
     seed: Annotated[int, typer.Option(help="Of where object and pusher start, 0 or more; not of a robot's.")] = 0,
     lcm_url: Annotated[str | None, typer.Option(help=URL, show_default="that of the scenario")] = None,
@@ -49,13 +57,51 @@ def control(
         int | None, typer.Option(help="Port of Meshcat to listen on.", show_default="first free from 7000")
     ] = None,
 ) -> None:
-    """Lets a bundle control a station: a simulation, or a robot over LCM. Without --arm nothing moves."""
+    """Lets a bundle control a station: a simulation, or a robot over LCM. Without --arm nothing moves.
+
+    Ctrl-C stops it, as do SIGTERM and a closed terminal: the robot is disarmed and sent zero, once.
+    """
+    with stop_signals() as stop:
+        _control(
+            stop,
+            bundle=bundle,
+            scene=scene,
+            engine=engine,
+            arm=arm,
+            simulate_arm=simulate_arm,
+            contact=contact,
+            force=force,
+            duration=duration,
+            seed=seed,
+            lcm_url=lcm_url,
+            meshcat=meshcat,
+            port=port,
+        )
+
+
+def _control(
+    stop: Stop,
+    *,
+    bundle: str,
+    scene: str,
+    engine: str,
+    arm: bool,
+    simulate_arm: bool,
+    contact: str,
+    force: bool,
+    duration: float,
+    seed: int,
+    lcm_url: str | None,
+    meshcat: bool,
+    port: int | None,
+) -> None:
+    """Controls a station until it ends by itself or is stopped; arguments as for `control`."""
     import numpy as np
 
     from pinwm_drake.learning.bundle import read_bundle
-    from pinwm_drake.models import policy_path
     from pinwm_drake.systems.control.loop import ControlLoop
     from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+    from pinwm_drake.systems.envs.policy_scene import check_object
     from pinwm_drake.systems.scenario.load import load_setup, with_url
     from pinwm_drake.systems.scenario.schema import MEMORY
     from pinwm_drake.systems.sdf.twin import contact_name
@@ -71,10 +117,15 @@ def control(
     require("--meshcat", meshcat, not (meshcat and robot), "none for a robot, which can be looked at")
     console = Console()
     logging.getLogger("drake").setLevel(logging.WARNING)
-    found = read_bundle(policy_path(bundle))
+    found = read_bundle(bundle)
     setup = environment_setup(load_setup(scene), EnvOptions(image_size=found.spec.camera.width))
     if engine == "lcm":
         setup = with_url(setup, MEMORY if simulate_arm else lcm_url)
+    try:
+        check_object(found.spec, setup)
+    except ParameterError:
+        if not force:
+            raise
     page = make_meshcat(port=port) if meshcat else None
     loop = ControlLoop(
         found,
@@ -92,11 +143,11 @@ def control(
         _await_browser(console, page)
     loop.begin(place)
     _announce(console, arm, simulate_arm, engine, setup, found.limits)
-    loop.listen()
-    last = _run(console, loop, duration)
-    _conclude(console, last, arm)
-    if page is not None and console.is_terminal:
-        _keep(console)
+    last = _run(console, loop, duration, stop, page)
+    # What could go wrong now is no danger to a robot.
+    _conclude(console, last, arm, duration, stop)
+    if page is not None and console.is_terminal and not stop():
+        _keep(console, stop)
 
 
 def require_common(contact: str, seed: int) -> None:
@@ -105,22 +156,40 @@ def require_common(contact: str, seed: int) -> None:
     require("--seed", seed, 0 <= seed < 2**32, "0 to 4294967295")
 
 
-def _run(console: Console, loop: "ControlLoop", duration: float) -> "ControlRow":
+def _run(console: Console, loop: "ControlLoop", duration: float, stop: Stop, meshcat: "Meshcat | None") -> "ControlRow":
     """Runs a loop for a duration [s] with a line now and then, disarms it whatever happens, and gives its last row."""
-    began, due, state = time.perf_counter(), 0.0, ""
-    start = loop.simulator.get_context().get_time()
+    due, state = 0.0, ""
     try:
-        for row in loop.advance(duration):
+        loop.listen(stop=stop, arming=stop.defer)
+        stop.defer()
+        began, start, row = time.perf_counter(), loop.simulator.get_context().get_time(), loop.row()
+        for row in loop.advance(duration, stop=stop):
             t = row.t - start
             if t >= due - 1e-6 or row.status.state != state:
-                console.print(_line(t, row, time.perf_counter() - began), highlight=False, soft_wrap=True)
+                _tell(console, stop, _line(t, row, time.perf_counter() - began))
+                if meshcat is not None:
+                    _show(meshcat, state, row)
                 due, state = t + _EVERY, row.status.state
-    except KeyboardInterrupt:
-        console.print("stopped", highlight=False)
-        row = loop.row()
     finally:
         loop.stop()
     return row
+
+
+def _tell(console: Console, stop: Stop, line: str) -> None:
+    """Prints a line; where the terminal takes none any more, that is a wish to stop."""
+    try:
+        console.print(line, highlight=False, soft_wrap=True)
+    except OSError:
+        stop.close()
+
+
+def _show(meshcat: "Meshcat", before: str, row: "ControlRow") -> None:
+    """Shows state and reason in Meshcat's panel of controls, as the names of buttons that do nothing."""
+    if before:
+        meshcat.DeleteAddedControls()
+    for words in (row.status.state, row.status.reason, row.status.estimate):
+        if words:
+            meshcat.AddButton(words)
 
 
 def _announce(
@@ -148,14 +217,11 @@ def _await_browser(console: Console, meshcat: "Meshcat") -> None:
         time.sleep(0.1)
 
 
-def _keep(console: Console) -> None:
+def _keep(console: Console, stop: Stop) -> None:
     """Keeps the page until Ctrl-C."""
-    console.print("Ctrl-C ends")
-    try:
-        while True:
-            time.sleep(1.0)
-    except KeyboardInterrupt:
-        return
+    _tell(console, stop, "Ctrl-C ends")
+    while not stop():
+        time.sleep(0.1)
 
 
 def _corner(p: tuple[float, float, float]) -> str:
@@ -170,16 +236,26 @@ def _line(t: float, row: "ControlRow", wall: float) -> str:
     parts.append(f"pusher ({p[0]:+.1f}, {p[1]:+.1f}) mm")
     if not math.isnan(row.distance):
         parts.append(f"object {1e3 * row.distance:.1f} mm, {math.degrees(row.angle):.1f}° from the goal")
+    if status.estimate:
+        parts.append(f"seen {status.estimate}")
     if t > 0:
         parts.append(f"{t / max(wall, 1e-9):.2f} x real time")
     return "  ".join(part for part in [*parts, status.reason] if part)
 
 
-def _conclude(console: Console, row: "ControlRow", armed: bool) -> None:
-    """Prints the outcome of a run; raises StateError where a fault stopped the pusher."""
+def _conclude(console: Console, row: "ControlRow", armed: bool, duration: float, stop: Stop) -> None:
+    """Prints how a run ended; raises StateError where a fault stopped the pusher, SystemExit where a signal did."""
     if row.status.state == "latched":
         raise StateError(f"the pusher was stopped: {row.status.reason}")
+    end = "disarmed, and zero was sent" if armed else "dry run: nothing was moved"
+    if stop():
+        _tell(console, stop, f"stopped by {stop()}: {end}")
+        raise SystemExit(stop.exit_code)
     if not armed:
-        console.print("dry run: nothing was moved")
-    elif not math.isnan(row.distance):
-        console.print("[green]at the goal[/]" if row.success else "[yellow]not at the goal[/]")
+        _tell(console, stop, end)
+    elif row.success:
+        _tell(console, stop, f"[green]at the goal[/] after {row.status.actions} actions: {end}")
+    elif row.status.state == "done":
+        _tell(console, stop, f"[green]done[/]: {row.status.reason}: {end}")
+    else:
+        _tell(console, stop, f"[yellow]not at the goal[/] after {duration:g} s: {end}")

@@ -17,7 +17,9 @@ _CALLS = 100  # calls of the network that are timed
 
 
 def export(
-    policy: Annotated[Path, typer.Argument(metavar="POLICY", help="Folder that `pinwm train` wrote; of images.")],
+    policy: Annotated[
+        Path, typer.Argument(metavar="POLICY", help="Folder that `pinwm train` wrote; of images. Or an older bundle.")
+    ],
     bundle: Annotated[Path, typer.Argument(metavar="BUNDLE", help="New or empty folder.")],
     scene: Annotated[
         str, typer.Option(help="Where the golden samples are seen: a scenario's name or path, or a twin's folder.")
@@ -31,7 +33,7 @@ def export(
         typer.Option(help="m/s^2. Default: from one way to the other in an action.", rich_help_panel=_LIMITS),
     ] = None,
     max_image_age: Annotated[
-        float | None, typer.Option(help="s. Default: the duration of an action.", rich_help_panel=_LIMITS)
+        float | None, typer.Option(help="s. Default: the duration of two actions.", rich_help_panel=_LIMITS)
     ] = None,
     box_low: Annotated[
         _Corner,
@@ -50,7 +52,10 @@ def export(
         ),
     ] = None,
 ) -> None:
-    """Makes a bundle of a policy: network in ONNX, contract, limits, golden samples; onnxruntime alone runs it."""
+    """Makes a bundle of a policy: network in ONNX, contract, limits, golden samples; onnxruntime alone runs it.
+
+    A bundle of version 1 is written anew in version 2, with the same answers; --scene is the one that it was made for.
+    """
     from pinwm_drake.experiments.golden_samples import export_bundle
 
     limits = {

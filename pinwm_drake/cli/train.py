@@ -60,6 +60,12 @@ def train(
     images: Annotated[
         int | None, typer.Option(help="That a round of the distillation collects.", show_default="as needed")
     ] = None,
+    updates: Annotated[
+        int | None, typer.Option(help="Of the student in a round of the distillation.", show_default="as needed")
+    ] = None,
+    episodes: Annotated[
+        int | None, typer.Option(help="Of each evaluation, after every round.", show_default="as the method needs")
+    ] = None,
     shift: Annotated[int | None, typer.Option(help="px, random shift of the student's images.")] = None,
     teacher: Annotated[
         Path | None, typer.Option(help="A policy of the state to learn from, instead of training one.")
@@ -90,6 +96,8 @@ def train(
         round_steps=round_steps,
         rounds=rounds,
         images=images,
+        updates=updates,
+        episodes=episodes,
         shift=shift,
         teacher=teacher,
         threads=threads,

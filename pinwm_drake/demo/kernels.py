@@ -17,9 +17,9 @@ from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.demo.stages import Cost, cpu_seconds
 from pinwm_drake.errors import PinwmError
 from pinwm_drake.identification.forward import Forward
+from pinwm_drake.identification.identify import capture_scene
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.unknowns import Coordinates
-from pinwm_drake.scene import make_scene
 
 
 class KernelsAhead:
@@ -92,16 +92,6 @@ def compile_physics(folder: Path, options: IdentifyOptions) -> None:
     coordinates = Coordinates(options.free, {"mass": mass, **options.held})
     guess = coordinates.draw(1, torch.Generator().manual_seed(options.seed)).requires_grad_()
     for support in options.supports:
-        scene = make_scene(
-            capture.object.mesh_path,
-            capture.pusher,
-            q_WO=X_WO.q,
-            gravity=capture.gravity,
-            floor_height=capture.floor_height,
-            time_step=options.time_step,
-            friction_directions=options.friction_directions,
-            support=support,
-        )
-        forward = Forward(scene, episode, X_WO, mass, 1, chosen=torch.tensor([0, 1]))
+        forward = Forward(capture_scene(capture, options, support), episode, X_WO, mass, 1, chosen=torch.tensor([0, 1]))
         poses, _ = forward.poses(coordinates.values(guess))
         poses.p.sum().backward()

@@ -1,4 +1,4 @@
-"""A trained policy as a bundle, with golden samples from a scene in which it acts."""
+"""A trained policy as a bundle, with golden samples from a scene in which it acts; older bundles as new ones."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -9,11 +9,13 @@ import numpy as np
 
 from pinwm_drake.errors import require
 from pinwm_drake.files import appearing
-from pinwm_drake.learning.bundle import Bundle, read_bundle
+from pinwm_drake.learning.bundle import Bundle, is_bundle, read_bundle
 from pinwm_drake.learning.export import export_policy, require_images
 from pinwm_drake.learning.policy import Policy, read_policy
 from pinwm_drake.learning.safety import default_limits
-from pinwm_drake.systems.envs.policy_scene import spec_environment
+from pinwm_drake.learning.spec import PolicySpec, SceneSpec
+from pinwm_drake.learning.upgrade import taught_the_state, upgrade_bundle
+from pinwm_drake.systems.envs.policy_scene import scene_spec, spec_environment
 
 _EPISODES, _ACTIONS, _EVERY = 3, 13, 4
 
@@ -21,14 +23,17 @@ _EPISODES, _ACTIONS, _EVERY = 3, 13, 4
 def export_bundle(
     folder: Path, out: Path, *, scene: str = "push_t", seed: int = 0, limits: Mapping[str, Any] | None = None
 ) -> Bundle:
-    """Writes the bundle of a policy, with golden samples that it sees in a scene.
+    """Writes the bundle of a policy, with golden samples that it sees in a scene; or a bundle of version 1 anew.
+
+    A bundle keeps its network's answers, golden samples and limits: see `upgrade_bundle`. The scene tells what it was
+    made for.
 
     Args:
-        folder: Folder of the policy.
+        folder: Folder of the policy, or of the bundle.
         out: Folder of the bundle, new or empty.
         scene: Scene of the golden samples: see `spec_environment`.
         seed: Seed of the first episode's start, 0 or more.
-        limits: Values of `SafetyLimits` in the place of the default ones, by name.
+        limits: Values of `SafetyLimits` in the place of the default ones or of the bundle's, by name.
 
     Returns:
         The bundle, as it was read back.
@@ -38,12 +43,22 @@ def export_bundle(
             is out of range, or the folder cannot be written.
     """
     require("--seed", seed, seed >= 0, "0 or more")
+    if is_bundle(folder):
+        return upgrade_bundle(folder, out, _scene(read_bundle(folder).spec, scene), limits)
     policy = read_policy(folder)
     require_images(policy)
+    if policy.spec.scene is None:
+        policy = dataclasses.replace(policy, spec=dataclasses.replace(policy.spec, scene=_scene(policy.spec, scene)))
     chosen = dataclasses.replace(default_limits(policy.spec), **(limits or {}))
     with appearing(out) as temporary:
-        export_policy(policy, temporary, limits=chosen, samples=seen_samples(policy, scene, seed))
+        samples, taught = seen_samples(policy, scene, seed), taught_the_state(policy.provenance)
+        export_policy(policy, temporary, limits=chosen, samples=samples, estimate=taught)
     return read_bundle(out)
+
+
+def _scene(spec: PolicySpec, scene: str) -> SceneSpec:
+    """Object, pusher and floor of a policy whose own specification does not tell them, by the scene that it is for."""
+    return scene_spec(spec_environment(spec, scene, "twin").setup, spec.camera)
 
 
 def seen_samples(policy: Policy, scene: str, seed: int) -> tuple[np.ndarray, np.ndarray]:

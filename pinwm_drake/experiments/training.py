@@ -52,6 +52,8 @@ class TrainRequest:
     round_steps: int | None = None
     rounds: int | None = None
     images: int | None = None
+    updates: int | None = None
+    episodes: int | None = None
     shift: int | None = None
     teacher: Path | None = None
     threads: int | None = None
@@ -60,7 +62,7 @@ class TrainRequest:
     def __post_init__(self) -> None:
         """Checks the options that nothing else checks."""
         require("--method", repr(self.method), self.method in METHODS, ", ".join(METHODS))
-        for name in ("worlds", "threads", "steps", "round_steps", "rounds", "images"):
+        for name in ("worlds", "threads", "steps", "round_steps", "rounds", "images", "updates", "episodes"):
             value = getattr(self, name)
             require(f"--{name.replace('_', '-')}", value, value is None or value >= 1, "1 or more")
         require("--seed", self.seed, self.seed >= 0, "0 or more")
@@ -128,13 +130,20 @@ def _training_worlds(request: TrainRequest) -> TrainingWorlds:
 
 def _method(request: TrainRequest) -> Method:
     """The method of a request, with the settings that are given."""
-    steps: dict[str, Any] = {"steps": request.steps, "round_steps": request.round_steps}
+    steps = {"steps": request.steps, "round_steps": request.round_steps, "episodes": request.episodes}
     if request.method == "ppo":
         return ImagePpo(_with(PpoOptions.for_images(), **steps, shift=request.shift))
     teacher = StatePpo(_with(PpoOptions(), **steps))
     if request.method == "state":
         return teacher
-    options = _with(DistilOptions(), rounds=request.rounds, round_images=request.images, shift=request.shift)
+    options = _with(
+        DistilOptions(),
+        rounds=request.rounds,
+        round_images=request.images,
+        updates=request.updates,
+        episodes=request.episodes,
+        shift=request.shift,
+    )
     return Distillation(request.teacher or teacher, options)
 
 

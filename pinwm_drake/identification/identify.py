@@ -20,7 +20,7 @@ from pinwm_drake.identification.search_result import Found
 from pinwm_drake.identification.uncertainty import estimates
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.rendering.surfels import Surfels
-from pinwm_drake.scene import make_scene, resting_height
+from pinwm_drake.scene import Scene, Support, make_scene, resting_height
 from pinwm_drake.twin.origin import Origin
 from pinwm_drake.twin.plain_data import to_plain
 from pinwm_drake.twin.twin import Estimate, Twin
@@ -89,17 +89,7 @@ def identify(
     X_WO = capture.object.X_WO
     problems = {}
     for support in options.supports:
-        scene = make_scene(
-            capture.object.mesh_path,
-            capture.pusher,
-            q_WO=X_WO.q,
-            gravity=capture.gravity,
-            floor_height=capture.floor_height,
-            time_step=options.time_step,
-            friction_directions=options.friction_directions,
-            support=support,
-        )
-        forward = Forward(scene, episode, X_WO, mass, number)
+        forward = Forward(capture_scene(capture, options, support), episode, X_WO, mass, number)
         problems[support] = Problem(forward, surfels, coordinates, number)
     about = {
         "capture": origin.sha256,
@@ -120,6 +110,29 @@ def identify(
     twin = _twin(capture, origin, surfels, camera_offset, options, coordinates, found, mass)
     q_WO, p_WO = found.poses
     return Identification(twin, found, ObjectPoses(episode.t, p_WO.numpy(), q_WO.numpy()))
+
+
+def capture_scene(capture: Capture, options: IdentifyOptions, support: Support) -> Scene:
+    """Object, floor and pusher of a capture as the physics model of an identification.
+
+    Args:
+        capture: The capture; its object lies as at the start of an episode.
+        options: Time step and friction directions.
+        support: Way in which the floor carries the object.
+
+    Raises:
+        InputError: A mesh cannot be used.
+    """
+    return make_scene(
+        capture.object.mesh_path,
+        capture.pusher,
+        q_WO=capture.object.X_WO.q,
+        gravity=capture.gravity,
+        floor_height=capture.floor_height,
+        time_step=options.time_step,
+        friction_directions=options.friction_directions,
+        support=support,
+    )
 
 
 def _twin(

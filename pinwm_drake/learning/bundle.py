@@ -1,6 +1,6 @@
 """A policy bundle: a folder that holds all that a controller needs, and that onnxruntime alone runs.
 
-    policy.onnx       the network: images and the pusher's position in, translation in metres out
+    policy.onnx       the network: images and the pusher's position in; translation in metres and estimate out
     contract.yaml     inputs, outputs and limits (`contract.py`)
     golden.npz        samples with the policy's answers to them when it was exported (`golden.py`)
     provenance.json   the policy's origin; SHA-256 of the other three, and of itself without that
@@ -19,11 +19,13 @@ import numpy as np
 import yaml
 
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.learning.contract import VERSIONS, difference, make_contract, upgraded
-from pinwm_drake.learning.golden import TOLERANCE, Golden, deviation
+from pinwm_drake.files import appearing
+from pinwm_drake.learning.contract import ESTIMATE, VERSIONS, difference, make_contract, version_1
+from pinwm_drake.learning.golden import ESTIMATE_TOLERANCE, TOLERANCE, Golden, deviation, estimate_deviation
 from pinwm_drake.learning.runtime import Network
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.learning.spec import PolicySpec, seen_parts
+from pinwm_drake.learning.spec import PolicySpec, from_version_1, seen_parts
+from pinwm_drake.models import policy_path
 
 ONNX_FILE, CONTRACT_FILE, GOLDEN_FILE, PROVENANCE_FILE = "policy.onnx", "contract.yaml", "golden.npz", "provenance.json"
 HASHED = (ONNX_FILE, CONTRACT_FILE, GOLDEN_FILE)
@@ -37,10 +39,11 @@ class Bundle:
     Attributes:
         spec: Specification of the policy: its inputs and outputs, and its task.
         limits: Limits of the pusher's motion that a controller keeps, whatever the policy asks for.
-        contract: Contents of contract.yaml, as `make_contract` describes them.
+        contract: Contents of contract.yaml, as `make_contract` describes them; of version 1 too.
         provenance: Contents of provenance.json: time, versions, training, and the files' SHA-256.
         sha256: SHA-256 of the provenance, which holds those of the other files: it tells this bundle from all others.
         network: The network of policy.onnx.
+        mask_pixels: Least and largest number of the object's pixels in one of the golden images; see `Golden`.
     """
 
     spec: PolicySpec
@@ -49,6 +52,7 @@ class Bundle:
     provenance: dict[str, Any]
     sha256: str
     network: Network
+    mask_pixels: tuple[int, int]
 
     def act(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
         """Translation d_W (n,) m of the pusher along the task's n axes over the horizon, at most `max_translation`.
@@ -63,6 +67,22 @@ class Bundle:
             StateError: A shape, or the image's type, is another.
         """
         return self.network.run(image, p_WP).astype(float)
+
+    def step(self, image: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Translation d_W as by `act`, and the policy's estimate (state_size,) of the task's state.
+
+        The contract names the components of the estimate, and their units. It is None where the bundle gives none: it
+        is of version 1, or was not taught the state.
+
+        Args:
+            image: As for `act`.
+            p_WP: As for `act`.
+
+        Raises:
+            StateError: A shape, or the image's type, is another.
+        """
+        d_W, estimate = self.network.run_all(image, p_WP)
+        return d_W.astype(float), None if estimate is None else estimate.astype(float)
 
     def predict(
         self, observation: Any, state: None = None, episode_start: Any = None, deterministic: bool = True
@@ -95,13 +115,17 @@ def is_bundle(folder: Path) -> bool:
     return any((folder / name).exists() for name in (ONNX_FILE, CONTRACT_FILE, PROVENANCE_FILE))
 
 
-def read_bundle(folder: Path) -> Bundle:
+def read_bundle(bundle: str | Path) -> Bundle:
     """Reads a bundle and checks it: files, SHA-256, contract, network, and its answers to the golden samples.
+
+    Args:
+        bundle: Folder of the bundle; a text may also be the name of one that ships, such as "push_t".
 
     Raises:
         InputError: There is none, a file is missing, too many, changed or cut off, of another version, or the files
             do not fit each other.
     """
+    folder = policy_path(bundle) if isinstance(bundle, str) else bundle
     if not is_bundle(folder):
         there = "a policy" if (folder / "policy.yaml").exists() else "none there"
         raise InputError(folder, value=there, allowed=_AS_WRITTEN)
@@ -112,20 +136,68 @@ def read_bundle(folder: Path) -> Bundle:
             raise InputError(folder / name, value="a file that is not of the bundle", allowed=allowed)
     files = {name: _hashed(folder / name, provenance["files"][name]) for name in HASHED}
     spec, limits, contract = _contract(folder / CONTRACT_FILE, files[CONTRACT_FILE])
+    estimate = _estimates(contract)
+    golden = Golden.from_bytes(files[GOLDEN_FILE], folder / GOLDEN_FILE, spec, estimate=estimate)
+    expected = make_contract(spec, limits, golden.mask_pixels(), estimate=estimate)
+    if contract["schema_version"] == 1:
+        contract = expected
+    if (differs := difference(contract.get("mask"), expected["mask"], "mask")) is not None:
+        name, found, wanted = differs
+        allowed = f"{wanted}, which follows from {GOLDEN_FILE}"
+        raise InputError(folder / CONTRACT_FILE, value=f"{name}: {found}", allowed=allowed)
     network = Network(files[ONNX_FILE], folder / ONNX_FILE, contract)
-    golden = Golden.from_bytes(files[GOLDEN_FILE], folder / GOLDEN_FILE, spec)
     check_golden(folder / GOLDEN_FILE, network, golden)
-    return Bundle(spec, limits, contract, provenance, provenance["sha256"], network)
+    return Bundle(spec, limits, contract, provenance, provenance["sha256"], network, golden.mask_pixels())
+
+
+def contract_bytes(contract: Mapping[str, Any]) -> bytes:
+    """Contents of contract.yaml."""
+    content: bytes = yaml.safe_dump(dict(contract), sort_keys=False, width=120).encode()
+    return content
+
+
+def write_bundle(folder: Path, files: Mapping[str, bytes], provenance: Mapping[str, Any]) -> Bundle:
+    """Writes a bundle, which appears whole or not at all, and reads it back.
+
+    Args:
+        folder: Folder of the bundle, new or empty.
+        files: Contents of the files of `HASHED`, by name.
+        provenance: The provenance without SHA-256, as JSON takes it; what it does not take becomes a text.
+
+    Raises:
+        InputError: The folder holds something or cannot be written to, or the files do not fit each other.
+    """
+    hashes = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+    # As it will be read.
+    document = json.loads(json.dumps({**provenance, "files": hashes, "sha256": None}, default=str))
+    document["sha256"] = provenance_hash(document)
+    text = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+    with appearing(folder) as temporary:
+        for name, content in {**files, PROVENANCE_FILE: text.encode()}.items():
+            (temporary / name).write_bytes(content)
+        return read_bundle(temporary)
 
 
 def check_golden(path: Path, network: Network, golden: Golden) -> float:
-    """Largest distance of the network's answers from the golden ones, m; raises InputError beyond the tolerance."""
-    answers = np.array([network.run(*one) for one in zip(golden.images, golden.p_WP, strict=True)])
-    for row, (answer, expected) in enumerate(zip(answers, golden.d_W, strict=True), 1):
+    """Largest distance of the network's translations from the golden ones, m.
+
+    Raises:
+        InputError: A translation or an estimate is beyond its tolerance.
+    """
+    answers = []
+    for row, (image, p_WP, expected) in enumerate(zip(golden.images, golden.p_WP, golden.d_W, strict=True), 1):
+        answer, estimate = network.run_all(image, p_WP)
         if not (gap := deviation(answer, expected)) <= TOLERANCE:
             value = f"{expected.tolist()} m, where {ONNX_FILE} answers {answer.tolist()} m, {gap:.2g} m off"
             raise InputError(path, row=row, value=value, allowed=f"{TOLERANCE:g} m between the two")
-    return deviation(answers, golden.d_W)
+        if golden.estimate is not None:
+            assert estimate is not None
+            told = golden.estimate[row - 1]
+            if not (gap := estimate_deviation(estimate, told)) <= ESTIMATE_TOLERANCE:
+                value = f"{ESTIMATE} {told.tolist()}, where {ONNX_FILE} answers {estimate.tolist()}, {gap:.2g} off"
+                raise InputError(path, row=row, value=value, allowed=f"{ESTIMATE_TOLERANCE:g} between the two")
+        answers.append(answer)
+    return deviation(np.array(answers), golden.d_W)
 
 
 def provenance_hash(document: Mapping[str, Any]) -> str:
@@ -175,7 +247,9 @@ def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dic
     except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
     _check_version(path, document)
-    document = upgraded(document)
+    first = document["schema_version"] == 1
+    if first:
+        document = {**document, "spec": from_version_1(document.get("spec"))}
     try:
         spec = PolicySpec.from_document(document.get("spec"))
         limits = SafetyLimits.from_document(document.get("safety"))
@@ -183,10 +257,20 @@ def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dic
         raise InputError(path, value=error, allowed="a contract that `pinwm export` wrote") from error
     if spec.observes != "rgb":
         raise InputError(path, value=f"spec.observes: {spec.observes}", allowed="rgb; other policies have no bundle")
-    if (differs := difference(document, make_contract(spec, limits))) is not None:
-        name, found, expected = differs
-        raise InputError(path, value=f"{name}: {found}", allowed=f"{expected}, which follows from spec and safety")
+    # The mask follows from the golden samples, which follow from the specification: it is compared after them.
+    expected = make_contract(spec, limits, (), estimate=_estimates(document))
+    expected = version_1(expected) if first else {name: one for name, one in expected.items() if name != "mask"}
+    if (differs := difference({name: one for name, one in document.items() if name != "mask"}, expected)) is not None:
+        name, found, wanted = differs
+        raise InputError(path, value=f"{name}: {found}", allowed=f"{wanted}, which follows from spec and safety")
     return spec, limits, document
+
+
+def _estimates(contract: dict[str, Any]) -> bool:
+    """Flag: a contract of version 2, which may be wrong, has an estimate among its outputs."""
+    outputs = contract.get("outputs")
+    named = [entry.get("name") for entry in outputs if isinstance(entry, dict)] if isinstance(outputs, list) else []
+    return contract["schema_version"] > 1 and ESTIMATE in named
 
 
 def _check_version(path: Path, document: Any) -> None:

@@ -1,37 +1,65 @@
 """The contract of a bundle: inputs and outputs of its network, in words and numbers.
 
-All of it follows from the specification and the limits, so that a reader can work it out again and compare.
+All of it follows from the specification, the limits and the golden samples, so that a reader can work it out again and
+compare.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.learning.spec import PolicySpec, from_version_1
+from pinwm_drake.learning.spec import PolicySpec
 
 SCHEMA_VERSION, VERSIONS = 2, (1, 2)
 OPSET = 18
-IMAGE, POSITION, TRANSLATION = "image", "pusher_position", "pusher_translation"
+IMAGE, POSITION, TRANSLATION, ESTIMATE = "image", "pusher_position", "pusher_translation", "state_estimate"
 _PROSE = ("notes", "meaning")
+_LATER = ("period", "max_latency")  # entries of inputs and outputs that version 1 lacks
 
 
-def make_contract(spec: PolicySpec, limits: SafetyLimits) -> dict[str, Any]:
+def make_contract(
+    spec: PolicySpec, limits: SafetyLimits, mask_pixels: Sequence[int], *, estimate: bool = True
+) -> dict[str, Any]:
     """Contract of a bundle, as plain data.
 
     Args:
         spec: Specification of a policy that observes "rgb".
         limits: Limits of the pusher's motion that a controller keeps, whatever the policy asks for.
+        mask_pixels: Least and largest number of the object's pixels in an image; see `Golden.mask_pixels`.
+        estimate: Flag: the network gives its estimate of the task's state beside the action.
     """
     # Latency is 0: a policy is trained in an environment that waits for it.
     axes = " and ".join(spec.task.axes)
-    often: dict[str, Any] = {"rate": 1.0 / spec.horizon, "latency": 0.0}
+    often: dict[str, Any] = {"rate": 1.0 / spec.horizon, "period": spec.horizon, "latency": 0.0}
+    words, units = zip(*spec.task.state_components(), strict=True)
+    told = {
+        "name": ESTIMATE,
+        "dtype": "float32",
+        "shape": [spec.task.state_size],
+        "unit": list(units),
+        "meaning": list(words),
+        **often,
+    }
     return {
         "schema_version": SCHEMA_VERSION,
         "notes": {
-            "units": "SI and radians, where no other unit stands; rate in Hz",
+            "units": "SI and radians, where no other unit stands; rate in Hz; a unit of 0.1 m means that 1 is 0.1 m",
             "W": "the world, z up",
             "C": "the camera, OpenCV axes: x right, y down, z forward; pixels' centres at half-integers",
-            "latency": "s between the moment at which an input holds and the action, as in training",
-            "safety": "kept by the controller, whatever the network asks for",
+            "O": "the object: axes and origin of the coordinates in its mesh's file; spec.scene.object.middle is the "
+            "middle of the box around the mesh, in O",
+            "P": "the pusher: its middle, axes of W",
+            "quaternions": "w, x, y, z; q_WC turns axes of C into W",
+            "mask": "a pixel of which half or more shows the object has the object's colour, every other one is white "
+            "(255, 255, 255), where the pusher or anything else hides the object too; no shadow, floor or pusher is "
+            "left in the image. Of an RGBA image, alpha is 255 on the object and 0 elsewhere. mask.pixels: least and "
+            "largest number of pixels that are not white in one of the seen golden images",
+            "latency": "s between the moment at which an input holds and the action, as in training; max_latency: s, "
+            "age beyond which the controller takes an image for stale",
+            "period": "s between one image, position or action and the next",
+            "success": "spec.task: tolerance in m, turn_tolerance in rad; at rest below rest_speed in m/s and "
+            "rest_turn in rad/s",
+            "safety": "kept by the controller, whatever the network asks for; m, m/s, m/s^2 and s",
         },
         "onnx": {"opset": OPSET},
         "inputs": [
@@ -41,11 +69,12 @@ def make_contract(spec: PolicySpec, limits: SafetyLimits) -> dict[str, Any]:
                 "shape": list(spec.image_shape),
                 "unit": "sRGB, 0 to 255",
                 "frame": "C",
-                "meaning": "the object where it is seen, white elsewhere; RGB of the last images, the oldest first, "
-                "one an action; at the start the first image stands for those before it",
+                "meaning": "the object where it is seen, white elsewhere (notes: mask); RGB of the last images, the "
+                "oldest first, one an action; at the start the first image stands for those before it",
                 "frames": spec.frames,
                 "camera": spec.to_document()["camera"],
                 **often,
+                "max_latency": limits.max_image_age,
             },
             {
                 "name": POSITION,
@@ -69,18 +98,24 @@ def make_contract(spec: PolicySpec, limits: SafetyLimits) -> dict[str, Any]:
                 "horizon": spec.horizon,
                 "max_translation": spec.max_translation,
                 **often,
-            }
+            },
+            *([told] if estimate else []),
         ],
+        "mask": {"pixels": [int(value) for value in mask_pixels], "hidden": [255, 255, 255]},
         "safety": limits.to_document(),
         "spec": spec.to_document(),
     }
 
 
-def upgraded(document: dict[str, Any]) -> dict[str, Any]:
-    """The contract in the present version: in the first one the push task stood among the specification's keys."""
-    if document.get("schema_version") != 1:
-        return document
-    return {**document, "schema_version": SCHEMA_VERSION, "spec": from_version_1(document.get("spec"))}
+def version_1(contract: dict[str, Any]) -> dict[str, Any]:
+    """The contract of version 1 of a network without an estimate, but for its `spec`: see `from_version_1`."""
+    entries = {
+        name: [{key: value for key, value in entry.items() if key not in _LATER} for entry in contract[name]]
+        for name in ("inputs", "outputs")
+    }
+    spec = {name: value for name, value in contract["spec"].items() if name != "scene"}
+    rest = {name: value for name, value in contract.items() if name != "mask"}
+    return rest | {"schema_version": 1, **entries, "spec": spec}
 
 
 def difference(found: Any, expected: Any, name: str = "") -> tuple[str, Any, Any] | None:

@@ -2,77 +2,82 @@
 
 import contextlib
 import copy
-import hashlib
-import json
 import logging
-import platform
-import time
 import warnings
 from collections.abc import Iterator
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-import yaml
 from torch import Tensor, nn
 
-import pinwm_drake
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.files import appearing
+from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.bundle import (
     CONTRACT_FILE,
     GOLDEN_FILE,
     ONNX_FILE,
-    PROVENANCE_FILE,
+    Bundle,
     check_golden,
-    provenance_hash,
-    read_bundle,
+    contract_bytes,
+    write_bundle,
 )
-from pinwm_drake.learning.contract import IMAGE, OPSET, POSITION, SCHEMA_VERSION, TRANSLATION, make_contract
+from pinwm_drake.learning.contract import ESTIMATE, IMAGE, OPSET, POSITION, SCHEMA_VERSION, TRANSLATION, make_contract
 from pinwm_drake.learning.golden import Golden
 from pinwm_drake.learning.policy import Policy
 from pinwm_drake.learning.runtime import Network
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.provenance import timestamp, versions
 
 _MARGIN = 1e-3  # in logits, beyond what rounding does
 _LIBRARIES = ("torch", "onnx", "onnxscript", "onnxruntime", "numpy")
 
 
 class InMetres(nn.Module):
-    """An actor in physical units: one image stack and a position in metres in, a translation in metres out."""
+    """An actor in physical units: one image stack and a position in metres in, a translation in metres out.
+
+    Its estimate of the task's state comes out beside it where that is asked for.
+    """
 
     low: Tensor
     size: Tensor
 
-    def __init__(self, spec: PolicySpec, actor: nn.Module) -> None:
+    def __init__(self, spec: PolicySpec, actor: ImageActor, *, estimate: bool = True) -> None:
         """Takes a copy of the actor, on the CPU.
 
         Args:
             spec: Specification of the policy.
             actor: Network from images and positions in [-1, 1]^n to actions.
+            estimate: Flag: the estimate of the state comes out too.
         """
         super().__init__()
         self.actor = copy.deepcopy(actor).cpu()
         low, high = torch.tensor(spec.pusher_low), torch.tensor(spec.pusher_high)
         self.register_buffer("low", low)
         self.register_buffer("size", high - low)
-        self.max_translation = spec.max_translation
+        self.max_translation, self.estimate = spec.max_translation, estimate
         self.eval()
 
-    def forward(self, image: Tensor, p_WP: Tensor) -> Tensor:
-        """Translation d_W (n,) m of an image (height, width, 3 k) uint8 and a position (n,) m."""
+    def forward(self, image: Tensor, p_WP: Tensor) -> Tensor | tuple[Tensor, Tensor]:
+        """Translation d_W (n,) m of an image (height, width, 3 k) uint8 and a position (n,) m; the state's estimate."""
         pusher = (2.0 * (p_WP - self.low) / self.size - 1.0).clamp(-1.0, 1.0)
-        action: Tensor = self.actor(image[None], pusher[None])[0]
+        state = self.actor.state(self.actor.darken(image[None]), pusher[None])
+        action: Tensor = self.actor.actor(state)[0]
         length = (action * action).sum().sqrt().clamp(min=1.0)
-        return self.max_translation * action / length
+        d_W = self.max_translation * action / length
+        return (d_W, state[0]) if self.estimate else d_W
 
 
 def export_policy(
-    policy: Policy, folder: Path, *, limits: SafetyLimits, samples: tuple[np.ndarray, np.ndarray]
-) -> None:
+    policy: Policy,
+    folder: Path,
+    *,
+    limits: SafetyLimits,
+    samples: tuple[np.ndarray, np.ndarray],
+    estimate: bool = True,
+) -> Bundle:
     """Writes a bundle, which appears whole or not at all, and reads it back.
 
     Args:
@@ -81,24 +86,28 @@ def export_policy(
         limits: Limits of the pusher's motion that a controller is to keep.
         samples: Images (n, height, width, 3 k) uint8 and positions p_WP (n, action_size) m of a run of the policy, n of
             1 or more. A few that no run has, with positions beyond the box, are added.
+        estimate: Flag: the network gives its estimate of the state; false where it was not taught the state.
+
+    Returns:
+        The bundle, as it was read back.
 
     Raises:
         ParameterError: It does not observe images, or the samples do not fit it.
         InputError: The folder holds something or cannot be written to, or the network in ONNX answers otherwise.
     """
     require_images(policy)
-    spec, golden = policy.spec, golden_samples(policy, *samples)
+    spec, golden = policy.spec, golden_samples(policy, *samples, estimate=estimate)
+    contract = make_contract(spec, limits, golden.mask_pixels(), estimate=estimate)
     files = {
-        ONNX_FILE: onnx_bytes(policy),
-        CONTRACT_FILE: yaml.safe_dump(make_contract(spec, limits), sort_keys=False, width=120).encode(),
+        ONNX_FILE: onnx_bytes(policy, estimate=estimate),
+        CONTRACT_FILE: contract_bytes(contract),
         GOLDEN_FILE: golden.to_bytes(),
     }
-    network = Network(files[ONNX_FILE], Path(ONNX_FILE), make_contract(spec, limits))
+    network = Network(files[ONNX_FILE], Path(ONNX_FILE), contract)
     provenance = {
         "schema_version": SCHEMA_VERSION,
-        "made": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "versions": _versions(),
-        "files": {name: hashlib.sha256(content).hexdigest() for name, content in files.items()},
+        "made": timestamp(),
+        "versions": versions(_LIBRARIES),
         "golden": {
             "samples": len(golden.d_W),
             "deviation_from_torch": check_golden(folder / GOLDEN_FILE, network, golden),
@@ -106,14 +115,7 @@ def export_policy(
         },
         "policy": policy.provenance,
     }
-    # As it will be read.
-    provenance = json.loads(json.dumps(provenance, default=str))
-    provenance["sha256"] = provenance_hash(provenance)
-    files[PROVENANCE_FILE] = (json.dumps(provenance, indent=1, ensure_ascii=False) + "\n").encode()
-    with appearing(folder) as temporary:
-        for name, content in files.items():
-            (temporary / name).write_bytes(content)
-        read_bundle(temporary)
+    return write_bundle(folder, files, provenance)
 
 
 def require_images(policy: Policy) -> None:
@@ -122,7 +124,7 @@ def require_images(policy: Policy) -> None:
         raise ParameterError(f"policy: got one that observes {policy.spec.observes}; allowed: rgb, as bundles do")
 
 
-def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray) -> Golden:
+def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray, *, estimate: bool = True) -> Golden:
     """Samples with the policy's actions, worked out as its environment does it and not as `InMetres`.
 
     Beside those given there are four: an empty image and one of random blocks, each with the pusher in the upper corner
@@ -132,6 +134,7 @@ def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray) -> Gold
         policy: A policy that observes "rgb".
         images: (n, height, width, 3 k) uint8, RGB.
         p_WP: (n, action_size) m, world: positions of the pusher along the axes of the task.
+        estimate: Flag: the policy's estimates of the state are kept too.
 
     Raises:
         ParameterError: A shape or type is another, a number is not finite, or there is no sample.
@@ -160,7 +163,17 @@ def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray) -> Gold
         raise ParameterError("policy: got one that is undecided in all samples; allowed: a policy that was trained")
     images, p_WP, action = images[decided], p_WP[decided], action[decided]
     d_W = spec.max_translation * action / np.maximum(np.linalg.norm(action, axis=1, keepdims=True), 1.0)
-    return Golden(images, p_WP, d_W.astype(np.float32))
+    told = _states(policy, images, pusher[decided]) if estimate else None
+    return Golden(images, p_WP, d_W.astype(np.float32), told)
+
+
+def _states(policy: Policy, images: np.ndarray, pusher: np.ndarray) -> np.ndarray:
+    """The policy's estimates (n, state_size) float32 of the state."""
+    actor: Any = policy.actor
+    with torch.inference_mode():
+        dark, across = actor.darken(torch.from_numpy(images)), torch.from_numpy(pusher.astype(np.float32))
+        states: np.ndarray = actor.state(dark, across).numpy()
+    return states
 
 
 def _margin(policy: Policy, images: np.ndarray, pusher: np.ndarray) -> np.ndarray:
@@ -173,15 +186,21 @@ def _margin(policy: Policy, images: np.ndarray, pusher: np.ndarray) -> np.ndarra
     return margin
 
 
-def onnx_bytes(policy: Policy) -> bytes:
-    """The network of a policy of images as an ONNX file that holds its weights."""
+def onnx_bytes(policy: Policy, *, estimate: bool = True) -> bytes:
+    """The network of a policy of images as an ONNX file that holds its weights.
+
+    Args:
+        policy: A policy that observes "rgb".
+        estimate: Flag: the network gives its estimate of the state too.
+    """
+    assert isinstance(policy.actor, ImageActor)
     images = torch.full(policy.spec.image_shape, 255, dtype=torch.uint8)
     with _quiet():
         program = torch.onnx.export(
-            InMetres(policy.spec, policy.actor),
+            InMetres(policy.spec, policy.actor, estimate=estimate),
             (images, torch.zeros(policy.spec.action_size)),
             input_names=[IMAGE, POSITION],
-            output_names=[TRANSLATION],
+            output_names=[TRANSLATION, ESTIMATE] if estimate else [TRANSLATION],
             opset_version=OPSET,
             dynamo=True,
             verbose=False,
@@ -210,9 +229,3 @@ def _quiet() -> Iterator[None]:
             yield
     finally:
         logger.setLevel(level)
-
-
-def _versions() -> dict[str, str]:
-    """Versions of this package, of Python and of the libraries that the bundle was made and checked with."""
-    own = {"pinwm_drake": pinwm_drake.__version__, "python": platform.python_version()}
-    return own | {name: version(name) for name in _LIBRARIES}

@@ -12,7 +12,7 @@ os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 import onnxruntime
 
 from pinwm_drake.errors import InputError, StateError
-from pinwm_drake.learning.contract import IMAGE, POSITION, TRANSLATION
+from pinwm_drake.learning.contract import ESTIMATE, IMAGE, POSITION, TRANSLATION
 
 _TYPES = {"tensor(uint8)": "uint8", "tensor(float)": "float32"}
 
@@ -51,6 +51,12 @@ class Network:
                 allowed = f"{_listed(wanted)}, as the contract says"
                 raise InputError(path, value=f"{what} {_listed(found)}", allowed=allowed)
         self._shape, self._position = (tuple(entry["shape"]) for entry in contract["inputs"])
+        self._outputs = [entry["name"] for entry in contract["outputs"]]
+
+    @property
+    def estimates(self) -> bool:
+        """Flag: the network gives its estimate of the task's state."""
+        return ESTIMATE in self._outputs
 
     def run(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
         """Translation d_W (n,) float32 m, world, along the task's axes over the horizon; NaN where the position is NaN.
@@ -62,6 +68,23 @@ class Network:
         Raises:
             StateError: A shape, or the image's type, is another.
         """
+        return self._answers(image, p_WP, [TRANSLATION])[TRANSLATION]
+
+    def run_all(self, image: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Translation d_W as by `run`, and the estimate of the state (state_size,) float32, None where there is none.
+
+        Args:
+            image: As for `run`.
+            p_WP: As for `run`.
+
+        Raises:
+            StateError: A shape, or the image's type, is another.
+        """
+        answers = self._answers(image, p_WP, self._outputs)
+        return answers[TRANSLATION], answers.get(ESTIMATE)
+
+    def _answers(self, image: np.ndarray, p_WP: np.ndarray, names: list[str]) -> dict[str, np.ndarray]:
+        """Some of the network's outputs, by name."""
         image, position = np.asarray(image), np.asarray(p_WP, np.float32)
         if image.dtype != np.uint8 or image.shape != self._shape:
             raise StateError(f"image: got {image.dtype} {image.shape}; allowed: uint8 {self._shape}")
@@ -70,8 +93,7 @@ class Network:
                 f"p_WP: got the shape {position.shape}; allowed: {self._position}, along the axes of the task, m"
             )
         inputs = {IMAGE: np.ascontiguousarray(image), POSITION: np.ascontiguousarray(position)}
-        d_W: np.ndarray = self._session.run([TRANSLATION], inputs)[0]
-        return d_W
+        return dict(zip(names, self._session.run(names, inputs), strict=True))
 
 
 def _listed(nodes: list[tuple[str, str, list[Any]]]) -> str:

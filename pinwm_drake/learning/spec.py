@@ -1,6 +1,7 @@
 """Specifications of policies: the meaning of a network's inputs and outputs, as plain numbers."""
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
@@ -12,6 +13,7 @@ from pinwm_drake.tasks import PushTask, Task, task_from_document
 
 Observes = Literal["rgb", "state"]
 OBSERVES = ("rgb", "state")
+PUSHER_SHAPES = ("sphere", "capsule", "cylinder", "mesh")
 _FLAT = ("goal", "q_WO", "tolerance", "turn_tolerance")  # in version 1, which knew the push task alone
 
 
@@ -38,6 +40,87 @@ class CameraSpec:
 
 
 @dataclass(frozen=True)
+class ObjectSpec:
+    """The object that a policy is made for; its frame O has the axes and the origin of the mesh's file.
+
+    Attributes:
+        name: Name of the object.
+        mesh_sha256: SHA-256 of the bytes of the mesh's file.
+        size: (3,) m, extents of the mesh along the axes of O.
+        middle: (3,) m, frame O: middle of the box around the mesh, which tells where in it the origin of O is.
+
+    Raises:
+        ParameterError: A size is not positive, or the SHA-256 is none.
+    """
+
+    name: str
+    mesh_sha256: str
+    size: tuple[float, float, float]
+    middle: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        """Checks size and hash."""
+        _check_hash("scene.object.mesh_sha256", self.mesh_sha256)
+        if not all(0 < value < math.inf for value in self.size):
+            raise ParameterError(f"scene.object.size: got {self.size}; allowed: more than 0 m")
+
+
+@dataclass(frozen=True)
+class PusherSpec:
+    """The pusher of a policy; its axis is along z of its frame P, the origin of P its middle.
+
+    Attributes:
+        shape: One of `PUSHER_SHAPES`.
+        radius: m, of sphere, caps or cylinder; of a mesh, that of the upright cylinder around it.
+        length: m, of the straight part along z, 0 for a sphere; of a mesh, that of the cylinder.
+        mesh_sha256: SHA-256 of the bytes of a mesh's file; None for the other shapes.
+
+    Raises:
+        ParameterError: There is no such shape, a dimension is out of range, or a mesh has no SHA-256.
+    """
+
+    shape: str
+    radius: float
+    length: float
+    mesh_sha256: str | None = None
+
+    def __post_init__(self) -> None:
+        """Checks shape, dimensions and hash."""
+        if self.shape not in PUSHER_SHAPES:
+            raise ParameterError(f"scene.pusher.shape: got {self.shape!r}; allowed: {', '.join(PUSHER_SHAPES)}")
+        if not 0 < self.radius < math.inf or not 0 <= self.length < math.inf:
+            given = f"radius {self.radius} m, length {self.length} m"
+            raise ParameterError(f"scene.pusher: got {given}; allowed: more than 0, and 0 or more")
+        if self.shape == "mesh":
+            _check_hash("scene.pusher.mesh_sha256", self.mesh_sha256)
+        elif self.mesh_sha256 is not None:
+            raise ParameterError(f"scene.pusher.mesh_sha256: got one of a {self.shape}; allowed: none")
+
+
+@dataclass(frozen=True)
+class SceneSpec:
+    """The scene that a policy is made for, as far as its task and camera do not tell.
+
+    Attributes:
+        object: The object.
+        pusher: The pusher.
+        floor_height: m, world: z of the floor.
+    """
+
+    object: ObjectSpec
+    pusher: PusherSpec
+    floor_height: float
+
+    @classmethod
+    def from_document(cls, document: Any) -> "SceneSpec":
+        """The scene as `dataclasses.asdict` gives it; raises ParameterError."""
+        values = _values(cls, document, "scene")
+        values["object"] = ObjectSpec(**_values(ObjectSpec, values["object"], "scene.object"))
+        values["pusher"] = PusherSpec(**_values(PusherSpec, values["pusher"], "scene.pusher"))
+        return cls(**values)
+
+
+@dataclass(frozen=True)
 class PolicySpec:
     """Inputs and outputs of a policy of one task.
 
@@ -53,6 +136,7 @@ class PolicySpec:
         pusher_height: m, world: z of the pusher's frame P at the start; it stays where z is not an axis of the task.
         task: Goal, success, axes of the action and size of the state.
         max_steps: Largest number of actions in an episode.
+        scene: Object, pusher and floor; None where nothing is known of them, as in older policies.
 
     Raises:
         ParameterError: A value is not finite, not positive, or not among those allowed.
@@ -68,6 +152,7 @@ class PolicySpec:
     pusher_height: float
     task: Task
     max_steps: int
+    scene: SceneSpec | None = None
 
     def __post_init__(self) -> None:
         """Checks the values."""
@@ -100,18 +185,23 @@ class PolicySpec:
         """The specification as plain data, for YAML."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         values |= {"camera": asdict(self.camera), "task": self.task.to_document()}
+        values["scene"] = None if self.scene is None else asdict(self.scene)
         return {name: _plain(value) for name, value in values.items()}
 
     @classmethod
     def from_document(cls, document: Any) -> "PolicySpec":
-        """The specification that `to_document` described, of this version or the first.
+        """The specification that `to_document` described, of this version, without a scene too, or of the first.
 
         Raises:
             ParameterError: A key is missing or unknown, or a value is out of range.
         """
-        values = _values(cls, from_version_1(document), "spec")
+        document = from_version_1(document)
+        if isinstance(document, dict):
+            document = {"scene": None, **document}
+        values = _values(cls, document, "spec")
         values["camera"] = CameraSpec(**_values(CameraSpec, values["camera"], "camera"))
         values["task"] = task_from_document(values["task"])
+        values["scene"] = None if values["scene"] is None else SceneSpec.from_document(values["scene"])
         return cls(**values)
 
 
@@ -148,8 +238,15 @@ def _values(kind: type, document: Any, name: str) -> dict[str, Any]:
             raise ParameterError(f"{name}.{field.name}: got {value!r}; allowed: a finite number")
         elif field.type is int and (not isinstance(value, int) or isinstance(value, bool)):
             raise ParameterError(f"{name}.{field.name}: got {value!r}; allowed: a whole number")
+        elif field.type is str and not isinstance(value, str):
+            raise ParameterError(f"{name}.{field.name}: got {value!r}; allowed: a text")
         values[field.name] = value
     return values
+
+
+def _check_hash(name: str, value: Any) -> None:
+    if not isinstance(value, str) or re.fullmatch("[0-9a-f]{64}", value) is None:
+        raise ParameterError(f"{name}: got {value!r}; allowed: a SHA-256, 64 digits of 0 to 9 and a to f")
 
 
 def _number(value: Any) -> bool:

@@ -156,6 +156,34 @@ class PushTask(Task):
         values[:, 9:11] = _turned(p_WP[:, :2] - goal[:2], goal[2]) / LENGTH
         return np.clip(np.nan_to_num(values), -self.state_bound, self.state_bound).astype(np.float32)
 
+    def state_components(self) -> tuple[tuple[str, str], ...]:
+        """Meaning and unit of the state's components; see `Task.state_components`."""
+        length, speed, turn = f"{LENGTH:g} m", f"{SPEED:g} m/s", f"{TURN:g} rad/s"
+        goal = "in the frame of the goal"
+        return (
+            (f"x of the object's origin, {goal}: its x and y, axes turned by its yaw", length),
+            (f"y of the object's origin, {goal}", length),
+            ("cos of the object's yaw, from the goal's", "1"),
+            ("sin of the object's yaw, from the goal's", "1"),
+            (f"x of the object's velocity, {goal}", speed),
+            (f"y of the object's velocity, {goal}", speed),
+            ("the object's rate of turn about z", turn),
+            ("x of the pusher, from the object's origin, axes turned with the object", length),
+            ("y of the pusher, from the object's origin, axes turned with the object", length),
+            (f"x of the pusher, {goal}", length),
+            (f"y of the pusher, {goal}", length),
+        )
+
+    def near_goal(self, state: np.ndarray, share: float = 1.0) -> bool:
+        """Flag: the object is within a share of the tolerances of the goal, by components 0 to 3 of a state."""
+        distance, turn = _from_goal(state)
+        return distance < share * self.tolerance and turn < share * self.turn_tolerance
+
+    def estimate_words(self, state: np.ndarray) -> str:
+        """Distance and turn from the goal by a state, such as "12 mm, 3.1 deg from the goal"."""
+        distance, turn = _from_goal(state)
+        return f"{1e3 * distance:.0f} mm, {math.degrees(turn):.1f} deg from the goal"
+
     def assembly(self, low: np.ndarray, high: np.ndarray) -> Any:
         """Torch module from an estimate (B, 7) and the pusher (B, 2) to the state (B, 11); see `Task.assembly`."""
         from pinwm_drake.tasks.push_assembly import PushAssembly
@@ -175,6 +203,12 @@ def turn_from(q_WO: np.ndarray, q_WB: np.ndarray) -> np.ndarray:
     # The part of the product q_WB q_WO^-1 that turns about z.
     turn: np.ndarray = 2.0 * np.arctan2(z * a - w * d - x * c + y * b, w * a + x * b + y * c + z * d)
     return turn
+
+
+def _from_goal(state: np.ndarray) -> tuple[float, float]:
+    """Distance [m] and turn [rad], 0 to pi, of a state (11,) from the goal; NaN where its components are."""
+    x, y, c, s = (float(value) for value in state[:4])
+    return LENGTH * math.hypot(x, y), abs(math.atan2(s, c))
 
 
 def _lengths(vectors: np.ndarray) -> np.ndarray:

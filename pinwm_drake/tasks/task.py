@@ -144,6 +144,23 @@ class Task(ABC):
         """Criterion of success in words, for reports."""
         return f"success in the task {self.name}"
 
+    def state_components(self) -> tuple[tuple[str, str], ...]:
+        """Meaning and unit of each component of `state`; with the unit "0.1 m" a 1 stands for 0.1 m."""
+        return tuple((f"component {k} of the state of the task {self.name}", "1") for k in range(self.state_size))
+
+    def near_goal(self, state: np.ndarray, share: float = 1.0) -> bool:
+        """Flag: a state, such as a policy's estimate, is a success but for rest, which many states have to tell.
+
+        Args:
+            state: (state_size,), as `state` gives it; false where it is not finite.
+            share: Share of the tolerances that counts, less than 1 to be sure.
+        """
+        return False
+
+    def estimate_words(self, state: np.ndarray) -> str:
+        """Distance of a state (state_size,) from the goal in words, for displays; empty where there are none."""
+        return ""
+
     def assembly(self, low: np.ndarray, high: np.ndarray) -> Any:
         """A torch module from a network's estimate (B, n) and the pusher (B, action_size) to the state (B, state_size).
 

@@ -28,7 +28,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
     """Driver of a simulated KUKA LBR iiwa 14, which does over LCM what a robot's driver does.
 
                                                        ┌───────────┐
-        link.command_channel  lcmt_drake_signal (3) ──►│ ArmDriver │─► link.state_channel  lcmt_drake_signal (6)
+        link.command_channel  lcmt_drake_signal (6) ──►│ ArmDriver │─► link.state_channel  lcmt_drake_signal (10)
                                                        │           │─► link.image_channel  lcmt_image_array
                                                        └───────────┘
             output ports, for whoever watches:   object_state  (13): q_WO, p_WO [m], ω_WO, v_WO, world
@@ -37,9 +37,9 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
                                                  arm_state     (14): angles [rad] and velocities [rad/s] of the joints
 
     The tool, a pusher at the end of a rod that points down, keeps the height of `scenario.start`; its velocity in x and
-    y follows the commands, within the scenario's speed and the part of its box that the arm reaches. Where commands
-    stop for longer than `link.timeout`, it slows down to rest; so it does where one is no finite number. When they come
-    again, it goes on. The camera sees the arm as well: it hides what is behind it.
+    y follows the commands of one session, within the scenario's speed and the part of its box that the arm reaches.
+    Where they stop for longer than `link.timeout`, it slows down to rest and waits for a new session; so it does at a
+    command that must not be: see `CommandGate`. The camera sees the arm as well: it hides what is behind it.
 
     Measured with actions of 0.1 s in random directions: the tool is 1.5 mm (rms; 2.4 mm at most) from where it is to be
     at that moment at 0.2 m/s, since it is late by some 7 ms; off the path by 1.1 mm at most; and within 0.2 mm of its
@@ -58,6 +58,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         *,
         contact: ContactName = "hydroelastic",
         time_step: float = TIME_STEP,
+        latency: float = 0.0,
         meshcat: Meshcat | None = None,
     ) -> None:
         """Assembles the diagram; arguments as for `MakeArmDriver`."""
@@ -77,11 +78,11 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         builder.Connect(tool.get_output_port(), control.pusher_state)
         builder.Connect(plant.get_state_output_port(self._arm.arm), control.arm_state)
         builder.Connect(control.desired_state, plant.get_desired_state_input_port(self._arm.arm))
-        commands = AddCommands(builder, lcm, link)
-        builder.Connect(commands.GetOutputPort("values"), control.pusher_velocity)
-        builder.Connect(commands.GetOutputPort("time"), control.command_time)
-        AddState(builder, lcm, link, tool.get_output_port())
-        AddCamera(builder, lcm, parts.scene_graph, setup)
+        gate = AddCommands(builder, lcm, link, self.limits.max_speed)
+        builder.Connect(gate.GetOutputPort("pusher_velocity_W"), control.pusher_velocity)
+        builder.Connect(gate.GetOutputPort("command_time"), control.command_time)
+        AddState(builder, lcm, link, tool.get_output_port(), gate.GetOutputPort("status"))
+        AddCamera(builder, lcm, parts.scene_graph, setup, latency)
         outputs = {
             "object_state": plant.get_state_output_port(parts.object_instance),
             "pusher_state": tool.get_output_port(),
@@ -137,6 +138,7 @@ def MakeArmDriver(
     *,
     contact: ContactName = "hydroelastic",
     time_step: float = TIME_STEP,
+    latency: float = 0.0,
     meshcat: Meshcat | None = None,
 ) -> ArmDriver:
     """Makes the simulated driver of a scene; object and tool are to be put into place with `SetPlace`.
@@ -146,6 +148,7 @@ def MakeArmDriver(
         lcm: `make_lcm` of that; the very object that the station has, where both are in one process over `memq://`.
         contact: The contact model; "point" takes half the time, 0.7 s of one core for 1 s.
         time_step: s, of the plant.
+        latency: s, of the camera, from exposure to sending; rounded to periods of the link.
         meshcat: Shows arm and object, if given.
 
     Returns:
@@ -158,7 +161,7 @@ def MakeArmDriver(
     link = setup.scenario.lcm
     whole_multiple("lcm.image_period", link.image_period, link.period, "lcm.period")
     whole_multiple("lcm.period", link.period, time_step, "the plant's time step")
-    return ArmDriver(setup, lcm, contact=contact, time_step=time_step, meshcat=meshcat)
+    return ArmDriver(setup, lcm, contact=contact, time_step=time_step, latency=latency, meshcat=meshcat)
 
 
 def arm_limits(setup: Setup) -> SafetyLimits:

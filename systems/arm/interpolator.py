@@ -3,9 +3,9 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from pinwm_drake.control.velocity_limiter import VelocityLimiter
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.systems.pusher.velocity_limiter import VelocityLimiter
 from pinwm_drake.systems.sampling import require_positive
 
 RATE = 200.0  # Hz

@@ -1,66 +1,160 @@
 """Messages of an arm's simulated driver over LCM, in and out; see `LcmLink`."""
 
-from drake import lcmt_drake_signal, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
+import zlib
+
+import numpy as np
+from drake import lcmt_drake_signal, lcmt_image, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
+from pydrake.common.value import AbstractValue
 from pydrake.geometry import SceneGraph
 from pydrake.lcm import DrakeLcmInterface
-from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
-from pydrake.systems.sensors import ImageToLcmImageArrayT, PixelType
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort, State
+from pydrake.systems.lcm import LcmPublisherSystem
+from pydrake.systems.primitives import Multiplexer
+from pydrake.systems.sensors import ImageRgba8U
 
+from pinwm_drake.systems.arm.gate import CommandGate
 from pinwm_drake.systems.cameras.object_camera import AddCaptureRig, ObjectImage
-from pinwm_drake.systems.engines.lcm.signal import SignalReceiver, SignalSender
+from pinwm_drake.systems.engines.lcm.signal import SignalSender
+from pinwm_drake.systems.sampling import period_index, whole_multiple
 from pinwm_drake.systems.scenario.schema import LcmLink
 from pinwm_drake.systems.scenario.setup import Setup
 
 _SUPERSAMPLING = 3
-_NAMES = ("px", "py", "pz", "vx", "vy", "vz")
+_NOISE = 1.0  # of 255 levels, rms
+_NAMES = ("px", "py", "pz", "vx", "vy", "vz", "session", "sequence", "mode", "fault")
 
 
-def AddCommands(builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink) -> SignalReceiver:
-    """Adds the receiver of the commands (3): v_WP [m/s].
+def AddCommands(builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink, max_speed: float) -> CommandGate:
+    """Adds the gate that takes commands.
 
     Args:
         builder: Builder of the diagram, which pumps `lcm`.
         lcm: LCM that the messages go through.
-        link: Names of the channels.
+        link: Names of the channels, period and time-out.
+        max_speed: m/s, largest speed of a command.
 
     Returns:
-        The receiver, with the ports "values" and "time".
+        The gate, with the ports "pusher_velocity_W", "command_time" and "status".
     """
-    subscriber = LcmSubscriberSystem.Make(link.command_channel, lcmt_drake_signal, lcm)
-    builder.AddNamedSystem("command_subscriber", subscriber)
-    commands = builder.AddNamedSystem("commands", SignalReceiver(3, link.period, link.timeout))
-    builder.Connect(subscriber.get_output_port(), commands.get_input_port())
-    return commands
+    return builder.AddNamedSystem("command_gate", CommandGate(lcm, link, max_speed))
 
 
-def AddState(builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink, state: OutputPort) -> None:
-    """Adds the sender of the tool's `state` (6), p_WP [m] and v_WP [m/s]; arguments as for `AddCommands`."""
+def AddState(
+    builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink, state: OutputPort, status: OutputPort
+) -> None:
+    """Adds the sender of the tool's `state` (6), p_WP [m] and v_WP [m/s], and of the gate's `status` (4).
+
+    Other arguments as for `AddCommands`.
+    """
+    both = builder.AddNamedSystem("state_and_status", Multiplexer([state.size(), status.size()]))
     message = builder.AddNamedSystem("state_message", SignalSender(_NAMES))
     publisher = LcmPublisherSystem.Make(link.state_channel, lcmt_drake_signal, lcm, publish_period=link.period)
     builder.AddNamedSystem("state_publisher", publisher)
-    builder.Connect(state, message.get_input_port())
+    builder.Connect(state, both.get_input_port(0))
+    builder.Connect(status, both.get_input_port(1))
+    builder.Connect(both.get_output_port(), message.get_input_port())
     builder.Connect(message.get_output_port(), publisher.get_input_port())
 
 
-def AddCamera(builder: DiagramBuilder, lcm: DrakeLcmInterface, scene_graph: SceneGraph, setup: Setup) -> None:
-    """Adds the scenario's camera, which sends its pictures with the object cut out; arguments as for `AddCommands`."""
+def AddCamera(
+    builder: DiagramBuilder, lcm: DrakeLcmInterface, scene_graph: SceneGraph, setup: Setup, latency: float
+) -> None:
+    """Adds the scenario's camera, which sends its pictures with the object cut out.
+
+    Each pixel of the object has noise of one level of 255 (rms), as that of every real camera has.
+
+    Args:
+        builder: Builder of the diagram, which pumps `lcm`.
+        lcm: LCM that the messages go through.
+        scene_graph: The geometry that it sees.
+        setup: The scene.
+        latency: s, from the moment that a picture shows to that at which it is sent.
+    """
     camera, link = setup.camera, setup.scenario.lcm
     rig = AddCaptureRig(builder, scene_graph, camera, _SUPERSAMPLING, setup.X_WC)
     image = builder.AddNamedSystem("object_image", ObjectImage(camera.width, camera.height, _SUPERSAMPLING))
     builder.Connect(rig.sensor.color_image_output_port(), image.GetInputPort("color_image"))
     builder.Connect(rig.sensor.label_image_output_port(), image.GetInputPort("label_image"))
-    packer = builder.AddNamedSystem("image_message", ImageToLcmImageArrayT(do_compress=True))
-    port = packer.DeclareImageInputPort[PixelType.kRgba8U]("rgb")
-    builder.Connect(image.GetOutputPort("rgb"), port)
-    # Taken one period early, so that it has arrived when a controller acts.
-    sender = LcmPublisherSystem.Make(
-        link.image_channel,
-        lcmt_image_array,
-        lcm,
-        publish_period=link.image_period,
-        publish_offset=link.image_period - link.period,
-        use_cpp_serializer=True,
-    )
-    builder.AddNamedSystem("image_sender", sender)
-    builder.Connect(packer.get_output_port(), sender.get_input_port())
+    sender = builder.AddNamedSystem("image_sender", ImageSender(lcm, link, camera.width, camera.height, latency))
+    builder.Connect(image.GetOutputPort("rgb"), sender.get_input_port())
+
+
+class ImageSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
+    """Sender of a camera's pictures, with the noise and the delay of a real one.
+
+                             ┌─────────────┐
+        rgb  ImageRgba8U ───►│ ImageSender │─► lcmt_image_array on the image channel, RGBA packed by zlib, stamped with
+                             └─────────────┘   the time that it shows [us]
+
+    Pictures are timed such that each comes two periods before a controller acts that acts at multiples of
+    `image_period`.
+    """
+
+    def __init__(self, lcm: DrakeLcmInterface, link: LcmLink, width: int, height: int, latency: float) -> None:
+        """Declares port and events.
+
+        Args:
+            lcm: LCM that the messages go through.
+            link: Channel and periods.
+            width: px.
+            height: px.
+            latency: s, from the moment that a picture shows to that at which it is sent; a period at least.
+        """
+        super().__init__()
+        self._lcm, self._channel = lcm, link.image_channel
+        self._rgb = self.DeclareAbstractInputPort("rgb", AbstractValue.Make(ImageRgba8U(width, height)))
+        self._waiting = self.DeclareAbstractState(AbstractValue.Make(()))
+        self._period, self._pause = link.period, whole_multiple("lcm.image_period", link.image_period, link.period)
+        self._late = max(round(latency / link.period), 1)
+        self._first = (self._pause - 2 - self._late) % self._pause
+        # Where both are due, Drake sends first.
+        self.DeclarePeriodicUnrestrictedUpdateEvent(link.period, 0.0, self._Update)
+        self.DeclarePeriodicPublishEvent(link.period, 0.0, self._Send)
+
+    def _Update(self, context: Context, state: State) -> EventStatus:
+        """Forgets what has been sent, and takes a picture where one is due."""
+        kept, number = self._pictures(context), period_index(context.get_time(), self._period)
+        waiting = tuple(entry for entry in kept if entry[0] > number)
+        if number % self._pause == self._first:
+            waiting = (*waiting, (number + self._late, self._taken(context)))
+        elif len(waiting) == len(kept):
+            return EventStatus.DidNothing()
+        state.get_mutable_abstract_state(int(self._waiting)).set_value(waiting)
+        return EventStatus.Succeeded()
+
+    def _Send(self, context: Context) -> EventStatus:
+        number = period_index(context.get_time(), self._period)
+        for due, message in self._pictures(context):
+            if due == number:
+                self._lcm.Publish(self._channel, message)
+        return EventStatus.Succeeded()
+
+    def _pictures(self, context: Context) -> tuple[tuple[int, bytes], ...]:
+        """Pictures that wait: numbers of the periods in which they are sent, and messages."""
+        found: tuple[tuple[int, bytes], ...] = context.get_abstract_state(int(self._waiting)).get_value()
+        return found
+
+    def _taken(self, context: Context) -> bytes:
+        """Message of the present picture, with noise."""
+        time, picture = context.get_time(), np.array(self._rgb.Eval(context).data)
+        # The noise of a moment, so that a context that is copied goes on the same.
+        noise = np.random.default_rng(round(1e6 * time)).normal(0.0, _NOISE, (*picture.shape[:2], 3))
+        seen = picture[..., 3] > 0
+        noisy = np.clip(np.rint(picture[..., :3] + noise), 0, 254).astype(np.uint8)
+        picture[..., :3][seen] = noisy[seen]
+        message: bytes = image_message(picture, time).encode()
+        return message
+
+
+def image_message(picture: np.ndarray, time: float) -> lcmt_image_array:
+    """Message of a picture (height, width, 4) uint8, RGBA, stamped with a time [s]."""
+    image, message = lcmt_image(), lcmt_image_array()
+    image.height, image.width = picture.shape[:2]
+    image.row_stride = 4 * image.width
+    image.data = zlib.compress(np.ascontiguousarray(picture).tobytes(), 1)
+    image.size = len(image.data)
+    image.pixel_format, image.channel_type = lcmt_image.PIXEL_FORMAT_RGBA, lcmt_image.CHANNEL_TYPE_UINT8
+    image.compression_method = lcmt_image.COMPRESSION_METHOD_ZLIB
+    message.header.utime = round(1e6 * time)
+    message.num_images, message.images = 1, [image]
+    return message

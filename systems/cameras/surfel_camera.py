@@ -19,11 +19,11 @@ from pinwm_drake.rendering.render import Rendering, render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
 from pinwm_drake.spatial.rotations import normalize_quaternion
+from pinwm_drake.systems.cameras.object_camera import OBJECT_LABEL
 from pinwm_drake.systems.cameras.surfel_images import cut_out
 
 _NEAR = 1e-3  # m, of the mesh
 _TOO_CLOSE = 0.0  # as in RgbdSensor's depth images; too far is infinite
-OBJECT_LABEL = RenderLabel(1)
 
 
 class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types

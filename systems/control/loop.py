@@ -1,7 +1,8 @@
 """A policy that controls a station: the diagram, and a run of it from the first image to the last action."""
 
 import dataclasses
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,17 +10,25 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from pinwm_drake.control.pilot import Acting, ControlStatus
+from pinwm_drake.control.safety_filter import HALTED
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.driver import ArmDriver, MakeArmDriver
-from pinwm_drake.systems.control.controller import Acting, AddPolicyController, ControlStatus
+from pinwm_drake.systems.control.controller import AddPolicyController
+from pinwm_drake.systems.engines.lcm.engine import LcmHandle
 from pinwm_drake.systems.engines.lcm.link import make_lcm
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.systems.sdf.twin import ContactName
 from pinwm_drake.systems.station.station import MakePushStation
 
-_LOOKS = 5  # times in an action at which faults of a robot are looked for
+_LOOKS = 5  # times in an action at which faults, and a wish to stop, are looked for
+
+
+def never() -> str:
+    """No wish to stop: an empty text."""
+    return ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +99,7 @@ class ControlLoop:
             raise ParameterError(f"engine: got {engine!r} with a simulated arm; allowed: lcm")
         spec = bundle.spec
         self.armed, self._horizon, self._begun = armed, spec.horizon, False
-        self._task = spec.task
+        self._task, self._stopped, self._pace = spec.task, False, (0.0, 0.0)
         builder = DiagramBuilder()
         self.driver: ArmDriver | None = None
         if engine == "lcm":
@@ -104,7 +113,8 @@ class ControlLoop:
         builder.AddSystem(self.station)
         self.controller = AddPolicyController(builder, self.station, bundle, limits)
         self.simulator = Simulator(builder.Build())
-        if engine == "lcm" and self.driver is None:
+        self._robot = engine == "lcm" and self.driver is None
+        if self._robot:
             self.simulator.set_target_realtime_rate(1.0)  # a robot's time is not ours to choose
 
     def draw_place(self, generator: np.random.Generator) -> Place:
@@ -131,50 +141,74 @@ class ControlLoop:
         self.simulator.Initialize()
         self.simulator.ResetStatistics()  # or one in real time would catch up with what that took
 
-    def listen(self, patience: float = 5.0) -> None:
+    def listen(
+        self, patience: float = 5.0, *, stop: Callable[[], str] = never, arming: Callable[[], None] = lambda: None
+    ) -> None:
         """Simulates until image and pusher's state have come, resets the controller, and arms it where it may move.
+
+        After `stop` it may be called again, for another run from where object and pusher are then.
 
         Args:
             patience: s, longest time to wait, of the simulation.
+            stop: Function that tells why to stop, in words; empty as long as it goes on.
+            arming: Function that is called just before the controller is armed.
 
         Raises:
             StateError: Nothing has come in that time.
         """
         context = self.simulator.get_mutable_context()
-        while True:
+        self._stopped, start = False, context.get_time()
+        self.simulator.ResetStatistics()  # or one in real time would catch up with the time since the last run
+        while not stop():
             self.simulator.AdvanceTo(self._next())
             missing = [name for name, there in self._there().items() if not there]
             if not missing:
                 break
-            if context.get_time() > patience:
+            if context.get_time() > start + patience:
                 link = self.station.setup.scenario.lcm
                 raise StateError(f"lcm: got no {' and no '.join(missing)} from {link.url} in {patience:g} s")
         self.controller.Reset(context)
         if self.armed:
-            self.controller.Arm(context)
+            arming()
+            if not stop():
+                self.controller.Arm(context)
+        self.simulator.ResetStatistics()
+        self._pace = time.monotonic(), context.get_time()
 
-    def advance(self, duration: float) -> Iterator[ControlRow]:
+    def advance(self, duration: float, *, stop: Callable[[], str] = never) -> Iterator[ControlRow]:
         """Simulates action by action.
 
         Args:
             duration: s, longest duration of the run.
+            stop: Function that tells why to stop, in words; empty as long as it goes on. It is asked five times in an
+                action.
 
         Yields:
-            The row before the first action, and after each. Nothing comes after a success, nor after a fault that
-            latched.
+            The row before the first action, and after each. Nothing comes after a success, after a fault that latched,
+            after the end of the task by the policy's own estimate, nor after a wish to stop.
         """
         context, row = self.simulator.get_context(), self.row()
         end = context.get_time() + duration
         yield row
-        while context.get_time() < end - 0.5 * self._horizon and not row.success and row.status.state != "latched":
-            self.simulator.AdvanceTo(self._next())
+        while context.get_time() < end - 0.5 * self._horizon and not (row.success or row.status.state in HALTED):
+            action = self._next()
+            for look in range(1 - _LOOKS, 1):
+                if stop():
+                    return
+                self.simulator.AdvanceTo(action + look * self._horizon / _LOOKS)
+                self._watch_pace()
             row = self.row()
             yield row
 
     def stop(self) -> None:
-        """Disarms, and simulates one action more, so that the robot hears of it."""
+        """Disarms, and tells the robot at once, whatever state the simulation is in; a second call does nothing."""
+        if self._stopped:
+            return
+        self._stopped = True
         self.controller.Disarm(self.simulator.get_mutable_context())
-        self.simulator.AdvanceTo(self._next())
+        handle = self.station.engine.handle
+        if isinstance(handle, LcmHandle):
+            handle.SendStop(self.simulator.get_context().get_time())
 
     def row(self) -> ControlRow:
         """Row of the present state."""
@@ -195,6 +229,16 @@ class ControlLoop:
             angle=float(progress.angle[0]),
             success=bool(progress.success[0]),
         )
+
+    def _watch_pace(self) -> None:
+        """Latches the controller where a robot's time has run ahead of the simulation's, by an action."""
+        if not self._robot:
+            return
+        context = self.simulator.get_mutable_context()
+        began, start = self._pace
+        late = (time.monotonic() - began) - (context.get_time() - start)
+        if late > self._horizon:
+            self.controller.Fail(context, f"controller is slower than real time: {late:.3f} s late")
 
     def _there(self) -> dict[str, bool]:
         mine = self.station.GetMyContextFromRoot(self.simulator.get_context())

@@ -36,6 +36,9 @@ class Engine:
         scene_graph: SceneGraph whose query output port serves Meshcat, queries and sensors.
         handle: Handle that puts things into place.
         rgb_time: Output (1): time at which `rgb` was taken, s; None where it shows the present.
+        pusher_time: Output (1): time at which `pusher_state` holds, s; None where that is the present.
+        fault: Output, Value[str]: fault of robot, camera or link in words; None where there is none to have.
+        session: Input (1): session of the controller, 0 while it is not armed; None where nobody asks for it.
     """
 
     name: str
@@ -48,6 +51,9 @@ class Engine:
     scene_graph: SceneGraph
     handle: Handle
     rgb_time: OutputPort | None = None
+    pusher_time: OutputPort | None = None
+    fault: OutputPort | None = None
+    session: InputPort | None = None
 
 
 @dataclass(frozen=True, eq=False)

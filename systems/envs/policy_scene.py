@@ -1,14 +1,19 @@
 """Specification of a policy from a scene, and the environment in which such a policy can act."""
 
+import dataclasses
+import hashlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
+from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.learning.spec import CameraSpec, Observes, PolicySpec
+from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.learning.spec import CameraSpec, ObjectSpec, Observes, PolicySpec, PusherSpec, SceneSpec
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions, longest_translation
 from pinwm_drake.systems.scenario.load import Scene
@@ -54,6 +59,36 @@ def policy_spec(setup: Setup, options: EnvOptions, observes: Observes) -> Policy
         pusher_height=float(scenario.start.pusher_height),
         task=task,
         max_steps=task.max_steps if options.max_steps is None else int(options.max_steps),
+        scene=scene_spec(setup),
+    )
+
+
+def scene_spec(setup: Setup, camera: CameraSpec | None = None) -> SceneSpec:
+    """Object, pusher and floor of a scene, for a policy's specification.
+
+    Args:
+        setup: The scene.
+        camera: Camera of a policy that was trained in a scene like this; the floor is told to be as far below it as
+            the scene's own is below the scene's camera. None for the scene's camera.
+
+    Raises:
+        InputError: A mesh of the scene cannot be used.
+    """
+    twin, low_high = setup.twin, load_mesh(setup.twin.mesh_path).bounds
+    low, high = (np.round(corner, 9) for corner in low_high)  # nm: what reading a mesh leaves is no size
+    shape, mesh = upright_shape(twin.pusher), None
+    if twin.pusher.shape is None and twin.pusher.mesh_path is not None:
+        mesh = _sha256(twin.pusher.mesh_path)
+    higher = 0.0 if camera is None else camera.p_WC[2] - float(setup.X_WC.translation()[2])
+    return SceneSpec(
+        object=ObjectSpec(
+            name=twin.name,
+            mesh_sha256=_sha256(twin.mesh_path),
+            size=_floats(np.round(high - low, 9)),
+            middle=_floats(np.round(0.5 * (low + high), 9)),
+        ),
+        pusher=PusherSpec("mesh" if mesh else shape.kind, float(shape.radius), float(shape.length), mesh),
+        floor_height=float(twin.floor_height) + higher,
     )
 
 
@@ -126,6 +161,53 @@ def check_scene(spec: PolicySpec, setup: Setup) -> None:
             f"camera: got one {1e3 * off:.1f} mm and {turned:.4f} rad from the policy's; "
             f"allowed: {1e3 * _OFF:g} mm and {_TURNED:g} rad"
         )
+
+
+def check_object(spec: PolicySpec, setup: Setup) -> None:
+    """Checks that a scene has the object, pusher and floor that a policy is made for, as far as those are known.
+
+    Args:
+        spec: Specification of the policy.
+        setup: The scene.
+
+    Raises:
+        InputError: A mesh of the scene cannot be used.
+        ParameterError: The object's mesh or the pusher is another, or the floor is more than 2 mm off.
+    """
+    if spec.scene is None:
+        return
+    found, allowed = scene_spec(setup), spec.scene
+    all_the_same = "the policy's; --force controls it all the same"
+    if found.object.mesh_sha256 != allowed.object.mesh_sha256:
+        given, wanted = _object_words(found.object), _object_words(allowed.object)
+        if given == wanted:
+            given += f", mesh {found.object.mesh_sha256[:8]}"
+            wanted += f", mesh {allowed.object.mesh_sha256[:8]}"
+        raise ParameterError(f"object: got {given}; allowed: {wanted}, {all_the_same}")
+    given, wanted = _pusher_words(found.pusher), _pusher_words(allowed.pusher)
+    sizes, others = ([pusher.radius, pusher.length] for pusher in (found.pusher, allowed.pusher))
+    same = dataclasses.replace(found.pusher, radius=allowed.pusher.radius, length=allowed.pusher.length)
+    if same != allowed.pusher or not np.allclose(sizes, others, rtol=0, atol=_SHARE):
+        raise ParameterError(f"pusher: got {given}; allowed: {wanted}, {all_the_same}")
+    if abs(found.floor_height - allowed.floor_height) > _OFF:
+        raise ParameterError(
+            f"floor: got {1e3 * found.floor_height:.1f} mm; allowed: {1e3 * allowed.floor_height:.1f} mm, "
+            f"give or take {1e3 * _OFF:g} mm, {all_the_same}"
+        )
+
+
+def _object_words(about: ObjectSpec) -> str:
+    return f"{about.name}, {' x '.join(f'{1e3 * extent:.4g}' for extent in about.size)} mm"
+
+
+def _pusher_words(about: PusherSpec) -> str:
+    length = f", {1e3 * about.length:.4g} mm long" if about.length else ""
+    mesh = f", {about.mesh_sha256[:8]}" if about.mesh_sha256 else ""
+    return f"a {about.shape} of {1e3 * about.radius:.4g} mm{length}{mesh}"
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _floats(values: Any) -> Any:

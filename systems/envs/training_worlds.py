@@ -1,7 +1,7 @@
 """The worlds that a policy is trained in: domains around a twin, or the twin alone."""
 
-import dataclasses
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.cousins import CousinDomains, Domain, DomainDraw, DomainSource
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import Observes, PolicySpec
+from pinwm_drake.systems.envs.env import changed_options
 from pinwm_drake.systems.envs.observation import Kind
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.policy_scene import policy_spec
@@ -21,9 +22,13 @@ _PHYSICS = EnvOptions(frames=3, max_translation=0.02, time_step=1 / 120, frictio
 _POOL = 64  # domains in a round
 
 
-def training_options(**changes: object) -> EnvOptions:
-    """Options of environments as trainings have them, with single fields changed."""
-    return dataclasses.replace(_PHYSICS, **changes)  # type: ignore[arg-type]
+def training_options(**changes: Any) -> EnvOptions:
+    """Options of environments as trainings have them, with single fields changed.
+
+    Raises:
+        ParameterError: There is no such option, or a value is out of range.
+    """
+    return changed_options(_PHYSICS, changes)
 
 
 class DomainPool:

@@ -180,12 +180,20 @@ class Start:
 class LcmLink:
     """The messages between a station with `engine="lcm"` and the driver of a robot.
 
-        station ── command_channel ─► driver    lcmt_drake_signal (3): v_WP [m/s], every `period`
-        station ◄─ state_channel ──── driver    lcmt_drake_signal (6): p_WP [m], v_WP [m/s], every `period`
+        station ── command_channel ─► driver    lcmt_drake_signal (6), every `period`: v_WP [m/s], session, sequence,
+                                                expiry [s, driver's clock]
+        station ◄─ state_channel ──── driver    lcmt_drake_signal (10), every `period`: p_WP [m], v_WP [m/s], session,
+                                                sequence, mode, fault
         station ◄─ image_channel ──── driver    lcmt_image_array of one RGBA image, every `image_period`
 
-    World frame throughout; stamps in microseconds, of the sender's clock. The image is sRGB, its alpha 255 where the
-    object is seen; whoever sends it has cut the object out. What has alpha 0 is white.
+    World frame throughout; stamps in microseconds, of the sender's clock, which is one for states and images. The image
+    is sRGB, its alpha 255 where the object is seen; whoever sends it has cut the object out. What has alpha 0 is white.
+
+    A session is a random whole number up to 2^48 that a controller draws when a person arms it, and 0 while it may not
+    move. The sequence counts periods of the station's clock. A command expires `timeout` after the last state that the
+    station has heard. The driver's state echoes session and sequence of the last command that it took; its mode is 0
+    while it waits for a session, 1 in one, and 2 when a fault, whose number is in `DRIVER_FAULTS`, latched it. See
+    `CommandGate` for what it takes and what latches it, and `Hearing` for clocks.
 
     Attributes:
         url: Address of LCM; `MEMORY` within a process, `LOCAL` between processes of this machine.
@@ -194,7 +202,8 @@ class LcmLink:
         image_channel: Channel of its camera's images.
         period: s, between commands, and between states.
         image_period: s, between images.
-        timeout: s. Commands that stop for longer stop the robot; a state that is older counts as unknown.
+        timeout: s. Commands that stop for longer stop the robot, and their session is over; a state that is older
+            counts as unknown.
     """
 
     url: str = MEMORY

@@ -5,10 +5,12 @@ from typing import Literal
 import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.common.eigen_geometry import Quaternion
+from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantValueSource
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.engines.engine import Engine
@@ -38,13 +40,15 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         pusher_translation_W  (3 W) d [m],         │             │─► rgb       ImageRgba8U
         over `horizon`                             │             │─► rgb_batch  Value[array]: (W, height, width, 4)
                                                    │             │─► rgb_time          (1): s, when they were taken
+        session               (1), with "lcm"  ───►│             │─► pusher_time       (1): s, of pusher_state
+                                                   │             │─► fault   Value[str]: of robot or camera; or ""
                                                    │             │─► contact_forces  Value[ContactForces]
                                                    └─────────────┘─► query_object    of SceneGraph
 
     World frame throughout. A velocity is sampled every `setup.period`, limited in speed and to the pusher's box, and
     held; a translation is sampled every `horizon`. `rgb` shows world 0, `rgb_batch` (uint8) all: the object where it is
     visible with alpha 255, white with alpha 0 elsewhere. W is 1 but for the twin. With the engine "lcm" a robot is
-    behind the ports, and NaN stands for what it does not know: see `AddLcmEngine`.
+    behind the ports, NaN stands for what it does not know, and it moves in a session alone: see `AddLcmEngine`.
 
     Attributes:
         setup: Setup that it was made from.
@@ -76,12 +80,18 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         self.engine = parts
         self.world = parts.handle if isinstance(parts.handle, WorldModel) else None
         _add_command(builder, parts, setup, command)
+        if parts.session is not None:
+            builder.ExportInput(parts.session, "session")
+        now = builder.AddNamedSystem("present", Clock())
+        sound = builder.AddNamedSystem("no_fault", ConstantValueSource(AbstractValue.Make("")))
         outputs = {
             "object_state": parts.object_state,
             "pusher_state": parts.pusher_state,
             "rgb": parts.rgb,
             "rgb_batch": parts.rgb_batch,
-            "rgb_time": parts.rgb_time or builder.AddNamedSystem("rgb_clock", Clock()).get_output_port(),
+            "rgb_time": parts.rgb_time or now.get_output_port(),
+            "pusher_time": parts.pusher_time or now.get_output_port(),
+            "fault": parts.fault or sound.get_output_port(),
             "contact_forces": parts.contact_forces,
             "query_object": parts.scene_graph.get_query_output_port(),
         }

@@ -84,12 +84,13 @@ def whole(capture, tmp_path_factory):
 
 
 def run_script(code: str, capture: Path, out: Path, *arguments: str) -> subprocess.CompletedProcess:
-    """Runs `pinwm align` with 230 iterations in a process of its own, with some code around it."""
-    command = ["align", str(capture), str(out), "--iterations", "230", *SMALL, *arguments]
+    """Runs `pinwm align` with 30 iterations in a process of its own, with some code around it."""
+    command = ["align", str(capture), str(out), "--iterations", "30", *SMALL, *arguments]
     lines = [
         "import os, resource, sys",
         "from pinwm_drake.cli import main",
         "from pinwm_drake.experiments import alignment",
+        "alignment._CHECKPOINT_EVERY = 20",
         f"sys.argv = ['pinwm', *{command}]",
     ]
     program = "\n".join([*lines, code])
@@ -101,7 +102,7 @@ fit = alignment.fit
 def interrupted(*arguments, progress, **options):
     def told(iteration, *figures):
         progress(iteration, *figures)
-        if iteration == 220:
+        if iteration == 25:
             {action}
     return fit(*arguments, progress=told, **options)
 alignment.fit = interrupted
@@ -118,7 +119,7 @@ def test_an_interrupted_fit_goes_on_as_if_it_had_not_been(capture, whole, tmp_pa
     assert "Traceback" not in run.stderr
     assert os.listdir(tmp_path) == ["checkpoint.npz"]
     if code == 1:
-        assert "interrupted after iteration 220; go on with --resume" in run.stdout
+        assert "interrupted after iteration 25; go on with --resume" in run.stdout
     run = run_script("main()", capture, tmp_path, "--resume")
     assert (run.returncode, run.stderr) == (0, "")
     assert sorted(os.listdir(tmp_path)) == RESULTS

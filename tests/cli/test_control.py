@@ -38,7 +38,7 @@ def test_a_dry_run_is_the_default(pinwm, bundle):
     lines = output.splitlines()
     assert lines[0] == "twin, dry run: nothing moves (--arm does)"
     assert lines[1].startswith(
-        "limits: 0.2 m/s, 4 m/s², images 0.1 s old, (-0.35, -0.35, 0.015) to (0.35, 0.35, 0.035)"
+        "limits: 0.2 m/s, 4 m/s², images 0.2 s old, (-0.35, -0.35, 0.015) to (0.35, 0.35, 0.035)"
     )
     assert all("disarmed" in line for line in lines[2:-1])
     assert len(set(places(output))) == 1

@@ -61,7 +61,7 @@ def test_what_it_writes(evaluated):
     assert reader.get(cv2.CAP_PROP_FPS) == pytest.approx(10)
 
 
-def test_a_run_that_was_killed_goes_on_in_other_processes_with_the_same_result(scenario, tmp_path, evaluated):
+def test_a_run_of_two_processes_that_was_killed_goes_on_in_one_to_the_same_result(pinwm, scenario, tmp_path, evaluated):
     out, episodes = tmp_path / "out", tmp_path / "out/episodes"
     command = [sys.executable, "-c", "from pinwm_drake.cli import main; main()", "evaluate", "random"]
     options = [*SHORT[:-1], "2", "--scene", scenario, "--seed", "5", "-o", str(out)]
@@ -77,9 +77,9 @@ def test_a_run_that_was_killed_goes_on_in_other_processes_with_the_same_result(s
     while any(running(worker) for worker in workers):
         assert time.monotonic() < deadline, "workers outlive the process that started them"
         time.sleep(0.05)
-    end = subprocess.run([*command, *options, "--resume"], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert end.returncode == 0, end.stderr
-    assert "of 3 episodes are done already" in end.stdout
+    code, output, errors = pinwm("evaluate", "random", *options, "--workers", "1", "--resume")
+    assert code == 0, errors
+    assert "of 3 episodes are done already" in output
     assert (out / "episodes.csv").read_bytes() == (evaluated / "episodes.csv").read_bytes()
     assert document(out)["results"] == document(evaluated)["results"]
     assert (out / "report.html").exists()

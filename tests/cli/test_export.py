@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 import torch
 
+from pinwm_drake.experiments.golden_samples import export_bundle
 from pinwm_drake.learning.bundle import HASHED, PROVENANCE_FILE, read_bundle
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
 from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import policy_spec
+from tests.learning.bundles import as_version_1
 from tests.systems.stations import action_setup
 
 SIZE = 32
@@ -41,6 +43,7 @@ def test_a_bundle_is_written_with_what_the_policy_sees(pinwm, folder, policy, tm
     assert (code, errors) == (0, "")
     assert sorted(path.name for path in out.iterdir()) == sorted((*HASHED, PROVENANCE_FILE))
     bundle = read_bundle(out)
+    assert bundle.network.estimates
     assert bundle.spec == policy.spec
     assert bundle.limits == dataclasses.replace(default_limits(policy.spec), max_speed=0.1, box_low=(-0.2, -0.25, 0.02))
     assert bundle.provenance["policy"] == policy.provenance
@@ -54,12 +57,30 @@ def test_a_bundle_is_written_with_what_the_policy_sees(pinwm, folder, policy, tm
     assert len(np.unique(p_WP.round(4), axis=0)) == 12
     lines = output.splitlines()
     assert lines[0].startswith(
-        "limits: 0.1 m/s, 4 m/s^2, image no older than 0.1 s, pusher within -0.2 -0.25 0.02 to 0.35"
+        "limits: 0.1 m/s, 4 m/s^2, image no older than 0.2 s, pusher within -0.2 -0.25 0.02 to 0.35"
     )
     assert lines[1].startswith("16 golden samples; onnxruntime is ")
     assert lines[2].endswith(" ms a call on one core")
     assert [line.split()[1] for line in lines[3:7]] == [str(path) for path in sorted(out.iterdir())]
     assert lines[7] == f"SHA-256 of the bundle: {bundle.sha256}"
+
+
+def test_an_older_bundle_is_written_anew(pinwm, folder, tmp_path):
+    new, old = tmp_path / "new", tmp_path / "old"
+    assert pinwm("export", str(folder), str(new))[0] == 0
+    code, output, errors = pinwm("export", str(as_version_1(new, old)), str(tmp_path / "again"))
+    assert (code, errors) == (0, "")
+    assert output.splitlines()[1].startswith("16 golden samples")
+    first, again = read_bundle(new), read_bundle(tmp_path / "again")
+    assert again.contract == first.contract
+    assert again.spec.scene.object.name == "t_block"
+    code, _, errors = pinwm("export", str(new), str(tmp_path / "other"))
+    assert (code, errors.startswith(f"pinwm: {new}: got schema_version 2; allowed: a policy, or a bundle")) == (1, True)
+
+
+def test_a_policy_without_a_scene_gets_that_of_the_command(folder, policy, tmp_path):
+    write_policy(tmp_path / "policy", Policy(dataclasses.replace(policy.spec, scene=None), policy.actor))
+    assert export_bundle(tmp_path / "policy", tmp_path / "bundle").spec == policy.spec
 
 
 def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, policy, tmp_path):

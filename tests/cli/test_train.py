@@ -13,7 +13,8 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 
-SHORT = ["--worlds", "4", "--image-size", "32", "--threads", "1"]
+SHORT = ["--worlds", "4", "--image-size", "32", "--threads", "1", "--episodes", "4"]
+TINY = ["--images", "200", "--updates", "10"]
 
 
 def train(*arguments):
@@ -49,7 +50,7 @@ def test_a_teacher_is_trained_and_kept(tmp_path):
 
 def test_a_student_learns_from_a_given_teacher(tmp_path):
     assert train("push_t", "-o", tmp_path / "t", "--method", "state", "--steps", 256, *SHORT).exit_code == 0
-    out = train("push_t", "-o", tmp_path / "s", "--teacher", tmp_path / "t", "--rounds", 1, "--images", 400, *SHORT)
+    out = train("push_t", "-o", tmp_path / "s", "--teacher", tmp_path / "t", "--rounds", 1, *TINY, *SHORT)
     assert out.exit_code == 0, out.output
     policy = read_policy(tmp_path / "s")
     assert policy.spec.observes == "rgb"

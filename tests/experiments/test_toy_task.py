@@ -66,7 +66,7 @@ def scenario(folder, task: str) -> str:
 def test_a_task_of_its_own_is_trained_evaluated_and_exported(tmp_path):
     scene = scenario(tmp_path, "toy_slide")
     short = {"worlds": 4, "image_size": 32, "frames": 2, "threads": 1, "steps": 256, "round_steps": 256}
-    train(TrainRequest(scene, tmp_path / "run", rounds=1, images=64, **short))
+    train(TrainRequest(scene, tmp_path / "run", rounds=1, images=64, updates=10, episodes=4, **short))
     policy = read_policy(tmp_path / "run")
     assert policy.spec.task == SlideTask(0.05)
     assert policy.spec.max_steps == 6

@@ -8,7 +8,9 @@ from pinwm_drake.learning.policy import read_policy
 
 def test_a_training_is_a_call_that_prints_nothing(tmp_path, capsys):
     told = []
-    request = TrainRequest("push_t", tmp_path, method="state", worlds=4, image_size=32, steps=512, round_steps=512)
+    request = TrainRequest(
+        "push_t", tmp_path, method="state", worlds=4, image_size=32, steps=512, round_steps=512, episodes=4
+    )
     policy = train(request, report=told.append)
     assert capsys.readouterr() == ("", "")
     kept = read_policy(tmp_path)
@@ -26,7 +28,7 @@ def test_an_interruption_passes_through_and_a_second_training_is_refused(tmp_pat
         if step.done == 0.5 and not np.isnan(step.success):
             raise KeyboardInterrupt
 
-    options = {"method": "state", "worlds": 4, "image_size": 32, "steps": 512, "round_steps": 256}
+    options = {"method": "state", "worlds": 4, "image_size": 32, "steps": 512, "round_steps": 256, "episodes": 4}
     with pytest.raises(KeyboardInterrupt):
         train(TrainRequest("push_t", tmp_path, **options), report=interrupt)
     with pytest.raises(InputError, match="--resume"):

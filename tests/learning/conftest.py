@@ -4,13 +4,13 @@ from pathlib import Path
 import pytest
 
 from pinwm_drake.learning.bundle import read_bundle
-from tests.learning.bundles import exported, image_spec, untrained_policy
+from tests.learning.bundles import SCENE, exported, image_spec, untrained_policy
 
 
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory) -> Path:
     """The bundle of a policy of one small image."""
-    return exported(tmp_path_factory.mktemp("bundle") / "bundle", untrained_policy(image_spec(16, 1)))
+    return exported(tmp_path_factory.mktemp("bundle") / "bundle", untrained_policy(image_spec(16, 1, scene=SCENE)))
 
 
 @pytest.fixture

@@ -1,3 +1,4 @@
+import dataclasses
 import os
 import subprocess
 import sys
@@ -5,14 +6,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
-from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.errors import InputError, ParameterError, StateError
 from pinwm_drake.learning.bundle import Bundle, is_bundle, read_bundle
+from pinwm_drake.learning.golden import Golden, object_pixels
 from pinwm_drake.learning.policy import Policy, write_policy
-from tests.learning.bundles import HIGH, LONGEST, LOW, exported, image_spec, pictures, untrained_policy
+from pinwm_drake.learning.spec import PolicySpec
+from tests.learning.bundles import (
+    HIGH,
+    LONGEST,
+    LOW,
+    SCENE,
+    as_version_1,
+    exported,
+    image_spec,
+    pictures,
+    untrained_policy,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
-SPEC = image_spec()
+SPEC = image_spec(scene=SCENE)
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +57,54 @@ def test_predict_answers_as_the_policy_does_of_one_and_of_many(policy, bundle):
     assert np.array_equal(one, found[2])
     none, _ = bundle.predict({"image": images[:0], "pusher": pusher[:0]})
     assert none.shape == (0, 2)
+
+
+def test_a_step_tells_the_policys_own_estimate_of_the_state(policy, bundle):
+    images, p_WP = pictures(SPEC, 5)
+    pusher = np.clip((p_WP - LOW) / np.subtract(HIGH, LOW) * 2 - 1, -1, 1).astype(np.float32)
+    with torch.inference_mode():
+        expected = policy.actor.state(policy.actor.darken(torch.from_numpy(images)), torch.from_numpy(pusher)).numpy()
+    assert np.ptp(expected, axis=0).min() > 0  # each component of the state tells the images apart
+    for image, p, told in zip(images, p_WP, expected, strict=True):
+        d_W, estimate = bundle.step(image, p)
+        assert np.array_equal(d_W, bundle.act(image, p))
+        assert (estimate.shape, estimate.dtype) == ((11,), float)
+        assert estimate == pytest.approx(told, abs=1e-5)
+    assert bundle.network.estimates
+
+
+def test_a_bundle_of_version_1_does_the_same_and_tells_no_estimate(folder, bundle, tmp_path):
+    old = read_bundle(as_version_1(folder, tmp_path / "old"))
+    assert old.provenance["schema_version"] == 1
+    assert (old.spec, old.limits) == (dataclasses.replace(SPEC, scene=None), bundle.limits)
+    assert old.contract["schema_version"] == 2
+    assert [entry["name"] for entry in old.contract["outputs"]] == ["pusher_translation"]
+    assert old.mask_pixels == bundle.mask_pixels
+    image, p_WP = (one[0] for one in pictures(SPEC, 1))
+    d_W, estimate = old.step(image, p_WP)
+    assert estimate is None
+    assert np.array_equal(d_W, bundle.act(image, p_WP))
+
+
+def test_the_scene_is_read_as_it_was_written(bundle):
+    assert bundle.spec.scene == SCENE
+    document = bundle.spec.to_document()
+    assert PolicySpec.from_document(document) == bundle.spec
+    del document["scene"]  # of a policy from before there was one
+    assert PolicySpec.from_document(document) == dataclasses.replace(bundle.spec, scene=None)
+
+
+def test_the_numbers_of_pixels_are_those_of_the_pictures_alone(bundle):
+    # Rectangles of a third by half of the picture; neither the white golden images nor those of blocks count.
+    assert bundle.mask_pixels == (10 * 16, 10 * 16)
+    assert bundle.contract["mask"] == {"pixels": [160, 160], "hidden": [255, 255, 255]}
+
+
+def test_a_bundle_is_found_by_a_text(folder, bundle):
+    assert read_bundle(str(folder)).sha256 == bundle.sha256
+    assert read_bundle("push_t").spec.scene.object.name == "t_block"
+    with pytest.raises(InputError, match=r"^nowhere: .*allowed: a folder, or one of push_t$"):
+        read_bundle("nowhere")
 
 
 def test_a_position_beyond_the_box_counts_as_at_its_wall(bundle):
@@ -121,3 +183,13 @@ def test_onnxruntime_tells_nobody_what_it_runs(tmp_path):
     code = "import sys, pinwm_drake.learning.bundle; assert 'onnxruntime' in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, env=environment)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_numbers_of_pixels_that_no_picture_tells_are_any():
+    white, shown = np.full((1, 8, 8, 6), 255, np.uint8), np.full((1, 8, 8, 6), 255, np.uint8)
+    shown[0, :2, :3, :3], shown[0, 0, 0, 3:] = 7, (255, 254, 255)  # six pixels of the first image, one of the second
+    numbers = np.zeros((2, 2), np.float32)
+    assert Golden(white, numbers[:1], numbers[:1]).mask_pixels() == (0, 64)
+    assert Golden(np.zeros_like(white), numbers[:1], numbers[:1]).mask_pixels() == (0, 64)
+    assert object_pixels(shown).tolist() == [[6, 1]]
+    assert Golden(np.concatenate([white, shown]), numbers, numbers).mask_pixels() == (1, 6)

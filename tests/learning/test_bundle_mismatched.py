@@ -36,13 +36,17 @@ def test_a_network_that_is_cut_off_and_hashed_anew(folder, capfd):
 
 
 def constant_network(shape: list[int], kind: int = onnx.TensorProto.UINT8, output: str = "pusher_translation") -> bytes:
-    """A network that answers with the position it is given."""
+    """A network that answers with the position it is given, and with an estimate of zeros."""
     make = onnx.helper.make_tensor_value_info
+    zeros = onnx.helper.make_tensor("zeros", onnx.TensorProto.FLOAT, [11], np.zeros(11))
     graph = onnx.helper.make_graph(
-        [onnx.helper.make_node("Identity", ["pusher_position"], [output])],
+        [
+            onnx.helper.make_node("Identity", ["pusher_position"], [output]),
+            onnx.helper.make_node("Constant", [], ["state_estimate"], value=zeros),
+        ],
         "constant",
         [make("image", kind, shape), make("pusher_position", onnx.TensorProto.FLOAT, [2])],
-        [make(output, onnx.TensorProto.FLOAT, [2])],
+        [make(output, onnx.TensorProto.FLOAT, [2]), make("state_estimate", onnx.TensorProto.FLOAT, [11])],
     )
     model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 18)])
     model.ir_version = 10
@@ -60,7 +64,8 @@ def test_a_network_of_other_inputs_and_outputs(folder):
         ),
         (
             constant_network([16, 16, 3], output="action"),
-            "outputs action float32 [2]; allowed: pusher_translation float32 [2], as the contract says",
+            "outputs action float32 [2], state_estimate float32 [11]; allowed: pusher_translation float32 [2], "
+            "state_estimate float32 [11], as the contract says",
         ),
     ):
         (folder / ONNX_FILE).write_bytes(content)
@@ -89,12 +94,32 @@ def test_golden_answers_that_are_off(folder, by, good):
             read_bundle(folder)
 
 
+@pytest.mark.parametrize(("by", "good"), [(0.9e-4, True), (1.2e-4, False), (np.nan, False)])
+def test_golden_estimates_that_are_off(folder, by, good):
+    def change(arrays: dict) -> None:
+        row = arrays["state_estimate"][2]
+        row[3] += np.float32(by) * max(1.0, abs(row[3]))
+
+    rewrite_arrays(folder / GOLDEN_FILE, change)
+    rehash(folder)
+    if good:
+        read_bundle(folder)
+    else:
+        with pytest.raises(InputError, match=r"golden\.npz, row 3: got state_estimate .* off; allowed: 0\.0001 "):
+            read_bundle(folder)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (
             lambda arrays: arrays.pop("image"),
-            "arrays ['pusher_position', 'pusher_translation']; allowed: arrays ['image'",
+            "arrays ['pusher_position', 'pusher_translation', 'state_estimate']; allowed: arrays ['image'",
+        ),
+        (
+            lambda arrays: arrays.pop("state_estimate"),
+            "arrays ['image', 'pusher_position', 'pusher_translation']; allowed: arrays ['image', 'pusher_position', "
+            "'pusher_translation', 'state_estimate']",
         ),
         (lambda arrays: arrays.update(extra=np.zeros(1)), "arrays ['extra', 'image', 'pusher_position'"),
         (

@@ -67,7 +67,7 @@ def test_the_network_in_torch_takes_no_batch_and_leaves_the_actor_alone(policy):
     policy.actor.eval()
     images, p_WP = pictures(SPEC, 1)
     with torch.inference_mode():
-        d_W = network(torch.from_numpy(images[0]), torch.from_numpy(p_WP[0].astype(np.float32)))
+        d_W, _ = network(torch.from_numpy(images[0]), torch.from_numpy(p_WP[0].astype(np.float32)))
     assert d_W.numpy() == pytest.approx(in_metres(policy, images, p_WP)[0], abs=2e-7)
 
 
@@ -91,11 +91,18 @@ def test_export_says_nothing(policy, capfd, recwarn):
 def test_contract_and_provenance_say_what_there_is(policy, bundle):
     contract, provenance = bundle.contract, bundle.provenance
     image, position = contract["inputs"]
-    (translation,) = contract["outputs"]
+    translation, estimate = contract["outputs"]
     keys = ("name", "dtype", "shape", "unit", "frame", "rate", "latency")
     assert [image[key] for key in keys] == ["image", "uint8", [32, 32, 6], "sRGB, 0 to 255", "C", 10.0, 0.0]
     assert [position[key] for key in keys] == ["pusher_position", "float32", [2], "m", "W", 10.0, 0.0]
     assert [translation[key] for key in keys] == ["pusher_translation", "float32", [2], "m", "W", 10.0, 0.0]
+    assert [estimate[key] for key in ("name", "dtype", "shape")] == ["state_estimate", "float32", [11]]
+    assert estimate["unit"] == ["0.1 m"] * 2 + ["1"] * 2 + ["0.3 m/s"] * 2 + ["3 rad/s"] + ["0.1 m"] * 4
+    assert len(estimate["meaning"]) == 11
+    assert {entry["period"] for entry in (image, position, translation, estimate)} == {0.1}
+    assert image["max_latency"] == bundle.limits.max_image_age
+    assert {"quaternions", "O", "mask", "latency", "success"} < set(contract["notes"])
+    assert {"rest_speed", "rest_turn"} < set(contract["spec"]["task"])
     assert (translation["horizon"], translation["max_translation"]) == (0.1, LONGEST)
     assert image["camera"] == dataclasses.asdict(SPEC.camera) | {"p_WC": [0, 0, 1], "q_WC": [0, 1, 0, 0]}
     assert contract["onnx"] == {"opset": 18}
@@ -115,6 +122,16 @@ def test_golden_samples_hold_the_policys_own_answers(policy):
     assert np.array_equal(golden.images[:6], images)
     # Beyond the box too, where the position is to be cut.
     assert (golden.p_WP.min(axis=0) < LOW).all()
+
+
+def test_a_policy_that_was_not_taught_the_state_tells_no_estimate(policy, tmp_path):
+    limits, samples = default_limits(SPEC), pictures(SPEC)
+    bundle = export_policy(policy, tmp_path / "bundle", limits=limits, samples=samples, estimate=False)
+    assert not bundle.network.estimates
+    assert len(bundle.contract["outputs"]) == 1
+    d_W, estimate = bundle.step(samples[0][0], samples[1][0])
+    assert estimate is None
+    assert d_W == pytest.approx(in_metres(policy, *samples)[0], abs=TOLERANCE)
 
 
 def test_what_cannot_be_exported_is_refused(policy, tmp_path):
@@ -142,7 +159,7 @@ def test_a_bundle_appears_whole_or_not_at_all(policy, tmp_path, monkeypatch):
     wrong = untrained_policy(SPEC, gain=-1.4)
     content = export.onnx_bytes(wrong)
     with monkeypatch.context() as patch:
-        patch.setattr(export, "onnx_bytes", lambda _: content)
+        patch.setattr(export, "onnx_bytes", lambda *_, **__: content)
         with pytest.raises(InputError, match=r"golden\.npz, row \d+: got .* m off; allowed: 1e-05 m between the two"):
             exported(out, policy)
     assert list(tmp_path.iterdir()) == []

@@ -104,7 +104,7 @@ def test_by_default_a_policy_may_do_what_it_did_in_training():
     # 20 mm in 0.1 s, and from there to the opposite in another 0.1 s.
     assert made.max_speed == pytest.approx(0.2)
     assert made.max_acceleration == pytest.approx(4.0)
-    assert made.max_image_age == 0.1
+    assert made.max_image_age == 0.2
     # A robot does not time out between two actions, however far apart they are.
     assert default_limits(spec_of(horizon=1.0)).max_command_age > 1.0
 

@@ -97,3 +97,42 @@ def test_the_goals_pose():
 def test_what_cannot_be_is_refused(options, words):
     with pytest.raises(ParameterError, match=words):
         PushTask(**options)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "yaw", "near"),
+    [
+        (0.0, 0.0, 0.0, True),
+        (0.012, -0.0159, 0.199, True),
+        (0.0, 0.0201, 0.0, False),
+        (0.0, 0.0, 0.201, False),
+        (0.0, 0.0, -0.201, False),
+        (0.0, 0.0, math.pi, False),
+    ],
+)
+def test_nearness_by_a_state_is_that_of_the_pose(x, y, yaw, near):
+    task = PushTask(goal=(0.1, -0.2, 0.5))
+    moved = RigidTransform(RollPitchYaw(0, 0, 0.5), [0.1, -0.2, 0.0]) @ np.array([x, y, 0.0])
+    state = task.state(np.array([row(moved[0], moved[1], 0.5 + yaw, speed=0.1)]), np.array([[0.0, 0.3, 0.025]]))[0]
+    assert task.near_goal(state) is near  # at any speed
+    turned = f"{abs(math.degrees(yaw)):.1f}"
+    assert task.estimate_words(state) == f"{1e3 * math.hypot(x, y):.0f} mm, {turned} deg from the goal"
+
+
+def test_a_state_that_is_no_number_is_not_near():
+    state = np.array([0.0, 0.0, 1.0, *np.zeros(8)])
+    assert PushTask().near_goal(state)
+    for k in range(4):
+        broken = state.copy()
+        broken[k] = np.nan
+        assert not PushTask().near_goal(broken)
+
+
+def test_each_component_of_the_state_is_told_with_its_unit():
+    task = PushTask()
+    units = [unit for _, unit in task.state_components()]
+    assert len({words for words, _ in task.state_components()}) == task.state_size
+    # A metre, a metre a second, a radian a second: the state has so many units of each.
+    state = task.state(np.array([row(1.0, 0.0, speed=1.0, turn=1.0)]), np.array([[0.0, 1.0, 0.025]]))[0]
+    scale = {"0.1 m": 10.0, "0.3 m/s": 1 / 0.3, "3 rad/s": 1 / 3.0, "1": 1.0}
+    assert [state[k] for k in (0, 4, 6, 10)] == pytest.approx([scale[units[k]] for k in (0, 4, 6, 10)])

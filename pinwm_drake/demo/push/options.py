@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 
 PUSHER_SHAPES = ("sphere", "capsule", "cylinder")
 _HALF_BAR = 0.05  # half the length of the face that is pushed [m]
@@ -37,13 +37,13 @@ class PushOptions:
         Raises:
             ParameterError: When one is outside its range, named as on the command line.
         """
-        _require("--friction", self.friction, 0 <= self.friction < math.inf, "0 or more")
-        _require("--pusher-friction", self.pusher_friction, 0 <= self.pusher_friction < math.inf, "0 or more")
-        _require("--speed", self.speed, 0 < self.speed <= 2, "more than 0, at most 2 m/s")
-        _require("--offset", self.offset, abs(self.offset) <= _HALF_BAR, f"-{_HALF_BAR} to {_HALF_BAR} m")
-        _require("--seconds", self.seconds, 0 < self.seconds <= 60, "more than 0, at most 60 s")
-        _require("--time-step", self.time_step, 0 < self.time_step <= 0.02, "more than 0, at most 0.02 s")
-        _require("--pusher", self.pusher, self.pusher in PUSHER_SHAPES, ", ".join(PUSHER_SHAPES))
+        require("--friction", self.friction, 0 <= self.friction < math.inf, "0 or more")
+        require("--pusher-friction", self.pusher_friction, 0 <= self.pusher_friction < math.inf, "0 or more")
+        require("--speed", self.speed, 0 < self.speed <= 2, "more than 0, at most 2 m/s")
+        require("--offset", self.offset, abs(self.offset) <= _HALF_BAR, f"-{_HALF_BAR} to {_HALF_BAR} m")
+        require("--seconds", self.seconds, 0 < self.seconds <= 60, "more than 0, at most 60 s")
+        require("--time-step", self.time_step, 0 < self.time_step <= 0.02, "more than 0, at most 0.02 s")
+        require("--pusher", self.pusher, self.pusher in PUSHER_SHAPES, ", ".join(PUSHER_SHAPES))
 
     @property
     def steps_per_record(self) -> int:
@@ -54,8 +54,3 @@ class PushOptions:
     def records(self) -> int:
         """Recorded states after the first one; at least one."""
         return max(1, round(self.seconds / (self.time_step * self.steps_per_record)))
-
-
-def _require(name: str, value: object, allowed: bool, range_in_words: str) -> None:
-    if not allowed:
-        raise ParameterError(f"{name}: got {value}; allowed: {range_in_words}")

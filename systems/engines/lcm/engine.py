@@ -10,23 +10,20 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, InputPort, LeafSystem, OutputPort
-from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem, LcmSubscriberSystem
-from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem
+from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, PassThrough
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
-from pydrake.systems.sensors import LcmImageArrayToImages
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.engines.engine import ContactForces, Engine
-from pinwm_drake.systems.engines.lcm.images import ImageTime, ReceivedImage
 from pinwm_drake.systems.engines.lcm.link import make_lcm
-from pinwm_drake.systems.engines.lcm.signal import SignalReceiver, SignalSender
+from pinwm_drake.systems.engines.lcm.messages import make_subscriber
+from pinwm_drake.systems.engines.lcm.receiver import RobotReceiver
+from pinwm_drake.systems.engines.lcm.signal import COMMAND_NAMES, CommandSender, signal_message
 from pinwm_drake.systems.engines.plant.scene import scene_texts
-from pinwm_drake.systems.scenario.schema import LcmLink
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
-
-_COMMAND = ("vx", "vy", "vz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +33,21 @@ class LcmHandle:
     Attributes:
         lcm: Kept, as the systems that use it do not.
         armed: Whether commands are sent.
+        channel: Channel of commands.
     """
 
     lcm: DrakeLcmInterface
     armed: bool
+    channel: str
+
+    def SendStop(self, time: float) -> None:
+        """Sends zero of no session, past the diagram, where commands are sent at all.
+
+        Args:
+            time: s, of the message's stamp.
+        """
+        if self.armed:
+            self.lcm.Publish(self.channel, signal_message(COMMAND_NAMES, np.zeros(6), time).encode())
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
         """Refuses to set the object's state: raises ParameterError."""
@@ -55,8 +63,9 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
 
     What a robot does not know has no number: `object_state` is NaN throughout, and `contact_forces` has none. The
     pusher's state is NaN before the first message, and where none has come for `timeout`. `rgb` is the last image,
-    white before the first, and `rgb_time` when that was taken, -1 before the first: see `Heard` for what is known of
-    it. SceneGraph has the pusher, where it was last known to be, and the floor.
+    white before the first, and `rgb_time` when that was taken, -1 before the first: see `Hearing` for what is known of
+    it. `fault` says what is wrong with robot, camera or link. The input `session` is the controller's, 0 while it is
+    not armed. SceneGraph has the pusher, where it was last known to be, and the floor.
 
     Args:
         builder: Builder of the diagram.
@@ -74,60 +83,45 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
     link = setup.scenario.lcm
     lcm = lcm or make_lcm(link)
     builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
-    pusher = SignalReceiver(6, link.period, link.timeout, first=_first_state(setup))
-    builder.AddNamedSystem("pusher_receiver", pusher)
-    states = LcmSubscriberSystem.Make(link.state_channel, lcmt_drake_signal, lcm)
-    builder.AddNamedSystem("state_subscriber", states)
-    builder.Connect(states.get_output_port(), pusher.get_input_port())
-    image, time = _add_images(builder, setup, lcm, link)
+    camera = setup.camera
+    receiver = builder.AddNamedSystem(
+        "robot_receiver", RobotReceiver(link, camera.width, camera.height, _first_state(setup))
+    )
+    states = builder.AddNamedSystem("state_subscriber", make_subscriber(link.state_channel, lcmt_drake_signal, lcm))
+    images = builder.AddNamedSystem("image_subscriber", make_subscriber(link.image_channel, lcmt_image_array, lcm))
+    builder.Connect(states.get_output_port(), receiver.GetInputPort("state_message"))
+    builder.Connect(images.get_output_port(), receiver.GetInputPort("image_message"))
+    commands = builder.AddNamedSystem("command_message", CommandSender(link))
+    session = builder.AddNamedSystem("session", PassThrough(1))
+    for system in (receiver, commands):
+        builder.Connect(session.get_output_port(), system.GetInputPort("session"))
+    builder.Connect(receiver.GetOutputPort("robot_time"), commands.GetInputPort("robot_time"))
+    if armed:
+        sender = LcmPublisherSystem.Make(link.command_channel, lcmt_drake_signal, lcm, publish_period=link.period)
+        builder.AddNamedSystem("command_publisher", sender)
+        builder.Connect(commands.get_output_port(), sender.get_input_port())
     unknown = builder.AddNamedSystem("object_unknown", ConstantVectorSource(np.full(13, np.nan)))
     forces = builder.AddNamedSystem("no_forces", ConstantValueSource(AbstractValue.Make(ContactForces.none())))
     return Engine(
         name="lcm",
-        pusher_velocity=_add_commands(builder, lcm, link, armed),
+        pusher_velocity=commands.GetInputPort("pusher_velocity"),
         object_state=unknown.get_output_port(),
-        pusher_state=pusher.GetOutputPort("values"),
-        rgb=image.GetOutputPort("rgb"),
-        rgb_batch=image.GetOutputPort("rgb_batch"),
+        pusher_state=receiver.GetOutputPort("pusher_state"),
+        rgb=receiver.GetOutputPort("rgb"),
+        rgb_batch=receiver.GetOutputPort("rgb_batch"),
         contact_forces=forces.get_output_port(),
-        scene_graph=_add_pusher_geometry(builder, setup, pusher.GetOutputPort("last")),
-        handle=LcmHandle(lcm, armed),
-        rgb_time=time,
+        scene_graph=_add_pusher_geometry(builder, setup, receiver.GetOutputPort("last_state")),
+        handle=LcmHandle(lcm, armed, link.command_channel),
+        rgb_time=receiver.GetOutputPort("rgb_time"),
+        pusher_time=receiver.GetOutputPort("pusher_time"),
+        fault=receiver.GetOutputPort("fault"),
+        session=session.get_input_port(),
     )
 
 
 def _first_state(setup: Setup) -> np.ndarray:
     """State (6,) of the pusher that is shown before it is known: p_WP [m] and v_WP [m/s]."""
     return np.concatenate([StartDistribution(setup).middle().p_WP, np.zeros(3)])
-
-
-def _add_commands(builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink, armed: bool) -> InputPort:
-    """Adds the input that takes velocities and, if the station is armed, sends them."""
-    message = builder.AddNamedSystem("command_message", SignalSender(_COMMAND))
-    if armed:
-        sender = LcmPublisherSystem.Make(link.command_channel, lcmt_drake_signal, lcm, publish_period=link.period)
-        builder.AddNamedSystem("command_publisher", sender)
-        builder.Connect(message.get_output_port(), sender.get_input_port())
-    return message.get_input_port()
-
-
-def _add_images(
-    builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface, link: LcmLink
-) -> tuple[ReceivedImage, OutputPort]:
-    """Adds the system that shows the last image, and the port of the time at which it was taken."""
-    # Two subscribers, as Drake's own system for images reads C++ messages, and Python cannot look into these.
-    packed = LcmSubscriberSystem.Make(link.image_channel, lcmt_image_array, lcm, use_cpp_serializer=True)
-    stamped = LcmSubscriberSystem.Make(link.image_channel, lcmt_image_array, lcm)
-    camera = setup.camera
-    unpack = builder.AddNamedSystem("unpack_images", LcmImageArrayToImages())
-    image = builder.AddNamedSystem("image", ReceivedImage(camera.width, camera.height, link.image_channel))
-    time = builder.AddNamedSystem("image_time", ImageTime(link.period, link.timeout))
-    builder.AddNamedSystem("image_subscriber", packed)
-    builder.AddNamedSystem("stamp_subscriber", stamped)
-    builder.Connect(packed.get_output_port(), unpack.get_input_port())
-    builder.Connect(unpack.GetOutputPort("color_image"), image.get_input_port())
-    builder.Connect(stamped.get_output_port(), time.get_input_port())
-    return image, time.get_output_port()
 
 
 def _add_pusher_geometry(builder: DiagramBuilder, setup: Setup, state: OutputPort) -> SceneGraph:

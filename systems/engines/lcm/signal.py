@@ -1,13 +1,14 @@
-"""Conversion of vectors to LCM messages with a stamp, and back."""
+"""Vectors as LCM messages with a stamp: a robot's states, and the commands of a session."""
 
 import numpy as np
 from drake import lcmt_drake_signal  # type: ignore[import-untyped]  # LCM's types
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
-from pinwm_drake.systems.engines.lcm.clock import Heard
+from pinwm_drake.systems.sampling import period_index
+from pinwm_drake.systems.scenario.schema import LcmLink
 
-_TOLERANCE = 1e-9  # s, of a time-out: far more than rounding, far less than a period
+COMMAND_NAMES = ("vx", "vy", "vz", "session", "sequence", "expiry")
 
 
 class SignalSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
@@ -23,71 +24,48 @@ class SignalSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
     def __init__(self, names: tuple[str, ...]) -> None:
         """Declares the ports; `names` are those of the n values."""
         super().__init__()
-        self._names = list(names)
+        self._names = names
         self._values = self.DeclareVectorInputPort("values", len(names))
         self.DeclareAbstractOutputPort("message", lambda: AbstractValue.Make(lcmt_drake_signal()), self._CalcMessage)
 
     def _CalcMessage(self, context: Context, output: AbstractValue) -> None:
-        message = output.get_mutable_value()
-        message.dim, message.coord = len(self._names), self._names
-        message.val = self._values.Eval(context).tolist()
-        message.timestamp = round(1e6 * context.get_time())
+        output.set_value(signal_message(self._names, self._values.Eval(context), context.get_time()))
 
 
-class SignalReceiver(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Vector from messages, for as long as they come.
+class CommandSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
+    """Message of a command, of a session and with an end.
 
-                                             ┌────────────────┐
-        message  Value[lcmt_drake_signal] ──►│                │─► values  (n): NaN where none has come for `timeout`
-                                             │ SignalReceiver │─► last    (n): those of the last message
-                                             │                │─► time    (1): s, when it was sent, see `Heard`; -1
-                                             └────────────────┘   before the first
+        pusher_velocity  (3): v_WP [m/s], W ──►┌───────────────┐
+        session     (1): the controller's    ──►│ CommandSender │─► message  Value[lcmt_drake_signal] (6): v_WP [m/s],
+        robot_time  (1): s, robot's clock    ──►└───────────────┘   session, sequence, expiry [s, robot's clock]
 
-    The state, updated every `period`: the last message and when it came. The ports show a message that has just come
-    at once. One that has another number of values is none.
+    The sequence is the number of the period, so that the system has no state. A command ends `timeout` after the last
+    state of the robot that was heard. Without a session the velocity is zero.
     """
 
-    def __init__(self, size: int, period: float, timeout: float, first: np.ndarray | None = None) -> None:
-        """Declares state and ports.
-
-        Args:
-            size: Number n of values.
-            period: Period of the state's updates, s.
-            timeout: Silence after which `values` is NaN, s.
-            first: (n,), values that `last` shows before the first message; None for zeros.
-        """
+    def __init__(self, link: LcmLink) -> None:
+        """Declares the ports."""
         super().__init__()
-        self._size, self._timeout = size, timeout + _TOLERANCE
-        first = np.zeros(size) if first is None else np.asarray(first, float).reshape(size)
-        start = Heard()
-        self._message = self.DeclareAbstractInputPort("message", AbstractValue.Make(lcmt_drake_signal()))
-        self.DeclareDiscreteState(BasicVector(np.array([start.stamp, start.arrival, start.offset, *first])))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._Update)
-        self.DeclareVectorOutputPort("values", size, self._CalcValues)
-        self.DeclareVectorOutputPort("last", size, self._CalcLast, {self._message.ticket(), self.xd_ticket()})
-        self.DeclareVectorOutputPort("time", 1, self._CalcTime)
+        self._link = link
+        self._velocity = self.DeclareVectorInputPort("pusher_velocity", 3)
+        self._session = self.DeclareVectorInputPort("session", 1)
+        self._robot_time = self.DeclareVectorInputPort("robot_time", 1)
+        self.DeclareAbstractOutputPort("message", lambda: AbstractValue.Make(lcmt_drake_signal()), self._CalcMessage)
 
-    def _now(self, context: Context) -> tuple[Heard, np.ndarray]:
-        """Record of the last message, and its values, at this moment."""
-        state = context.get_discrete_state_vector().value()
-        heard, values = Heard(*state[:3]), state[3:]
-        message = self._message.Eval(context)
-        if message.dim != self._size or len(message.val) != self._size:
-            return heard, values
-        known = heard.hear(message.timestamp, context.get_time(), self._timeout)
-        return known, values if known is heard else np.array(message.val)
+    def _CalcMessage(self, context: Context, output: AbstractValue) -> None:
+        time, session = context.get_time(), 0.0
+        if self._session.HasValue(context):
+            session = float(self._session.Eval(context)[0])
+        velocity = self._velocity.Eval(context) if session else np.zeros(3)
+        expiry = float(self._robot_time.Eval(context)[0]) + self._link.timeout
+        values = np.array([*velocity, session, period_index(time, self._link.period), expiry])
+        output.set_value(signal_message(COMMAND_NAMES, values, time))
 
-    def _Update(self, context: Context, values: DiscreteValues) -> None:
-        heard, found = self._now(context)
-        values.get_mutable_vector().SetFromVector([heard.stamp, heard.arrival, heard.offset, *found])
 
-    def _CalcValues(self, context: Context, output: BasicVector) -> None:
-        heard, found = self._now(context)
-        fresh = context.get_time() - heard.arrival <= self._timeout
-        output.SetFromVector(found if fresh else np.full(self._size, np.nan))
-
-    def _CalcLast(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._now(context)[1])
-
-    def _CalcTime(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, max(self._now(context)[0].time, -1.0))
+def signal_message(names: tuple[str, ...], values: np.ndarray, time: float) -> lcmt_drake_signal:
+    """Message of values (n,) with their names, stamped with a time [s]."""
+    message = lcmt_drake_signal()
+    message.dim, message.coord = len(names), list(names)
+    message.val = np.asarray(values, float).tolist()
+    message.timestamp = round(1e6 * time)
+    return message

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from drake import lcmt_drake_signal
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -13,8 +12,10 @@ from pydrake.systems.primitives import LogVectorOutput
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.systems.arm.driver import MakeArmDriver, arm_limits
+from pinwm_drake.systems.arm.gate import TOO_FAST
 from pinwm_drake.systems.control.loop import ControlLoop
 from pinwm_drake.systems.engines.lcm.link import make_lcm
+from pinwm_drake.systems.engines.lcm.signal import COMMAND_NAMES, signal_message
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import policy_spec
 from pinwm_drake.systems.scenario.setup import Setup
@@ -59,13 +60,13 @@ class Track:
         self.simulator.Initialize()
         self.step = 0
 
-    def go(self, seconds, velocity=None, stamp=None):
+    def go(self, seconds, velocity=None, sequence=None, session=7):
         """Simulates, with a command each 10 ms if there is one."""
         for _ in range(round(seconds / 0.01)):
             if velocity is not None:
-                message = lcmt_drake_signal()
-                message.dim, message.val, message.coord = 3, list(velocity), ["vx", "vy", "vz"]
-                message.timestamp = 10_000 * self.step + 1 if stamp is None else stamp
+                number, expiry = self.step if sequence is None else sequence, 0.01 * self.step + 0.1
+                values = np.array([*velocity, session, number, expiry])
+                message = signal_message(COMMAND_NAMES, values, 0.01 * self.step)
                 self.lcm.Publish("PINWM_PUSHER_COMMAND", message.encode())
             self.step += 1
             self.simulator.AdvanceTo(0.01 * self.step)
@@ -148,8 +149,8 @@ def test_the_arm_stops_when_commands_stop(setup, how):
     track = Track(setup)
     track.go(0.3, [0.0, SPEED, 0.0])
     assert abs(track.speed - SPEED) < 0.02
-    last = 10_000 * (track.step - 1) + 1
-    silence = {"nothing": {}, "one that is repeated": {"velocity": [0.0, SPEED, 0.0], "stamp": last},
+    last = track.step - 1
+    silence = {"nothing": {}, "one that is repeated": {"velocity": [0.0, SPEED, 0.0], "sequence": last},
                "no number": {"velocity": [np.nan, SPEED, 0.0]}}[how]  # fmt: skip
     before = track.log("pusher_state")[-1, 1]
     track.go(0.3, **silence)
@@ -158,15 +159,21 @@ def test_the_arm_stops_when_commands_stop(setup, how):
     # The time-out, and v^2 / 2 a.
     longest = (0.12 if how != "no number" else 0.02) * SPEED + SPEED**2 / (2 * track.driver.limits.max_acceleration)
     assert after - before < longest + 0.002
-    if how == "nothing":
-        track.go(0.2, [0.0, SPEED, 0.0])
-        assert abs(track.speed - SPEED) < 0.02
+    # The session is over; another one moves it again.
+    track.go(0.2, [0.0, SPEED, 0.0])
+    assert track.speed < 1e-3
+    track.go(0.2, [0.0, SPEED, 0.0], session=8)
+    assert abs(track.speed - SPEED) < 0.02
 
 
 def test_speed_and_box_are_the_arms_own(setup):
     track = Track(setup)
-    track.go(1.2, [-5.0, 0.0, 0.0])
     limits = arm_limits(setup)
+    track.go(0.2, [-limits.max_speed, 0.0, 0.0])
+    track.go(0.2, [-5.0, 0.0, 0.0])
+    assert track.speed < 1e-3
+    assert track.driver.GetSubsystemByName("command_gate").gate(track.simulator.get_context()).fault == TOO_FAST
+    track.go(1.2, [-limits.max_speed, 0.0, 0.0], session=8)
     assert limits.max_speed == setup.scenario.pusher.max_speed
     tool, target = track.log("pusher_state"), track.log("tool_target")
     assert abs(np.abs(target[:, 3]).max() - limits.max_speed) < 1e-9

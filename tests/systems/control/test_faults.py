@@ -23,7 +23,7 @@ class Bench:
     def __init__(self, frames=2):
         self.spec = spec_of(small_setup(), frames)
         self.policy = Follower(self.spec)
-        self.limits = default_limits(self.spec)
+        self.limits = dataclasses.replace(default_limits(self.spec), max_image_age=H)
         self.controller = PolicyController(self.policy, self.limits, LOOK)
         self.simulator = Simulator(self.controller)
         self.context = self.simulator.get_mutable_context()

@@ -177,7 +177,7 @@ def test_limits_of_the_scenario_do_not_bind():
 def checks() -> dict[float, float]:
     """Against point contact at the true friction, twins with that friction times a factor: the verdicts."""
     setup, truth = setup_of(), {"friction_floor": FRICTION, "friction_pusher": FRICTION}
-    options = CrossCheckOptions(engines=("point",), pushes=3)
+    options = CrossCheckOptions(engines=("point",), pushes=2)
     return {
         factor: cross_check(setup.with_theta(friction_floor=factor * FRICTION), options, truth=truth).verdicts[0]
         for factor in (1.0, 0.7, 1.3)

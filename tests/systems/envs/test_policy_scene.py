@@ -1,12 +1,19 @@
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
 
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.models import model_path
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions
-from pinwm_drake.systems.envs.policy_scene import check_scene, policy_spec, spec_environment
+from pinwm_drake.systems.envs.policy_scene import check_object, check_scene, policy_spec, scene_spec, spec_environment
+from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.systems.scenario.schema import Shape
+from pinwm_drake.systems.scenario.setup import make_setup
 
 
 @pytest.fixture(scope="module")
@@ -65,3 +72,65 @@ def test_another_scene_is_refused(env, spec, change, message):
         change = {"camera": dataclasses.replace(spec.camera, **change["camera"])}
     with pytest.raises(ParameterError, match=message):
         check_scene(dataclasses.replace(spec, **change), env.setup)
+
+
+def test_the_scene_is_told_in_numbers(env, spec):
+    scene = spec.scene
+    assert (scene.object.name, scene.object.size, scene.floor_height) == ("t_block", (0.1, 0.14, 0.05), 0.0)
+    mesh = load_mesh(model_path("t_block/t_block.obj"))
+    np.testing.assert_allclose(scene.object.middle, mesh.bounds.mean(axis=0), atol=1e-9)
+    assert abs(scene.object.middle[1]) > 0.01  # O is at the centre of mass, and not in the middle of the box
+    assert (scene.pusher.shape, scene.pusher.radius, scene.pusher.length) == ("sphere", 0.01, 0.0)
+    check_object(spec, env.setup)
+    check_object(dataclasses.replace(spec, scene=None), load_setup("push_mug"))
+
+
+def test_a_pusher_of_a_mesh_is_told_by_its_hash(env, tmp_path):
+    path = tmp_path / "pusher.obj"
+    shutil.copy(model_path("cube/cube.obj"), path)
+    setup = with_pusher(env.setup, PusherGeometry(path, None))
+    about = scene_spec(setup).pusher
+    assert about.shape == "mesh"
+    assert (about.radius, about.length) == pytest.approx((0.03 * 2**0.5, 0.06))
+    assert about.mesh_sha256 == scene_spec(load_setup("push_cube")).object.mesh_sha256
+
+
+def with_pusher(setup, pusher):
+    return dataclasses.replace(setup, twin=dataclasses.replace(setup.twin, pusher=pusher))
+
+
+def test_another_object_pusher_or_floor_is_refused(env, spec, tmp_path):
+    def refused(setup) -> str:
+        with pytest.raises(ParameterError) as error:
+            check_object(spec, setup)
+        message, force = str(error.value).rsplit(", the policy's; ", 1)
+        assert force == "--force controls it all the same"
+        return message
+
+    block = "allowed: t_block, 100 x 140 x 50 mm"
+    assert refused(load_setup("push_cube")) == f"object: got cube, 60 x 60 x 60 mm; {block}"
+    assert refused(load_setup("push_large_t")) == f"object: got large_t, 140 x 196 x 70 mm; {block}"
+    copy = tmp_path / "object.obj"
+    copy.write_text(env.setup.twin.mesh_path.read_text() + "# changed\n")
+    message = refused(dataclasses.replace(env.setup, twin=dataclasses.replace(env.setup.twin, mesh_path=copy)))
+    assert f"{block}, mesh {spec.scene.object.mesh_sha256[:8]}" in message
+    scenario = env.setup.scenario
+    longer = dataclasses.replace(scenario.pusher, shape=Shape("capsule", 0.012, 0.05))
+    assert (
+        refused(make_setup(dataclasses.replace(scenario, pusher=longer)))
+        == "pusher: got a capsule of 12 mm, 50 mm long; allowed: a sphere of 10 mm"
+    )
+    thicker = PusherGeometry(None, PusherShape("sphere", 0.011))
+    assert refused(with_pusher(env.setup, thicker)) == "pusher: got a sphere of 11 mm; allowed: a sphere of 10 mm"
+    for height, good in ((0.0019, True), (-0.0021, False)):
+        setup = dataclasses.replace(env.setup, twin=dataclasses.replace(env.setup.twin, floor_height=height))
+        if good:
+            check_object(spec, setup)
+        else:
+            assert refused(setup) == "floor: got -2.1 mm; allowed: 0.0 mm, give or take 2 mm"
+
+
+def test_the_floor_of_a_policy_that_does_not_tell_it_is_as_far_below_its_camera(env, spec):
+    x, y, z = spec.camera.p_WC
+    higher = dataclasses.replace(spec.camera, p_WC=(x, y, z + 0.0015))
+    assert scene_spec(env.setup, higher).floor_height == pytest.approx(0.0015, abs=1e-12)

@@ -45,15 +45,16 @@ def test_ports(engine):
     ports = [station.get_output_port(k) for k in range(station.num_output_ports())]
     found = {port.get_name(): port.size() if port.get_data_type() == PortDataType.kVectorValued else None
              for port in ports}  # fmt: skip
-    expected = {"object_state": 13, "pusher_state": 6, "rgb_time": 1}
-    expected |= dict.fromkeys(("rgb", "rgb_batch", "contact_forces", "query_object"))
+    expected = {"object_state": 13, "pusher_state": 6, "rgb_time": 1, "pusher_time": 1}
+    expected |= dict.fromkeys(("rgb", "rgb_batch", "fault", "contact_forces", "query_object"))
     assert found == expected
     context = started(station)
     assert output(station, context, "rgb").data.shape == (80, 96, 4)
     assert (output(station, context, "rgb_batch")[0] == output(station, context, "rgb").data).all()
     assert isinstance(output(station, context, "contact_forces"), ContactForces)
     context.SetTime(0.25)
-    assert output(station, context, "rgb_time") == [0.25]
+    assert output(station, context, "rgb_time") == output(station, context, "pusher_time") == [0.25]
+    assert output(station, context, "fault") == ""
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -1,13 +1,17 @@
 """The station with a robot behind it: the ports, and what goes over LCM."""
 
+import io
+
 import numpy as np
 import pytest
 from drake import lcmt_drake_signal, lcmt_image, lcmt_image_array
+from PIL import Image
 from pydrake.common import RandomGenerator
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.systems.arm.messages import image_message
 from pinwm_drake.systems.engines.engine import ContactForces
 from pinwm_drake.systems.scenario.schema import LcmLink, load_scenario
 from pinwm_drake.systems.scenario.start import Place
@@ -23,16 +27,22 @@ class Robot:
     """A station with the engine "lcm" that is told to move, its simulator, and the other end of the line."""
 
     def __init__(self, armed=False):
-        self.lcm, self.commands = DrakeLcm("memq://"), []
+        self.lcm, self.commands, self.session = DrakeLcm("memq://"), [], 0.0
         self.lcm.Subscribe(LINK.command_channel, lambda raw: self.commands.append(lcmt_drake_signal.decode(raw)))
         self.station = MakePushStation(setup_of(), "lcm", lcm=self.lcm, armed=armed)
         self.simulator = Simulator(self.station)
         self.context = self.simulator.get_mutable_context()
-        self.station.get_input_port().FixValue(self.context, [0.1, -0.05, 0.0])
+        self.station.GetInputPort("pusher_velocity_W").FixValue(self.context, [0.1, -0.05, 0.0])
 
-    def say(self, stamp, state=STATE):
+    def begin(self, session):
+        """What a controller does that is armed."""
+        self.session = float(session)
+        self.station.GetInputPort("session").FixValue(self.context, [self.session])
+
+    def say(self, stamp, state=STATE, *, sequence=None, mode=0):
         message = lcmt_drake_signal()
-        message.dim, message.val, message.coord = 6, list(state), [""] * 6
+        message.val = [*state, self.session, -1.0 if sequence is None else sequence, float(mode), 0.0]
+        message.dim, message.coord = 10, [""] * 10
         message.timestamp = round(1e6 * stamp)
         self.lcm.Publish(LINK.state_channel, message.encode())
 
@@ -54,12 +64,14 @@ class Robot:
 
 def test_the_ports_are_those_of_every_engine():
     robot, twin = Robot(), station_of("twin")
-    for count, get in (("num_input_ports", "get_input_port"), ("num_output_ports", "get_output_port")):
-        assert getattr(robot.station, count)() == getattr(twin, count)()
+    for count, get, more in (("num_input_ports", "get_input_port", 1), ("num_output_ports", "get_output_port", 0)):
+        assert getattr(robot.station, count)() == getattr(twin, count)() + more
         for k in range(getattr(twin, count)()):
             mine, other = getattr(robot.station, get)(k), getattr(twin, get)(k)
             assert (mine.get_name(), mine.get_data_type()) == (other.get_name(), other.get_data_type())
             assert mine.size() == other.size()
+    assert robot.station.GetInputPort("session").size() == 1
+    assert output(twin, twin.CreateDefaultContext(), "fault") == ""
 
 
 def test_what_a_robot_does_not_know_has_no_number():
@@ -79,14 +91,15 @@ def test_what_comes_in():
     picture = np.full((80, 96, 4), 9, np.uint8)
     picture[:40, :, 3], picture[40:, :, 3] = 255, 0
     robot.say(1000.0)
-    robot.show(2000.0, picture)
+    robot.show(999.97, picture)
     robot.simulator.AdvanceTo(0.15)
     assert (robot.read("pusher_state") == STATE).all()
     rgb = robot.read("rgb").data
     assert (rgb[:40] == [9, 9, 9, 255]).all()
     assert (rgb[40:] == [255, 255, 255, 0]).all()
     assert (robot.read("rgb_batch") == rgb[None]).all()
-    assert abs(robot.read("rgb_time")[0] - 0.1) <= LINK.period + 1e-9
+    assert abs(robot.read("pusher_time")[0] - 0.1) <= LINK.period + 1e-9
+    assert robot.read("rgb_time")[0] == pytest.approx(robot.read("pusher_time")[0] - 0.03)
     # The pusher's geometry follows, and there is no object.
     inspector = robot.read("query_object").inspector()
     names = {inspector.GetName(frame).split("::")[-1]: frame for frame in inspector.GetAllFrameIds()}
@@ -96,29 +109,115 @@ def test_what_comes_in():
     # Nothing comes for longer than the time-out.
     robot.simulator.AdvanceTo(0.15 + LINK.timeout)
     assert np.isnan(robot.read("pusher_state")).all()
-    assert abs(robot.read("rgb_time")[0] - 0.1) <= LINK.period + 1e-9
+    assert abs(robot.read("rgb_time")[0] - 0.07) <= LINK.period + 1e-9
 
 
-def test_an_image_of_another_size_is_refused():
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda image: setattr(image, "width", 95), "image cannot be used: got 30720 bytes; allowed: 30400"),
+        (lambda image: setattr(image, "data", image.data[:100]), "image cannot be used: got 100 bytes"),
+        (lambda image: setattr(image, "pixel_format", lcmt_image.PIXEL_FORMAT_RGB), "image cannot be used: got pixel"),
+        (lambda image: setattr(image, "compression_method", 1), "image cannot be used: got unreadable bytes"),
+        (lambda image: setattr(image, "compression_method", 3), "image cannot be used: got unreadable PNG"),
+        (lambda image: setattr(image, "compression_method", 2), "image cannot be used: got compression 2"),
+    ],
+)
+def test_an_image_that_cannot_be_used_is_white_and_a_fault(spoil, words):
     robot = Robot()
-    robot.show(1.0, np.zeros((8, 8, 4), np.uint8))
+    robot.say(1.0)
+    message = lcmt_image_array.decode(image_message(np.zeros((80, 96, 4), np.uint8), 1.0).encode())
+    message.images[0].data = np.zeros((80, 96, 4), np.uint8).tobytes()
+    message.images[0].compression_method = 0
+    spoil(message.images[0])
+    message.images[0].size = len(message.images[0].data)
+    robot.lcm.Publish(LINK.image_channel, message.encode())
     robot.simulator.AdvanceTo(0.02)
-    with pytest.raises(InputError, match=r"PINWM_IMAGES: got an image of 8 x 8 px; allowed: 96 x 80 px"):
-        robot.read("rgb")
+    assert robot.read("fault").startswith(words)
+    assert (robot.read("rgb").data == [255, 255, 255, 0]).all()
+    robot.show(1.02, np.zeros((80, 96, 4), np.uint8))
+    robot.simulator.AdvanceTo(0.04)
+    assert robot.read("fault") == ""
 
 
-def test_commands_are_streamed_once_the_pusher_is_known():
+@pytest.mark.parametrize("channel", ["state_channel", "image_channel"])
+def test_bytes_that_are_no_message_are_a_fault_until_one_comes(channel):
+    robot, picture = Robot(), np.zeros((80, 96, 4), np.uint8)
+    robot.say(1.0)
+    robot.show(1.0, picture)
+    robot.simulator.AdvanceTo(0.02)
+    assert robot.read("fault") == ""
+    robot.lcm.Publish(getattr(LINK, channel), b"garbage")
+    robot.simulator.AdvanceTo(0.04)
+    assert "cannot be read" in robot.read("fault")
+    robot.say(1.04)
+    robot.show(1.04, picture)
+    robot.simulator.AdvanceTo(0.06)
+    assert robot.read("fault") == ""
+
+
+def test_an_image_of_another_size_is_a_fault_and_png_is_read():
+    robot = Robot()
+    robot.show(1.0, np.zeros((8, 9, 4), np.uint8))
+    robot.simulator.AdvanceTo(0.02)
+    assert robot.read("fault") == "image has 9 by 8 px; allowed: 96 by 80"
+    picture = np.random.default_rng(0).integers(0, 255, (80, 96, 4), np.uint8)
+    picture[..., 3] = 255
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "PNG")
+    message = lcmt_image_array.decode(image_message(picture, 1.05).encode())
+    message.images[0].data, message.images[0].size = file.getvalue(), len(file.getvalue())
+    message.images[0].compression_method = lcmt_image.COMPRESSION_METHOD_PNG
+    robot.lcm.Publish(LINK.image_channel, message.encode())
+    robot.simulator.AdvanceTo(0.04)
+    assert robot.read("fault") == ""
+    np.testing.assert_array_equal(robot.read("rgb").data, picture)
+
+
+def test_commands_are_streamed_in_a_session_once_the_pusher_is_known():
     robot = Robot(armed=True)
     robot.simulator.AdvanceTo(0.05)
     robot.say(1.0)
     robot.simulator.AdvanceTo(0.1)
+    robot.begin(77)
+    robot.say(1.05)
+    robot.simulator.AdvanceTo(0.15)
     robot.lcm.HandleSubscriptions(0)
     stamps = np.array([message.timestamp for message in robot.commands])
     assert (np.diff(stamps) == 5000).all()
     values = np.array([message.val for message in robot.commands])
-    assert (values[stamps < 50_000] == 0).all()
-    assert (values[stamps > 55_000] == [0.1, -0.05, 0.0]).all()
-    assert stamps[-1] >= 95_000
+    assert (values[stamps < 100_000, :4] == 0).all()
+    assert (values[stamps > 110_000, :4] == [0.1, -0.05, 0.0, 77]).all()
+    # Each has the number of its period, and ends a time-out after the last state, by the robot's clock.
+    np.testing.assert_array_equal(values[:, 4], stamps / 5000)
+    np.testing.assert_allclose(values[stamps > 110_000, 5], 1.05 + LINK.timeout)
+    assert stamps[-1] >= 145_000
+
+
+def test_a_session_that_the_robot_does_not_take_or_gives_up_is_a_fault():
+    robot = Robot(armed=True)
+    robot.begin(77)
+    said = []
+    for k in range(1, 60):
+        t = 0.01 * k
+        robot.say(1.0 + t, sequence=2 * k, mode=1 if 15 <= k < 40 else 0)
+        robot.simulator.AdvanceTo(t)
+        said.append(robot.read("fault"))
+    assert said[5] == ""
+    assert said[13].startswith("robot takes no commands of this session")
+    assert said[20] == ""
+    assert said[45].startswith("robot has closed the session")
+
+
+def test_stopping_sends_zero_of_no_session_past_the_diagram():
+    robot = Robot(armed=True)
+    robot.station.engine.handle.SendStop(1.5)
+    robot.lcm.HandleSubscriptions(0)
+    assert [list(message.val) for message in robot.commands] == [[0.0] * 6]
+    silent = Robot()
+    silent.station.engine.handle.SendStop(1.5)
+    silent.lcm.HandleSubscriptions(0)
+    assert silent.commands == []
 
 
 def test_a_station_that_is_not_armed_sends_nothing():
@@ -134,7 +233,7 @@ def test_meshcat_shows_the_pusher():
     meshcat = make_meshcat()
     station = MakePushStation(setup_of(), "lcm", meshcat=meshcat)
     simulator = Simulator(station)
-    station.get_input_port().FixValue(simulator.get_mutable_context(), np.zeros(3))
+    station.GetInputPort("pusher_velocity_W").FixValue(simulator.get_mutable_context(), np.zeros(3))
     simulator.AdvanceTo(0.05)
     assert meshcat.HasPath("/station/scene/pusher")
     assert not meshcat.HasPath("/station/surfels/<object>")

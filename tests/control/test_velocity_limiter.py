@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pinwm_drake.control.velocity_limiter import VelocityLimiter
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.systems.pusher.velocity_limiter import VelocityLimiter
 
 LOW, HIGH = np.array([-0.3, -0.2, 0.0]), np.array([0.3, 0.2, 0.1])
 SPEED = 0.2

@@ -5,12 +5,13 @@ from typing import Literal
 
 import numpy as np
 
+from pinwm_drake.control.velocity_limiter import VelocityLimiter
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.systems.pusher.velocity_limiter import VelocityLimiter
 from pinwm_drake.tasks import Task
 
-Mode = Literal["disarmed", "armed", "running", "latched"]
+Mode = Literal["disarmed", "armed", "running", "latched", "done"]
+HALTED = ("latched", "done")  # modes that only a reset ends
 _STILL = (0.0, 0.0, 0.0)
 _CLOCK = 1e-6  # s, by which an image may be from the future
 
@@ -21,8 +22,9 @@ class Safety:
 
     Attributes:
         mode: "disarmed": nothing moves; "armed": the next action will move; "running": an action does; "latched":
-            there was a fault, and nothing moves until a reset.
-        reason: The fault: that which latched, or the present one while disarmed; empty where there is none.
+            there was a fault, and nothing moves until a reset; "done": the task is over, and nothing moves either.
+        reason: The fault that latched, the present one while disarmed, or the end of the task; empty where there is
+            none.
         v_WP: (3,) m/s, world: the velocity commanded; zero unless running.
         limited: Flag: the limits changed the policy's velocity.
     """
@@ -70,15 +72,20 @@ class SafetyFilter:
         """Next state of a safety block whose next action may move the pusher; no change while running.
 
         Raises:
-            StateError: The safety block is latched.
+            StateError: The safety block is latched, or the task is over.
         """
-        if safety.mode == "latched":
-            raise StateError(f"arm: got a controller latched by a fault ({safety.reason}); allowed: after a reset")
+        if safety.mode in HALTED:
+            how = "latched by a fault" if safety.mode == "latched" else "that is done"
+            raise StateError(f"arm: got a controller {how} ({safety.reason}); allowed: after a reset")
         return safety if safety.mode == "running" else Safety("armed")
 
     def disarm(self, safety: Safety) -> Safety:
-        """Next state of a safety block that stops at once; a latched one stays as it is."""
-        return safety if safety.mode == "latched" else Safety()
+        """Next state of a safety block that stops at once; one that is latched or done stays as it is."""
+        return safety if safety.mode in HALTED else Safety()
+
+    def finish(self, safety: Safety, reason: str) -> Safety:
+        """Next state of a safety block whose task is over for a reason; disarmed or latched, it stays as it is."""
+        return Safety("done", reason) if safety.mode in ("armed", "running") else safety
 
     def fault(
         self,
@@ -113,14 +120,18 @@ class SafetyFilter:
             return f"image is {last_image_time - image_time:.6f} s older than the last one; a new episode needs a reset"
         return ""
 
-    def image_fault(self, shape: tuple[int, ...]) -> str:
-        """Fault of an image of a shape (height, width, channels), in words; empty if there is none."""
-        height, width = self._size
-        return "" if shape[:2] == self._size else f"image has {shape[1]} by {shape[0]} px; allowed: {width} by {height}"
+    def image_fault(self, image: np.ndarray) -> str:
+        """Fault of an image's size or type, in words; empty if it is (height, width, 3 or 4) uint8."""
+        (height, width), shape = self._size, image.shape
+        if len(shape) == 3 and shape[:2] != self._size:
+            return f"image has {shape[1]} by {shape[0]} px; allowed: {width} by {height}"
+        if len(shape) != 3 or shape[2] not in (3, 4) or image.dtype != np.uint8:
+            return f"image is {image.dtype} {shape}; allowed: uint8 ({height}, {width}, 3 or 4)"
+        return ""
 
     def watch(self, safety: Safety, fault: str) -> Safety:
         """Next state between actions, with a fault in words, or without ("")."""
-        if safety.mode == "latched":
+        if safety.mode in HALTED:
             return safety
         if safety.mode == "disarmed":
             return replace(safety, reason=fault)
@@ -135,7 +146,7 @@ class SafetyFilter:
             p_WP: (3,) m, world: position of the pusher; finite.
         """
         fault = self.action_fault(d_W)
-        if fault or safety.mode in ("disarmed", "latched"):
+        if fault or safety.mode in ("disarmed", *HALTED):
             return self.watch(safety, fault)
         wanted = self._task.along_axes(np.asarray(d_W)) / self.horizon
         v_WP = self._limiter.limit(wanted, np.array(safety.v_WP), p_WP)

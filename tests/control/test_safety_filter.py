@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pinwm_drake.control.safety_filter import Safety, SafetyFilter
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.systems.control.safety_filter import Safety, SafetyFilter
 from pinwm_drake.tasks import PushTask
 
 LOW, HIGH = np.array([-0.3, -0.2, 0.0]), np.array([0.3, 0.2, 0.1])
@@ -114,8 +114,10 @@ def test_every_fault_of_an_action_latches(d):
 
 
 def test_an_image_of_another_size_is_a_fault():
-    assert FILTER.image_fault((24, 32, 4)) == ""
-    assert FILTER.image_fault((32, 24, 4)) == "image has 24 by 32 px; allowed: 32 by 24"
+    assert FILTER.image_fault(np.zeros((24, 32, 4), np.uint8)) == ""
+    assert FILTER.image_fault(np.zeros((32, 24, 4), np.uint8)) == "image has 24 by 32 px; allowed: 32 by 24"
+    assert "float64" in FILTER.image_fault(np.zeros((24, 32, 4)))
+    assert "(24, 32)" in FILTER.image_fault(np.zeros((24, 32), np.uint8))
 
 
 def test_just_at_the_limits_there_is_no_fault():

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from pinwm_drake.errors import require
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.systems.sampling import require_positive
 
 # By this share a velocity may exceed a limit: a limit that is just what is asked for is not to alter it by rounding.
 _ROUNDING = 1e-9
@@ -37,7 +37,8 @@ class VelocityLimiter:
         Raises:
             ParameterError: The period is not positive.
         """
-        self._period = require_positive("period", period, "s")
+        require("period", f"{period:g} s", 0 < period < math.inf, "more than 0 s")
+        self._period = period
         self._low, self._high = np.array(limits.box_low), np.array(limits.box_high)
         self._speed = limits.max_speed
         self._change = limits.max_acceleration * period

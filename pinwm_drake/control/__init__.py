@@ -1,0 +1,1 @@
+"""Control of a robot's pusher by a policy bundle, in numpy and onnxruntime alone: limits, faults, and the end."""

@@ -1,0 +1,1 @@
+"""Rehearsal of a bundle with a simulated arm over LCM in real time: normal work, and faults at random moments."""

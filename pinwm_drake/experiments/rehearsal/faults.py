@@ -1,0 +1,258 @@
+"""Faults that a rehearsal brings about: what they do to the messages between a controller and a robot.
+
+A fault of a channel is a function from a message (bytes) to the messages that are passed on in its place, each with a
+delay [s]. It is made anew for every trial, so that it may remember what has passed.
+"""
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from drake import lcmt_drake_signal, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
+
+Channel = Literal["image", "state", "command", "policy", "process"]
+Passed = list[tuple[float, bytes]]
+Disturb = Callable[[bytes], Passed]
+
+IMAGE_LIMIT, SILENCE, CONTENT, PACE = "image age", "silence", "next message", "action"
+_LATE, _QUEUE, _STALL = 0.5, 5.0, 0.5  # s
+_MODE, _FAULT, _SESSION, _SEQUENCE, _EXPIRY = 8, 9, 3, 4, 5  # places in a state and in a command
+
+
+@dataclass(frozen=True)
+class FaultKind:
+    """Kind of fault.
+
+    Attributes:
+        name: Short name.
+        words: What happens.
+        channel: Messages that it disturbs; "policy" and "process" are the controller's own.
+        known: After what it can be known at the earliest: the next message, the limit of an image's age, the time-out
+            of a silence, or the end of an action.
+        make: Function that makes the fault of a channel, from the channel's last messages, the oldest first; None for
+            those of policy and process.
+    """
+
+    name: str
+    words: str
+    channel: Channel
+    known: str
+    make: Callable[[list[bytes]], Disturb] | None = None
+
+
+def _pixels(message: bytes) -> tuple[lcmt_image_array, np.ndarray]:
+    """An image message, and its pixels (height, width, 4) uint8."""
+    array = lcmt_image_array.decode(message)
+    image = array.images[0]
+    return array, np.frombuffer(zlib.decompress(image.data), np.uint8).reshape(image.height, image.width, 4).copy()
+
+
+def _packed(array: lcmt_image_array, pixels: np.ndarray) -> bytes:
+    """An image message with other pixels."""
+    image = array.images[0]
+    image.data = zlib.compress(np.ascontiguousarray(pixels).tobytes())
+    image.size, image.height, image.width = len(image.data), *pixels.shape[:2]
+    image.row_stride = image.width * pixels.shape[2] * pixels.itemsize
+    encoded: bytes = array.encode()
+    return encoded
+
+
+def _drawn(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[list[bytes]], Disturb]:
+    """Fault that changes the pixels of every image."""
+
+    def disturb(message: bytes) -> Passed:
+        array, pixels = _pixels(message)
+        return [(0.0, _packed(array, change(pixels)))]
+
+    return lambda past: disturb
+
+
+def _white(pixels: np.ndarray) -> np.ndarray:
+    pixels[..., :3], pixels[..., 3] = 255, 0
+    return pixels
+
+
+def _covered(pixels: np.ndarray) -> np.ndarray:
+    """Pixels of which all show something."""
+    seen = pixels[pixels[..., 3] > 0]
+    pixels[:] = seen[len(seen) // 2] if len(seen) else (90, 90, 90, 255)
+    return pixels
+
+
+def _shifted(pixels: np.ndarray) -> np.ndarray:
+    """Pixels moved by a third of the image to the side where there is room."""
+    width = pixels.shape[1]
+    u = np.nonzero(pixels[..., 3].any(axis=0))[0]
+    way = width // 3 if len(u) and u.mean() < width / 2 else -(width // 3)
+    moved: np.ndarray = np.roll(pixels, way, axis=1)
+    return moved
+
+
+def _speck(pixels: np.ndarray) -> np.ndarray:
+    """Pixels of the object but for two white: a mask that has lost it."""
+    rows, columns = np.nonzero(pixels[..., 3])
+    kept = pixels.copy()
+    _white(pixels)
+    for row, column in list(zip(rows, columns, strict=True))[:2]:
+        pixels[row, column] = kept[row, column]
+    return pixels
+
+
+def _frozen(past: list[bytes]) -> Disturb:
+    """Last image for ever, under new stamps."""
+    pixels = _pixels(past[-1])[1]
+
+    def disturb(message: bytes) -> Passed:
+        return [(0.0, _packed(lcmt_image_array.decode(message), pixels))]
+
+    return disturb
+
+
+def _repeated(past: list[bytes]) -> Disturb:
+    """The last message again and again, with its own stamp."""
+    last = past[-1]
+    return lambda message: [(0.0, last)]
+
+
+def _grey(past: list[bytes]) -> Disturb:
+    """Images of one channel, as another camera's driver sends them."""
+
+    def disturb(message: bytes) -> Passed:
+        array, pixels = _pixels(message)
+        array.images[0].pixel_format = 0  # PIXEL_FORMAT_GRAY
+        return [(0.0, _packed(array, pixels[..., :1]))]
+
+    return disturb
+
+
+def _torn(past: list[bytes]) -> Disturb:
+    """Images of which the second half is missing."""
+
+    def disturb(message: bytes) -> Passed:
+        array = lcmt_image_array.decode(message)
+        image = array.images[0]
+        image.data = image.data[: len(image.data) // 2]
+        image.size = len(image.data)
+        return [(0.0, array.encode())]
+
+    return disturb
+
+
+def _stamped(offset: float) -> Callable[[list[bytes]], Disturb]:
+    """Images whose stamps are off by some seconds."""
+
+    def disturb(message: bytes) -> Passed:
+        array = lcmt_image_array.decode(message)
+        array.header.utime += round(1e6 * offset)
+        return [(0.0, array.encode())]
+
+    return lambda past: disturb
+
+
+def _late(delay: float) -> Callable[[list[bytes]], Disturb]:
+    return lambda past: lambda message: [(delay, message)]
+
+
+def _lost(past: list[bytes]) -> Disturb:
+    return lambda message: []
+
+
+def _signal(change: Callable[[lcmt_drake_signal], None]) -> Callable[[list[bytes]], Disturb]:
+    """Fault that changes a vector's message."""
+
+    def disturb(message: bytes) -> Passed:
+        signal = lcmt_drake_signal.decode(message)
+        change(signal)
+        signal.dim = len(signal.val)
+        signal.coord = (list(signal.coord) + [""] * len(signal.val))[: len(signal.val)]
+        return [(0.0, signal.encode())]
+
+    return lambda past: disturb
+
+
+def _set(*values: tuple[int, float]) -> Callable[[lcmt_drake_signal], None]:
+    def change(signal: lcmt_drake_signal) -> None:
+        vector = list(signal.val)
+        for place, value in values:
+            vector[place] = value
+        signal.val = vector
+
+    return change
+
+
+def _cut(size: int) -> Callable[[lcmt_drake_signal], None]:
+    def change(signal: lcmt_drake_signal) -> None:
+        signal.val = list(signal.val)[:size]
+
+    return change
+
+
+def _back(signal: lcmt_drake_signal) -> None:
+    signal.timestamp -= 10_000_000
+
+
+def _foreign(past: list[bytes]) -> Disturb:
+    """Commands of a second controller between those of the first."""
+    other = float(1 + np.random.default_rng().integers(1 << 48))
+
+    def disturb(message: bytes) -> Passed:
+        signal = lcmt_drake_signal.decode(message)
+        signal.val = [-signal.val[0], -signal.val[1], signal.val[2], other, *signal.val[_SEQUENCE:]]
+        return [(0.0, message), (0.0025, signal.encode())]
+
+    return disturb
+
+
+def _replayed(past: list[bytes]) -> Disturb:
+    """Old commands of the same session between the new ones."""
+    session = lcmt_drake_signal.decode(past[-1]).val[_SESSION]
+    old = next(message for message in past if lcmt_drake_signal.decode(message).val[_SESSION] == session)
+    return lambda message: [(0.0, message), (0.0025, old)]
+
+
+_ALL = float("nan")
+KINDS: tuple[FaultKind, ...] = (
+    FaultKind("white images", "the camera sees nothing", "image", CONTENT, _drawn(_white)),
+    FaultKind("lost mask", "two pixels of the object are left", "image", CONTENT, _drawn(_speck)),
+    FaultKind("mask of all", "every pixel shows the object", "image", CONTENT, _drawn(_covered)),
+    FaultKind("jumping mask", "the object is a third of an image elsewhere", "image", CONTENT, _drawn(_shifted)),
+    FaultKind("frozen images", "the same pixels under new stamps", "image", PACE, _frozen),
+    FaultKind("repeated image", "the same message again and again", "image", IMAGE_LIMIT, _repeated),
+    FaultKind("late images", f"images come {_LATE:g} s late", "image", IMAGE_LIMIT, _late(_LATE)),
+    FaultKind("no images", "the camera is silent", "image", IMAGE_LIMIT, _lost),
+    FaultKind("small images", "every other row and column", "image", CONTENT, _drawn(lambda p: p[::2, ::2])),
+    FaultKind("grey images", "one channel in the place of four", "image", CONTENT, _grey),
+    FaultKind("torn images", "half of the bytes are missing", "image", CONTENT, _torn),
+    FaultKind("images of the past", "stamps are 1 s back", "image", CONTENT, _stamped(-1.0)),
+    FaultKind("images of the future", "stamps are 1 s ahead", "image", CONTENT, _stamped(1.0)),
+    FaultKind("no states", "the robot is silent", "state", SILENCE, _lost),
+    FaultKind("late states", f"states come {_LATE:g} s late", "state", SILENCE, _late(_LATE)),
+    FaultKind("repeated state", "the same message again and again", "state", SILENCE, _repeated),
+    FaultKind("NaN in states", "the pusher is nowhere", "state", CONTENT, _signal(_set((0, _ALL)))),
+    FaultKind("pusher outside", "the pusher is 1 m away", "state", CONTENT, _signal(_set((0, 1.0)))),
+    FaultKind("short states", "three values are left", "state", CONTENT, _signal(_cut(3))),
+    FaultKind("robot's clock goes back", "stamps are 10 s back", "state", SILENCE, _signal(_back)),
+    FaultKind(
+        "robot latched", "the robot tells of a fault", "state", CONTENT, _signal(_set((_MODE, 2.0), (_FAULT, 1.0)))
+    ),
+    FaultKind("no commands", "the robot hears nothing", "command", SILENCE, _lost),
+    FaultKind("queue of commands", f"commands come {_QUEUE:g} s late", "command", SILENCE, _late(_QUEUE)),
+    FaultKind("late commands", f"commands come {_LATE:g} s late", "command", SILENCE, _late(_LATE)),
+    FaultKind("second controller", "somebody else commands too", "command", CONTENT, _foreign),
+    FaultKind("replayed commands", "old commands come again", "command", CONTENT, _replayed),
+    FaultKind("commands of no session", "three values are left", "command", CONTENT, _signal(_cut(3))),
+    FaultKind("expired commands", "commands end before they begin", "command", CONTENT, _signal(_set((_EXPIRY, 0.0)))),
+    FaultKind("NaN in commands", "a velocity is no number", "command", CONTENT, _signal(_set((0, _ALL)))),
+    FaultKind("policy fails", "the policy raises an exception", "policy", PACE),
+    FaultKind("policy of NaN", "the policy answers no number", "policy", PACE),
+    FaultKind("slow policy", f"the policy takes {_STALL:g} s", "policy", PACE),
+    FaultKind("stopped process", f"the controller's process stands still for {_STALL:g} s", "process", SILENCE),
+)
+STALL = _STALL
+
+
+def kind_of(name: str) -> FaultKind:
+    """Kind of fault of a name."""
+    return next(kind for kind in KINDS if kind.name == name)

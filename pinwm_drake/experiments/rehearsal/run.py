@@ -1,0 +1,381 @@
+"""Rehearsal of a bundle with a simulated arm over LCM, in real time: episodes of normal work, and faults."""
+
+import json
+import math
+import multiprocessing
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinwm_drake.errors import InputError, StateError, require
+from pinwm_drake.experiments.rehearsal.faults import (
+    CONTENT,
+    IMAGE_LIMIT,
+    KINDS,
+    PACE,
+    SILENCE,
+    STALL,
+    FaultKind,
+)
+from pinwm_drake.experiments.rehearsal.processes import Traffic, robot_link, run_arm, run_relay, with_link
+from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.learning.bundle import Bundle, read_bundle
+from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.provenance import timestamp, versions
+from pinwm_drake.systems.control.loop import ControlLoop
+from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.systems.scenario.schema import LcmLink
+from pinwm_drake.systems.scenario.setup import Setup
+
+RESULTS_FILE, TRIALS_FILE = "rehearsal.json", "trials.jsonl"
+_PERIOD = 0.01  # s, of the link: with 5 ms two cores are not always enough for three processes in real time
+_EARLIEST, _LATEST = 0.3, 1.5  # s after it was armed, of a fault
+_AFTER = 0.4  # s after the controller stopped, for the robot to come to rest
+_LONGEST = 3.0  # s after a fault, until a trial is given up
+_STARTING = 120.0  # s, for the arm to begin
+
+
+@dataclass(frozen=True)
+class RehearseRequest:
+    """Request of a rehearsal.
+
+    Attributes:
+        bundle: Folder of a bundle, or the name of one that ships.
+        scene: Scene; see `load_setup`.
+        moments: Number of random moments of each kind of fault; 0 for none.
+        kinds: Names of the kinds of fault; empty for all.
+        minutes: Least duration of the normal work, min; 0 for none.
+        episodes: Least number of episodes of normal work.
+        latency: s, between the exposure of an image and its arrival.
+        port: Port of LCM on this machine.
+        seed: Seed of the moments, and of where object and pusher start.
+
+    Raises:
+        ParameterError: A value is out of range.
+    """
+
+    bundle: str
+    scene: str = "push_t"
+    moments: int = 5
+    kinds: tuple[str, ...] = ()
+    minutes: float = 0.0
+    episodes: int = 0
+    latency: float = 0.0
+    port: int = 7690
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks the values."""
+        known = [kind.name for kind in KINDS]
+        require("--moments", self.moments, 0 <= self.moments <= 10_000, "0 to 10000")
+        for name in self.kinds:
+            require("--kind", name, name in known, ", ".join(known))
+        require("--minutes", self.minutes, 0.0 <= self.minutes <= 1440.0, "0 to 1440")
+        require("--episodes", self.episodes, 0 <= self.episodes <= 100_000, "0 to 100000")
+        require("--latency", self.latency, 0.0 <= self.latency <= 1.0, "0 to 1 s")
+        require("--port", self.port, 1024 <= self.port <= 65535, "1024 to 65535")
+        require("--seed", self.seed, 0 <= self.seed < 2**32, "0 to 4294967295")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One fault at a moment, or one episode of normal work.
+
+    Attributes:
+        kind: Name of the fault; empty for normal work.
+        seed: Seed of the start.
+        after: s, from arming to the fault; NaN for normal work, and where the controller stopped before it.
+        state: State of the controller at the end: "latched", "done" or "running".
+        reason: Reason for it.
+        to_zero: s, from the fault to the last command that moves the robot; 0 where none came after it.
+        allowed: s, that this may take: until the fault can be known, and one action.
+        zero: Flag: the last command on the wire is zero and of no session.
+        at_rest: Flag: the robot was at rest at the end.
+        success: Flag: the object was at the goal at the end, by the simulation; of normal work.
+        actions: Number of actions.
+    """
+
+    kind: str
+    seed: int
+    after: float
+    state: str
+    reason: str
+    to_zero: float
+    allowed: float
+    zero: bool
+    at_rest: bool
+    success: bool
+    actions: int
+
+    @property
+    def good(self) -> bool:
+        """Flag: the fault latched in time, zero on the wire and robot at rest; or the episode ended by itself."""
+        if not self.kind:
+            return self.state != "latched"
+        if math.isnan(self.after):
+            return False
+        return self.state == "latched" and self.to_zero <= self.allowed and self.zero and self.at_rest
+
+
+class Disturbed:
+    """Bundle that can be told to fail.
+
+    Attributes:
+        spec: Specification of the bundle.
+        mask_pixels: Numbers of pixels of the object, as the bundle has them.
+        begun: Time since which it fails, s, monotonic; NaN before.
+    """
+
+    def __init__(self, bundle: Bundle) -> None:
+        """Takes a bundle; it works until it is told to fail."""
+        self.spec: PolicySpec = bundle.spec
+        self.mask_pixels = bundle.mask_pixels
+        self._bundle = bundle
+        self.tell("", math.inf)
+
+    def tell(self, kind: str, due: float) -> None:
+        """Tells it to fail in a kind [name of the fault] from a time [s, monotonic] on."""
+        self._kind, self._due, self.begun = kind, due, math.nan
+
+    def act(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
+        """Translation of the bundle; see `step`."""
+        return self.step(image, p_WP)[0]
+
+    def step(self, image: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Translation and estimate of the bundle, or the failure that is due."""
+        found = self._bundle.step(image, p_WP)
+        if time.monotonic() < self._due:
+            return found
+        self.begun = time.monotonic() if math.isnan(self.begun) else self.begun
+        if self._kind == "policy fails":
+            raise RuntimeError("told to")
+        if self._kind == "policy of NaN":
+            return np.full(self.spec.action_size, np.nan), found[1]
+        time.sleep(STALL)
+        return found
+
+
+def rehearse(
+    request: RehearseRequest, out: Path, *, resume: bool = False, report: Callable[[int, int, Trial], None]
+) -> list[Trial]:
+    """Rehearses a bundle, and writes each trial as soon as it is over.
+
+    Args:
+        request: The rehearsal.
+        out: Folder of `trials.jsonl` and `rehearsal.json`.
+        resume: Flag: trials that are there already are not made again.
+        report: Called after each trial with its number, the number of all (0 where only the time ends it), and itself.
+
+    Returns:
+        All trials.
+
+    Raises:
+        InputError: The folder holds trials, and `resume` is not set; or bundle or scene cannot be used.
+        StateError: The arm does not begin, or sends nothing.
+    """
+    out = prepare_folder(out)
+    path, trials = out / TRIALS_FILE, list[Trial]()
+    if path.exists():
+        if not resume:
+            raise InputError(out, value="trials of a rehearsal", allowed="a new folder, or --resume to go on")
+        trials = [Trial(**json.loads(line)) for line in path.read_text().splitlines()]
+    bundle = read_bundle(request.bundle)
+    kinds = [kind for kind in KINDS if not request.kinds or kind.name in request.kinds]
+    with _parties(request, bundle) as parties, path.open("a") as file:
+
+        def keep(trial: Trial, total: int) -> None:
+            trials.append(trial)
+            file.write(json.dumps(asdict(trial)) + "\n")
+            file.flush()
+            report(len(trials), total, trial)
+
+        faults = len(kinds) * request.moments
+        for number in range(faults):
+            moment, kind = divmod(number, len(kinds))
+            seed = request.seed + moment
+            if not any(one.kind == kinds[kind].name and one.seed == seed for one in trials):
+                keep(parties.fault(kinds[kind], seed), faults)
+        began, normal = time.monotonic(), [one for one in trials if not one.kind]
+        spent = 0.1 * sum(one.actions for one in normal)
+        number = len(normal)
+        while number < request.episodes or spent + time.monotonic() - began < 60.0 * request.minutes:
+            keep(parties.episode(request.seed + number), faults + request.episodes)
+            number += 1
+    about = {"request": asdict(request), "bundle": bundle.sha256, "time": timestamp(), "versions": versions()}
+    results = {**about, "cores": os.cpu_count(), "summary": summary(trials)}
+    with replacing(out / RESULTS_FILE) as temporary:
+        temporary.write_text(json.dumps(results, indent=1) + "\n")
+    return trials
+
+
+def summary(trials: list[Trial]) -> dict[str, Any]:
+    """Figures of a rehearsal: for each kind of fault, and for normal work."""
+    found: dict[str, Any] = {"faults": {}}
+    for kind in dict.fromkeys(one.kind for one in trials if one.kind):
+        some = [one for one in trials if one.kind == kind]
+        times = [one.to_zero for one in some]
+        found["faults"][kind] = {
+            "trials": len(some),
+            "good": sum(one.good for one in some),
+            "stopped_before": sum(math.isnan(one.after) for one in some),
+            "median_to_zero": float(np.median(times)),
+            "longest_to_zero": max(times),
+            "allowed": max(one.allowed for one in some),
+            "reasons": sorted({one.reason.split(":")[0] for one in some}),
+        }
+    normal = [one for one in trials if not one.kind]
+    if normal:
+        found["normal"] = {
+            "episodes": len(normal),
+            "false_stops": sum(one.state == "latched" for one in normal),
+            "successes": sum(one.success for one in normal),
+            "minutes_of_actions": 0.1 * sum(one.actions for one in normal) / 60.0,
+            "reasons": sorted({one.reason.split(":")[0] for one in normal}),
+        }
+    return found
+
+
+@contextmanager
+def _parties(request: RehearseRequest, bundle: Bundle) -> Iterator["_Parties"]:
+    """The arm's and the relay's processes, and the controller of this one."""
+    setup = environment_setup(load_setup(request.scene), EnvOptions(image_size=bundle.spec.camera.width))
+    link = replace(setup.scenario.lcm, url=f"udpm://239.255.76.67:{request.port}?ttl=0", period=_PERIOD)
+    context = multiprocessing.get_context("spawn")
+    arm, arm_end = context.Pipe()
+    relay, relay_end = context.Pipe()
+    processes = [
+        context.Process(target=run_arm, args=(arm_end, with_link(setup, robot_link(link)), request.latency)),
+        context.Process(target=run_relay, args=(relay_end, link, os.getpid())),
+    ]
+    for process in processes:
+        process.daemon = True
+        process.start()
+    arm_end.close()
+    relay_end.close()
+    try:
+        yield _Parties(request, bundle, with_link(setup, link), link, arm, relay)
+    finally:
+        arm.close()
+        relay.close()
+        for process in processes:
+            process.join(5.0)
+            process.terminate()
+
+
+class _Parties:
+    """A controller in this process, and pipes to the arm and the relay."""
+
+    def __init__(
+        self,
+        request: RehearseRequest,
+        bundle: Bundle,
+        setup: Setup,
+        link: LcmLink,
+        arm: Connection,
+        relay: Connection,
+    ) -> None:
+        self._request, self._bundle, self._setup, self._link = request, bundle, setup, link
+        self._arm, self._relay = arm, relay
+        self._policy = Disturbed(bundle)
+        self._loop: ControlLoop | None = None
+
+    def fault(self, kind: FaultKind, seed: int) -> Trial:
+        """Trial of a fault at a random moment."""
+        generator = np.random.default_rng([seed, KINDS.index(kind)])
+        after = float(generator.uniform(_EARLIEST, _LATEST))
+        loop, policy = self._armed(seed), self._policy
+        if kind.channel == "policy":
+            policy.tell(kind.name, time.monotonic() + after)
+        else:
+            self._ask(self._relay, ("begin", kind.name, after))
+        try:
+            for row in loop.advance(after + _LONGEST):
+                status = row.status
+        finally:
+            stopped = time.monotonic()
+            loop.stop()
+        time.sleep(_AFTER)
+        traffic = self._ask(self._relay, "tell")
+        begun = policy.begun if kind.channel == "policy" else traffic.begun
+        late = traffic.moved - begun
+        return Trial(
+            kind=kind.name,
+            seed=seed,
+            after=after if begun <= stopped else math.nan,
+            state=status.state,
+            reason=status.reason,
+            to_zero=max(late, 0.0) if math.isfinite(late) else 0.0,
+            allowed=self._known_after(kind) + self._bundle.spec.horizon,
+            zero=_is_zero(traffic),
+            at_rest=math.isfinite(traffic.rest),
+            success=False,
+            actions=status.actions,
+        )
+
+    def episode(self, seed: int) -> Trial:
+        """Episode of normal work, until the controller ends it."""
+        loop = self._armed(seed)
+        try:
+            for row in loop.advance(2.0 * self._bundle.spec.max_steps * self._bundle.spec.horizon):
+                status = row.status
+        finally:
+            loop.stop()
+        time.sleep(_AFTER)
+        traffic, (state, _) = self._ask(self._relay, "tell"), self._ask(self._arm, None)
+        tool = np.array(traffic.robot[:3]) if traffic.robot else np.full(3, np.nan)
+        success = bool(self._bundle.spec.task.measure(state[None], tool[None]).success[0])
+        return Trial(
+            kind="",
+            seed=seed,
+            after=math.nan,
+            state=status.state,
+            reason=status.reason,
+            to_zero=0.0,
+            allowed=0.0,
+            zero=_is_zero(traffic),
+            at_rest=math.isfinite(traffic.rest),
+            success=success,
+            actions=status.actions,
+        )
+
+    def _armed(self, seed: int) -> ControlLoop:
+        """The loop, armed, with things in a new place, and no fault any more."""
+        self._policy.tell("", math.inf)
+        self._ask(self._relay, "clear", _STARTING)
+        self._ask(self._arm, seed, _STARTING)
+        self._ask(self._relay, "clear")
+        if self._loop is None:
+            # One for all trials: each has a connection of its own to LCM, which hears everything.
+            self._loop = ControlLoop(self._policy, self._bundle.limits, self._setup, "lcm", armed=True)
+            self._loop.begin(self._loop.draw_place(np.random.default_rng(0)))
+        self._loop.listen()
+        return self._loop
+
+    def _known_after(self, kind: FaultKind) -> float:
+        """s, after which a fault can be known at the earliest."""
+        link, spec = self._link, self._bundle.spec
+        return {
+            CONTENT: link.image_period if kind.channel == "image" else 2.0 * link.period,
+            IMAGE_LIMIT: self._bundle.limits.max_image_age,
+            SILENCE: link.timeout,
+            PACE: spec.horizon,
+        }[kind.known] + (STALL if kind.name in ("slow policy", "stopped process") else 0.0)
+
+    @staticmethod
+    def _ask(pipe: Connection, order: Any, patience: float = 10.0) -> Any:
+        pipe.send(order)
+        if not pipe.poll(patience):
+            raise StateError(f"rehearsal: got no answer in {patience:g} s; allowed: arm and relay at work")
+        return pipe.recv()
+
+
+def _is_zero(traffic: Traffic) -> bool:
+    return bool(traffic.last) and not any(traffic.last[:4])

@@ -1,0 +1,153 @@
+"""Gate before a robot: commands of one session, in order and in time, or none.
+
+A controller draws a random session when a person arms it. The gate opens for a session that it has never seen, and
+takes its commands as long as their numbers go up and they have not expired, by the robot's own clock. Whatever else
+comes latches it at rest until a person arms a controller anew.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from drake import lcmt_drake_signal  # type: ignore[import-untyped]  # LCM's types
+from pydrake.common.value import AbstractValue
+from pydrake.lcm import DrakeLcmInterface
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+
+from pinwm_drake.systems.engines.lcm.hearing import LATCHED, LIVE, WAITING
+from pinwm_drake.systems.engines.lcm.messages import Mailbox
+from pinwm_drake.systems.engines.lcm.signal import COMMAND_NAMES
+from pinwm_drake.systems.scenario.schema import LcmLink
+
+SECOND_SESSION, OLDER, EXPIRED, MALFORMED, TOO_FAST = 1, 2, 3, 4, 5  # of DRIVER_FAULTS
+_SIZE = len(COMMAND_NAMES)
+_FASTER = 1.01  # times the largest speed, that rounding and a limiter may make of it
+_SHARE = 1e-6  # of a time-out, by which times may be off
+
+
+@dataclass(frozen=True)
+class Gate:
+    """State of a gate.
+
+    Attributes:
+        mode: WAITING for a session, LIVE in one, or LATCHED by a fault.
+        fault: Number of the fault in DRIVER_FAULTS; 0 where there is none.
+        session: The open session; 0 where there is none.
+        sequence: Number of its last command; -1 before the first.
+        heard: s, when that came.
+        velocity: (3,) m/s, world: v_WP that it asks for; zero unless live.
+        used: All sessions that have been seen.
+    """
+
+    mode: int = WAITING
+    fault: int = 0
+    session: int = 0
+    sequence: int = -1
+    heard: float = -math.inf
+    velocity: tuple[float, ...] = (0.0, 0.0, 0.0)
+    used: frozenset[int] = frozenset()
+
+    def __deepcopy__(self, memo: dict[int, object]) -> "Gate":
+        """Copy that is the object itself, which never changes: Drake copies a state whenever it is set."""
+        return self
+
+
+def closed(gate: Gate, mode: int = WAITING, fault: int = 0) -> Gate:
+    """The gate without a session, at rest."""
+    return replace(gate, mode=mode, fault=fault, session=0, sequence=-1, velocity=(0.0, 0.0, 0.0))
+
+
+def take_command(gate: Gate, values: list[float], now: float, link: LcmLink, max_speed: float) -> Gate:
+    """The gate after a command.
+
+    Args:
+        gate: The gate before.
+        values: Values of the message, as `CommandSender` sends them.
+        now: s, robot's clock.
+        link: Period and time-out.
+        max_speed: m/s, largest speed of a command.
+    """
+    right = len(values) == _SIZE and all(map(math.isfinite, values)) and all(map(float.is_integer, values[3:5]))
+    if not right:
+        return closed(gate, LATCHED, MALFORMED) if gate.mode == LIVE else gate
+    velocity, session, sequence, expiry = tuple(values[:3]), int(values[3]), int(values[4]), values[5]
+    if session == 0:  # disarmed: stopping is safe, whoever asks for it
+        return closed(gate) if gate.mode == LIVE else gate
+    known = session in gate.used
+    gate = replace(gate, used=gate.used | {session})
+    late = expiry < now or expiry > now + link.timeout + link.period
+    if gate.mode != LIVE or session != gate.session:
+        if gate.mode == LIVE:
+            return closed(gate, LATCHED, SECOND_SESSION)
+        if known or late:
+            return gate
+        gate = replace(closed(gate, LIVE), session=session)
+    if sequence <= gate.sequence:
+        return closed(gate, LATCHED, OLDER)
+    if late:
+        return closed(gate, LATCHED, EXPIRED)
+    if math.hypot(*velocity) > _FASTER * max_speed:
+        return closed(gate, LATCHED, TOO_FAST)
+    return replace(gate, sequence=sequence, heard=now, velocity=velocity)
+
+
+def pass_time(gate: Gate, now: float, timeout: float) -> Gate:
+    """The gate at a time [s]: a session that was silent for longer than `timeout` is closed for good."""
+    silent = gate.mode == LIVE and now - gate.heard > timeout * (1.0 + _SHARE)
+    return closed(gate) if silent else gate
+
+
+class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
+    """Gate before an arm's control.
+
+        lcmt_drake_signal ┌─────────────┐─► pusher_velocity_W  (3) [m/s]: zero unless live
+        on the channel ──►│ CommandGate │─► command_time       (1): s, of the last command; -1 before
+        of commands       └─────────────┘─► status             (4): session, sequence, mode, fault
+
+    The state, a `Gate`, is updated every `period` by all messages that have come since; there is no direct feedthrough.
+    """
+
+    def __init__(self, lcm: DrakeLcmInterface, link: LcmLink, max_speed: float) -> None:
+        """Subscribes, and declares state and ports.
+
+        Args:
+            lcm: LCM that the messages come through; somebody has to pump it.
+            link: Channel, period and time-out.
+            max_speed: m/s, largest speed of a command.
+        """
+        super().__init__()
+        self._link, self._max_speed = link, max_speed
+        self._mailbox = Mailbox(link.command_channel, lcmt_drake_signal, lcm)
+        self._gate = self.DeclareAbstractState(AbstractValue.Make(Gate()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(link.period, 0.0, self._Update)
+        held = {self.abstract_state_ticket(self._gate)}
+        self.DeclareVectorOutputPort("pusher_velocity_W", 3, self._CalcVelocity, held)
+        self.DeclareVectorOutputPort("command_time", 1, self._CalcTime, held)
+        self.DeclareVectorOutputPort("status", 4, self._CalcStatus, held)
+
+    def gate(self, context: Context) -> Gate:
+        """State of the gate, by the context of this system or of the outermost diagram around it."""
+        found: Gate = self._get(self.GetMyContextFromRoot(context))
+        return found
+
+    def _get(self, context: Context) -> Gate:
+        found: Gate = context.get_abstract_state(int(self._gate)).get_value()
+        return found
+
+    def _Update(self, context: Context, state: State) -> EventStatus:
+        gate, now = self._get(context), context.get_time()
+        for message in self._mailbox.take():
+            gate = take_command(gate, list(message.val), now, self._link, self._max_speed)
+        gate = pass_time(gate, now, self._link.timeout)
+        state.get_mutable_abstract_state(int(self._gate)).set_value(gate)
+        return EventStatus.Succeeded()
+
+    def _CalcVelocity(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.array(self._get(context).velocity))
+
+    def _CalcTime(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, max(self._get(context).heard, -1.0))
+
+    def _CalcStatus(self, context: Context, output: BasicVector) -> None:
+        gate = self._get(context)
+        output.SetFromVector([gate.session, gate.sequence, gate.mode, gate.fault])
