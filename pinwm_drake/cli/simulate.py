@@ -2,6 +2,7 @@
 
 import logging
 import math
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +10,7 @@ import typer
 from rich.console import Console
 
 from pinwm_drake.cli.console import LOOPBACK, say, stages_bar
+from pinwm_drake.cli.stopping import stop_signals
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder
 
@@ -96,8 +98,14 @@ def simulate(
         for path in (out, video, record):
             if path is not None:
                 say(f"wrote {path}")
-        while meshcat:
-            session.another()
+        if meshcat:
+            with stop_signals() as stop:
+                stop.defer()  # an exception would be lost, now and then, inside of Drake
+                while not stop():
+                    session.another(stop)
+            say("ended")
+            if stop.exit_code != 128 + signal.SIGINT:
+                raise typer.Exit(stop.exit_code)
     except KeyboardInterrupt:
         if not meshcat:
             raise

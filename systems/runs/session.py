@@ -104,11 +104,16 @@ class Session:
         seed = setup.scenario.seed if options.seed is None else options.seed
         self._starts, self._pushes = RandomGenerator(seed), np.random.default_rng([seed, 1])
 
-    def another(self) -> None:
-        """Draws a push and makes it."""
+    def another(self, stop: Callable[[], object] = lambda: False) -> None:
+        """Draws a push and makes it.
+
+        Args:
+            stop: Asked after each step of the script; what is true ends the push there.
+        """
         self._begin()
         for _ in self.episode.advance(self.options.duration):
-            pass
+            if stop():
+                return
 
     def first(self, progress: SessionProgress = lambda stage, done, figures: None) -> Record:
         """Draws a push, makes it, and writes what is wanted of it.
