@@ -193,7 +193,9 @@ class LcmLink:
     move. The sequence counts periods of the station's clock. A command expires `timeout` after the last state that the
     station has heard. The driver's state echoes session and sequence of the last command that it took; its mode is 0
     while it waits for a session, 1 in one, and 2 when a fault, whose number is in `DRIVER_FAULTS`, latched it. See
-    `CommandGate` for what it takes and what latches it, and `Hearing` for clocks.
+    `CommandGate` for what it takes and what latches it, and `Hearing` for clocks. At the end of a run zero of no
+    session is sent, and again two periods later: a driver that listens through Drake's LCM hears the first, not the
+    last, of the messages that came since it looked.
 
     Attributes:
         url: Address of LCM; `MEMORY` within a process, `LOCAL` between processes of this machine.

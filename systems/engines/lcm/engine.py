@@ -1,6 +1,7 @@
 """Robot as an engine: commands out, images and the pusher's state in, all over LCM."""
 
 from dataclasses import dataclass
+from time import sleep
 
 import numpy as np
 from drake import lcmt_drake_signal, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
@@ -22,6 +23,7 @@ from pinwm_drake.systems.engines.lcm.messages import make_subscriber
 from pinwm_drake.systems.engines.lcm.receiver import RobotReceiver
 from pinwm_drake.systems.engines.lcm.signal import COMMAND_NAMES, CommandSender, signal_message
 from pinwm_drake.systems.engines.plant.scene import scene_texts
+from pinwm_drake.systems.scenario.schema import MEMORY
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 
@@ -34,20 +36,30 @@ class LcmHandle:
         lcm: Kept, as the systems that use it do not.
         armed: Whether commands are sent.
         channel: Channel of commands.
+        period: s, between commands.
     """
 
     lcm: DrakeLcmInterface
     armed: bool
     channel: str
+    period: float
 
     def SendStop(self, time: float) -> None:
         """Sends zero of no session, past the diagram, where commands are sent at all.
 
+        Drake's LCM keeps one message of a channel between two looks, and drops those that come after it. The zero comes
+        right after the last command, so that it is sent again two periods later, when a driver has looked.
+
         Args:
             time: s, of the message's stamp.
         """
-        if self.armed:
-            self.lcm.Publish(self.channel, signal_message(COMMAND_NAMES, np.zeros(6), time).encode())
+        if not self.armed:
+            return
+        message = signal_message(COMMAND_NAMES, np.zeros(6), time).encode()
+        self.lcm.Publish(self.channel, message)
+        if self.lcm.get_lcm_url() != MEMORY:
+            sleep(2.0 * self.period)
+            self.lcm.Publish(self.channel, message)
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
         """Refuses to set the object's state: raises ParameterError."""
@@ -111,7 +123,7 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
         rgb_batch=receiver.GetOutputPort("rgb_batch"),
         contact_forces=forces.get_output_port(),
         scene_graph=_add_pusher_geometry(builder, setup, receiver.GetOutputPort("last_state")),
-        handle=LcmHandle(lcm, armed, link.command_channel),
+        handle=LcmHandle(lcm, armed, link.command_channel, link.period),
         rgb_time=receiver.GetOutputPort("rgb_time"),
         pusher_time=receiver.GetOutputPort("pusher_time"),
         fault=receiver.GetOutputPort("fault"),
