@@ -2,9 +2,10 @@
 
 
 def main() -> None:
-    """Runs `pinwm` on the command line and ends the process with its exit code; Ctrl-C while it is loaded, with 130."""
+    """Runs `pinwm` on the command line and ends the process with its exit code; 130 at Ctrl-C before a command begins."""
     try:
         from pinwm_drake.cli.app import main as run
+
+        run()
     except KeyboardInterrupt:
         raise SystemExit(130) from None
-    run()

@@ -53,17 +53,21 @@ def rehearse(
         port=port,
         seed=seed,
     )
-    bad = 0
-    with progress_bar("{task.completed:.0f} trials  {task.fields[figures]}") as bar:
-        task = bar.add_task("rehearsal", total=None, figures="the arm begins")
+    done, bad = 0, 0
+    try:
+        with progress_bar("{task.completed:.0f} trials  {task.fields[figures]}") as bar:
+            task = bar.add_task("rehearsal", total=None, figures="the arm begins")
 
-        def report(number: int, total: int, trial: "Trial") -> None:
-            nonlocal bad
-            bad += not trial.good
-            figures = f"{bad} not as they should be; {trial.kind or 'normal work'}: {trial.state}"
-            bar.update(task, completed=number, total=max(total, number) if total else None, figures=figures)
+            def report(number: int, total: int, trial: "Trial") -> None:
+                nonlocal done, bad
+                done, bad = number, bad + (not trial.good)
+                figures = f"{bad} not as they should be; {trial.kind or 'normal work'}: {trial.state}"
+                bar.update(task, completed=number, total=max(total, number) if total else None, figures=figures)
 
-        trials = run(request, out, resume=resume, report=report)
+            trials = run(request, out, resume=resume, report=report)
+    except KeyboardInterrupt:
+        say(f"interrupted after {done} trials; go on with --resume")
+        raise SystemExit(1) from None
     Console().print(_table(summary(trials)))
     write_rehearsal_report(out / REPORT_FILE, request, trials)
     say(f"wrote {out / REPORT_FILE}")

@@ -4,20 +4,23 @@ A fault of a channel is a function from a message (bytes) to the messages that a
 delay [s]. It is made anew for every trial, so that it may remember what has passed.
 """
 
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from drake import lcmt_drake_signal, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
+from drake import lcmt_drake_signal, lcmt_image, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
+
+from pinwm_drake.systems.arm.messages import image_message
+from pinwm_drake.systems.engines.lcm.receiver import pixels_of
 
 Channel = Literal["image", "state", "command", "policy", "process"]
 Passed = list[tuple[float, bytes]]
 Disturb = Callable[[bytes], Passed]
 
 IMAGE_LIMIT, SILENCE, CONTENT, PACE = "image age", "silence", "next message", "action"
-_LATE, _QUEUE, _STALL = 0.5, 5.0, 0.5  # s
+STALL = 0.5  # s, of a policy or process that stands still
+_LATE, _QUEUE = 0.5, 5.0  # s
 _MODE, _FAULT, _SESSION, _SEQUENCE, _EXPIRY = 8, 9, 3, 4, 5  # places in a state and in a command
 
 
@@ -42,20 +45,14 @@ class FaultKind:
     make: Callable[[list[bytes]], Disturb] | None = None
 
 
-def _pixels(message: bytes) -> tuple[lcmt_image_array, np.ndarray]:
-    """An image message, and its pixels (height, width, 4) uint8."""
+def _pixels(message: bytes) -> tuple[float, np.ndarray]:
+    """Stamp [s] of an image message, and its pixels (height, width, 4) uint8."""
     array = lcmt_image_array.decode(message)
-    image = array.images[0]
-    return array, np.frombuffer(zlib.decompress(image.data), np.uint8).reshape(image.height, image.width, 4).copy()
+    return 1e-6 * array.header.utime, pixels_of(array.images[0])
 
 
-def _packed(array: lcmt_image_array, pixels: np.ndarray) -> bytes:
-    """An image message with other pixels."""
-    image = array.images[0]
-    image.data = zlib.compress(np.ascontiguousarray(pixels).tobytes())
-    image.size, image.height, image.width = len(image.data), *pixels.shape[:2]
-    image.row_stride = image.width * pixels.shape[2] * pixels.itemsize
-    encoded: bytes = array.encode()
+def _encoded(message: lcmt_image_array | lcmt_drake_signal) -> bytes:
+    encoded: bytes = message.encode()
     return encoded
 
 
@@ -63,8 +60,8 @@ def _drawn(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[list[bytes]]
     """Fault that changes the pixels of every image."""
 
     def disturb(message: bytes) -> Passed:
-        array, pixels = _pixels(message)
-        return [(0.0, _packed(array, change(pixels)))]
+        stamp, pixels = _pixels(message)
+        return [(0.0, _encoded(image_message(change(pixels), stamp)))]
 
     return lambda past: disturb
 
@@ -105,7 +102,7 @@ def _frozen(past: list[bytes]) -> Disturb:
     pixels = _pixels(past[-1])[1]
 
     def disturb(message: bytes) -> Passed:
-        return [(0.0, _packed(lcmt_image_array.decode(message), pixels))]
+        return [(0.0, _encoded(image_message(pixels, _pixels(message)[0])))]
 
     return disturb
 
@@ -120,9 +117,13 @@ def _grey(past: list[bytes]) -> Disturb:
     """Images of one channel, as another camera's driver sends them."""
 
     def disturb(message: bytes) -> Passed:
-        array, pixels = _pixels(message)
-        array.images[0].pixel_format = 0  # PIXEL_FORMAT_GRAY
-        return [(0.0, _packed(array, pixels[..., :1]))]
+        array = lcmt_image_array.decode(message)
+        image = array.images[0]
+        grey = pixels_of(image)[..., :1].tobytes()
+        image.pixel_format, image.row_stride = lcmt_image.PIXEL_FORMAT_GRAY, image.width
+        image.data, image.size = grey, len(grey)
+        image.compression_method = lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED
+        return [(0.0, _encoded(array))]
 
     return disturb
 
@@ -135,7 +136,7 @@ def _torn(past: list[bytes]) -> Disturb:
         image = array.images[0]
         image.data = image.data[: len(image.data) // 2]
         image.size = len(image.data)
-        return [(0.0, array.encode())]
+        return [(0.0, _encoded(array))]
 
     return disturb
 
@@ -146,7 +147,7 @@ def _stamped(offset: float) -> Callable[[list[bytes]], Disturb]:
     def disturb(message: bytes) -> Passed:
         array = lcmt_image_array.decode(message)
         array.header.utime += round(1e6 * offset)
-        return [(0.0, array.encode())]
+        return [(0.0, _encoded(array))]
 
     return lambda past: disturb
 
@@ -167,7 +168,7 @@ def _signal(change: Callable[[lcmt_drake_signal], None]) -> Callable[[list[bytes
         change(signal)
         signal.dim = len(signal.val)
         signal.coord = (list(signal.coord) + [""] * len(signal.val))[: len(signal.val)]
-        return [(0.0, signal.encode())]
+        return [(0.0, _encoded(signal))]
 
     return lambda past: disturb
 
@@ -200,7 +201,7 @@ def _foreign(past: list[bytes]) -> Disturb:
     def disturb(message: bytes) -> Passed:
         signal = lcmt_drake_signal.decode(message)
         signal.val = [-signal.val[0], -signal.val[1], signal.val[2], other, *signal.val[_SEQUENCE:]]
-        return [(0.0, message), (0.0025, signal.encode())]
+        return [(0.0, message), (0.0025, _encoded(signal))]
 
     return disturb
 
@@ -247,10 +248,9 @@ KINDS: tuple[FaultKind, ...] = (
     FaultKind("NaN in commands", "a velocity is no number", "command", CONTENT, _signal(_set((0, _ALL)))),
     FaultKind("policy fails", "the policy raises an exception", "policy", PACE),
     FaultKind("policy of NaN", "the policy answers no number", "policy", PACE),
-    FaultKind("slow policy", f"the policy takes {_STALL:g} s", "policy", PACE),
-    FaultKind("stopped process", f"the controller's process stands still for {_STALL:g} s", "process", SILENCE),
+    FaultKind("slow policy", f"the policy takes {STALL:g} s", "policy", PACE),
+    FaultKind("stopped process", f"the controller's process stands still for {STALL:g} s", "process", SILENCE),
 )
-STALL = _STALL
 
 
 def kind_of(name: str) -> FaultKind:

@@ -54,7 +54,7 @@ def run_arm(pipe: Connection, setup: Setup, latency: float) -> None:
     from pinwm_drake.systems.arm.driver import MakeArmDriver
     from pinwm_drake.systems.engines.lcm.link import make_lcm
 
-    _default_signals()
+    _ignore_ctrl_c()
     driver = MakeArmDriver(setup, make_lcm(setup.scenario.lcm), contact="point", time_step=_TIME_STEP, latency=latency)
     simulator = Simulator(driver)
     context = simulator.get_mutable_context()
@@ -72,6 +72,8 @@ def run_arm(pipe: Connection, setup: Setup, latency: float) -> None:
             if seed is not None:
                 driver.SetPlace(context, driver.draw_place(np.random.default_rng(seed)))
                 simulator.Initialize()
+                while context.get_time() < time.monotonic() - began:  # that took a while
+                    simulator.AdvanceTo(context.get_time() + _TIME_STEP)
             state = driver.GetOutputPort("object_state").Eval(context)
             tool = driver.GetOutputPort("pusher_state").Eval(context)
             pipe.send((np.array(state), float(np.linalg.norm(tool[3:5]))))
@@ -174,11 +176,12 @@ def run_relay(pipe: Connection, link: LcmLink, controller: int) -> None:
     """Runs a relay until its pipe closes.
 
     Args:
-        pipe: Pipe to the rehearsal: ("begin", name, seconds from now), "clear" or "tell" in; `Traffic` out after each.
+        pipe: Pipe to the rehearsal: ("begin", name, seconds from now), "end" of what has not begun, "clear" or "tell"
+            in; `Traffic` out after each.
         link: Link to the controller.
         controller: Number of the controller's process.
     """
-    _default_signals()
+    _ignore_ctrl_c()
     relay, due = Relay(link, controller), ("", float("inf"))
     with contextlib.suppress(EOFError, OSError):
         while True:
@@ -189,16 +192,15 @@ def run_relay(pipe: Connection, link: LcmLink, controller: int) -> None:
             if not pipe.poll():
                 continue
             order = pipe.recv()
-            if order == "clear":
-                relay.clear()
+            if order in ("clear", "end"):
                 due = ("", float("inf"))
+                if order == "clear":
+                    relay.clear()
             elif order != "tell":
                 due = (order[1], time.monotonic() + order[2])
             pipe.send(relay.traffic)
 
 
-def _default_signals() -> None:
+def _ignore_ctrl_c() -> None:
     """Leaves Ctrl-C to the process that started this one, which closes the pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.suppress(OSError):
-        os.nice(0)

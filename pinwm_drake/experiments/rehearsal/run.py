@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from pinwm_drake.control.pilot import ControlStatus
 from pinwm_drake.errors import InputError, StateError, require
 from pinwm_drake.experiments.rehearsal.faults import (
     CONTENT,
@@ -40,6 +41,8 @@ _PERIOD = 0.01  # s, of the link: with 5 ms two cores are not always enough for 
 _EARLIEST, _LATEST = 0.3, 1.5  # s after it was armed, of a fault
 _AFTER = 0.4  # s after the controller stopped, for the robot to come to rest
 _LONGEST = 3.0  # s after a fault, until a trial is given up
+_AMOUNTS = ("moments", "minutes", "episodes", "port")  # of a request, which may be others when it goes on
+_ATTEMPTS, _SEEDS = 10, 1_000_000  # of a start at which the task is not done at once, and seeds between two attempts
 _STARTING = 120.0  # s, for the arm to begin
 
 
@@ -92,7 +95,7 @@ class Trial:
     Attributes:
         kind: Name of the fault; empty for normal work.
         seed: Seed of the start.
-        after: s, from arming to the fault; NaN for normal work, and where the controller stopped before it.
+        after: s, from arming to the fault; None for normal work, and where the controller stopped before it.
         state: State of the controller at the end: "latched", "done" or "running".
         reason: Reason for it.
         to_zero: s, from the fault to the last command that moves the robot; 0 where none came after it.
@@ -101,11 +104,12 @@ class Trial:
         at_rest: Flag: the robot was at rest at the end.
         success: Flag: the object was at the goal at the end, by the simulation; of normal work.
         actions: Number of actions.
+        duration: s, from arming to the end.
     """
 
     kind: str
     seed: int
-    after: float
+    after: float | None
     state: str
     reason: str
     to_zero: float
@@ -114,15 +118,15 @@ class Trial:
     at_rest: bool
     success: bool
     actions: int
+    duration: float
 
     @property
     def good(self) -> bool:
         """Flag: the fault latched in time, zero on the wire and robot at rest; or the episode ended by itself."""
         if not self.kind:
             return self.state != "latched"
-        if math.isnan(self.after):
-            return False
-        return self.state == "latched" and self.to_zero <= self.allowed and self.zero and self.at_rest
+        stopped = self.after is not None and self.state == "latched"
+        return stopped and self.to_zero <= self.allowed and self.zero and self.at_rest
 
 
 class Disturbed:
@@ -182,18 +186,14 @@ def rehearse(
         StateError: The arm does not begin, or sends nothing.
     """
     out = prepare_folder(out)
-    path, trials = out / TRIALS_FILE, list[Trial]()
-    if path.exists():
-        if not resume:
-            raise InputError(out, value="trials of a rehearsal", allowed="a new folder, or --resume to go on")
-        trials = [Trial(**json.loads(line)) for line in path.read_text().splitlines()]
     bundle = read_bundle(request.bundle)
+    trials = _begun(out, request, bundle.sha256, resume)
     kinds = [kind for kind in KINDS if not request.kinds or kind.name in request.kinds]
-    with _parties(request, bundle) as parties, path.open("a") as file:
+    with _parties(request, bundle) as parties, (out / TRIALS_FILE).open("a") as file:
 
         def keep(trial: Trial, total: int) -> None:
             trials.append(trial)
-            file.write(json.dumps(asdict(trial)) + "\n")
+            file.write(json.dumps(asdict(trial), allow_nan=False) + "\n")
             file.flush()
             report(len(trials), total, trial)
 
@@ -203,17 +203,65 @@ def rehearse(
             seed = request.seed + moment
             if not any(one.kind == kinds[kind].name and one.seed == seed for one in trials):
                 keep(parties.fault(kinds[kind], seed), faults)
-        began, normal = time.monotonic(), [one for one in trials if not one.kind]
-        spent = 0.1 * sum(one.actions for one in normal)
-        number = len(normal)
-        while number < request.episodes or spent + time.monotonic() - began < 60.0 * request.minutes:
+        normal = [one for one in trials if not one.kind]
+        number, spent = len(normal), sum(one.duration for one in normal)
+        while number < request.episodes or spent < 60.0 * request.minutes:
             keep(parties.episode(request.seed + number), faults + request.episodes)
-            number += 1
-    about = {"request": asdict(request), "bundle": bundle.sha256, "time": timestamp(), "versions": versions()}
-    results = {**about, "cores": os.cpu_count(), "summary": summary(trials)}
-    with replacing(out / RESULTS_FILE) as temporary:
-        temporary.write_text(json.dumps(results, indent=1) + "\n")
+            number, spent = number + 1, spent + trials[-1].duration
+    _write_results(out, request, bundle.sha256, trials)
     return trials
+
+
+def _begun(out: Path, request: RehearseRequest, sha256: str, resume: bool) -> list[Trial]:
+    """Trials of a rehearsal that is to go on, or none, and the request written down.
+
+    Raises:
+        InputError: There are trials and `resume` is not set, or they are of another request or bundle.
+    """
+    path = out / TRIALS_FILE
+    if not path.exists():
+        _write_results(out, request, sha256, [])
+        path.touch()
+        return []
+    if not resume:
+        raise InputError(out, value="trials of a rehearsal", allowed="a new folder, or --resume to go on")
+    before = json.loads((out / RESULTS_FILE).read_text())
+    now = {**asdict(request), "kinds": list(request.kinds), "bundle": sha256}
+    for name, value in {**before["request"], "bundle": before["bundle"]}.items():
+        if name not in _AMOUNTS and now[name] != value:
+            allowed = f"{value}, as it was begun with; or a new folder"
+            raise InputError(out / RESULTS_FILE, value=f"{name} {now[name]}", allowed=allowed)
+    return _read_trials(path)
+
+
+def _read_trials(path: Path) -> list[Trial]:
+    """Trials of a file; a last line that was cut off by a kill is dropped from it."""
+    text = path.read_text()
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        with replacing(path) as temporary:
+            temporary.write_text(whole)
+    trials = []
+    for row, line in enumerate(whole.splitlines(), start=1):
+        try:
+            trials.append(Trial(**json.loads(line)))
+        except (TypeError, ValueError) as error:
+            raise InputError(path, row=row, value=line, allowed="a trial as `pinwm rehearse` writes it") from error
+    return trials
+
+
+def _write_results(out: Path, request: RehearseRequest, sha256: str, trials: list[Trial]) -> None:
+    """Writes request, provenance and figures."""
+    results = {
+        "request": asdict(request),
+        "bundle": sha256,
+        "time": timestamp(),
+        "versions": versions(),
+        "cores": os.cpu_count(),
+        "summary": summary(trials),
+    }
+    with replacing(out / RESULTS_FILE) as temporary:
+        temporary.write_text(json.dumps(results, indent=1, allow_nan=False) + "\n")
 
 
 def summary(trials: list[Trial]) -> dict[str, Any]:
@@ -225,7 +273,7 @@ def summary(trials: list[Trial]) -> dict[str, Any]:
         found["faults"][kind] = {
             "trials": len(some),
             "good": sum(one.good for one in some),
-            "stopped_before": sum(math.isnan(one.after) for one in some),
+            "stopped_before": sum(one.after is None for one in some),
             "median_to_zero": float(np.median(times)),
             "longest_to_zero": max(times),
             "allowed": max(one.allowed for one in some),
@@ -237,7 +285,7 @@ def summary(trials: list[Trial]) -> dict[str, Any]:
             "episodes": len(normal),
             "false_stops": sum(one.state == "latched" for one in normal),
             "successes": sum(one.success for one in normal),
-            "minutes_of_actions": 0.1 * sum(one.actions for one in normal) / 60.0,
+            "minutes": sum(one.duration for one in normal) / 60.0,
             "reasons": sorted({one.reason.split(":")[0] for one in normal}),
         }
     return found
@@ -261,7 +309,7 @@ def _parties(request: RehearseRequest, bundle: Bundle) -> Iterator["_Parties"]:
     arm_end.close()
     relay_end.close()
     try:
-        yield _Parties(request, bundle, with_link(setup, link), link, arm, relay)
+        yield _Parties(bundle, with_link(setup, link), link, arm, relay)
     finally:
         arm.close()
         relay.close()
@@ -273,43 +321,36 @@ def _parties(request: RehearseRequest, bundle: Bundle) -> Iterator["_Parties"]:
 class _Parties:
     """A controller in this process, and pipes to the arm and the relay."""
 
-    def __init__(
-        self,
-        request: RehearseRequest,
-        bundle: Bundle,
-        setup: Setup,
-        link: LcmLink,
-        arm: Connection,
-        relay: Connection,
-    ) -> None:
-        self._request, self._bundle, self._setup, self._link = request, bundle, setup, link
+    def __init__(self, bundle: Bundle, setup: Setup, link: LcmLink, arm: Connection, relay: Connection) -> None:
+        self._bundle, self._setup, self._link = bundle, setup, link
         self._arm, self._relay = arm, relay
         self._policy = Disturbed(bundle)
         self._loop: ControlLoop | None = None
 
     def fault(self, kind: FaultKind, seed: int) -> Trial:
-        """Trial of a fault at a random moment."""
+        """Trial of a fault at a random moment; with another start where the task was done before it."""
+        for attempt in range(_ATTEMPTS):
+            trial = self._fault(kind, seed, seed + _SEEDS * attempt)
+            if trial.after is not None or trial.state != "done":
+                break
+        return trial
+
+    def _fault(self, kind: FaultKind, seed: int, start: int) -> Trial:
+        """Trial of a fault, its moment by one seed, and start by another."""
         generator = np.random.default_rng([seed, KINDS.index(kind)])
         after = float(generator.uniform(_EARLIEST, _LATEST))
-        loop, policy = self._armed(seed), self._policy
+        loop, policy = self._armed(start), self._policy
         if kind.channel == "policy":
             policy.tell(kind.name, time.monotonic() + after)
         else:
             self._ask(self._relay, ("begin", kind.name, after))
-        try:
-            for row in loop.advance(after + _LONGEST):
-                status = row.status
-        finally:
-            stopped = time.monotonic()
-            loop.stop()
-        time.sleep(_AFTER)
-        traffic = self._ask(self._relay, "tell")
+        status, duration, traffic = self._run(loop, after + _LONGEST)
         begun = policy.begun if kind.channel == "policy" else traffic.begun
         late = traffic.moved - begun
         return Trial(
             kind=kind.name,
             seed=seed,
-            after=after if begun <= stopped else math.nan,
+            after=None if math.isnan(begun) else after,
             state=status.state,
             reason=status.reason,
             to_zero=max(late, 0.0) if math.isfinite(late) else 0.0,
@@ -318,33 +359,45 @@ class _Parties:
             at_rest=math.isfinite(traffic.rest),
             success=False,
             actions=status.actions,
+            duration=duration,
         )
 
     def episode(self, seed: int) -> Trial:
         """Episode of normal work, until the controller ends it."""
-        loop = self._armed(seed)
-        try:
-            for row in loop.advance(2.0 * self._bundle.spec.max_steps * self._bundle.spec.horizon):
-                status = row.status
-        finally:
-            loop.stop()
-        time.sleep(_AFTER)
-        traffic, (state, _) = self._ask(self._relay, "tell"), self._ask(self._arm, None)
+        loop, spec = self._armed(seed), self._bundle.spec
+        status, duration, traffic = self._run(loop, 2.0 * spec.max_steps * spec.horizon)
+        state, _ = self._ask(self._arm, None)
         tool = np.array(traffic.robot[:3]) if traffic.robot else np.full(3, np.nan)
-        success = bool(self._bundle.spec.task.measure(state[None], tool[None]).success[0])
         return Trial(
             kind="",
             seed=seed,
-            after=math.nan,
+            after=None,
             state=status.state,
             reason=status.reason,
             to_zero=0.0,
             allowed=0.0,
             zero=_is_zero(traffic),
             at_rest=math.isfinite(traffic.rest),
-            success=success,
+            success=bool(spec.task.measure(state[None], tool[None]).success[0]),
             actions=status.actions,
+            duration=duration,
         )
+
+    def _run(self, loop: ControlLoop, longest: float) -> tuple[ControlStatus, float, Traffic]:
+        """Last status of a run of at most `longest` [s], its duration [s], and the traffic until the robot is at rest.
+
+        A fault that comes after the controller's end is none: it is not begun.
+        """
+        began = time.monotonic()
+        try:
+            for row in loop.advance(longest):
+                status = row.status
+        finally:
+            loop.stop()
+        ended = time.monotonic()
+        self._ask(self._relay, "end")
+        time.sleep(_AFTER)
+        return status, ended - began, self._ask(self._relay, "tell")
 
     def _armed(self, seed: int) -> ControlLoop:
         """The loop, armed, with things in a new place, and no fault any more."""
