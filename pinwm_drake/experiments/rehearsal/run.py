@@ -1,12 +1,13 @@
 """Rehearsal of a bundle with a simulated arm over LCM, in real time: episodes of normal work, and faults."""
 
+import functools
 import json
 import math
 import multiprocessing
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -189,7 +190,8 @@ def rehearse(
     bundle = read_bundle(request.bundle)
     trials = _begun(out, request, bundle.sha256, resume)
     kinds = [kind for kind in KINDS if not request.kinds or kind.name in request.kinds]
-    with _parties(request, bundle) as parties, (out / TRIALS_FILE).open("a") as file:
+    with ExitStack() as stack, (out / TRIALS_FILE).open("a") as file:
+        parties = functools.cache(lambda: stack.enter_context(_parties(request, bundle)))
 
         def keep(trial: Trial, total: int) -> None:
             trials.append(trial)
@@ -202,11 +204,11 @@ def rehearse(
             moment, kind = divmod(number, len(kinds))
             seed = request.seed + moment
             if not any(one.kind == kinds[kind].name and one.seed == seed for one in trials):
-                keep(parties.fault(kinds[kind], seed), faults)
+                keep(parties().fault(kinds[kind], seed), faults)
         normal = [one for one in trials if not one.kind]
         number, spent = len(normal), sum(one.duration for one in normal)
         while number < request.episodes or spent < 60.0 * request.minutes:
-            keep(parties.episode(request.seed + number), faults + request.episodes)
+            keep(parties().episode(request.seed + number), faults + request.episodes)
             number, spent = number + 1, spent + trials[-1].duration
     _write_results(out, request, bundle.sha256, trials)
     return trials
