@@ -2,7 +2,7 @@
 
 
 def main() -> None:
-    """Runs `pinwm` on the command line and ends the process with its exit code; 130 at Ctrl-C before a command begins."""
+    """Runs `pinwm` on the command line and ends the process with its exit code; 130 at Ctrl-C before a command."""
     try:
         from pinwm_drake.cli.app import main as run
 
