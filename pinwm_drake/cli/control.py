@@ -62,92 +62,58 @@ def control(
     Ctrl-C stops it, as do SIGTERM and a closed terminal: the robot is disarmed and sent zero, once.
     """
     with stop_signals() as stop:
-        _control(
-            stop,
-            bundle=bundle,
-            scene=scene,
-            engine=engine,
-            arm=arm,
+        import numpy as np
+
+        from pinwm_drake.learning.bundle import read_bundle
+        from pinwm_drake.systems.control.loop import ControlLoop
+        from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+        from pinwm_drake.systems.envs.policy_scene import check_object
+        from pinwm_drake.systems.scenario.load import load_setup, with_url
+        from pinwm_drake.systems.scenario.schema import MEMORY
+        from pinwm_drake.systems.sdf.twin import contact_name
+        from pinwm_drake.systems.station.station import STATION_ENGINES
+        from pinwm_drake.systems.view.meshcat import make_meshcat
+
+        engine = "lcm" if simulate_arm else engine
+        robot = engine == "lcm" and not simulate_arm
+        require("--engine", engine, engine in STATION_ENGINES, ", ".join(STATION_ENGINES))
+        require("--duration", duration, 0.1 <= duration <= 600, "0.1 to 600 s")
+        require_common(contact, seed)
+        require("--lcm-url", lcm_url, lcm_url is None or robot, "none, but for a robot behind lcm")
+        require("--meshcat", meshcat, not (meshcat and robot), "none for a robot, which can be looked at")
+        console = Console()
+        logging.getLogger("drake").setLevel(logging.WARNING)
+        found = read_bundle(bundle)
+        setup = environment_setup(load_setup(scene), EnvOptions(image_size=found.spec.camera.width))
+        if engine == "lcm":
+            setup = with_url(setup, MEMORY if simulate_arm else lcm_url)
+        try:
+            check_object(found.spec, setup)
+        except ParameterError:
+            if not force:
+                raise
+        page = make_meshcat(port=port) if meshcat else None
+        loop = ControlLoop(
+            found,
+            found.limits,
+            setup,
+            engine,
+            armed=arm,
             simulate_arm=simulate_arm,
-            contact=contact,
-            force=force,
-            duration=duration,
-            seed=seed,
-            lcm_url=lcm_url,
-            meshcat=meshcat,
-            port=port,
+            contact=contact_name(contact),
+            meshcat=page,
         )
-
-
-def _control(
-    stop: Stop,
-    *,
-    bundle: str,
-    scene: str,
-    engine: str,
-    arm: bool,
-    simulate_arm: bool,
-    contact: str,
-    force: bool,
-    duration: float,
-    seed: int,
-    lcm_url: str | None,
-    meshcat: bool,
-    port: int | None,
-) -> None:
-    """Controls a station until it ends by itself or is stopped; arguments as for `control`."""
-    import numpy as np
-
-    from pinwm_drake.learning.bundle import read_bundle
-    from pinwm_drake.systems.control.loop import ControlLoop
-    from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
-    from pinwm_drake.systems.envs.policy_scene import check_object
-    from pinwm_drake.systems.scenario.load import load_setup, with_url
-    from pinwm_drake.systems.scenario.schema import MEMORY
-    from pinwm_drake.systems.sdf.twin import contact_name
-    from pinwm_drake.systems.station.station import STATION_ENGINES
-    from pinwm_drake.systems.view.meshcat import make_meshcat
-
-    engine = "lcm" if simulate_arm else engine
-    robot = engine == "lcm" and not simulate_arm
-    require("--engine", engine, engine in STATION_ENGINES, ", ".join(STATION_ENGINES))
-    require("--duration", duration, 0.1 <= duration <= 600, "0.1 to 600 s")
-    require_common(contact, seed)
-    require("--lcm-url", lcm_url, lcm_url is None or robot, "none, but for a robot behind lcm")
-    require("--meshcat", meshcat, not (meshcat and robot), "none for a robot, which can be looked at")
-    console = Console()
-    logging.getLogger("drake").setLevel(logging.WARNING)
-    found = read_bundle(bundle)
-    setup = environment_setup(load_setup(scene), EnvOptions(image_size=found.spec.camera.width))
-    if engine == "lcm":
-        setup = with_url(setup, MEMORY if simulate_arm else lcm_url)
-    try:
-        check_object(found.spec, setup)
-    except ParameterError:
-        if not force:
-            raise
-    page = make_meshcat(port=port) if meshcat else None
-    loop = ControlLoop(
-        found,
-        found.limits,
-        setup,
-        engine,
-        armed=arm,
-        simulate_arm=simulate_arm,
-        contact=contact_name(contact),
-        meshcat=page,
-    )
-    place = loop.draw_place(np.random.default_rng(seed))
-    if page is not None:
-        loop.simulator.set_target_realtime_rate(1.0)
-        _await_browser(console, page)
-    loop.begin(place)
-    _announce(console, arm, simulate_arm, engine, setup, found.limits)
-    last = _run(console, loop, duration, stop, page)
-    # What could go wrong now is no danger to a robot.
-    _conclude(console, last, arm, duration, stop)
-    if page is not None and console.is_terminal and not stop():
-        _keep(console, stop)
+        place = loop.draw_place(np.random.default_rng(seed))
+        if page is not None:
+            loop.simulator.set_target_realtime_rate(1.0)
+            _await_browser(console, page)
+        loop.begin(place)
+        _announce(console, arm, simulate_arm, engine, setup, found.limits)
+        last = _run(console, loop, duration, stop, page)
+        # What could go wrong now is no danger to a robot.
+        _conclude(console, last, arm, duration, stop)
+        if page is not None and console.is_terminal and not stop():
+            _keep(console, stop)
 
 
 def require_common(contact: str, seed: int) -> None:

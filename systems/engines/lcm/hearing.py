@@ -65,7 +65,8 @@ class Hearing:
         session: The hearer's own session; 0 while it is not armed.
         since: s, hearer's clock: when that began.
         opened: Flag: the robot has taken commands of that session.
-        fault: Fault of clocks, or of the form of a state, in words; empty where there is none.
+        fault: Fault of clocks, or of the form of a state, in words; empty where there is none. In a session it stays:
+            whoever looks less often than states come is to see it.
     """
 
     stamp: float = math.nan
@@ -108,8 +109,8 @@ def hear_state(
     """
     if stamp == heard.stamp:
         return heard
-    if len(values) == STATE_SIZE and not all(map(math.isfinite, values[6:])):
-        return replace(heard, stamp=stamp, fault=f"robot's state has {values[6:]}; allowed: finite numbers")
+    if len(values) == STATE_SIZE and not all(map(math.isfinite, values)):
+        return replace(heard, stamp=stamp, fault=f"robot's state has {values}; allowed: finite numbers")
     if len(values) != STATE_SIZE:
         return replace(heard, stamp=stamp, fault=f"robot's state has {len(values)} values; allowed: {STATE_SIZE}")
     if stamp < heard.stamp:
@@ -129,7 +130,7 @@ def hear_state(
         offset=offset,
         round_trip=round_trip,
         opened=heard.opened or ours,
-        fault="",
+        fault=heard.fault if heard.session else "",
     )
 
 

@@ -143,3 +143,12 @@ def test_what_a_robot_says_of_the_session(opened, values, after, words):
     assert bool(found) == bool(words)
     # Whoever is not armed has no session to lose.
     assert link_fault(hear_session(known, 0, 1.2), 1.2, TIMEOUT) == ""
+
+
+def test_a_fault_of_one_state_stays_for_the_session_for_whoever_looks_less_often():
+    heard = hear_session(Hearing(), 7, 0.0)
+    good = [0.0] * 6 + [7.0, 1.0, 1.0, 0.0]
+    for k, values in enumerate([good, [math.nan, *good[1:]], good]):
+        heard = hear_state(heard, 1.0 + 0.005 * k, values, 0.005 * k, 0.005 * k, 0.005, 0.1)
+    assert heard.fault.startswith("robot's state has [nan")
+    assert hear_session(heard, 8, 0.1).fault == ""
