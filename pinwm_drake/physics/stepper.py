@@ -5,6 +5,7 @@ from typing import Any, Literal
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from pinwm_drake.errors import ModelError, SolverError, StateError
 from pinwm_drake.physics.kernels import rollout as kernels
@@ -162,32 +163,43 @@ def _raise_failure(model: Model, status: np.ndarray) -> None:
 
 
 class _Rollout(torch.autograd.Function):
-    """Rollout as one node of autograd's graph."""
+    """Rollout as one node of autograd's graph, once differentiable.
+
+    The kernels' arrays are the tensors' own memory, so that all are saved as autograd wants it: a tensor that is changed
+    in place before the backward pass is an error there, and not another gradient.
+    """
 
     @staticmethod
     def forward(ctx: Any, stepper: Stepper, record_every: int, *inputs: Tensor) -> tuple[Tensor, ...]:
-        arrays = tuple(np.ascontiguousarray(tensor.detach().numpy()) for tensor in inputs)
-        arguments = stepper._roll(arrays[:4], arrays[4:9], arrays[9], record_every, any(ctx.needs_input_grad))
-        frames = arguments[4]
-        ctx.arguments = arguments
-        ctx.threads = stepper.num_threads
-        return tuple(torch.from_numpy(array) for array in frames[:5])
+        arrays = tuple(_array(tensor) for tensor in inputs)
+        needed = any(ctx.needs_input_grad)
+        *_, frames, saved = stepper._roll(arrays[:4], arrays[4:9], arrays[9], record_every, needed)
+        outputs = tuple(torch.from_numpy(array) for array in frames[:5])
+        if needed:
+            ctx.save_for_backward(*inputs, *outputs)
+            ctx.stepper, ctx.record_every, ctx.kept = stepper, record_every, saved
+        return outputs
 
     @staticmethod
+    @once_differentiable  # type: ignore[untyped-decorator]
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        arguments = ctx.arguments
-        _, parameters, V_P, _, frames, _ = arguments
-        frame_bars = tuple(np.ascontiguousarray(gradient.detach().numpy()) for gradient in gradients)
+        arrays = tuple(_array(tensor) for tensor in ctx.saved_tensors)
+        parameters, V_P, states = arrays[:4], arrays[9], arrays[10:]
+        frames = (*states, np.zeros(V_P.shape[1], np.int64))
+        arguments = (ctx.stepper.model.arrays, parameters, V_P, ctx.record_every, frames, ctx.kept)
+        frame_bars = tuple(_array(gradient) for gradient in gradients)
         bars = tuple(
             np.zeros(shape)
-            for shape in (
-                *(array.shape for array in parameters),
-                *(array.shape[1:] for array in frames[:5]),
-                V_P.shape,
-            )
+            for shape in (*(array.shape for array in parameters), *(array.shape[1:] for array in states), V_P.shape)
         )
-        share(kernels.rollout_backward, (*arguments, frame_bars, bars), V_P.shape[1], ctx.threads)
+        share(kernels.rollout_backward, (*arguments, frame_bars, bars), V_P.shape[1], ctx.stepper.num_threads)
         if (frames[-1] < 0).any():
             worlds = tuple(np.flatnonzero(frames[-1] < 0).tolist())
             raise SolverError(f"world {worlds[0]}: the adjoint's matrix is singular", worlds=worlds)
         return (None, None, *(torch.from_numpy(bar) for bar in bars))
+
+
+def _array(tensor: Tensor) -> np.ndarray:
+    """A tensor's values, its own memory where that is contiguous."""
+    array: np.ndarray = np.ascontiguousarray(tensor.detach().numpy())
+    return array

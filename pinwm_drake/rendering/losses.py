@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from pinwm_drake.errors import RenderingError
 from pinwm_drake.rendering.camera import Camera
@@ -183,13 +184,15 @@ class _Ssim(torch.autograd.Function):
         grads, squares = np.empty((3, *a.shape), np.float32), np.empty((2, *a.shape), np.float32)
         total = ssim_kernels.compare(a, b, window(), 3, target.mean, target.square, C1, C2, grads, squares)
         ctx.saved = (a, b, grads)
-        ctx.like = image
+        ctx.save_for_backward(image)
         return image.new_tensor(total / a.size)
 
     @staticmethod
+    @once_differentiable  # type: ignore[untyped-decorator]
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
+        (image,) = ctx.saved_tensors
         a, b, grads = ctx.saved
         a_bar = np.empty_like(a)
         scale = np.float32(gradient.item() / a.size)
         ssim_kernels.compare_adjoint(a, b, window(), 3, grads, scale, a_bar)
-        return torch.from_numpy(a_bar).reshape(ctx.like.shape).to(ctx.like), None
+        return torch.from_numpy(a_bar).reshape(image.shape).to(image), None

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from pinwm_drake.errors import RenderingError
 from pinwm_drake.rendering.camera import Camera
@@ -129,16 +130,22 @@ def _bands(starts: np.ndarray, rows: int, num_threads: int) -> tuple[np.ndarray,
 
 
 class _Rasterise(torch.autograd.Function):
+    """Rasterisation as one node of autograd's graph, once differentiable; what is changed in place is an error."""
+
     @staticmethod
     def forward(ctx: Any, full: bool, fixed: tuple, num_threads: int, *inputs: Tensor) -> tuple[Tensor, ...]:
         images, ctx.saved = _forward(full, fixed, num_threads, inputs)
         ctx.full, ctx.threads = full, num_threads
         ctx.likes = [(tensor.shape, tensor.dtype) for tensor in inputs]
         ctx.set_materialize_grads(False)
-        return tuple(torch.from_numpy(image) for image in images)
+        outputs = tuple(torch.from_numpy(image) for image in images)
+        ctx.save_for_backward(*inputs, *outputs)  # their memory is that of the arrays in ctx.saved
+        return outputs
 
     @staticmethod
+    @once_differentiable  # type: ignore[untyped-decorator]
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
+        _ = ctx.saved_tensors  # raises where one was changed in place
         surfels, sh, q_CO, view, arguments = ctx.saved
         splats, boxes, starts, *_, images = arguments
         image_bars = tuple(

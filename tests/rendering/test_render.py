@@ -249,3 +249,13 @@ def test_cameras_scale_and_crop():
     torch.testing.assert_close(half.intrinsics, view.intrinsics / 2)
     wide = Camera.from_field_of_view(30, 20, math.pi / 2)
     torch.testing.assert_close(wide.intrinsics, torch.tensor([10.0, 10.0, 15.0, 10.0]).double())
+
+
+def test_a_change_in_place_between_forward_and_backward_is_an_error():
+    surfels = cloud(degree=0)
+    leaf, _ = leaves(surfels, ahead(0.4))
+    color = render(leaf, camera(), ahead(0.4), num_threads=1).color
+    with torch.no_grad():
+        leaf.p_OS.add_(0.01)
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        color.mean().backward()
