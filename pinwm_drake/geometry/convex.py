@@ -80,8 +80,8 @@ def hollow_mug(
     Raises:
         GeometryError: A length that is not positive, a wall that leaves no inside, or fewer than 3 segments.
     """
-    if segments < 3:
-        raise GeometryError(f"segments of a mug are {segments}; allowed: 3 or more")
+    if not isinstance(segments, int) or segments < 3:
+        raise GeometryError(f"segments of a mug are {segments}; allowed: a whole number of 3 or more")
     bottom = -mug_center(length, diameter, wall)
     angles = 2.0 * np.pi * np.arange(segments + 1) / segments
     outline = np.column_stack([np.cos(angles), np.sin(angles)])

@@ -164,6 +164,8 @@ def _merge_triangles(
             for a, b in ((int(triangles[member][k]), int(triangles[member][(k + 1) % 3])) for k in range(3))
             if owner[triangle_of[(b, a)]] != seed
         }
+        if not rim:
+            raise GeometryError(f"convex_hull of {len(points)} points is flat to {tolerance:g} m; allowed: a solid")
         start = min(rim)
         loop, vertex = [start], rim[start]
         while vertex != start:
@@ -174,12 +176,15 @@ def _merge_triangles(
 
 
 def _positive(what: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0.0):
+    if not (isinstance(value, (int, float, np.floating, np.integer)) and np.isfinite(value) and value > 0.0):
         raise GeometryError(f"{what} is {value}; allowed: a positive length in metres")
 
 
 def _vector(what: str, value: np.ndarray) -> np.ndarray:
-    vector = np.asarray(value, float)
+    try:
+        vector = np.asarray(value, float)
+    except (TypeError, ValueError):
+        vector = np.empty(0)
     if vector.shape != (3,) or not np.all(np.isfinite(vector)):
         raise GeometryError(f"{what} is {value}; allowed: three finite numbers in metres")
     return vector

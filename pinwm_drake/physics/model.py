@@ -15,6 +15,12 @@ from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, ANGULAR_LOCKED, LI
 PUSHER = "pusher"
 FLOOR = "floor"
 
+# What no table-top scene has: it would be an error of units.
+_LONGEST_STEP = 0.1  # s
+_SMALLEST, _LARGEST = 1e-5, 100.0  # m, of a piece
+_MOST_DIRECTIONS = 256
+LIGHTEST, HEAVIEST = 1e-6, 1e4  # kg
+LEAST_GYRATION = 1e-6  # m
 # A joint row's compliance over the contacts': it only settles redundant rows.
 _JOINT_OVER_CONTACT = 1e-3
 
@@ -107,20 +113,25 @@ class Model:
             if names.count(name) > 1 or name in (PUSHER, FLOOR):
                 raise ModelError(f"body name {name!r} is taken; allowed: unique, not {PUSHER!r} or {FLOOR!r}")
         for body in self.bodies:
-            check_mass_properties(body.name, body.mass, np.asarray(body.inertia, float))
-        for name, value, minimum in (
-            ("time_step", self.time_step, 0.0),
-            ("contact_margin", self.contact_margin, 0.0),
-            ("compliance", self.compliance, 0.0),
+            check_mass_properties(body.name, body.mass, body.inertia)
+            _check_pieces(f"pieces of {body.name!r}", body.pieces)
+        if self.pusher is not None:
+            _check_pieces("pieces of the pusher", self.pusher)
+        for name, value, most in (
+            ("time_step", self.time_step, _LONGEST_STEP),
+            ("contact_margin", self.contact_margin, math.inf),
+            ("compliance", self.compliance, math.inf),
         ):
-            if not (math.isfinite(value) and value > minimum):
-                raise ModelError(f"{name} is {value}; allowed: finite and positive")
-        if self.friction_directions < 4 or self.friction_directions % 2:
-            raise ModelError(f"friction_directions is {self.friction_directions}; allowed: even, at least 4")
-        if self.max_contacts < 1:
+            if not (_is_number(value) and 0.0 < value <= most):
+                raise ModelError(f"{name} is {value}; allowed: positive, at most {most:g}")
+        if self.floor_height is not None and not _is_number(self.floor_height):
+            raise ModelError(f"floor_height is {self.floor_height}; allowed: a finite number, m, or None")
+        k = self.friction_directions
+        if not isinstance(k, int) or not 4 <= k <= _MOST_DIRECTIONS or k % 2:
+            raise ModelError(f"friction_directions is {k}; allowed: even, from 4 to {_MOST_DIRECTIONS}")
+        if not isinstance(self.max_contacts, int) or self.max_contacts < 1:
             raise ModelError(f"max_contacts is {self.max_contacts}; allowed: at least 1")
-        if np.shape(self.gravity) != (3,) or not np.all(np.isfinite(self.gravity)):
-            raise ModelError(f"gravity is {self.gravity}; allowed: three finite numbers, m/s^2")
+        check_vector("gravity", self.gravity, "m/s^2")
         for joint in self.joints:
             self._check_joint(joint, names)
 
@@ -132,6 +143,8 @@ class Model:
             raise ModelError(
                 f"joint between {joint.body_A!r} and {joint.body_B!r}; allowed: two different ones of {others}"
             )
+        for name in ("p_A", "p_B", "axis_A", "axis_B"):
+            check_vector(f"{name} of a joint of {joint.body_A!r}", getattr(joint, name), "m")
         for axis in (joint.axis_A, joint.axis_B):
             if not np.linalg.norm(axis) > 0.0:
                 raise ModelError(f"joint axis {tuple(axis)}; allowed: a vector that is not zero")
@@ -197,7 +210,7 @@ class Model:
         weight = np.array([[body.mass * radius[i] ** 2, body.mass] for i, body in enumerate(self.bodies)])
         angles = 2.0 * np.pi * np.arange(self.friction_directions) / self.friction_directions
         compliance = self.compliance / float(masses.mean())
-        rows = [row for joint in self.joints for row in self._joint_rows(joint)]
+        rows = [row for joint in self.joints for row in self.joint_rows(joint)]
         return ModelArrays(
             num_bodies=nb,
             num_kinematic=int(self.pusher is not None),
@@ -222,7 +235,8 @@ class Model:
             table=pack_pieces(all_pieces, [body.floor_points for body in self.bodies]),
         )
 
-    def _joint_rows(self, joint: Joint) -> list[tuple]:
+    def joint_rows(self, joint: Joint) -> list[tuple]:
+        """Rows of a joint: kind, bodies, anchors, direction and rotation of each."""
         bodies = (self._index(joint.body_A), self._index(joint.body_B))
         anchors = (np.asarray(joint.p_A, float), np.asarray(joint.p_B, float))
         axis_A = np.asarray(joint.axis_A, float) / np.linalg.norm(joint.axis_A)
@@ -243,6 +257,31 @@ class Model:
         return rows
 
 
+def _is_number(value: object) -> bool:
+    """Whether a value is a finite number."""
+    return isinstance(value, (int, float, np.floating, np.integer)) and math.isfinite(value)
+
+
+def check_vector(name: str, value: object, unit: str) -> None:
+    """Raises ModelError unless a value is three finite numbers."""
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != (3,) or not np.all(np.isfinite(array)):
+        raise ModelError(f"{name} is {value}; allowed: three finite numbers, {unit}")
+
+
+def _check_pieces(name: str, pieces: Sequence[ConvexPiece]) -> None:
+    """Raises ModelError where there are no pieces, or one that is too small or too large."""
+    if not len(pieces):
+        raise ModelError(f"{name}: got none; allowed: one or more")
+    for number, piece in enumerate(pieces):
+        extent = float(np.ptp(piece.vertices, axis=0).max()) + 2.0 * piece.radius
+        if not _SMALLEST <= extent <= _LARGEST:
+            raise ModelError(f"{name}: number {number} is {extent:g} m large; allowed: {_SMALLEST:g} to {_LARGEST:g} m")
+
+
 def check_mass_properties(name: str, mass: float, inertia: np.ndarray) -> None:
     """Checks that mass and inertia belong to some rigid body.
 
@@ -252,11 +291,12 @@ def check_mass_properties(name: str, mass: float, inertia: np.ndarray) -> None:
         inertia: (3, 3), about the centre of mass, kg m^2.
 
     Raises:
-        ModelError: not finite, mass not positive, inertia not symmetric, not positive definite, or against the
-            triangle inequality of principal moments.
+        ModelError: not finite, mass out of 1e-6 to 1e4 kg, inertia not symmetric, not positive definite, against the
+            triangle inequality of principal moments, or that of less than a micrometre.
     """
-    if not (math.isfinite(mass) and mass > 0.0):
-        raise ModelError(f"mass of {name!r} is {mass} kg; allowed: finite and positive")
+    if not (_is_number(mass) and LIGHTEST <= mass <= HEAVIEST):
+        raise ModelError(f"mass of {name!r} is {mass} kg; allowed: {LIGHTEST:g} to {HEAVIEST:g}")
+    inertia = np.asarray(inertia, float)
     if inertia.shape != (3, 3) or not np.all(np.isfinite(inertia)):
         raise ModelError(f"inertia of {name!r} is {inertia.tolist()}; allowed: a finite 3 x 3 matrix, kg m^2")
     scale = float(np.max(np.abs(inertia)))
@@ -267,4 +307,9 @@ def check_mass_properties(name: str, mass: float, inertia: np.ndarray) -> None:
         raise ModelError(
             f"inertia of {name!r} has principal moments {moments.tolist()} kg m^2; allowed: positive, and no two of "
             "them together less than the third"
+        )
+    if moments[0] < mass * LEAST_GYRATION**2:
+        raise ModelError(
+            f"inertia of {name!r} has a principal moment of {moments[0]:g} kg m^2; allowed: at least that of "
+            f"{mass:g} kg at {LEAST_GYRATION:g} m"
         )

@@ -12,11 +12,12 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.physics.model import FLOOR, PUSHER, Model, check_mass_properties
+from pinwm_drake.physics.model import FLOOR, HEAVIEST, LEAST_GYRATION, LIGHTEST, PUSHER, Model, check_mass_properties
 from pinwm_drake.physics.state import check_tensor
 
 # Bounds within which logarithms and logits stay finite.
 _TINY = 1e-12
+_MOST_FRICTION = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,7 @@ class Parameters:
     Attributes:
         mass: (W, nb), kg.
         inertia: (W, nb, 3, 3), about the centre of mass, body frame, kg m^2.
-        friction: (W, num_pairs), Coulomb coefficient of each pair, in the order of `Model.pair_names`.
+        friction: (W, num_pairs), Coulomb coefficient of each pair, in the order of `Model.pair_names`, up to 100.
         restitution: (W, num_pairs), coefficient of restitution of each pair, in [0, 1].
     """
 
@@ -81,17 +82,18 @@ class Parameters:
         check_tensor("inertia", self.inertia, (W, nb, 3, 3))
         check_tensor("friction", self.friction, (W, len(pairs)))
         check_tensor("restitution", self.restitution, (W, len(pairs)))
-        for name, upper in (("friction", float("inf")), ("restitution", 1.0)):
+        for name, upper in (("friction", _MOST_FRICTION), ("restitution", 1.0)):
             values = getattr(self, name).detach()
             bad = torch.nonzero((values < 0.0) | (values > upper))
             if len(bad):
                 world, pair = (int(i) for i in bad[0])
-                limit = "at least 0" if name == "friction" else "from 0 to 1"
+                limit = f"from 0 to {upper:g}"
                 raise ParameterError(
                     f"{name} of {pairs[pair]!r} in world {world} is {float(values[world, pair])}; allowed: {limit}"
                 )
         moments = torch.linalg.eigvalsh(self.inertia.detach())
-        wrong = (self.mass.detach() <= 0.0) | (moments[..., 0] <= 0.0)
+        mass = self.mass.detach()
+        wrong = (mass < LIGHTEST) | (mass > HEAVIEST) | (moments[..., 0] < mass * LEAST_GYRATION**2)
         wrong |= moments[..., 0] + moments[..., 1] < moments[..., 2] * (1.0 - 1e-9)
         wrong |= (self.inertia.detach() - self.inertia.detach().mT).abs().amax((-2, -1)) > 1e-12 * moments[..., 2]
         if bool(wrong.any()):

@@ -106,7 +106,7 @@ def find_contacts(model: Model, state: State, R: Tensor, V_WP: Tensor) -> Contac
     return Contacts(valid, body_t, torch.from_numpy(pair[:, :C].copy()).to(device), gap, frame, J, J_all[:, :, nb])
 
 
-def _joint_rows(model: Model, state: State, R: Tensor, V_WP: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def joint_rows(model: Model, state: State, R: Tensor, V_WP: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Joint rows: Jacobian J_e (W, nr, 6 nb), bias_e (W, nr) and position error error_e (W, nr)."""
     arrays, nb, W = model.arrays, model.num_bodies, state.num_worlds
     zero = torch.zeros(W, 1, 3, dtype=R.dtype, device=R.device)
@@ -146,6 +146,20 @@ def _joint_rows(model: Model, state: State, R: Tensor, V_WP: Tensor) -> tuple[Te
     return torch.stack(J_e, 1), torch.stack(bias, 1), torch.stack(errors, 1)
 
 
+def joint_error(model: Model, state: State) -> Tensor:
+    """Largest position error of each joint's rows (W, number of joints), m or rad."""
+    W = state.num_worlds
+    _, _, errors = joint_rows(model, state.detach(), _rotations(state.detach()), torch.zeros(W, 6).to(state.p_WP))
+    rows = [len(model.joint_rows(joint)) for joint in model.joints]
+    return torch.stack([part.abs().amax(-1) for part in errors.split(rows, -1)], -1)
+
+
+def _rotations(state: State) -> Tensor:
+    """Rotations (W, nb + 2, 3, 3) of the bodies, the pusher and the world."""
+    eye3 = torch.eye(3).to(state.q_WB).expand(state.num_worlds, 1, 3, 3)
+    return torch.cat([quaternion_to_matrix(state.q_WB), quaternion_to_matrix(state.q_WP)[:, None], eye3], 1)
+
+
 def _gyroscopic_step(I_B: Tensor, w0: Tensor, h: float) -> Tensor:
     """Solves I_B (w - w0) + h w x I_B w = 0 (body frame) by Newton's method; the last step carries the gradient."""
 
@@ -171,8 +185,7 @@ def build_lcp(
     k = model.friction_directions
     arrays = model.arrays
     dtype, device = state.p_WB.dtype, state.p_WB.device
-    eye3 = torch.eye(3, dtype=dtype, device=device).expand(W, 1, 3, 3)
-    R = torch.cat([quaternion_to_matrix(state.q_WB), quaternion_to_matrix(state.q_WP)[:, None], eye3], 1)
+    R = _rotations(state)
     R_WB = R[:, :nb]
     w_body = _gyroscopic_step(parameters.inertia, (R_WB.mT @ state.V_WB[..., :3, None])[..., 0], h)
     gravity = torch.as_tensor(arrays.gravity, dtype=dtype, device=device)
@@ -181,7 +194,7 @@ def build_lcp(
     M = torch.zeros(W, 6 * nb, 6 * nb, dtype=dtype, device=device)
     for b in range(nb):
         M[:, 6 * b : 6 * b + 3, 6 * b : 6 * b + 3] = inertia[:, b]
-        M[:, 6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = parameters.mass[:, b, None, None] * eye3[:, 0]
+        M[:, 6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = parameters.mass[:, b, None, None] * R[:, -1]
     momentum = (M @ free[..., None])[..., 0]
 
     contacts = find_contacts(model, state, R, V_WP)
@@ -219,7 +232,7 @@ def build_lcp(
     index = torch.arange(C, device=device)
     B[:, index, :, index] = block.movedim(1, 0)
 
-    J_e, bias_e, error_e = _joint_rows(model, state, R, V_WP)
+    J_e, bias_e, error_e = joint_rows(model, state, R, V_WP)
     nr = J_e.shape[1]
     eye_e = arrays.joint_compliance * torch.eye(nr, dtype=dtype, device=device).expand(W, nr, nr)
     A = torch.cat([torch.cat([M, -J_e.mT], -1), torch.cat([J_e, eye_e], -1)], -2)

@@ -1,13 +1,17 @@
 """State, which changes in a rollout: poses and velocities of all worlds."""
 
+import math
 from dataclasses import dataclass, fields
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from pinwm_drake.errors import StateError
 from pinwm_drake.physics.model import Model
+
+# What no scene on a table has: an error of units is likelier.
+MOST_SPEED = 1e3  # m/s or rad/s
+_LIMITS = {"p_WB": 1e3, "V_WB": MOST_SPEED, "p_WP": 1e3}  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +43,27 @@ class State:
         q_WP: object = (1.0, 0.0, 0.0, 0.0),
         p_WP: object = (0.0, 0.0, 0.0),
     ) -> "State":
-        """State from values that broadcast to the shapes of the attributes; at rest unless V_WB is given."""
+        """State from values that broadcast to the shapes of the attributes; at rest unless V_WB is given.
+
+        Raises:
+            StateError: a value does not broadcast.
+        """
         nb = model.num_bodies
 
-        def full(value: object, *shape: int) -> Tensor:
-            return torch.as_tensor(value, dtype=torch.float64).expand(num_worlds, *shape).clone()
+        def full(name: str, value: object, *shape: int) -> Tensor:
+            try:
+                return torch.as_tensor(value, dtype=torch.float64).expand(num_worlds, *shape).clone()
+            except (RuntimeError, TypeError, ValueError) as error:
+                got = tuple(value.shape) if isinstance(value, Tensor) else value
+                raise StateError(f"{name} is {got}; allowed: what broadcasts to {(num_worlds, *shape)}") from error
 
-        return State(full(q_WB, nb, 4), full(p_WB, nb, 3), full(V_WB, nb, 6), full(q_WP, 4), full(p_WP, 3))
+        return State(
+            full("q_WB", q_WB, nb, 4),
+            full("p_WB", p_WB, nb, 3),
+            full("V_WB", V_WB, nb, 6),
+            full("q_WP", q_WP, 4),
+            full("p_WP", p_WP, 3),
+        )
 
     @property
     def num_worlds(self) -> int:
@@ -54,15 +72,27 @@ class State:
 
     def check(self, model: Model) -> None:
         """Raises StateError unless shapes, dtype and values fit the model."""
+        if not isinstance(self.p_WP, Tensor) or self.p_WP.ndim != 2 or not len(self.p_WP):
+            got = tuple(self.p_WP.shape) if isinstance(self.p_WP, Tensor) else type(self.p_WP).__name__
+            raise StateError(f"p_WP is {got}; allowed: a tensor of shape (W, 3), W at least 1")
         W, nb = self.num_worlds, model.num_bodies
         shapes = {"q_WB": (W, nb, 4), "p_WB": (W, nb, 3), "V_WB": (W, nb, 6), "q_WP": (W, 4), "p_WP": (W, 3)}
         for name, shape in shapes.items():
-            check_tensor(name, getattr(self, name), shape)
+            check_tensor(name, getattr(self, name), shape, _LIMITS.get(name, math.inf))
         for name in ("q_WB", "q_WP"):
             norm = getattr(self, name).detach().norm(dim=-1)
             error = float((norm - 1.0).abs().max())
             if error > 1e-6:
                 raise StateError(f"{name} has a quaternion with norm off by {error:.3g}; allowed: 1e-6")
+        if model.floor_height is not None:
+            radius = torch.as_tensor(model.arrays.radius[:nb], device=self.p_WB.device)
+            depth = (model.floor_height - self.p_WB.detach()[..., 2]) - radius
+            if float(depth.max()) > 0.0:
+                world, body = (int(i) for i in torch.nonzero(depth > 0.0)[0])
+                raise StateError(
+                    f"p_WB[{world}, {body}] is {float(self.p_WB[world, body, 2])} m high; allowed: not all of it below "
+                    f"the floor, {model.floor_height} m"
+                )
 
     def detach(self) -> "State":
         """State with the same numbers, cut from the graph that autograd keeps."""
@@ -101,21 +131,33 @@ class Trajectory:
         return State(*(getattr(self, item.name)[index] for item in fields(self)))
 
 
-def check_tensor(name: str, value: Tensor, shape: tuple[int, ...]) -> None:
-    """Raises StateError unless `value` is a finite float64 tensor of this shape; names the first bad entry."""
+def check_tensor(name: str, value: Tensor, shape: tuple[int, ...], most: float = math.inf) -> None:
+    """Raises StateError unless `value` is a finite float64 tensor of this shape; names the first bad entry.
+
+    Args:
+        name: for the message.
+        value: to check.
+        shape: allowed.
+        most: largest absolute value that is allowed.
+    """
     if not isinstance(value, Tensor) or tuple(value.shape) != shape:
         got = tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
         raise StateError(f"{name} is {got}; allowed: a tensor of shape {shape}")
     if value.dtype != torch.float64:
         raise StateError(f"{name} is {value.dtype}; allowed: torch.float64 (the physics is double precision)")
+    if not value.numel():
+        return
     entries = value.detach()
     if entries.device.type == "cpu":
         # numpy, because torch would wake its own pool of threads, which then compete with those of the kernels;
         # extrema, because they take no memory and pass on what is not a number.
         array = entries.numpy()
-        finite = bool(np.isfinite(array.min(initial=0.0)) and np.isfinite(array.max(initial=0.0)))
+        low, high = float(array.min()), float(array.max())
     else:
-        finite = bool(torch.isfinite(entries).all())
-    if not finite:
+        low, high = float(entries.min()), float(entries.max())
+    if not (math.isfinite(low) and math.isfinite(high)):
         index = tuple(int(i) for i in torch.nonzero(~torch.isfinite(entries))[0])
         raise StateError(f"{name}{list(index)} is {float(value[index])}; allowed: finite numbers")
+    if max(-low, high) > most:
+        index = tuple(int(i) for i in torch.nonzero(entries.abs() > most)[0])
+        raise StateError(f"{name}{list(index)} is {float(value[index]):g}; allowed: at most {most:g}")

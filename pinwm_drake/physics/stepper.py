@@ -11,10 +11,12 @@ from pinwm_drake.errors import ModelError, SolverError, StateError
 from pinwm_drake.physics.kernels import rollout as kernels
 from pinwm_drake.physics.model import Model
 from pinwm_drake.physics.parameters import Parameters
-from pinwm_drake.physics.state import State, Trajectory, check_tensor
+from pinwm_drake.physics.state import MOST_SPEED, State, Trajectory, check_tensor
 from pinwm_drake.threads import available, share
 
 Arrays = tuple[np.ndarray, ...]
+
+_JOINT_ERROR = 0.01  # m or rad, of a joint at the start; a step closes it at once
 
 
 class Stepper:
@@ -61,8 +63,10 @@ class Stepper:
             SolverError: a world's LCP found no solution; the message names world and step.
         """
         W = state.num_worlds
-        V = torch.zeros(1, W, 6, dtype=torch.float64, device=state.p_WP.device) if V_WP is None else V_WP[None]
-        return self.rollout(parameters, state, V).frame(1)
+        if V_WP is None:
+            V_WP = torch.zeros(W, 6, dtype=torch.float64, device=state.p_WP.device)
+        check_tensor("V_WP", V_WP, (W, 6))
+        return self.rollout(parameters, state, V_WP[None]).frame(1)
 
     def rollout(self, parameters: Parameters, state: State, V_WP: Tensor, *, record_every: int = 1) -> Trajectory:
         """Rollout over a sequence of steps, differentiable in everything it is given.
@@ -86,11 +90,14 @@ class Stepper:
         state.check(self.model)
         parameters.check(self.model)
         W = state.num_worlds
-        check_tensor("V_WP", V_WP, (int(V_WP.shape[0]), W, 6))
+        T = len(V_WP) if isinstance(V_WP, Tensor) and V_WP.ndim == 3 else 1
+        check_tensor("V_WP", V_WP, (T, W, 6), MOST_SPEED)
         if parameters.num_worlds != W:
             raise StateError(f"parameters of {parameters.num_worlds} worlds for a state of {W}")
-        if record_every < 1 or V_WP.shape[0] % record_every:
+        if not isinstance(record_every, int) or record_every < 1 or V_WP.shape[0] % record_every:
             raise StateError(f"record_every is {record_every}; allowed: a divisor of {V_WP.shape[0]} steps")
+        if self.model.joints:
+            _check_joints(self.model, state)
         if self.backend == "torch":
             from pinwm_drake.physics.reference import rollout_reference
 
@@ -149,6 +156,20 @@ class Stepper:
         return arguments
 
 
+def _check_joints(model: Model, state: State) -> None:
+    """Raises StateError where the two sides of a joint are far apart at the start."""
+    from pinwm_drake.physics.reference import joint_error
+
+    error = joint_error(model, state)
+    if float(error.max()) > _JOINT_ERROR:
+        world, joint = (int(i) for i in torch.nonzero(error > _JOINT_ERROR)[0])
+        one = model.joints[joint]
+        raise StateError(
+            f"joint {joint} ({one.kind}) of {one.body_A!r} in world {world} is {float(error[world, joint]):.3g} m or "
+            f"rad apart; allowed: {_JOINT_ERROR:g}"
+        )
+
+
 def _raise_failure(model: Model, status: np.ndarray) -> None:
     worlds = tuple(np.flatnonzero(status < 0).tolist())
     world = worlds[0]
@@ -165,8 +186,8 @@ def _raise_failure(model: Model, status: np.ndarray) -> None:
 class _Rollout(torch.autograd.Function):
     """Rollout as one node of autograd's graph, once differentiable.
 
-    The kernels' arrays are the tensors' own memory, so that all are saved as autograd wants it: a tensor that is changed
-    in place before the backward pass is an error there, and not another gradient.
+    The kernels' arrays are the tensors' own memory, so that all are saved as autograd wants it: a tensor that is
+    changed in place before the backward pass is an error there, and not another gradient.
     """
 
     @staticmethod
@@ -181,7 +202,7 @@ class _Rollout(torch.autograd.Function):
         return outputs
 
     @staticmethod
-    @once_differentiable  # type: ignore[untyped-decorator]
+    @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         arrays = tuple(_array(tensor) for tensor in ctx.saved_tensors)
         parameters, V_P, states = arrays[:4], arrays[9], arrays[10:]

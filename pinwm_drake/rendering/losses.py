@@ -188,7 +188,7 @@ class _Ssim(torch.autograd.Function):
         return image.new_tensor(total / a.size)
 
     @staticmethod
-    @once_differentiable  # type: ignore[untyped-decorator]
+    @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
         (image,) = ctx.saved_tensors
         a, b, grads = ctx.saved

@@ -68,6 +68,9 @@ def _inputs(inputs: tuple[Tensor, ...], intrinsics: np.ndarray) -> tuple[tuple, 
     p, q, log_scale, logit_opacity, sh, _, t = (_array(tensor) for tensor in inputs)
     require_shapes(p, q, log_scale, logit_opacity, sh)
     q_CO = np.ascontiguousarray(inputs[5].detach().numpy(), np.float64)
+    if not (np.isfinite(q_CO).all() and np.isfinite(t).all()):
+        view = int(np.flatnonzero(~(np.isfinite(q_CO).all(-1) & np.isfinite(t).all(-1)))[0])
+        raise RenderingError(f"X_CO of view {view} is {q_CO[view]}, {t[view]}; allowed: finite numbers")
     R = np.empty((len(t), 3, 3), np.float32)
     pose.fill_rotations(q_CO, R)
     return (p, q, log_scale, logit_opacity), sh if sh.ndim == 4 else sh[None], q_CO, (R, t, intrinsics)
@@ -143,7 +146,7 @@ class _Rasterise(torch.autograd.Function):
         return outputs
 
     @staticmethod
-    @once_differentiable  # type: ignore[untyped-decorator]
+    @once_differentiable
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
         _ = ctx.saved_tensors  # raises where one was changed in place
         surfels, sh, q_CO, view, arguments = ctx.saved

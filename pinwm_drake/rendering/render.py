@@ -61,8 +61,9 @@ def render(
         V views.
 
     Raises:
-        RenderingError: shapes that do not fit, a tensor that is not on the CPU for "numba", an unknown backend.
-            Numbers are not looked at here, which would take as long as a small image: `Surfels.check` does.
+        RenderingError: shapes that do not fit, a tensor that is not on the CPU for "numba", an unknown backend, a pose
+            of no finite numbers ("numba"). The surfels' numbers are not looked at here, which would take as long as a
+            small image: `Surfels.check` does.
     """
     if backend not in ("numba", "torch"):
         raise RenderingError(f"backend is {backend!r}; allowed: 'numba' or 'torch'")

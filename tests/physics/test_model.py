@@ -27,6 +27,18 @@ NAN = float("nan")
         ({"bodies": [Body("b", [sphere(0.1)], -1.0, np.eye(3))]}, "mass of 'b' is -1.0 kg"),
         ({"bodies": [Body("b", [sphere(0.1)], 1.0, np.diag([1.0, 1.0, 3.0]))]}, "principal moments"),
         ({"bodies": [Body("b", [sphere(0.1)], 1.0, np.triu(np.ones((3, 3))))]}, "not symmetric"),
+        ({"bodies": [cube()], "time_step": 10.0}, "time_step is 10.0; allowed: positive, at most 0.1"),
+        ({"bodies": [cube()], "floor_height": NAN}, "floor_height is nan"),
+        ({"bodies": [cube()], "friction_directions": 10**6}, "friction_directions is 1000000"),
+        ({"bodies": [cube()], "friction_directions": 6.5}, "friction_directions is 6.5"),
+        ({"bodies": [cube()], "gravity": "down"}, "gravity is down"),
+        ({"bodies": [cube()], "pusher": []}, "pieces of the pusher: got none"),
+        ({"bodies": [Body("b", [], 1.0, np.eye(3))]}, "pieces of 'b': got none"),
+        ({"bodies": [Body("b", [sphere(1e-9)], 1.0, np.eye(3))]}, "number 0 is 2e-09 m large"),
+        ({"bodies": [Body("b", [sphere(0.1)], None, np.eye(3))]}, "mass of 'b' is None"),
+        ({"bodies": [Body("b", [sphere(0.1)], 1e300, np.eye(3))]}, "mass of 'b' is 1e+300".replace("+", r"\+")),
+        ({"bodies": [Body("b", [sphere(0.1)], 1.0, 1e-30 * np.eye(3))]}, "principal moment of 1e-30"),
+        ({"bodies": [cube()], "joints": [Joint("fixed", "cube", p_A=(0.0, NAN, 0.0))]}, "p_A of a joint of 'cube'"),
         ({"bodies": [cube()], "joints": [Joint("ball", "cube")]}, "joint kind 'ball'"),
         ({"bodies": [cube()], "joints": [Joint("fixed", "cube", "other")]}, "'other'"),
         ({"bodies": [cube()], "joints": [Joint("hinge", "cube", axis_A=(0, 0, 0))]}, "axis"),
@@ -79,6 +91,35 @@ def test_every_unconstrained_vector_is_a_physical_body():
     values = nominal(model, num_worlds=50).unconstrained()
     moved = {n: v + 2.0 * torch.randn(v.shape, dtype=v.dtype, generator=generator) for n, v in values.items()}
     Parameters.from_unconstrained(moved).check(model)
+
+
+def test_states_that_no_scene_has_are_refused():
+    model = push_model()
+    for name, value, said in (
+        ("p_WB", (0.0, 0.0, -1.0), r"p_WB\[0, 0\] is -1.0 m high; allowed: not all of it below the floor"),
+        ("p_WB", (0.0, 2e3, 0.0), r"p_WB\[0, 0, 1\] is 2000; allowed: at most 1000"),
+        ("V_WB", (0.0, 0.0, 0.0, 1e6, 0.0, 0.0), r"V_WB\[0, 0, 3\] is 1e\+06; allowed: at most 1000"),
+    ):
+        with pytest.raises(StateError, match=said):
+            State.at_rest(model, **{name: value}).check(model)
+    with pytest.raises(StateError, match=r"p_WB is \(3, 1, 3\); allowed: what broadcasts to \(2, 1, 3\)"):
+        State.at_rest(model, 2, p_WB=torch.zeros(3, 1, 3))
+    with pytest.raises(StateError, match=r"W at least 1"):
+        State.at_rest(model, 0).check(model)
+
+
+@pytest.mark.parametrize("V", [None, torch.tensor(0.0), [[0.0] * 6], torch.zeros(4, 6)], ids=str)
+def test_velocities_of_another_shape_are_refused(V):
+    model = push_model()
+    with pytest.raises(StateError, match=r"V_WP is .*; allowed: a tensor of shape \(1, 1, 6\)"):
+        Stepper(model).rollout(nominal(model), push_start(model), V)
+
+
+def test_a_joint_that_starts_apart_is_refused():
+    model = Model(bodies=[cube()], joints=[Joint("hinge", "cube", p_B=(0.0, 0.0, 0.5))])
+    state = State.at_rest(model, p_WB=(0.0, 0.0, 0.03))
+    with pytest.raises(StateError, match=r"joint 0 \(hinge\) of 'cube' in world 0 is 0.47 m or rad apart"):
+        Stepper(model).step(nominal(model), state)
 
 
 def test_states_are_checked_with_their_entry():

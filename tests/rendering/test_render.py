@@ -259,3 +259,10 @@ def test_a_change_in_place_between_forward_and_backward_is_an_error():
         leaf.p_OS.add_(0.01)
     with pytest.raises(RuntimeError, match="modified by an inplace operation"):
         color.mean().backward()
+
+
+def test_a_pose_that_is_no_number_is_refused():
+    X_CO = ahead(0.4, 0.5)
+    X_CO.p[1, 2] = math.nan
+    with pytest.raises(RenderingError, match="X_CO of view 1"):
+        render(cloud(degree=0), camera(), X_CO)
