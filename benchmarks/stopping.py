@@ -42,27 +42,36 @@ LATE = 1.0  # s, for a command to be heard by this process
 IMAGE_SIZE = 64  # px, of the bundle
 
 
+def command(arguments: list[str]) -> int:
+    """Exit code of `pinwm` with some arguments; 99 where an exception escapes, whose traceback is printed."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    sys.argv = ["pinwm", *arguments]
+    from pinwm_drake.cli import main
+
+    code = 0
+    try:
+        main()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 1
+    except BaseException:
+        import traceback
+
+        traceback.print_exc()
+        code = 99
+    with contextlib.suppress(OSError):
+        sys.stdout.flush()
+    return code
+
+
 def run(arguments: list[str], how: str, after: float) -> tuple[int, str, bool]:
     """Exit code and output of one run that is stopped `after` s, and whether it had not ended before."""
     pid, terminal = pty.fork()
     if pid == 0:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        sys.argv = ["pinwm", *arguments]
-        from pinwm_drake.cli import main
-
-        code = 0
+        code = 128 + signal.SIGINT  # where Ctrl-C comes before anything else
         try:
-            main()
-        except SystemExit as end:
-            code = end.code if isinstance(end.code, int) else 1
-        except BaseException:
-            import traceback
-
-            traceback.print_exc()
-            code = 99
-        with contextlib.suppress(OSError):
-            sys.stdout.flush()
-        os._exit(code)
+            code = command(arguments)
+        finally:
+            os._exit(code)
     output, sent, began = b"", False, time.monotonic()
     while True:
         if not sent and time.monotonic() - began >= after:
