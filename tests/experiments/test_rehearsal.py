@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import socket
 import time
 from dataclasses import asdict, replace
 
@@ -179,6 +180,14 @@ def test_a_rehearsal_goes_on_where_it_was_cut_off(tmp_path):
     path.write_text(first + "\n{}\n" + second + "\n")
     with pytest.raises(InputError, match=r"row 2: got \{\}"):
         go_on()
+
+
+def test_a_port_that_is_taken_is_refused(tmp_path):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        port = other.getsockname()[1]
+        with pytest.raises(ParameterError, match=f"--port: got {port}, which is in use"):
+            rehearse(RehearseRequest("push_t", episodes=1, port=port), tmp_path, report=lambda *_: None)
 
 
 def test_each_kind_has_a_name_of_its_own():

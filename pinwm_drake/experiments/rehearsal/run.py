@@ -5,6 +5,7 @@ import json
 import math
 import multiprocessing
 import os
+import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pinwm_drake.control.pilot import ControlStatus
-from pinwm_drake.errors import InputError, StateError, require
+from pinwm_drake.errors import InputError, ParameterError, StateError, require
 from pinwm_drake.experiments.rehearsal.faults import (
     CONTENT,
     IMAGE_LIMIT,
@@ -295,7 +296,21 @@ def summary(trials: list[Trial]) -> dict[str, Any]:
 
 @contextmanager
 def _parties(request: RehearseRequest, bundle: Bundle) -> Iterator["_Parties"]:
-    """The arm's and the relay's processes, and the controller of this one."""
+    """The arm's and the relay's processes, and the controller of this one.
+
+    Raises:
+        ParameterError: Another rehearsal has the port: each would hear the other's messages.
+    """
+    with socket.socket() as held:
+        try:
+            held.bind(("127.0.0.1", request.port))
+        except OSError as error:
+            raise ParameterError(f"--port: got {request.port}, which is in use; allowed: a free one") from error
+        yield from _begin_parties(request, bundle)
+
+
+def _begin_parties(request: RehearseRequest, bundle: Bundle) -> Iterator["_Parties"]:
+    """The parties, until they are not needed any more."""
     setup = environment_setup(load_setup(request.scene), EnvOptions(image_size=bundle.spec.camera.width))
     link = replace(setup.scenario.lcm, url=f"udpm://239.255.76.67:{request.port}?ttl=0", period=_PERIOD)
     context = multiprocessing.get_context("spawn")
