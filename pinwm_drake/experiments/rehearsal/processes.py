@@ -61,19 +61,24 @@ def run_arm(pipe: Connection, setup: Setup, latency: float) -> None:
     driver.SetPlace(context, driver.draw_place(np.random.default_rng(0)))
     simulator.Initialize()
     began = time.monotonic()
+
+    def advance() -> None:
+        simulator.AdvanceTo(context.get_time() + _TIME_STEP)
+        # Of Drake's own pace the clock would stand still while things are put into place.
+        time.sleep(max(began + context.get_time() - time.monotonic(), 0.0))
+
     with contextlib.suppress(EOFError, OSError):
         while True:
-            simulator.AdvanceTo(context.get_time() + _TIME_STEP)
-            # Of Drake's own pace the clock would stand still while things are put into place.
-            time.sleep(max(began + context.get_time() - time.monotonic(), 0.0))
+            advance()
             if not pipe.poll():
                 continue
             seed = pipe.recv()
             if seed is not None:
                 driver.SetPlace(context, driver.draw_place(np.random.default_rng(seed)))
                 simulator.Initialize()
-                while context.get_time() < time.monotonic() - began:  # that took a while
-                    simulator.AdvanceTo(context.get_time() + _TIME_STEP)
+                shown = time.monotonic() - began + latency + setup.scenario.lcm.image_period
+                while context.get_time() < shown:  # placing took a while, and images of before are still under way
+                    advance()
             state = driver.GetOutputPort("object_state").Eval(context)
             tool = driver.GetOutputPort("pusher_state").Eval(context)
             pipe.send((np.array(state), float(np.linalg.norm(tool[3:5]))))
