@@ -258,7 +258,7 @@ class Model:
 
 
 def _is_number(value: object) -> bool:
-    """Whether a value is a finite number."""
+    """A finite number or not, of Python or numpy."""
     return isinstance(value, (int, float, np.floating, np.integer)) and math.isfinite(value)
 
 
