@@ -87,10 +87,11 @@ def _append_point(table, i, floor_height, rows, count):
 
 @internal_kernel
 def _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, count):
-    """Appends the outermost points along eight directions fixed in the body, and the deepest.
+    """Appends the points that are lowest when the body tilts towards eight directions, and the deepest.
 
-    The directions lie in the coordinate plane of the body that is most nearly horizontal, so that the choice
-    depends on the pose only through which points are within the margin.
+    It tilts by as much as takes it through the margin, so that the points that a step may bring to the floor are among
+    them; of a face that lies flat they are the outermost ones. The directions lie in the coordinate plane of the body
+    that is most nearly horizontal, so that the choice changes little while the body turns.
     """
     start, end = table.bodies[body, 1], table.bodies[body + 1, 1]
     first_axis, second_axis = 0, 1
@@ -99,10 +100,11 @@ def _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, count):
     elif abs(uy) > abs(uz):
         first_axis, second_axis = 0, 2
     first = count
+    tilt = margin / table.body_spheres[body, 3]
     lowest_kept = math.inf
     deepest, depth = -1, math.inf
     for k in range(_DIRECTIONS):
-        outermost, reach = -1, -math.inf
+        outermost, least = -1, math.inf
         for i in range(start, end):
             gap = _gap(table, i, ux, uy, uz, lift)
             if gap >= margin:
@@ -113,8 +115,8 @@ def _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, count):
                 _DIRECTION_COS[k] * table.floor_points[i, first_axis]
                 + _DIRECTION_SIN[k] * table.floor_points[i, second_axis]
             )
-            if along > reach:
-                outermost, reach = i, along
+            if gap - tilt * along < least:
+                outermost, least = i, gap - tilt * along
         known = False
         for row in range(first, count):
             known = known or _is_point(table, outermost, rows, row)

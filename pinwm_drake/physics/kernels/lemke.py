@@ -15,9 +15,6 @@ from pinwm_drake.physics.kernels.small_matrix import lu_factor, lu_solve
 
 # A pivot smaller than this, in scaled variables, is a rounded zero.
 _PIVOT = 1e-11
-# The vector is perturbed by about this, scaled, so that no two ratios tie: the problem is degenerate at every contact
-# that is open or loads some friction directions only.
-_PERTURBATION = 1e-10
 # Pivots for each unknown at the most. A solution takes one or two; each costs as much as there are entries.
 _PIVOTS = 5
 
@@ -95,13 +92,15 @@ def standard_form(system, contacts, work, impulse, speed, rows, matrix, vector):
 
 
 @allocating_kernel
-def lemke(matrix, vector, positive):
+def lemke(matrix, vector, positive, perturbation):
     """Set of positive z in s = matrix z + vector, s z = 0, s, z >= 0, found by complementary pivoting.
 
     Args:
         matrix: (N, N).
         vector: (N,).
         positive: (N,) uint8, receives 1 where z is basic.
+        perturbation: the vector is perturbed by about this, so that no two ratios tie: the problem is degenerate at
+            every contact that is open or loads some friction directions only.
 
     Returns:
         Whether a solution was found.
@@ -117,7 +116,7 @@ def lemke(matrix, vector, positive):
             T[r, N + c] = -matrix[r, c]
         T[r, 2 * N] = -1.0
         # Multiples of the golden ratio, modulo 1, are spread evenly.
-        T[r, 2 * N + 1] = vector[r] + _PERTURBATION * (1.0 + (r * 0.6180339887498949) % 1.0)
+        T[r, 2 * N + 1] = vector[r] + perturbation * (1.0 + (r * 0.6180339887498949) % 1.0)
         if T[r, 2 * N + 1] < T[row, 2 * N + 1]:
             row = r
     positive[:] = 0
@@ -155,7 +154,7 @@ def lemke(matrix, vector, positive):
 
 
 @allocating_kernel
-def solve_by_lemke(system, contacts, work, impulse, speed):
+def solve_by_lemke(system, contacts, work, impulse, speed, perturbation):
     """Leaves the active set that Lemke's method finds in work.active; False if it finds none."""
     k = len(system.cosines)
     N = 0
@@ -171,7 +170,7 @@ def solve_by_lemke(system, contacts, work, impulse, speed):
     matrix, vector, positive = np.zeros((N, N)), np.zeros(N), np.zeros(N, np.uint8)
     if not standard_form(system, contacts, work, impulse, speed, rows, matrix, vector):
         return False
-    if not lemke(matrix, vector, positive):
+    if not lemke(matrix, vector, positive, perturbation):
         return False
     work.active[:] = 0
     for r in range(N):
