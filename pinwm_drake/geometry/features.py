@@ -38,6 +38,7 @@ FEATURE_SIZE = 16
 
 _NEWTON_STEPS = 12
 _TINY = 1.0e-300
+_LEAST_TURN = 1.0e-6
 
 
 @geometry_kernel
@@ -183,7 +184,9 @@ def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
         tx, ty, tz = axis[1] * ez - axis[2] * ey, axis[2] * ex - axis[0] * ez, axis[0] * ey - axis[1] * ex
         cx, cy, cz = ty * d[2] - tz * d[1], tz * d[0] - tx * d[2], tx * d[1] - ty * d[0]
         s = 1.0 / math.sqrt(cx * cx + cy * cy + cz * cz + _TINY)
-        if (cx * ex + cy * ey + cz * ez) * (-1.0 if on_A else 1.0) < 0.0:
+        # Out of the cylinder a normal of its rim points between the radius and the axis.
+        ox, oy, oz = ex + axis[0], ey + axis[1], ez + axis[2]
+        if (cx * ox + cy * oy + cz * oz) * (-1.0 if on_A else 1.0) < 0.0:
             s = -s
         nx, ny, nz = cx * s, cy * s, cz * s
         wx, wy, wz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
@@ -285,7 +288,8 @@ def _radii(kind, outward, ux, uy, uz, r, ex, ey, ez, t1, t2):
             t1[2] * t2[0] - t1[0] * t2[2],
             t1[0] * t2[1] - t1[1] * t2[0],
         )
-        k = r / (outward * (nx * ex + ny * ey + nz * ez) + 1e-12)
+        # A normal along the axis does not turn at all; the bound keeps what cancels within rounding.
+        k = r / max(outward * (nx * ex + ny * ey + nz * ez), _LEAST_TURN)
         ux, uy, uz = uy * ez - uz * ey, uz * ex - ux * ez, ux * ey - uy * ex
         w1, w2 = ux * t1[0] + uy * t1[1] + uz * t1[2], ux * t2[0] + uy * t2[1] + uz * t2[2]
         return k * w1 * w1, k * w1 * w2, k * w2 * w2, 0.0, 0.0

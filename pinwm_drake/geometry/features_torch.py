@@ -93,7 +93,9 @@ def contacts_from_features(
     flat = torch.where(line_A, _perpendicular(difference, uA), difference)
     flat = torch.where(line_B, _perpendicular(difference, uB), flat)
     n = _unit(torch.where(crossing, torch.linalg.cross(along_A, along_B), flat))
-    outward = torch.where(mixed_A, -_dot(n, rim_A), torch.where(mixed_B, _dot(n, rim_B), torch.ones_like(r_A)))
+    # Out of a cylinder a normal of its rim points between the radius and the axis.
+    out_A, out_B = -_dot(n, rim_A + uA), _dot(n, rim_B + uB)
+    outward = torch.where(mixed_A, out_A, torch.where(mixed_B, out_B, torch.ones_like(r_A)))
     n = torch.where(outward < 0.0, -n, n)
     n = torch.where(plane_B, uB, torch.where(plane_A, -uA, n))
     phi = _dot(n, difference) - round_A - round_B

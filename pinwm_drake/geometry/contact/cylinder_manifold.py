@@ -14,10 +14,10 @@ from pinwm_drake.geometry.contact.cylinder_parts import (
     rim_line_gap,
     rim_place,
     write_cap,
+    write_crossing,
     write_rim,
     write_rim_line,
     write_rim_place,
-    write_segment_place,
 )
 from pinwm_drake.geometry.contact.face_clip import (
     ALONG_SIDE,
@@ -163,8 +163,9 @@ def cap_on_face(table, one, two, X_21, kx, ky, kz, face, end, least, column, mar
             px, py, pz = transform(X_21, *xyz(table.vertices, table.edges[index, 0]))
             dx, dy, dz = turn(X_21, *xyz(table.edge_lines, index))
             t = dot(places[k, 0] - px, places[k, 1] - py, places[k, 2] - pz, dx, dy, dz)
-            write_segment_place(table, table.edges[index, 0], table.edges[index, 1], t, rows, count, column)
-            write_cap(table, two, end, rows, count, 8 - column)
+            ex, ey, ez, _ = radial(ux, uy, uz, places[k, 0] - cx, places[k, 1] - cy, places[k, 2] - cz)
+            v, w = table.edges[index, 0], table.edges[index, 1]
+            write_crossing(table, two, end, v, w, t, ex, ey, ez, X_21, rows, count, 8 - column)
         else:
             write_face(table, face, rows, count, column)
             if kind == _LOWEST:
@@ -255,7 +256,11 @@ def segment_on_cap(table, i, i2, two, X_21, kx, ky, kz, end, least, column, marg
         if least <= gap < margin and count < rows.shape[0]:
             if dot(ux, uy, uz, kx, ky, kz) > SAME_NORMAL:
                 nearest = min(nearest, gap)
-            write_segment_place(table, i, i2, t, rows, count, column)
-            write_cap(table, two, end, rows, count, 8 - column)
+            if 0.0 < t < length:
+                ex, ey, ez, _ = radial(ux, uy, uz, px + t * dx - cx, py + t * dy - cy, pz + t * dz - cz)
+                write_crossing(table, two, end, i, i2, t, ex, ey, ez, X_21, rows, count, 8 - column)
+            else:
+                write_vertex(table, i2 if t > 0.0 else i, rows, count, column)
+                write_cap(table, two, end, rows, count, 8 - column)
             count += 1
     return count, nearest

@@ -22,6 +22,8 @@ from pinwm_drake.jit import internal_kernel
 # sign is beyond doubt, where the line does not run along the rim (PARALLEL_SINE), and where the line's point
 # is on the side of the rim within 60 degrees, from where the nearest place is found (see `features`).
 _MIN_SINE, _MIN_COSINE = 1.0e-3, 0.5
+# A line that runs along a rim more nearly than this has no definite place on it.
+CROSSING_SINE = 0.05
 # Points closer than this [m] define no direction to the accuracy of a normal.
 SAME_PLACE = 1.0e-6
 _POINT, _PLANE, _CIRCLE = float(POINT), float(PLANE), float(CIRCLE)
@@ -143,6 +145,28 @@ def write_segment_place(table, v, w, t, rows, count, column):
     t /= norm(dx, dy, dz)
     x, y, z = x + t * dx, y + t * dy, z + t * dz
     write_part(rows, count, column, _POINT, x, y, z, 0.0, 0.0, 0.0, table.vertices[v, 3])
+
+
+@internal_kernel
+def write_crossing(table, piece, end, v, w, t, ex, ey, ez, X_CL, rows, count, column):
+    """Writes the place where a line over a cap crosses its rim.
+
+    Args:
+        table, piece, end, v, w, X_CL, rows, count, column: as for `write_rim_line`.
+        t: Place on the line, m from v.
+        ex, ey, ez: Radial unit vector to that place, frame C.
+    """
+    ux, uy, uz = xyz(table.axes, piece)
+    px, py, pz = transform(X_CL, *xyz(table.vertices, v))
+    dx, dy, dz = transform(X_CL, *xyz(table.vertices, w))
+    dx, dy, dz = dx - px, dy - py, dz - pz
+    tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)
+    if norm(*cross(tx, ty, tz, dx, dy, dz)) > CROSSING_SINE * norm(dx, dy, dz):
+        write_rim(table, piece, end, rows, count, column)
+        write_line(table, v, w, t, 1.0, rows, count, 8 - column)
+    else:
+        write_cap(table, piece, end, rows, count, column)
+        write_segment_place(table, v, w, t, rows, count, 8 - column)
 
 
 @internal_kernel

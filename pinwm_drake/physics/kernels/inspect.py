@@ -2,8 +2,7 @@
 
 from pinwm_drake.jit import entry_point
 from pinwm_drake.physics.kernels.lcp import negative_residual, slacks
-from pinwm_drake.physics.kernels.solve import solve_lcp
-from pinwm_drake.physics.kernels.step import build_step
+from pinwm_drake.physics.kernels.step import build_step, solve_step
 from pinwm_drake.physics.kernels.workspace import make_workspace
 
 
@@ -15,7 +14,7 @@ def inspect_step(model, mass, inertia, friction, restitution, q, p, V, q_P, p_P,
         Interior-point iterations (-1: not solved), contacts, system, solver work, and the slacks and residual
         evaluated afresh at the solution.
     """
-    bodies, contacts, system, solver, _ = make_workspace(model, limit)
+    bodies, contacts, system, solver, _, sweep = make_workspace(model, limit)
     nb = model.num_bodies
     for b in range(nb):
         bodies.q[b] = q[b]
@@ -26,7 +25,7 @@ def inspect_step(model, mass, inertia, friction, restitution, q, p, V, q_P, p_P,
         bodies.p[nb] = p_P
         bodies.V[nb] = V_P
     build_step(model, mass, inertia, friction, restitution, bodies, contacts, system)
-    used = solve_lcp(system, contacts, solver, False)
+    used = solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep, False)
     slacks(system, contacts, solver.x, solver.lam, solver.s)
     negative_residual(system, contacts, solver.x, solver.lam, solver.dx)
     return used, contacts, system, solver

@@ -73,7 +73,7 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
     has_pusher = model.num_kinematic > 0
     keep = active.shape[0] > 0
     limit = active.shape[2]
-    bodies, contacts, system, solver, memory = make_workspace(model, limit)
+    bodies, contacts, system, solver, memory, sweep = make_workspace(model, limit)
     _load(bodies, nb, has_pusher, states, 0, w)
     total = 0
     for t in range(V_P.shape[0]):
@@ -81,7 +81,7 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
             _drive(bodies, nb, V_P, t, w)
         if keep:
             _store(bodies, nb, has_pusher, saved_states, t, w)
-        used = step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, memory)
+        used = step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, memory, sweep)
         full = contacts.number[0] == limit
         if used < 0 or full:
             status[w] = -t - 1 - (TOO_MANY_CONTACTS if full else 0)
@@ -146,7 +146,7 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
     friction_bar, restitution_bar = friction_bar[w], restitution_bar[w]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
-    bodies, contacts, system, solver, _ = make_workspace(model, active.shape[1])
+    bodies, contacts, system, solver, _, _ = make_workspace(model, active.shape[1])
     adjoint = make_adjoint_work(model)
     for t in range(V_P.shape[0] - 1, -1, -1):
         if (t + 1) % record_every == 0:

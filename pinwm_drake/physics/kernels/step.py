@@ -3,6 +3,7 @@
 from pinwm_drake.jit import kernel
 from pinwm_drake.physics.kernels.detect import build_rows, select_features
 from pinwm_drake.physics.kernels.dynamics import begin_step, integrate_quaternion
+from pinwm_drake.physics.kernels.ghosts import leave_out_ghosts, switch_off, take_back_hits
 from pinwm_drake.physics.kernels.joints import build_joints
 from pinwm_drake.physics.kernels.solve import solve_lcp
 from pinwm_drake.physics.kernels.stabilise import stabilise
@@ -80,10 +81,26 @@ def advance(model, bodies, contacts, system, solver):
 
 
 @kernel
-def step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, memory):
+def solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep, warm):
+    """Solves a step's LCP without contacts that are none; arguments and value as of `solve_lcp`."""
+    used = solve_lcp(system, contacts, solver, warm)
+    if used < 0 or leave_out_ghosts(model, bodies, contacts, solver, sweep) == 0:
+        return used
+    again = solve_lcp(system, contacts, solver, True)
+    if again >= 0 and take_back_hits(model, bodies, contacts, solver, sweep) > 0:
+        build_rows(model, friction, restitution, bodies, contacts, system)
+        switch_off(contacts, solver, sweep)
+        used += again
+        again = solve_lcp(system, contacts, solver, False)
+    return used + again if again >= 0 else again
+
+
+@kernel
+def step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, memory, sweep):
     """Advances one world in place; returns interior-point iterations, or -1 if its LCP found no solution."""
     build_step(model, mass, inertia, friction, restitution, bodies, contacts, system)
-    iterations = solve_lcp(system, contacts, solver, recall(contacts, solver, memory))
+    warm = recall(contacts, solver, memory)
+    iterations = solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep, warm)
     if iterations < 0:
         return iterations
     remember(contacts, solver, memory)

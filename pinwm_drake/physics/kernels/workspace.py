@@ -141,6 +141,25 @@ class Memory(NamedTuple):
     active: np.ndarray
 
 
+class Sweep(NamedTuple):
+    """Poses within a step, and the rows that are left out; see `ghosts.py`.
+
+    Attributes:
+        q: (N, 4), R: (N, 3, 3), p: (N, 3), V: (N, 6), as in BodyWork.
+        rows: (C, 16), feature pairs there.
+        point: (3, 3), scratch: normal and witness points.
+        out: (C,), 1 where a row is left out.
+    """
+
+    q: np.ndarray
+    R: np.ndarray
+    p: np.ndarray
+    V: np.ndarray
+    rows: np.ndarray
+    point: np.ndarray
+    out: np.ndarray
+
+
 class AdjointWork(NamedTuple):
     """Gradients on their way back through a step; bodies as in BodyWork.
 
@@ -258,4 +277,16 @@ def make_workspace(model, max_contacts):
         np.zeros((m, 2), np.int64),
         np.zeros((m, k + 2), np.uint8),
     )
-    return bodies, contacts, system, solver, memory
+    sweep = Sweep(
+        np.zeros((total, 4)),
+        np.zeros((total, 3, 3)),
+        np.zeros((total, 3)),
+        np.zeros((total, 6)),
+        np.zeros((m, FEATURE_SIZE)),
+        np.zeros((3, 3)),
+        np.zeros(m, np.uint8),
+    )
+    for b in range(total):
+        for i in range(3):
+            sweep.R[b, i, i] = 1.0
+    return bodies, contacts, system, solver, memory, sweep

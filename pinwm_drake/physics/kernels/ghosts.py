@@ -1,0 +1,114 @@
+"""Contacts that are none: what passes beside a body within a step (numba).
+
+A row of the LCP holds a gap along the normal of the step's start, as if the feature it belongs to had no end. What
+flies over a rim would hit the plane beyond it. So the step is solved with all rows; where two bodies that were apart
+push each other, and do not touch after the step, these rows are left out and the step is solved again. If they then
+overlap anywhere on the way, the rows come back.
+
+Which rows remain is in the step's active set, so that the gradient is that of the rows that acted.
+"""
+
+from pinwm_drake.geometry.contact.narrowphase import collide_bodies
+from pinwm_drake.geometry.features import contact_from_features
+from pinwm_drake.jit import kernel
+from pinwm_drake.physics.kernels.dynamics import integrate_quaternion, rotation_from_quaternion
+from pinwm_drake.physics.kernels.stabilise import FADE_GAP
+
+# Bodies that are nearer than this after the step touch, m; deeper than this they overlap.
+TOUCHING = 2e-5
+# Poses on the way at which overlap is looked for.
+LOOKS = 4
+# Slack of a row that is left out, m/s.
+_OPEN = 1.0
+
+
+@kernel
+def _move(model, bodies, solver, sweep, share):
+    """Poses of all bodies after a share of the step, by the velocities found."""
+    nb, h = model.num_bodies, share * model.time_step
+    for b in range(nb + model.num_kinematic):
+        V = sweep.V[b]
+        for i in range(6):
+            V[i] = solver.x[6 * b + i] if b < nb else bodies.V[b, i]
+        q = sweep.q[b]
+        for i in range(4):
+            q[i] = bodies.q[b, i]
+        integrate_quaternion(q, h * V[0], h * V[1], h * V[2])
+        rotation_from_quaternion(q, sweep.R[b])
+        for i in range(3):
+            sweep.p[b, i] = bodies.p[b, i] + h * V[3 + i]
+
+
+@kernel
+def _nearest(model, sweep, A, B):
+    """Smallest gap of two bodies at the poses of the sweep, m; TOUCHING where they are farther apart."""
+    found = collide_bodies(model.table, A, sweep.R[A], sweep.p[A], B, sweep.R[B], sweep.p[B], TOUCHING, sweep.rows, 0)
+    least = TOUCHING
+    for c in range(found):
+        gap = contact_from_features(
+            sweep.rows[c],
+            sweep.R[A],
+            sweep.p[A],
+            sweep.R[B],
+            sweep.p[B],
+            sweep.point[0],
+            sweep.point[1],
+            sweep.point[2],
+        )
+        least = min(least, gap)
+    return least
+
+
+@kernel
+def leave_out_ghosts(model, bodies, contacts, solver, sweep):
+    """Leaves out the rows of bodies that were apart, push each other, and do not touch afterwards.
+
+    Returns:
+        Number of rows that are left out; they are marked in sweep.out.
+    """
+    number, moved = 0, False
+    for c in range(contacts.number[0]):
+        sweep.out[c] = 0
+    for c in range(contacts.number[0]):
+        A, B = contacts.body[c, 0], contacts.body[c, 1]
+        # The floor has no rim.
+        if model.num_bodies + 1 == B or solver.active[c, 0] == 0 or contacts.gap[c] < FADE_GAP:
+            continue
+        if not moved:
+            _move(model, bodies, solver, sweep, 1.0)
+            moved = True
+        if _nearest(model, sweep, A, B) >= TOUCHING:
+            sweep.out[c] = 1
+            number += 1
+    if number > 0:
+        switch_off(contacts, solver, sweep)
+    return number
+
+
+@kernel
+def switch_off(contacts, solver, sweep):
+    """Makes the rows that are left out stay open whatever happens."""
+    for c in range(contacts.number[0]):
+        if sweep.out[c] == 0:
+            continue
+        for i in range(2):
+            for j in range(3):
+                for k in range(6):
+                    contacts.J[c, i, j, k] = 0.0
+        contacts.mu[c] = 0.0
+        contacts.bias[c, 0], contacts.bias[c, 1], contacts.bias[c, 2] = _OPEN, 0.0, 0.0
+        for i in range(solver.active.shape[1]):
+            solver.active[c, i] = 0
+
+
+@kernel
+def take_back_hits(model, bodies, contacts, solver, sweep):
+    """Unmarks the rows of bodies that overlap on the way; returns how many, whose rows are to be built anew."""
+    number = 0
+    for look in range(1, LOOKS + 1):
+        _move(model, bodies, solver, sweep, look / LOOKS)
+        for c in range(contacts.number[0]):
+            if sweep.out[c] != 0 and _nearest(model, sweep, contacts.body[c, 0], contacts.body[c, 1]) < -TOUCHING:
+                sweep.out[c] = 0
+                number += 1
+    return number
