@@ -25,6 +25,7 @@ class StepReport:
         multipliers: (C, k + 2), lambda of the normal and friction rows, N s, and gamma, m/s.
         slacks: (C, k + 2), left-hand sides of these rows, m/s, and the friction cone's, N s.
         x: (n,), velocities after the step [rad/s; m/s] of all bodies, then joint impulses.
+        jammed: (C,), whether the pusher presses as hard as it can.
         iterations: interior-point iterations.
         momentum_residual: largest entry of M xi' - p - J' lambda, N s or N m s.
         sign_violation: largest negative multiplier or slack, as a positive number.
@@ -39,6 +40,7 @@ class StepReport:
     multipliers: np.ndarray
     slacks: np.ndarray
     x: np.ndarray
+    jammed: np.ndarray
     iterations: int
     momentum_residual: float
     sign_violation: float
@@ -82,6 +84,8 @@ def inspect(
     closed = lam[:, :1] > 0.0
     # An open contact's gamma is any bound on its sliding speed; it takes part in nothing.
     s = np.where(closed | (np.arange(k + 2) == 0), s, 0.0)
+    jammed = solver.active[:C, 0] == 2
+    s[jammed, 0] = np.maximum(s[jammed, 0], 0.0)  # the pusher enters what resists more than it can press
     local = np.stack([lam[:, 0], lam[:, 1 : k + 1] @ system.cosines, lam[:, 1 : k + 1] @ system.sines], -1)
     names = model.pair_names
     return StepReport(
@@ -93,6 +97,7 @@ def inspect(
         multipliers=lam.copy(),
         slacks=s.copy(),
         x=solver.x.copy(),
+        jammed=jammed,
         iterations=int(used),
         momentum_residual=float(np.max(np.abs(solver.dx), initial=0.0)),
         sign_violation=float(max(0.0, -min(np.min(lam, initial=0.0), np.min(s, initial=0.0)))),

@@ -89,6 +89,9 @@ class Model:
         contact_margin: contacts nearer than this, plus what bodies may travel within a step, enter the LCP, m.
         compliance: contact compliance relative to a body's inverse mass; see `kernels/lcp.py`.
         max_contacts: contacts of one world at the most; more is an error.
+        pusher_force: force with which the pusher presses at most, N, shared among the contacts that it has with a body;
+            what resists more, such as a floor behind the body, it enters. Such steps are counted; see
+            `Trajectory.jams`.
 
     Raises:
         ModelError: names, sizes or values contradict each other; the message says which.
@@ -104,6 +107,7 @@ class Model:
     contact_margin: float = 1e-3
     compliance: float = 1e-5
     max_contacts: int = 64
+    pusher_force: float = 500.0
 
     def __post_init__(self) -> None:
         names = [body.name for body in self.bodies]
@@ -121,6 +125,7 @@ class Model:
             ("time_step", self.time_step, _LONGEST_STEP),
             ("contact_margin", self.contact_margin, math.inf),
             ("compliance", self.compliance, math.inf),
+            ("pusher_force", self.pusher_force, 1e9),
         ):
             if not (_is_number(value) and 0.0 < value <= most):
                 raise ModelError(f"{name} is {value}; allowed: positive, at most {most:g}")
@@ -225,6 +230,7 @@ class Model:
             radius=np.array([*radius, 0.0, 0.0][: nb + 2]),
             contact_compliance=compliance,
             joint_compliance=compliance * _JOINT_OVER_CONTACT,
+            pusher_impulse=float(self.pusher_force * self.time_step),
             stabilisation_weight=weight / float(masses.sum()),
             margin=float(self.contact_margin),
             joint_kind=np.array([row[0] for row in rows], np.int64),

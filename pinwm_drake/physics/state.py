@@ -113,6 +113,8 @@ class Trajectory:
         V_WB: (F, W, nb, 6), [rad/s; m/s].
         q_WP: (F, W, 4).
         p_WP: (F, W, 3), m.
+        jams: (W,) int64, steps in which the pusher pressed as hard as it can; None from the "torch" backend, whose
+            pusher has no limit.
     """
 
     q_WB: Tensor
@@ -120,6 +122,7 @@ class Trajectory:
     V_WB: Tensor
     q_WP: Tensor
     p_WP: Tensor
+    jams: Tensor | None = None
 
     @property
     def num_frames(self) -> int:
@@ -128,7 +131,7 @@ class Trajectory:
 
     def frame(self, index: int) -> State:
         """One frame as a state; negative indices count from the end."""
-        return State(*(getattr(self, item.name)[index] for item in fields(self)))
+        return State(*(getattr(self, item.name)[index] for item in fields(State)))
 
 
 def check_tensor(name: str, value: Tensor, shape: tuple[int, ...], most: float = math.inf) -> None:

@@ -151,8 +151,8 @@ class Stepper:
         saved = kernels.allocate_saved(T, W, model.num_bodies, model.contact_rows, width, keep)
         arguments = (model.arrays, theta, V_WP, record_every, frames, saved)
         share(kernels.rollout_forward, arguments, W, self.num_threads)
-        if (frames[-1] < 0).any():
-            _raise_failure(model, frames[-1])
+        if (frames[-1][0] < 0).any():
+            _raise_failure(model, frames[-1][0])
         return arguments
 
 
@@ -196,26 +196,28 @@ class _Rollout(torch.autograd.Function):
         needed = any(ctx.needs_input_grad)
         *_, frames, saved = stepper._roll(arrays[:4], arrays[4:9], arrays[9], record_every, needed)
         outputs = tuple(torch.from_numpy(array) for array in frames[:5])
+        jams = torch.from_numpy(frames[5][1])
+        ctx.mark_non_differentiable(jams)
         if needed:
             ctx.save_for_backward(*inputs, *outputs)
             ctx.stepper, ctx.record_every, ctx.kept = stepper, record_every, saved
-        return outputs
+        return *outputs, jams
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         arrays = tuple(_array(tensor) for tensor in ctx.saved_tensors)
         parameters, V_P, states = arrays[:4], arrays[9], arrays[10:]
-        frames = (*states, np.zeros(V_P.shape[1], np.int64))
+        frames = (*states, np.zeros((2, V_P.shape[1]), np.int64))
         arguments = (ctx.stepper.model.arrays, parameters, V_P, ctx.record_every, frames, ctx.kept)
-        frame_bars = tuple(_array(gradient) for gradient in gradients)
+        frame_bars = tuple(_array(gradient) for gradient in gradients[:5])
         bars = tuple(
             np.zeros(shape)
             for shape in (*(array.shape for array in parameters), *(array.shape[1:] for array in states), V_P.shape)
         )
         share(kernels.rollout_backward, (*arguments, frame_bars, bars), V_P.shape[1], ctx.stepper.num_threads)
-        if (frames[-1] < 0).any():
-            worlds = tuple(np.flatnonzero(frames[-1] < 0).tolist())
+        if (frames[-1][0] < 0).any():
+            worlds = tuple(np.flatnonzero(frames[-1][0] < 0).tolist())
             raise SolverError(f"world {worlds[0]}: the adjoint's matrix is singular", worlds=worlds)
         return (None, None, *(torch.from_numpy(bar) for bar in bars))
 

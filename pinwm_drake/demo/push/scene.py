@@ -167,7 +167,7 @@ def _join(chunks: list[Trajectory]) -> Trajectory:
         first, *rest = (getattr(chunk, name) for chunk in chunks)
         return torch.cat((first, *(part[1:] for part in rest)))
 
-    return Trajectory(*(joined(part.name) for part in fields(Trajectory)))
+    return Trajectory(*(joined(part.name) for part in fields(State)))
 
 
 def simulate_push(options: PushOptions, report: Callable[[str, float], None]) -> PushResult:

@@ -28,7 +28,8 @@ def factor_active_set(system, contacts, work, active):
         system: SystemWork.
         contacts: ContactWork.
         work: SolverWork; its `weights`, `reduced`, `S` and `pivot` are overwritten.
-        active: (>=nc, k + 2) uint8, 1 where lambda (or gamma) may be positive and its slack is zero.
+        active: (>=nc, k + 2) uint8, 1 where lambda (or gamma) may be positive and its slack is zero; a normal of 2 has
+            its largest impulse, and any slack.
     """
     k = len(system.cosines)
     nc = contacts.number[0]
@@ -37,7 +38,7 @@ def factor_active_set(system, contacts, work, active):
         held = active[c, 0] != 0
         for i in range(k):
             work.weights[c, i] = inverse if held and active[c, 1 + i] != 0 else 0.0
-        reduce_contact(system, work, c, inverse if held else 0.0, 0.0, active[c, k + 1] == 0)
+        reduce_contact(system, work, c, inverse if active[c, 0] == 1 else 0.0, 0.0, active[c, k + 1] == 0)
     assemble(system, contacts, work)
     return lu_factor(6 * system.num_bodies + system.num_rows, work.S, work.pivot)
 
@@ -58,6 +59,8 @@ def solve_active_set(system, contacts, work, active, x, lam, s):
     for c in range(nc):
         for i in range(k + 2):
             lam[c, i] = 0.0
+        if active[c, 0] == 2:
+            lam[c, 0] = contacts.limit[c]
     for _ in range(2):
         slacks(system, contacts, x, lam, s)
         for c in range(nc):
@@ -97,10 +100,17 @@ def correct_active_set(system, contacts, active, lam, s, impulse_tolerance, spee
                 for i in range(k):
                     active[c, 1 + i] = 1 if s[c, 1 + i] - g < 0.0 and contacts.mu[c] > 0.0 else 0
             continue
-        if lam[c, 0] < -impulse_tolerance:
+        if active[c, 0] == 2:
+            if s[c, 0] > speed_tolerance:
+                flips += 1
+                active[c, 0] = 1
+        elif lam[c, 0] < -impulse_tolerance:
             flips += 1
             active[c, 0] = 0
             continue
+        elif lam[c, 0] > contacts.limit[c] + impulse_tolerance:
+            flips += 1
+            active[c, 0] = 2
         if contacts.mu[c] == 0.0:
             continue
         for i in range(k):

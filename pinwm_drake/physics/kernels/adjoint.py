@@ -18,7 +18,7 @@ from pinwm_drake.physics.kernels.detect import FADE, rebound
 from pinwm_drake.physics.kernels.dynamics import gyroscopic_jacobian, solve3
 from pinwm_drake.physics.kernels.lcp import INV_DELTA, INV_DN, S1, S2, S11, S12, S22, contact_velocity
 from pinwm_drake.physics.kernels.small_matrix import lu_solve, lu_solve_transposed
-from pinwm_drake.physics.kernels.stabilise import SLOP, contact_weight, stabilise
+from pinwm_drake.physics.kernels.stabilise import SLOP, contact_weight, stabilise, wanted
 from pinwm_drake.physics.kernels.step import build_step
 
 
@@ -142,8 +142,9 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
     for c in range(contacts.number[0]):
         gap = contacts.gap[c]
         weight, slope = contact_weight(gap)
-        if weight == 0.0:
+        if weight == 0.0 or solver.active[c, 0] == 2:
             continue
+        depth, steep = wanted(contacts, solver, c)
         Jy, Jd = 0.0, 0.0
         for side in range(2):
             body = contacts.dynamic[c, side]
@@ -151,8 +152,8 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
                 for i in range(6):
                     Jy += contacts.J[c, side, 0, i] * y[6 * body + i]
                     Jd += contacts.J[c, side, 0, i] * delta[6 * body + i]
-        left = max(-gap - SLOP, 0.0) - Jd
-        gap_bar = slope * Jy * left - (weight * Jy if -gap > SLOP else 0.0)
+        left = depth - Jd
+        gap_bar = slope * Jy * left - weight * Jy * steep
         adjoint.frame[:] = 0.0
         adjoint.lever[:] = 0.0
         n = contacts.frame[c, 0]
@@ -192,7 +193,7 @@ def _contact_rows_adjoint(
     k = len(system.cosines)
     y = adjoint.y
     reduced = solver.reduced[c]
-    if reduced[INV_DN] == 0.0:
+    if solver.active[c, 0] == 0:
         return
     A, B = contacts.body[c, 0], contacts.body[c, 1]
     B_moves = contacts.dynamic[c, 1] >= 0
@@ -338,7 +339,10 @@ def step_adjoint(
     """
     nb = model.num_bodies
     build_step(model, mass, inertia, friction, restitution, bodies, contacts, system)
-    if not solve_active_set(system, contacts, solver, active, solver.x, solver.lam, solver.s):
+    for c in range(contacts.number[0]):
+        for i in range(solver.active.shape[1]):
+            solver.active[c, i] = active[c, i]
+    if not solve_active_set(system, contacts, solver, solver.active, solver.x, solver.lam, solver.s):
         return False
     adjoint.J_e[:] = 0.0
     adjoint.bias_e[:] = 0.0

@@ -13,6 +13,8 @@ FADE = 32
 # A contact that gravity does not press together bounces at any restitution, e = 0 included, so that the derivative
 # with respect to e is there; this much of a press is rounding, m/s.
 LEAST_REBOUND = 1e-9
+# A normal impulse without a limit, N s.
+NO_LIMIT = 1e300
 
 
 @kernel
@@ -97,6 +99,12 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
     h = model.time_step
     for c in range(contacts.number[0]):
         A, B = contacts.body[c, 0], contacts.body[c, 1]
+        contacts.limit[c] = NO_LIMIT
+        if model.num_bodies == B:
+            sharing = 0
+            for other in range(contacts.number[0]):
+                sharing += 1 if contacts.body[other, 0] == A and contacts.body[other, 1] == B else 0
+            contacts.limit[c] = model.pusher_impulse / sharing
         a, b = contacts.witness[c, 0], contacts.witness[c, 1]
         frame, lever, J = contacts.frame[c], contacts.lever[c], contacts.J[c]
         gap = contact_from_features(

@@ -63,11 +63,20 @@ def _store_active(contacts, solver, active, t, w):
             active[t, w, c, i] = solver.active[c, i]
 
 
+@kernel
+def _is_jammed(contacts, solver):
+    """1 where a contact bears its largest impulse, else 0."""
+    for c in range(contacts.number[0]):
+        if solver.active[c, 0] == 2:
+            return 1
+    return 0
+
+
 @allocating_kernel
 def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
     mass, inertia, friction, restitution = parameters
     mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
-    status, active = frames[5], saved[5]
+    status, jams, active = frames[5][0], frames[5][1], saved[5]
     states, saved_states = frames[:5], saved[:5]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
@@ -87,6 +96,7 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
             status[w] = -t - 1 - (TOO_MANY_CONTACTS if full else 0)
             return
         total += used
+        jams[w] += _is_jammed(contacts, solver)
         if keep:
             _store_active(contacts, solver, active, t, w)
         if (t + 1) % record_every == 0:
@@ -138,7 +148,7 @@ def _quaternion_gradient(theta_bar, q, q_bar):
 def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars):
     mass, inertia, friction, restitution = parameters
     mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
-    status, active = frames[5], saved[5][:, w]
+    status, active = frames[5][0], saved[5][:, w]
     states, saved_states = frames[:5], saved[:5]
     q, q_P = frames[0], frames[3]
     mass_bar, inertia_bar, friction_bar, restitution_bar, q0_bar, p0_bar, V0_bar, q_P0_bar, p_P0_bar, V_P_bar = bars
@@ -219,14 +229,14 @@ def rollout_backward(model, parameters, V_P, record_every, frames, saved, frame_
 def allocate_frames(
     q: np.ndarray, p: np.ndarray, V: np.ndarray, q_P: np.ndarray, p_P: np.ndarray, num_frames: int
 ) -> tuple[np.ndarray, ...]:
-    """Frame arrays (num_frames, W, ...) with the initial state in frame 0, and the worlds' status (W,)."""
+    """Frame arrays (num_frames, W, ...) with the initial state in frame 0, and the worlds' status and jams (2, W)."""
     arrays = []
     for first in (q, p, V, q_P, p_P):
         array = np.empty((num_frames, *first.shape))
         # All frames: kernels write no pusher where there is none.
         array[:] = first
         arrays.append(array)
-    return (*arrays, np.zeros(q.shape[0], np.int64))
+    return (*arrays, np.zeros((2, q.shape[0]), np.int64))
 
 
 def allocate_saved(

@@ -22,6 +22,9 @@ SLOP = 1e-6
 FADE_GAP = 1e-4
 # Ratio of the metric's weight to a contact's.
 KAPPA = 1e-6
+# Depth by which a body comes out of the pusher in a step, m, and an impulse that no contact with a limit has, N s.
+MOST_PUSHED = 1e-4
+UNLIMITED = 1e290
 
 
 @kernel
@@ -36,6 +39,20 @@ def contact_weight(gap):
 
 
 @kernel
+def wanted(contacts, solver, c):
+    """Depth that the correction takes from contact c, and its derivative with respect to the penetration.
+
+    What the pusher could not hold it may be in, and it comes out slowly.
+    """
+    depth = -contacts.gap[c] - SLOP
+    if depth <= 0.0 or solver.active[c, 0] == 2:
+        return 0.0, 0.0
+    if contacts.limit[c] < UNLIMITED and depth > MOST_PUSHED:
+        return MOST_PUSHED, 0.0
+    return depth, 1.0
+
+
+@kernel
 def factor_stabilisation(model, contacts, system, solver):
     """Assembles and factors the normal equations in solver.S_delta, their right-hand side in solver.delta.
 
@@ -44,7 +61,7 @@ def factor_stabilisation(model, contacts, system, solver):
     """
     needed = system.num_rows > 0
     for c in range(contacts.number[0]):
-        if contacts.gap[c] < -SLOP:
+        if wanted(contacts, solver, c)[0] > 0.0:
             needed = True
     if not needed:
         return False
@@ -60,9 +77,9 @@ def factor_stabilisation(model, contacts, system, solver):
             S[6 * b + 3 + i, 6 * b + 3 + i] = KAPPA * model.stabilisation_weight[b, 1]
     for c in range(contacts.number[0]):
         weight, _ = contact_weight(contacts.gap[c])
-        if weight == 0.0:
+        if weight == 0.0 or solver.active[c, 0] == 2:
             continue
-        depth = max(-contacts.gap[c] - SLOP, 0.0)
+        depth, _ = wanted(contacts, solver, c)
         for left in range(2):
             row = contacts.dynamic[c, left]
             if row < 0:

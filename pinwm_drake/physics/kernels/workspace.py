@@ -44,6 +44,7 @@ class ContactWork(NamedTuple):
         closing: (C,), 1 where the contact closes within the step.
         bias: (C, 3), m/s.
         mu: (C,), friction coefficients.
+        limit: (C,), largest normal impulse, N s.
     """
 
     number: np.ndarray
@@ -60,6 +61,7 @@ class ContactWork(NamedTuple):
     closing: np.ndarray
     bias: np.ndarray
     mu: np.ndarray
+    limit: np.ndarray
 
 
 class SystemWork(NamedTuple):
@@ -98,7 +100,7 @@ class SolverWork(NamedTuple):
     Attributes:
         x: (n,), [xi'; lambda_e].
         lam, s: (C, k + 2), multipliers and slacks of each contact's rows [normal, friction, gamma].
-        active: (C, k + 2), 1 where the row's multiplier may be positive.
+        active: (C, k + 2), 1 where the row's multiplier may be positive; 2 in the first column where it is at its limit.
         r, R, ratio, dlam: (C, k + 2), residuals, right-hand sides, relative steps, steps.
         weights, reduced, gamma0: the eliminated contacts, see `lcp.py`.
         dx: (n,), right-hand side and step.
@@ -235,6 +237,7 @@ def make_workspace(model, max_contacts):
         np.zeros(m),
         np.zeros(m),
         np.zeros((m, 3)),
+        np.zeros(m),
         np.zeros(m),
     )
     system = SystemWork(
