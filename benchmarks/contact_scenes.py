@@ -11,6 +11,7 @@ states alone.
 
 import argparse
 import collections
+import functools
 import json
 import time
 from collections.abc import Callable
@@ -73,8 +74,10 @@ def rock(generator: np.random.Generator) -> ConvexPiece:
     return convex_hull(0.04 * generator.normal(size=(12, 3)))
 
 
-def objects(generator: np.random.Generator) -> list[list[Body]]:
+@functools.cache
+def objects() -> list[list[Body]]:
     """Bodies of the scenes, lowest first."""
+    generator = np.random.default_rng(0)
     mug = {n: solid("mug", hollow_mug(segments=n)) for n in (16, 63)}
     single = [
         solid("cube", [box((0.06,) * 3)]),
@@ -88,7 +91,7 @@ def objects(generator: np.random.Generator) -> list[list[Body]]:
         solid("coin", [cylinder(0.03, 0.004)]),
         solid("capsule", [capsule(0.02, 0.06)]),
         solid("ball", [sphere(0.03)]),
-        solid("rock", [rock(generator)]),
+        *(solid("rock", [rock(generator)]) for _ in range(2)),
     ]
     stack = [solid(name, [box((0.06, 0.06, 0.04))]) for name in ("low", "middle", "top")]
     mixed = [solid("low", t_block()), solid("middle", [cylinder(0.03, 0.04)]), solid("top", [box((0.05,) * 3)])]
@@ -148,10 +151,10 @@ def energies(model: Model, parameters: Parameters, q: torch.Tensor, p: torch.Ten
     return (spin + motion + height).sum(-1)
 
 
-def draw(number: int, seed: int) -> Scene:
-    """Draws a batch of scenes."""
+def draw(number: int, seed: int, steps: int = STEPS) -> Scene:
+    """Draws a batch of scenes of some steps."""
     g = np.random.default_rng([seed, number])
-    bodies = objects(g)
+    bodies = objects()
     chosen = bodies[number % len(bodies)]
     thrown = bool((number // len(bodies)) % 2)
     kind = list(PUSHERS)[int(g.integers(len(PUSHERS)))]
@@ -194,7 +197,7 @@ def draw(number: int, seed: int) -> Scene:
     if thrown:
         p[..., 2] += float(g.uniform(0.0, 0.02))
     size = 0.5 * float(max(np.abs(np.stack(bounds(piece))).max() for piece in chosen[-1].pieces))
-    velocity = np.zeros((STEPS, W, 6))
+    velocity = np.zeros((steps, W, 6))
     start = np.zeros((W, 3))
     if not thrown:
         press = g.random(W) < 0.3
