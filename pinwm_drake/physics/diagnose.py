@@ -1,4 +1,4 @@
-"""Diagnosis of one step: its contacts, its LCP and the residuals of the solution."""
+"""Diagnosis of one step: its contacts and the residuals of its solution."""
 
 from dataclasses import dataclass
 
@@ -6,6 +6,7 @@ import numpy as np
 from torch import Tensor
 
 from pinwm_drake.errors import SolverError, StateError
+from pinwm_drake.physics.kernels.cone import FULL_STICKS
 from pinwm_drake.physics.kernels.inspect import inspect_step
 from pinwm_drake.physics.model import Model
 from pinwm_drake.physics.parameters import Parameters
@@ -14,7 +15,7 @@ from pinwm_drake.physics.state import State, check_tensor
 
 @dataclass(frozen=True, eq=False)
 class StepReport:
-    """Contacts and LCP of one step of one world. C contacts, k friction directions.
+    """Contacts of one step of one world, and how well their law holds. C contacts.
 
     Attributes:
         pair: names of the touching pairs, one for each contact.
@@ -22,14 +23,17 @@ class StepReport:
         frame: (C, 3, 3), rows nhat_BA_W, t1, t2, world frame.
         witness: (C, 2, 3), surface points on A and B, world frame, m.
         impulse_W: (C, 3), impulse on A, world frame, N s.
-        multipliers: (C, k + 2), lambda of the normal and friction rows, N s, and gamma, m/s.
-        slacks: (C, k + 2), left-hand sides of these rows, m/s, and the friction cone's, N s.
+        impulse: (C, 3), the same in the contact's frame: normal and two tangential components.
+        slip: (C, 3), s = v + eps lambda, relative velocity after the step with gap, restitution and compliance, in the
+            contact's frame, m/s; see `kernels/cone.py`.
         x: (n,), velocities after the step [rad/s; m/s] of all bodies, then joint impulses.
         jammed: (C,), whether the pusher presses as hard as it can.
-        iterations: interior-point iterations.
+        lagged: whether friction has the bound of an iteration before.
+        iterations: Newton iterations.
         momentum_residual: largest entry of M xi' - p - J' lambda, N s or N m s.
-        sign_violation: largest negative multiplier or slack, as a positive number.
-        complementarity: largest |multiplier * slack|, W s.
+        sign_violation: largest negative normal impulse, normal slip or distance into the friction cone, as a positive
+            number.
+        complementarity: largest |lambda_n s_n| and lambda_t . s_t + mu lambda_n |s_t|, W s.
     """
 
     pair: list[str]
@@ -37,10 +41,11 @@ class StepReport:
     frame: np.ndarray
     witness: np.ndarray
     impulse_W: np.ndarray
-    multipliers: np.ndarray
-    slacks: np.ndarray
+    impulse: np.ndarray
+    slip: np.ndarray
     x: np.ndarray
     jammed: np.ndarray
+    lagged: bool
     iterations: int
     momentum_residual: float
     sign_violation: float
@@ -50,7 +55,7 @@ class StepReport:
 def inspect(
     model: Model, parameters: Parameters, state: State, V_WP: Tensor | None = None, *, world: int = 0
 ) -> StepReport:
-    """Builds and solves the LCP of the step that would follow `state`, without taking it.
+    """Builds and solves the step that would follow `state`, without taking it.
 
     Args:
         model: the scene.
@@ -61,7 +66,7 @@ def inspect(
 
     Raises:
         StateError, ParameterError: an input does not fit the model.
-        SolverError: the LCP found no solution.
+        SolverError: a number of the solution is not finite.
     """
     state.check(model)
     parameters.check(model)
@@ -77,29 +82,29 @@ def inspect(
     arrays = [np.ascontiguousarray(value[world].detach().cpu().numpy()) for value in values]
     used, contacts, system, solver = inspect_step(model.arrays, *arrays, model.contact_rows)
     if used < 0:
-        raise SolverError(f"world {world}: the contact LCP found no solution")
+        raise SolverError(f"world {world}: the contacts have no finite solution")
     C = int(contacts.number[0])
-    k = model.friction_directions
-    lam, s = solver.lam[:C], solver.s[:C]
-    closed = lam[:, :1] > 0.0
-    # An open contact's gamma is any bound on its sliding speed; it takes part in nothing.
-    s = np.where(closed | (np.arange(k + 2) == 0), s, 0.0)
-    jammed = solver.active[:C, 0] == 2
-    s[jammed, 0] = np.maximum(s[jammed, 0], 0.0)  # the pusher enters what resists more than it can press
-    local = np.stack([lam[:, 0], lam[:, 1 : k + 1] @ system.cosines, lam[:, 1 : k + 1] @ system.sines], -1)
+    impulse, mu = solver.lam[:C], contacts.mu[:C]
+    slip = solver.v[:C] + system.contact_compliance * impulse
+    jammed = solver.mode[:C] >= FULL_STICKS
+    slip[jammed, 0] = np.maximum(slip[jammed, 0], 0.0)  # the pusher enters what resists more than it can press
+    inside = mu * impulse[:, 0] - np.linalg.norm(impulse[:, 1:], axis=1)
+    normal = np.where(jammed, 0.0, impulse[:, 0] * slip[:, 0])
+    power = (impulse[:, 1:] * slip[:, 1:]).sum(1) + mu * impulse[:, 0] * np.linalg.norm(slip[:, 1:], axis=1)
     names = model.pair_names
     return StepReport(
         pair=[names[i] for i in contacts.pair[:C]],
         gap=contacts.gap[:C].copy(),
         frame=contacts.frame[:C].copy(),
         witness=contacts.witness[:C].copy(),
-        impulse_W=np.einsum("ci,cij->cj", local, contacts.frame[:C]),
-        multipliers=lam.copy(),
-        slacks=s.copy(),
+        impulse_W=np.einsum("ci,cij->cj", impulse, contacts.frame[:C]),
+        impulse=impulse.copy(),
+        slip=slip,
         x=solver.x.copy(),
         jammed=jammed,
+        lagged=bool(solver.lagged[0]),
         iterations=int(used),
         momentum_residual=float(np.max(np.abs(solver.dx), initial=0.0)),
-        sign_violation=float(max(0.0, -min(np.min(lam, initial=0.0), np.min(s, initial=0.0)))),
-        complementarity=float(np.max(np.abs(lam * s), initial=0.0)),
+        sign_violation=float(max(0.0, -min(np.min(v, initial=0.0) for v in (impulse[:, 0], slip[:, 0], inside)))),
+        complementarity=float(max(np.max(np.abs(v), initial=0.0) for v in (normal, power))),
     )

@@ -213,7 +213,6 @@ class Model:
         ]
         masses = np.array([body.mass for body in self.bodies])
         weight = np.array([[body.mass * radius[i] ** 2, body.mass] for i, body in enumerate(self.bodies)])
-        angles = 2.0 * np.pi * np.arange(self.friction_directions) / self.friction_directions
         compliance = self.compliance / float(masses.mean())
         rows = [row for joint in self.joints for row in self.joint_rows(joint)]
         return ModelArrays(
@@ -223,9 +222,6 @@ class Model:
             floor_height=float(self.floor_height or 0.0),
             gravity=np.asarray(self.gravity, float),
             time_step=float(self.time_step),
-            # Rounded so that directions along the tangents are exact.
-            cosines=tuple(float(round(c, 16)) for c in np.cos(angles)),
-            sines=tuple(float(round(s, 16)) for s in np.sin(angles)),
             pair_index=pair_index,
             radius=np.array([*radius, 0.0, 0.0][: nb + 2]),
             contact_compliance=compliance,

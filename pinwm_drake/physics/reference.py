@@ -1,7 +1,7 @@
 """The step in plain torch: the oracle of the kernels, and the path that runs on CUDA.
 
 Features are selected by the narrow phase on the CPU (a discrete choice without gradient); everything else (contact
-geometry, LCP, solution, stabilisation, integration) is dense torch code on the device of its inputs, differentiated
+geometry, equations, solution, stabilisation, integration) is dense torch code on the device of its inputs, differentiated
 by autograd.
 """
 
@@ -13,18 +13,16 @@ from torch import Tensor
 
 from pinwm_drake.errors import SolverError
 from pinwm_drake.geometry.features_torch import contacts_from_features, tangent_frames
-from pinwm_drake.physics.interior_point import interior_point
+from pinwm_drake.physics.cone import ContactProblem, solve
 from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, LINEAR
 from pinwm_drake.physics.kernels.detect import FADE, LEAST_REBOUND
 from pinwm_drake.physics.kernels.select import select_worlds
-from pinwm_drake.physics.kernels.stabilise import FADE_GAP, KAPPA, SLOP
-from pinwm_drake.physics.lcp import MixedLcp, settle, solve_on_active_set
+from pinwm_drake.physics.kernels.stabilise import FADE_GAP, KAPPA, MOST_PUSHED, SLOP
 from pinwm_drake.physics.model import Model
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.state import State, Trajectory
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply, quaternion_to_matrix
 
-_GAPS = (1e-8, 1e-12, 1e-16, 1e-20)
 _GYROSCOPIC_STEPS = 8
 
 
@@ -177,12 +175,11 @@ def _gyroscopic_step(I_B: Tensor, w0: Tensor, h: float) -> Tensor:
     return w - torch.linalg.solve(J, residual(w))
 
 
-def build_lcp(
+def build_problem(
     model: Model, parameters: Parameters, state: State, V_WP: Tensor
-) -> tuple[MixedLcp, Contacts, tuple[Tensor, Tensor], Tensor]:
-    """The LCP of one step: problem, contacts, joints (J_e, error_e) and the velocity without either (W, 6 nb)."""
+) -> tuple[ContactProblem, Contacts, tuple[Tensor, Tensor], Tensor]:
+    """Equations of one step: problem, contacts, joints (J_e, error_e) and the velocity without either (W, 6 nb)."""
     h, nb, W = model.time_step, model.num_bodies, state.num_worlds
-    k = model.friction_directions
     arrays = model.arrays
     dtype, device = state.p_WB.dtype, state.p_WB.device
     R = _rotations(state)
@@ -210,88 +207,43 @@ def build_lcp(
     rebound = torch.where(bounces, falls * (e > 0.0) - e * approach, torch.zeros_like(approach))
     bias_n = bias[..., 0] + keep * contacts.gap.clamp_min(-SLOP) / h - rebound
 
-    directions = torch.tensor([arrays.cosines, arrays.sines], dtype=dtype, device=device).T  # (k, 2)
-    J_rows = torch.cat(
-        [contacts.J[:, :, :1], directions @ contacts.J[:, :, 1:], torch.zeros_like(contacts.J[:, :, :1])], 2
-    )
-    b_rows = torch.cat([bias_n[..., None], bias[..., 1:] @ directions.T, torch.zeros_like(mu)[..., None]], -1)
-    block = torch.zeros(*mu.shape, k + 2, k + 2, dtype=dtype, device=device)
-    block = block + torch.diag(torch.tensor([arrays.contact_compliance] * (k + 1) + [0.0], dtype=dtype, device=device))
-    block[..., 1 : k + 1, k + 1] = 1.0
-    block[..., k + 1, 1 : k + 1] = -1.0
-    block[..., k + 1, 0] = mu
-    identity = torch.eye(k + 2, dtype=dtype, device=device)
-    # Rows of padding, and friction rows without friction, read s = z + 1, which has no solution but z = 0.
-    rough = valid & (mu > 0.0)
-    real = torch.cat([valid[..., None], rough[..., None].expand(-1, -1, k + 1)], -1)
-    block = torch.where(real[..., None], block, identity)
-    J_rows = torch.where(real[..., None], J_rows, torch.zeros_like(J_rows))
-    b_rows = torch.where(real, b_rows, torch.ones_like(b_rows))
-    C = mu.shape[1]
-    B = torch.zeros(W, C, k + 2, C, k + 2, dtype=dtype, device=device)
-    index = torch.arange(C, device=device)
-    B[:, index, :, index] = block.movedim(1, 0)
+    pressing = contacts.body[..., 1] == nb
+    sharing = (pressing[:, :, None] & (contacts.body[:, :, None] == contacts.body[:, None]).all(-1) & valid[:, None]).sum(-1)
+    limit = torch.where(pressing, arrays.pusher_impulse / sharing.clamp_min(1), torch.full_like(mu, torch.inf))
 
     J_e, bias_e, error_e = joint_rows(model, state, R, V_WP)
     nr = J_e.shape[1]
     eye_e = arrays.joint_compliance * torch.eye(nr, dtype=dtype, device=device).expand(W, nr, nr)
-    A = torch.cat([torch.cat([M, -J_e.mT], -1), torch.cat([J_e, eye_e], -1)], -2)
-    H = torch.nn.functional.pad(J_rows.flatten(1, 2), (0, nr))
     with torch.no_grad():
         rates = (contacts.J @ free[:, None, :, None])[..., 0].abs().amax(-1)
         rates = torch.maximum(rates, torch.cat([bias_n[..., None], bias[..., 1:]], -1).abs().amax(-1))
-        speed = torch.where(valid, rates, torch.zeros_like(rates)).amax(-1, keepdim=True)
-        speed = torch.maximum(speed, free.unflatten(1, (nb, 6))[..., 3:].abs().flatten(1).amax(-1, keepdim=True))
-        speed = speed.clamp_min(1e-6)
-        impulse = parameters.mass.sum(-1, keepdim=True) * speed / valid.sum(-1, keepdim=True).clamp_min(1)
-    is_speed = torch.tensor(([True] * (k + 1) + [False]) * C, device=device)
-    lcp = MixedLcp(
-        A=A,
+        speed = torch.where(valid, rates, torch.zeros_like(rates)).amax(-1)
+        speed = torch.maximum(speed, free.unflatten(1, (nb, 6))[..., 3:].abs().flatten(1).amax(-1)).clamp_min(1e-6)
+    problem = ContactProblem(
+        A=torch.cat([torch.cat([M, -J_e.mT], -1), torch.cat([J_e, eye_e], -1)], -2),
         p=torch.cat([momentum, -bias_e], -1),
-        H=H,
-        B=B.flatten(3, 4).flatten(1, 2),
-        b=b_rows.flatten(1),
-        impulse=impulse,
-        speed=speed,
-        is_speed=is_speed,
+        J=torch.nn.functional.pad(contacts.J * valid[..., None, None], (0, nr)),
+        # What is no contact is open, whatever moves.
+        bias=torch.where(
+            valid[..., None], torch.cat([bias_n[..., None], bias[..., 1:]], -1), torch.ones_like(bias)
+        ),
+        mu=mu,
+        limit=limit,
+        compliance=arrays.contact_compliance,
+        impulse=parameters.mass.detach().sum(-1) * speed,
     )
-    return lcp, contacts, (J_e, error_e), free
+    return problem, contacts, (J_e, error_e), free
 
 
-def solve_lcp(lcp: MixedLcp, free: Tensor, k: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Differentiable solution x (W, n), z (W, N) of the LCP, and its active set (W, N).
-
-    The interior-point method finds the active set without gradient; the solution on it is one linear solve.
-
-    Raises:
-        SolverError: some world has no solution with all inequalities satisfied.
-    """
-    with torch.no_grad():
-        problem = lcp.detach()
-        W = free.shape[0]
-        start = torch.nn.functional.pad(free, (0, lcp.A.shape[-1] - free.shape[-1]))
-        active = torch.zeros(W, lcp.b.shape[-1], dtype=torch.bool, device=free.device)
-        settled = torch.zeros(W, dtype=torch.bool, device=free.device)
-        for gap in _GAPS:
-            _, z, s = interior_point(problem, start, gap)
-            guess, done = settle(problem, z * problem.s_scale > s * problem.z_scale, k)
-            fresh = done & ~settled
-            active = torch.where(fresh[:, None], guess, active)
-            settled |= done
-            if bool(settled.all()):
-                break
-    if not bool(settled.all()):
-        raise SolverError(f"world {int(torch.nonzero(~settled)[0])}: the contact LCP found no solution")
-    return (*solve_on_active_set(lcp, active), active)
-
-
-def _stabilise(model: Model, contacts: Contacts, joints: tuple[Tensor, Tensor]) -> Tensor:
+def _stabilise(model: Model, contacts: Contacts, full: Tensor, joints: tuple[Tensor, Tensor]) -> Tensor:
     """Position correction delta (W, 6 nb), [rad; m]; see `kernels/stabilise.py`."""
     nb = model.num_bodies
     gap = contacts.gap
     t = (1.0 - gap / FADE_GAP).clamp(0.0, 1.0)
-    weight = torch.where(contacts.valid, t * t * (3.0 - 2.0 * t), torch.zeros_like(t))
-    depth = torch.where(contacts.valid, (-gap - SLOP).clamp_min(0.0), torch.zeros_like(gap))
+    taken = contacts.valid & ~full
+    weight = torch.where(taken, t * t * (3.0 - 2.0 * t), torch.zeros_like(t))
+    depth = torch.where(taken, (-gap - SLOP).clamp_min(0.0), torch.zeros_like(gap))
+    depth = torch.where(contacts.body[..., 1] == nb, depth.clamp_max(MOST_PUSHED), depth)
     Jn = contacts.J[:, :, 0]
     J_e, error = joints
     metric = KAPPA * torch.as_tensor(model.arrays.stabilisation_weight, dtype=gap.dtype, device=gap.device)
@@ -303,12 +255,16 @@ def _stabilise(model: Model, contacts: Contacts, joints: tuple[Tensor, Tensor]) 
 
 
 def step_reference(model: Model, parameters: Parameters, state: State, V_WP: Tensor) -> State:
-    """Discrete update by one LCP step of all worlds; see `Stepper.step`."""
+    """Discrete update by one step of all worlds; see `Stepper.step`."""
     h, nb = model.time_step, model.num_bodies
-    lcp, contacts, joints, free = build_lcp(model, parameters, state, V_WP)
-    x, _, _ = solve_lcp(lcp, free, model.friction_directions)
+    problem, contacts, joints, free = build_problem(model, parameters, state, V_WP)
+    x, found = solve(problem, torch.nn.functional.pad(free, (0, problem.p.shape[-1] - free.shape[-1])))
+    if not bool(found.all()):
+        worlds = tuple(torch.nonzero(~found)[:, 0].tolist())
+        raise SolverError(f"world {worlds[0]}: the contacts have no solution", worlds=worlds)
     V = x[:, : 6 * nb].unflatten(1, (nb, 6))
-    delta = _stabilise(model, contacts, joints).unflatten(1, (nb, 6))
+    full = problem.contact_impulse(problem.velocity(x.detach()))[..., 0] >= problem.limit
+    delta = _stabilise(model, contacts, full, joints).unflatten(1, (nb, 6))
     q = quaternion_multiply(quaternion_exp(h * V[..., :3] + delta[..., :3]), state.q_WB)
     return State(
         q_WB=q / q.norm(dim=-1, keepdim=True),

@@ -113,8 +113,10 @@ class Trajectory:
         V_WB: (F, W, nb, 6), [rad/s; m/s].
         q_WP: (F, W, 4).
         p_WP: (F, W, 3), m.
-        jams: (W,) int64, steps in which the pusher pressed as hard as it can; None from the "torch" backend, whose
-            pusher has no limit.
+        jams: (W,) int64, steps in which the pusher pressed as hard as it can; None from the "torch" backend, which counts
+            nothing.
+        lagged: (W,) int64, steps in which friction took its bound from an iteration before, because no solution was found
+            where both agree; None from the "torch" backend.
     """
 
     q_WB: Tensor
@@ -123,6 +125,7 @@ class Trajectory:
     q_WP: Tensor
     p_WP: Tensor
     jams: Tensor | None = None
+    lagged: Tensor | None = None
 
     @property
     def num_frames(self) -> int:

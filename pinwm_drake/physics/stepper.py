@@ -147,8 +147,7 @@ class Stepper:
         T, W = V_WP.shape[:2]
         q, p, V, q_P, p_P = state
         frames = kernels.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
-        width = model.friction_directions + 2
-        saved = kernels.allocate_saved(T, W, model.num_bodies, model.contact_rows, width, keep)
+        saved = kernels.allocate_saved(T, W, model.num_bodies, model.contact_rows, keep)
         arguments = (model.arrays, theta, V_WP, record_every, frames, saved)
         share(kernels.rollout_forward, arguments, W, self.num_threads)
         if (frames[-1][0] < 0).any():
@@ -196,19 +195,19 @@ class _Rollout(torch.autograd.Function):
         needed = any(ctx.needs_input_grad)
         *_, frames, saved = stepper._roll(arrays[:4], arrays[4:9], arrays[9], record_every, needed)
         outputs = tuple(torch.from_numpy(array) for array in frames[:5])
-        jams = torch.from_numpy(frames[5][1])
-        ctx.mark_non_differentiable(jams)
+        jams, lagged = (torch.from_numpy(row) for row in frames[5][1:])
+        ctx.mark_non_differentiable(jams, lagged)
         if needed:
             ctx.save_for_backward(*inputs, *outputs)
             ctx.stepper, ctx.record_every, ctx.kept = stepper, record_every, saved
-        return *outputs, jams
+        return *outputs, jams, lagged
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         arrays = tuple(_array(tensor) for tensor in ctx.saved_tensors)
         parameters, V_P, states = arrays[:4], arrays[9], arrays[10:]
-        frames = (*states, np.zeros((2, V_P.shape[1]), np.int64))
+        frames = (*states, np.zeros((3, V_P.shape[1]), np.int64))
         arguments = (ctx.stepper.model.arrays, parameters, V_P, ctx.record_every, frames, ctx.kept)
         frame_bars = tuple(_array(gradient) for gradient in gradients[:5])
         bars = tuple(

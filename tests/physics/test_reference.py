@@ -31,7 +31,7 @@ def compare(model, parameters, state, V_WP, record_every=1, backward=BACKWARD):
     with torch.no_grad():
         a = fast.rollout(parameters, state, V_WP, record_every=record_every)
         b = slow.rollout(parameters, state, V_WP, record_every=record_every)
-    for name in a.__dataclass_fields__:
+    for name in State.__dataclass_fields__:
         torch.testing.assert_close(getattr(a, name), getattr(b, name), rtol=FORWARD, atol=FORWARD)
     ours, theirs = (gradients(s, inputs, cotangents, record_every) for s in (fast, slow))
     for name in inputs:
@@ -150,7 +150,7 @@ def test_worlds_do_not_depend_on_each_other_or_on_threads():
         V.expand(-1, 5, -1),
         record_every=20,
     )
-    for name in alone.__dataclass_fields__:
+    for name in State.__dataclass_fields__:
         for world in range(5):
             assert torch.equal(getattr(many, name)[:, world], getattr(alone, name)[:, 0])
 
@@ -167,7 +167,7 @@ def test_a_rollout_may_be_cut_anywhere():
     whole = stepper.rollout(parameters, state, V, record_every=60).frame(-1)
     half = stepper.rollout(parameters, state, V[:27], record_every=27).frame(-1)
     rest = stepper.rollout(parameters, half, V[27:], record_every=33).frame(-1)
-    for name in whole.__dataclass_fields__:
+    for name in State.__dataclass_fields__:
         torch.testing.assert_close(getattr(whole, name), getattr(rest, name), rtol=0.0, atol=1e-12)
 
 

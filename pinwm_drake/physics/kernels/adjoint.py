@@ -1,8 +1,8 @@
 """The adjoint of one step of one world (numba).
 
-A step is replayed from its saved start and active set, then differentiated implicitly at its solution. With the
-KKT conditions F(z; data) = 0 of the LCP on its active set, the adjoint y solves the *transposed* system
-(dF/dz)' y = dL/dz (the friction block is not symmetric), and dL/ddata = -y . dF/ddata. Contact points, normals,
+A step is rebuilt from its saved start, its velocities and the modes of its contacts, then differentiated implicitly at its solution. With the
+equations F(x; data) = 0 of `cone.py`, the adjoint y solves the *transposed* system (dF/dx)' y = dL/dx (friction makes it
+unsymmetric), and dL/ddata = -y . dF/ddata. Contact points, normals,
 tangents and gaps depend on the poses; all of those derivatives are kept.
 
 Source: Amos and Kolter (2017), "OptNet", eq. 7-8; de Avila Belbute-Peres et al. (2018). PIN-WM eq. 10.
@@ -12,11 +12,24 @@ import math
 
 from pinwm_drake.geometry.features import contact_adjoint, tangents_adjoint
 from pinwm_drake.jit import kernel
-from pinwm_drake.physics.kernels.active_set import solve_active_set
 from pinwm_drake.physics.kernels.adjoint_joints import joints_adjoint
+from pinwm_drake.physics.kernels.cone import (
+    ALONG_1,
+    ALONG_2,
+    FULL_STICKS,
+    N1,
+    N2,
+    NN,
+    OPEN,
+    T11,
+    T12,
+    T22,
+    contact_velocity,
+    slides,
+)
 from pinwm_drake.physics.kernels.detect import FADE, rebound
 from pinwm_drake.physics.kernels.dynamics import gyroscopic_jacobian, solve3
-from pinwm_drake.physics.kernels.lcp import INV_DELTA, INV_DN, S1, S2, S11, S12, S22, contact_velocity
+from pinwm_drake.physics.kernels.newton import recall_solution
 from pinwm_drake.physics.kernels.small_matrix import lu_solve, lu_solve_transposed
 from pinwm_drake.physics.kernels.stabilise import SLOP, contact_weight, stabilise, wanted
 from pinwm_drake.physics.kernels.step import build_step
@@ -142,7 +155,7 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
     for c in range(contacts.number[0]):
         gap = contacts.gap[c]
         weight, slope = contact_weight(gap)
-        if weight == 0.0 or solver.active[c, 0] == 2:
+        if weight == 0.0 or solver.mode[c] >= FULL_STICKS:
             continue
         depth, steep = wanted(contacts, solver, c)
         Jy, Jd = 0.0, 0.0
@@ -190,26 +203,22 @@ def _contact_rows_adjoint(
     model, friction_bar, restitution, restitution_bar, bodies, contacts, system, solver, adjoint, c
 ):
     """Adjoint of the rows of contact c: to poses, velocities before the step, friction and restitution."""
-    k = len(system.cosines)
     y = adjoint.y
-    reduced = solver.reduced[c]
-    if solver.active[c, 0] == 0:
+    if solver.mode[c] == OPEN:
         return
     A, B = contacts.body[c, 0], contacts.body[c, 1]
     B_moves = contacts.dynamic[c, 1] >= 0
     n, t1, t2 = contacts.frame[c, 0], contacts.frame[c, 1], contacts.frame[c, 2]
     r_A, r_B = contacts.lever[c, 0], contacts.lever[c, 1]
-    # Adjoint of the contact's own rows: B' y2 = J y1, with the arrow B of lcp.py.
+    # Adjoint of the contact's velocity: G' J y, with the gain of cone.py.
     jn, j1, j2 = contact_velocity(contacts, c, y)
-    y_gamma = -(reduced[S1] * j1 + reduced[S2] * j2) * reduced[INV_DELTA]
-    y_n = (jn - contacts.mu[c] * y_gamma) * reduced[INV_DN]
-    y_1 = reduced[S11] * j1 + reduced[S12] * j2 + reduced[S1] * y_gamma
-    y_2 = reduced[S12] * j1 + reduced[S22] * j2 + reduced[S2] * y_gamma
-    lam_n, lam_1, lam_2 = solver.lam[c, 0], 0.0, 0.0
-    for i in range(k):
-        lam_1 += system.cosines[i] * solver.lam[c, 1 + i]
-        lam_2 += system.sines[i] * solver.lam[c, 1 + i]
-    friction_bar[contacts.pair[c]] -= y_gamma * lam_n
+    gain, slip = solver.gain[c], solver.slip[c]
+    y_n = gain[NN] * jn + gain[N1] * j1 + gain[N2] * j2
+    y_1 = gain[T11] * j1 + gain[T12] * j2
+    y_2 = gain[T12] * j1 + gain[T22] * j2
+    lam_n, lam_1, lam_2 = solver.lam[c, 0], solver.lam[c, 1], solver.lam[c, 2]
+    if slides(solver.mode[c]):
+        friction_bar[contacts.pair[c]] += lam_n * (slip[ALONG_1] * j1 + slip[ALONG_2] * j2)
 
     xi_A = solver.x[6 * A : 6 * A + 6]
     y_A = y[6 * A : 6 * A + 6]
@@ -321,7 +330,6 @@ def step_adjoint(
     system,
     solver,
     adjoint,
-    active,
 ):
     """Pulls the gradient of the state after a step back to the state before it, and to the parameters.
 
@@ -329,20 +337,17 @@ def step_adjoint(
         model, mass, inertia, friction, restitution: as in the forward step.
         mass_bar, inertia_bar, friction_bar, restitution_bar: gain the parameters' gradients.
         bodies: the state before the step and the pusher's velocity; its derived arrays are recomputed.
-        active: (C, k + 2), the active set that the forward step found.
+        solver: its x and mode are those that the forward step found.
         adjoint: pose and V hold the gradient of the state after the step on entry (V of the pusher: what later
             steps gave, usually 0) and that of the state before it on return; V of the pusher gains the gradient of
             its velocity in this step.
 
     Returns:
-        False if the LCP's matrix was singular.
+        False if the step's matrix was singular.
     """
     nb = model.num_bodies
     build_step(model, mass, inertia, friction, restitution, bodies, contacts, system)
-    for c in range(contacts.number[0]):
-        for i in range(solver.active.shape[1]):
-            solver.active[c, i] = active[c, i]
-    if not solve_active_set(system, contacts, solver, solver.active, solver.x, solver.lam, solver.s):
+    if not recall_solution(system, contacts, solver):
         return False
     adjoint.J_e[:] = 0.0
     adjoint.bias_e[:] = 0.0

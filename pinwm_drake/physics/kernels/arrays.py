@@ -24,7 +24,6 @@ class ModelArrays(NamedTuple):
         floor_height: m, world frame.
         gravity: (3,), m/s^2, world frame.
         time_step: h, s.
-        cosines, sines: friction directions in the tangent plane, tuples of equal length (a compile-time constant).
         pair_index: (num_bodies, num_bodies + 2), row of the pair tables for bodies A and B, or -1; the column after
             the last dynamic body is the pusher, the last one the world.
         radius: (num_bodies + 1,), m, of a sphere about each body's origin that holds it; the pusher's last.
@@ -46,8 +45,6 @@ class ModelArrays(NamedTuple):
     floor_height: float
     gravity: np.ndarray
     time_step: float
-    cosines: tuple[float, ...]
-    sines: tuple[float, ...]
     pair_index: np.ndarray
     radius: np.ndarray
     contact_compliance: float

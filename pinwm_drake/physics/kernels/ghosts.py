@@ -5,19 +5,23 @@ flies over a rim would hit the plane beyond it. So the step is solved with all r
 push each other, and do not touch after the step, these rows are left out and the step is solved again. If they then
 overlap anywhere on the way, the rows come back.
 
-Which rows remain is in the step's active set, so that the gradient is that of the rows that acted.
+What was left out is open in the step's modes, so that the gradient is that of the contacts that acted.
 """
+
+import math
 
 from pinwm_drake.geometry.contact.narrowphase import collide_bodies
 from pinwm_drake.geometry.features import contact_from_features
 from pinwm_drake.jit import kernel
+from pinwm_drake.physics.kernels.cone import OPEN
 from pinwm_drake.physics.kernels.dynamics import integrate_quaternion, rotation_from_quaternion
 from pinwm_drake.physics.kernels.stabilise import FADE_GAP
 
 # Bodies that are nearer than this after the step touch, m; deeper than this they overlap.
 TOUCHING = 2e-5
-# Poses on the way at which overlap is looked for.
-LOOKS = 4
+# Way between two looks for overlap, m: what is thinner may be missed; and the most looks of a step.
+STRIDE = 1e-3
+MOST_LOOKS = 500
 # Slack of a row that is left out, m/s.
 _OPEN = 1.0
 
@@ -72,7 +76,7 @@ def leave_out_ghosts(model, bodies, contacts, solver, sweep):
     for c in range(contacts.number[0]):
         A, B = contacts.body[c, 0], contacts.body[c, 1]
         # The floor has no rim.
-        if model.num_bodies + 1 == B or solver.active[c, 0] == 0 or contacts.gap[c] < FADE_GAP:
+        if model.num_bodies + 1 == B or solver.mode[c] == OPEN or contacts.gap[c] < FADE_GAP:
             continue
         if not moved:
             _move(model, bodies, solver, sweep, 1.0)
@@ -81,12 +85,12 @@ def leave_out_ghosts(model, bodies, contacts, solver, sweep):
             sweep.out[c] = 1
             number += 1
     if number > 0:
-        switch_off(contacts, solver, sweep)
+        switch_off(contacts, sweep)
     return number
 
 
 @kernel
-def switch_off(contacts, solver, sweep):
+def switch_off(contacts, sweep):
     """Makes the rows that are left out stay open whatever happens."""
     for c in range(contacts.number[0]):
         if sweep.out[c] == 0:
@@ -97,18 +101,31 @@ def switch_off(contacts, solver, sweep):
                     contacts.J[c, i, j, k] = 0.0
         contacts.mu[c] = 0.0
         contacts.bias[c, 0], contacts.bias[c, 1], contacts.bias[c, 2] = _OPEN, 0.0, 0.0
-        for i in range(solver.active.shape[1]):
-            solver.active[c, i] = 0
 
 
 @kernel
 def take_back_hits(model, bodies, contacts, solver, sweep):
     """Unmarks the rows of bodies that overlap on the way; returns how many, whose rows are to be built anew."""
     number = 0
-    for look in range(1, LOOKS + 1):
-        _move(model, bodies, solver, sweep, look / LOOKS)
+    looks = min(int(math.ceil(model.time_step * _fastest(model, bodies, solver) / STRIDE)), MOST_LOOKS)
+    for look in range(1, looks + 1):
+        _move(model, bodies, solver, sweep, look / looks)
         for c in range(contacts.number[0]):
             if sweep.out[c] != 0 and _nearest(model, sweep, contacts.body[c, 0], contacts.body[c, 1]) < -TOUCHING:
                 sweep.out[c] = 0
                 number += 1
     return number
+
+
+@kernel
+def _fastest(model, bodies, solver):
+    """Bound on the speed of two bodies against each other, m/s."""
+    nb, fastest = model.num_bodies, 0.0
+    for b in range(nb + model.num_kinematic):
+        spin, speed = 0.0, 0.0
+        for i in range(3):
+            w = solver.x[6 * b + i] if b < nb else bodies.V[b, i]
+            v = solver.x[6 * b + 3 + i] if b < nb else bodies.V[b, 3 + i]
+            spin, speed = spin + w * w, speed + v * v
+        fastest = max(fastest, math.sqrt(speed) + model.radius[b] * math.sqrt(spin))
+    return 2.0 * fastest

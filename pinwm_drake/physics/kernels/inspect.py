@@ -1,20 +1,19 @@
-"""One step of one world with its LCP laid open (numba)."""
+"""One step of one world with its contacts laid open (numba)."""
 
 from pinwm_drake.jit import entry_point
-from pinwm_drake.physics.kernels.lcp import negative_residual, slacks
+from pinwm_drake.physics.kernels.cone import negative_residual
 from pinwm_drake.physics.kernels.step import build_step, solve_step
 from pinwm_drake.physics.kernels.workspace import make_workspace
 
 
 @entry_point
 def inspect_step(model, mass, inertia, friction, restitution, q, p, V, q_P, p_P, V_P, limit):
-    """Builds and solves the LCP of one step from a state of one world; see `diagnose.inspect`.
+    """Builds and solves one step from a state of one world; see `diagnose.inspect`.
 
     Returns:
-        Interior-point iterations (-1: not solved), contacts, system, solver work, and the slacks and residual
-        evaluated afresh at the solution.
+        Iterations (-1: not solved), contacts, system and solver work, whose dx is the residual of the solution.
     """
-    bodies, contacts, system, solver, _, sweep = make_workspace(model, limit)
+    bodies, contacts, system, solver, sweep = make_workspace(model, limit)
     nb = model.num_bodies
     for b in range(nb):
         bodies.q[b] = q[b]
@@ -25,7 +24,6 @@ def inspect_step(model, mass, inertia, friction, restitution, q, p, V, q_P, p_P,
         bodies.p[nb] = p_P
         bodies.V[nb] = V_P
     build_step(model, mass, inertia, friction, restitution, bodies, contacts, system)
-    used = solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep, False)
-    slacks(system, contacts, solver.x, solver.lam, solver.s)
-    negative_residual(system, contacts, solver.x, solver.lam, solver.dx)
+    used = solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep)
+    negative_residual(system, contacts, solver, solver.dx)
     return used, contacts, system, solver

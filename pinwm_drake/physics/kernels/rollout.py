@@ -4,10 +4,11 @@ import numpy as np
 
 from pinwm_drake.jit import allocating_kernel, entry_point, kernel
 from pinwm_drake.physics.kernels.adjoint import step_adjoint
+from pinwm_drake.physics.kernels.cone import FULL_STICKS
 from pinwm_drake.physics.kernels.step import step_world
 from pinwm_drake.physics.kernels.workspace import make_adjoint_work, make_workspace
 
-# Status of a world after a rollout: the number of interior-point iterations it needed in all, or minus the failed
+# Status of a world after a rollout: the number of iterations it needed in all, or minus the failed
 # step's number minus one; TOO_MANY_CONTACTS is subtracted further when the step found more contacts than fit.
 TOO_MANY_CONTACTS = 1_000_000_000
 
@@ -57,17 +58,28 @@ def _drive(bodies, nb, V_P, t, w):
 
 
 @kernel
-def _store_active(contacts, solver, active, t, w):
+def _store_modes(contacts, solver, modes, t, w):
     for c in range(contacts.number[0]):
-        for i in range(active.shape[3]):
-            active[t, w, c, i] = solver.active[c, i]
+        modes[t, w, c] = solver.mode[c]
+
+
+@kernel
+def _load_solution(solver, nb, states, saved_states, modes, t, w):
+    """Velocities and modes that step t found: the velocities are those of the state after it."""
+    last = t + 1 == modes.shape[0]
+    V, at = (states[2], states[2].shape[0] - 1) if last else (saved_states[2], t + 1)
+    for b in range(nb):
+        for i in range(6):
+            solver.x[6 * b + i] = V[at, w, b, i]
+    for c in range(modes.shape[2]):
+        solver.mode[c] = modes[t, w, c]
 
 
 @kernel
 def _is_jammed(contacts, solver):
     """1 where a contact bears its largest impulse, else 0."""
     for c in range(contacts.number[0]):
-        if solver.active[c, 0] == 2:
+        if solver.mode[c] >= FULL_STICKS:
             return 1
     return 0
 
@@ -76,13 +88,13 @@ def _is_jammed(contacts, solver):
 def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
     mass, inertia, friction, restitution = parameters
     mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
-    status, jams, active = frames[5][0], frames[5][1], saved[5]
+    status, jams, lagged, modes = frames[5][0], frames[5][1], frames[5][2], saved[5]
     states, saved_states = frames[:5], saved[:5]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
-    keep = active.shape[0] > 0
-    limit = active.shape[2]
-    bodies, contacts, system, solver, memory, sweep = make_workspace(model, limit)
+    keep = modes.shape[0] > 0
+    limit = modes.shape[2]
+    bodies, contacts, system, solver, sweep = make_workspace(model, limit)
     _load(bodies, nb, has_pusher, states, 0, w)
     total = 0
     for t in range(V_P.shape[0]):
@@ -90,15 +102,16 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
             _drive(bodies, nb, V_P, t, w)
         if keep:
             _store(bodies, nb, has_pusher, saved_states, t, w)
-        used = step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, memory, sweep)
+        used = step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep)
         full = contacts.number[0] == limit
         if used < 0 or full:
             status[w] = -t - 1 - (TOO_MANY_CONTACTS if full else 0)
             return
         total += used
         jams[w] += _is_jammed(contacts, solver)
+        lagged[w] += solver.lagged[0]
         if keep:
-            _store_active(contacts, solver, active, t, w)
+            _store_modes(contacts, solver, modes, t, w)
         if (t + 1) % record_every == 0:
             _store(bodies, nb, has_pusher, states, (t + 1) // record_every, w)
     status[w] = total
@@ -148,7 +161,7 @@ def _quaternion_gradient(theta_bar, q, q_bar):
 def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars):
     mass, inertia, friction, restitution = parameters
     mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
-    status, active = frames[5][0], saved[5][:, w]
+    status, modes = frames[5][0], saved[5]
     states, saved_states = frames[:5], saved[:5]
     q, q_P = frames[0], frames[3]
     mass_bar, inertia_bar, friction_bar, restitution_bar, q0_bar, p0_bar, V0_bar, q_P0_bar, p_P0_bar, V_P_bar = bars
@@ -156,7 +169,7 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
     friction_bar, restitution_bar = friction_bar[w], restitution_bar[w]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
-    bodies, contacts, system, solver, _, _ = make_workspace(model, active.shape[1])
+    bodies, contacts, system, solver, _ = make_workspace(model, modes.shape[2])
     adjoint = make_adjoint_work(model)
     for t in range(V_P.shape[0] - 1, -1, -1):
         if (t + 1) % record_every == 0:
@@ -164,6 +177,7 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
         _load(bodies, nb, has_pusher, saved_states, t, w)
         if has_pusher:
             _drive(bodies, nb, V_P, t, w)
+        _load_solution(solver, nb, states, saved_states, modes, t, w)
         ok = step_adjoint(
             model,
             mass,
@@ -179,7 +193,6 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
             system,
             solver,
             adjoint,
-            active[t],
         )
         if not ok:
             status[w] = -t - 1
@@ -229,20 +242,20 @@ def rollout_backward(model, parameters, V_P, record_every, frames, saved, frame_
 def allocate_frames(
     q: np.ndarray, p: np.ndarray, V: np.ndarray, q_P: np.ndarray, p_P: np.ndarray, num_frames: int
 ) -> tuple[np.ndarray, ...]:
-    """Frame arrays (num_frames, W, ...) with the initial state in frame 0, and the worlds' status and jams (2, W)."""
+    """Frame arrays (num_frames, W, ...) with the initial state in frame 0, and the worlds' status, jams and lagged steps (3, W)."""
     arrays = []
     for first in (q, p, V, q_P, p_P):
         array = np.empty((num_frames, *first.shape))
         # All frames: kernels write no pusher where there is none.
         array[:] = first
         arrays.append(array)
-    return (*arrays, np.zeros((2, q.shape[0]), np.int64))
+    return (*arrays, np.zeros((3, q.shape[0]), np.int64))
 
 
 def allocate_saved(
-    num_steps: int, num_worlds: int, num_bodies: int, max_contacts: int, width: int, keep: bool
+    num_steps: int, num_worlds: int, num_bodies: int, max_contacts: int, keep: bool
 ) -> tuple[np.ndarray, ...]:
-    """Arrays for the backward pass: states and active sets of every step; empty if not `keep`."""
+    """Arrays for the backward pass: states and modes of the contacts of every step; empty if not `keep`."""
     T = num_steps if keep else 0
     W = num_worlds
     return (
@@ -251,5 +264,5 @@ def allocate_saved(
         np.empty((T, W, num_bodies, 6)),
         np.empty((T, W, 4)),
         np.empty((T, W, 3)),
-        np.zeros((T, W, max_contacts, width), np.uint8),
+        np.zeros((T, W, max_contacts), np.uint8),
     )

@@ -27,7 +27,7 @@ def select_worlds(model, q, p, V, q_P, p_P, V_P, limit):
     rows = np.zeros((W, limit, 16))
     body = np.zeros((W, limit, 2), np.int64)
     pair = np.zeros((W, limit), np.int64)
-    bodies, contacts, _, _, _, _ = make_workspace(model, limit)
+    bodies, contacts, _, _, _ = make_workspace(model, limit)
     for w in range(W):
         for b in range(nb):
             bodies.p[b] = p[w, b]

@@ -1,83 +1,93 @@
-"""Solves one step's LCP: the last active set first, then the interior-point method, then Lemke's (numba)."""
+"""Solves one step with its contacts: Newton's method, and where that fails a descent that cannot (numba).
+
+The first guess is the law of the contacts at the velocities before the step. What a contact bears is in these, by its
+compliance, so that a step whose contacts stay as they were is solved at once; and as nothing but the state is
+remembered, a step does not depend on those before it.
+"""
+
+import math
 
 from pinwm_drake.jit import kernel
-from pinwm_drake.physics.kernels.active_set import correct_active_set, solve_active_set
-from pinwm_drake.physics.kernels.interior_point import interior_point, scales, start_point
-from pinwm_drake.physics.kernels.lemke import solve_by_lemke
+from pinwm_drake.physics.kernels.cone import contact_velocities, scales, set_mode
+from pinwm_drake.physics.kernels.descent import descend
+from pinwm_drake.physics.kernels.newton import newton
 
-# A violated sign below this, relative to the step's impulse and speed scales, is rounding.
-SIGN_TOLERANCE = 1e-12
-# How often a wrong set is corrected by its signs before the interior-point method takes over.
-MAX_CORRECTIONS = 8
-# Relative duality gaps at which the interior-point method offers its active set; the last one hands over to Lemke's.
-GAPS = (1e-6, 1e-9, 1e-12)
-MAX_ITERATIONS = 60
-# Last resorts: violated signs below the first are taken for rounding, and Lemke's vector is perturbed by the second.
-# With many points on one face many sets are nearly right, and rounding decides which signs they have.
-RESORTS = ((1e-12, 1e-10), (1e-10, 1e-9), (1e-9, 1e-8), (1e-8, 1e-7), (1e-7, 1e-7), (1e-6, 1e-6))
+MOST_ITERATIONS = 15
+# Rounds of the last resort, and the one from which the bounds of friction move by half only.
+ROUNDS, DAMPED = 30, 10
+# Change of the bounds of friction, relative to the step's impulse, at which they are found.
+FOUND = 1e-9
 
 
 @kernel
-def _settle(system, contacts, work, impulse, speed, tolerance):
-    """Solves on work.active, correcting it by its signs; True if all inequalities hold to a relative tolerance."""
-    for _ in range(MAX_CORRECTIONS):
-        if not solve_active_set(system, contacts, work, work.active, work.x, work.lam, work.s):
-            return False
-        flips = correct_active_set(
-            system, contacts, work.active, work.lam, work.s, tolerance * impulse, tolerance * speed
-        )
-        if flips == 0:
-            return True
-    return False
-
-
-@kernel
-def _offer(system, contacts, work, impulse, speed, gap):
-    """Leaves the active set of an interior point of a relative gap in work.active; returns the iterations."""
-    k = len(system.cosines)
-    start_point(system, contacts, work.x, work.lam, work.s, impulse, speed)
-    steps = interior_point(system, contacts, work, work.x, work.lam, work.s, impulse, speed, gap, MAX_ITERATIONS)
+def _guess(bodies, system, contacts, work):
+    """Starts from the velocities before the step, with the modes that contacts have at them."""
+    size = 6 * system.num_bodies
+    for b in range(system.num_bodies):
+        for i in range(6):
+            work.x[6 * b + i] = bodies.V[b, i]
+    for r in range(system.num_rows):
+        work.x[size + r] = 0.0
+    contact_velocities(contacts, work.x, work.v)
     for c in range(contacts.number[0]):
-        for i in range(k + 1):
-            work.active[c, i] = 1 if work.lam[c, i] * speed > work.s[c, i] * impulse else 0
-        work.active[c, k + 1] = 1 if work.lam[c, k + 1] * impulse > work.s[c, k + 1] * speed else 0
-        if contacts.mu[c] == 0.0:
-            for i in range(1, k + 2):
-                work.active[c, i] = 0
-    return steps if steps >= 0 else MAX_ITERATIONS
+        set_mode(system, contacts, work, c)
 
 
 @kernel
-def solve_lcp(system, contacts, work, warm):
-    """Solves the LCP to rounding; leaves the solution in work.x, work.lam, work.s and its set in work.active.
+def _is_finite(n, x):
+    for i in range(n):
+        if not math.isfinite(x[i]):
+            return False
+    return True
 
-    Args:
-        warm: whether work.active holds a guess. It changes the time taken, not the solution.
+
+@kernel
+def solve_contacts(bodies, system, contacts, work):
+    """Leaves the solution of a step in work.x, its velocities, impulses and modes in work.v, work.lam and work.mode.
+
+    The last resort takes the bounds of friction from the round before. Where they do not settle, the solution of the
+    last round is taken: its friction opposes sliding and does no work, but its bound is that of another normal force.
+    Such a step is marked in work.lagged.
 
     Returns:
-        Interior-point iterations used (0 if the guess was right), or -1 if no solution was found.
+        Iterations used, or -1 where a number is not finite.
     """
-    k = len(system.cosines)
-    nc = contacts.number[0]
+    n = 6 * system.num_bodies + system.num_rows
     impulse, speed = scales(system, contacts)
-    if (warm or nc == 0) and _settle(system, contacts, work, impulse, speed, SIGN_TOLERANCE):
-        return 0
-    if nc == 0:
-        return -1
-    used = 0
-    for stage in range(len(GAPS)):
-        # Settling overwrote the iterate: begin again and go further. It is rare, so simplicity wins.
-        used += _offer(system, contacts, work, impulse, speed, GAPS[stage])
-        if _settle(system, contacts, work, impulse, speed, SIGN_TOLERANCE):
+    work.lagged[0] = 0
+    _guess(bodies, system, contacts, work)
+    used = newton(system, contacts, work, impulse, speed, MOST_ITERATIONS)
+    if used >= 0:
+        return used if _is_finite(n, work.x) else -1
+    used = MOST_ITERATIONS
+    for i in range(n):
+        work.x[i] = system.free[i] if i < 6 * system.num_bodies else 0.0
+    for c in range(contacts.number[0]):
+        work.radius[c] = 0.0
+    for round_ in range(ROUNDS):
+        steps = descend(system, contacts, work, impulse, speed)
+        used += steps if steps >= 0 else MOST_ITERATIONS
+        if not _is_finite(n, work.x):
+            return -1
+        change = 0.0
+        for c in range(contacts.number[0]):
+            wanted = contacts.mu[c] * work.lam[c, 0]
+            change = max(change, abs(wanted - work.radius[c]))
+            work.radius[c] = wanted if round_ < DAMPED else 0.5 * (wanted + work.radius[c])
+        if change <= FOUND * impulse:
             return used
-    for resort in range(len(RESORTS)):
-        tolerance, perturbation = RESORTS[resort]
-        if resort > 0:
-            used += _offer(system, contacts, work, impulse, speed, GAPS[-1])
-            if _settle(system, contacts, work, impulse, speed, tolerance):
-                return used + 1000
-        if solve_by_lemke(system, contacts, work, impulse, speed, perturbation) and _settle(
-            system, contacts, work, impulse, speed, tolerance
-        ):
-            return used
-    return -1
+        if round_ == ROUNDS - 1:
+            break
+        for i in range(n):
+            work.kept[i] = work.x[i]
+        if round_ > 0:
+            for c in range(contacts.number[0]):
+                set_mode(system, contacts, work, c)
+            more = newton(system, contacts, work, impulse, speed, MOST_ITERATIONS)
+            used += more if more >= 0 else MOST_ITERATIONS
+            if more >= 0 and _is_finite(n, work.x):
+                return used
+        for i in range(n):
+            work.x[i] = work.kept[i]
+    work.lagged[0] = 1
+    return used

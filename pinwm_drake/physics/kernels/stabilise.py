@@ -14,9 +14,10 @@ Source: in place of the Baumgarte term of PIN-WM eq. 9; cf. Cline (2002), sectio
 """
 
 from pinwm_drake.jit import kernel
+from pinwm_drake.physics.kernels.cone import FULL_STICKS
 from pinwm_drake.physics.kernels.small_matrix import lu_factor, lu_solve
 
-# Penetration that the LCP itself removes, m.
+# Penetration that the step itself removes, m.
 SLOP = 1e-6
 # A contact farther apart than this has no part in the correction, m.
 FADE_GAP = 1e-4
@@ -45,7 +46,7 @@ def wanted(contacts, solver, c):
     What the pusher could not hold it may be in, and it comes out slowly.
     """
     depth = -contacts.gap[c] - SLOP
-    if depth <= 0.0 or solver.active[c, 0] == 2:
+    if depth <= 0.0 or solver.mode[c] >= FULL_STICKS:
         return 0.0, 0.0
     if contacts.limit[c] < UNLIMITED and depth > MOST_PUSHED:
         return MOST_PUSHED, 0.0
@@ -77,7 +78,7 @@ def factor_stabilisation(model, contacts, system, solver):
             S[6 * b + 3 + i, 6 * b + 3 + i] = KAPPA * model.stabilisation_weight[b, 1]
     for c in range(contacts.number[0]):
         weight, _ = contact_weight(contacts.gap[c])
-        if weight == 0.0 or solver.active[c, 0] == 2:
+        if weight == 0.0 or solver.mode[c] >= FULL_STICKS:
             continue
         depth, _ = wanted(contacts, solver, c)
         for left in range(2):

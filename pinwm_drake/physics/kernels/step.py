@@ -5,57 +5,17 @@ from pinwm_drake.physics.kernels.detect import build_rows, select_features
 from pinwm_drake.physics.kernels.dynamics import begin_step, integrate_quaternion
 from pinwm_drake.physics.kernels.ghosts import leave_out_ghosts, switch_off, take_back_hits
 from pinwm_drake.physics.kernels.joints import build_joints
-from pinwm_drake.physics.kernels.solve import solve_lcp
+from pinwm_drake.physics.kernels.solve import solve_contacts
 from pinwm_drake.physics.kernels.stabilise import stabilise
 
 
 @kernel
 def build_step(model, mass, inertia, friction, restitution, bodies, contacts, system):
-    """Builds a step up to its LCP: dynamics, contacts, joints."""
+    """Builds a step up to its equations: dynamics, contacts, joints."""
     begin_step(model, mass, inertia, bodies, system)
     select_features(model, bodies, contacts)
     build_rows(model, friction, restitution, bodies, contacts, system)
     build_joints(model, bodies, system)
-
-
-@kernel
-def recall(contacts, solver, memory):
-    """Guesses the active set from the previous step's; False if there was none."""
-    if memory.number[0] < 0:
-        return False
-    width = memory.active.shape[1]
-    previous = memory.number[0]
-    for c in range(contacts.number[0]):
-        A, B = contacts.body[c, 0], contacts.body[c, 1]
-        best, found = 1e300, -1
-        if previous == contacts.number[0] and memory.body[c, 0] == A and memory.body[c, 1] == B:
-            found = c
-        else:
-            # The set of contacts changed: the nearest former contact of the same bodies, measured on A.
-            for other in range(previous):
-                if memory.body[other, 0] == A and memory.body[other, 1] == B:
-                    distance = 0.0
-                    for i in range(1, 4):
-                        d = contacts.rows[c, i] - memory.rows[other, i]
-                        distance += d * d
-                    if distance < best:
-                        best, found = distance, other
-        for i in range(width):
-            solver.active[c, i] = memory.active[found, i] if found >= 0 else 0
-    return True
-
-
-@kernel
-def remember(contacts, solver, memory):
-    """Keeps the step's active set as a guess for the next."""
-    memory.number[0] = contacts.number[0]
-    for c in range(contacts.number[0]):
-        memory.body[c, 0] = contacts.body[c, 0]
-        memory.body[c, 1] = contacts.body[c, 1]
-        for i in range(1, 4):
-            memory.rows[c, i] = contacts.rows[c, i]
-        for i in range(memory.active.shape[1]):
-            memory.active[c, i] = solver.active[c, i]
 
 
 @kernel
@@ -81,28 +41,26 @@ def advance(model, bodies, contacts, system, solver):
 
 
 @kernel
-def solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep, warm):
-    """Solves a step's LCP without contacts that are none; arguments and value as of `solve_lcp`."""
-    used = solve_lcp(system, contacts, solver, warm)
+def solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep):
+    """Solves a step without contacts that are none; returns iterations, or -1 where a number is not finite."""
+    used = solve_contacts(bodies, system, contacts, solver)
     if used < 0 or leave_out_ghosts(model, bodies, contacts, solver, sweep) == 0:
         return used
-    again = solve_lcp(system, contacts, solver, True)
+    again = solve_contacts(bodies, system, contacts, solver)
     if again >= 0 and take_back_hits(model, bodies, contacts, solver, sweep) > 0:
         build_rows(model, friction, restitution, bodies, contacts, system)
-        switch_off(contacts, solver, sweep)
+        switch_off(contacts, sweep)
         used += again
-        again = solve_lcp(system, contacts, solver, False)
+        again = solve_contacts(bodies, system, contacts, solver)
     return used + again if again >= 0 else again
 
 
 @kernel
-def step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, memory, sweep):
-    """Advances one world in place; returns interior-point iterations, or -1 if its LCP found no solution."""
+def step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep):
+    """Advances one world in place; returns iterations, or -1 where a number is not finite."""
     build_step(model, mass, inertia, friction, restitution, bodies, contacts, system)
-    warm = recall(contacts, solver, memory)
-    iterations = solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep, warm)
+    iterations = solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep)
     if iterations < 0:
         return iterations
-    remember(contacts, solver, memory)
     advance(model, bodies, contacts, system, solver)
     return iterations

@@ -65,12 +65,11 @@ class ContactWork(NamedTuple):
 
 
 class SystemWork(NamedTuple):
-    """The bodies' part of a step's LCP; see `lcp.py`.
+    """The bodies' part of a step; see `cone.py`.
 
     Attributes:
         num_bodies, num_rows: dynamic bodies and joint rows.
         contact_compliance, joint_compliance: (m/s)/(N s) and its angular likes.
-        cosines, sines: friction directions.
         inertia: (nb, 3, 3), about the origin, world axes, kg m^2.
         mass: (nb,), kg.
         momentum: (6 nb,), right-hand side p = M xi* + h f, [N m s; N s].
@@ -83,8 +82,6 @@ class SystemWork(NamedTuple):
     num_rows: int
     contact_compliance: float
     joint_compliance: float
-    cosines: tuple[float, ...]
-    sines: tuple[float, ...]
     inertia: np.ndarray
     mass: np.ndarray
     momentum: np.ndarray
@@ -95,52 +92,39 @@ class SystemWork(NamedTuple):
 
 
 class SolverWork(NamedTuple):
-    """Solution and scratch of the LCP solvers and of the stabilisation.
+    """Solution and scratch of a step's solvers and of the stabilisation.
 
     Attributes:
         x: (n,), [xi'; lambda_e].
-        lam, s: (C, k + 2), multipliers and slacks of each contact's rows [normal, friction, gamma].
-        active: (C, k + 2), 1 where the row's multiplier may be positive; 2 in the first column where it is at its limit.
-        r, R, ratio, dlam: (C, k + 2), residuals, right-hand sides, relative steps, steps.
-        weights, reduced, gamma0: the eliminated contacts, see `lcp.py`.
-        dx: (n,), right-hand side and step.
-        S, pivot: the bodies' matrix and its factors.
+        v, lam: (C, 3), velocity J x + bias and impulse of each contact in its frame, m/s and N s.
+        mode: (C,), see `cone.py`.
+        slip: (C, 3), direction of friction, and what it resists across that direction.
+        gain, offset: (C, 6) and (C, 3), impulse as a function of velocity, see `cone.py`.
+        radius: (C,), bounds of friction in `descent.py`, N s.
+        dv: (C, 3), change of v along dx.
+        dx, kept: (n,), right-hand side and step; a former x.
+        S, pivot: the derivative of the step's equations and its factors.
+        lagged: (1,), 1 where friction has the bounds of an iteration before; see `solve.py`.
         delta, S_delta, pivot_delta: the same of the stabilisation, of order 6 nb.
     """
 
     x: np.ndarray
+    v: np.ndarray
     lam: np.ndarray
-    s: np.ndarray
-    active: np.ndarray
-    r: np.ndarray
-    R: np.ndarray
-    ratio: np.ndarray
-    dlam: np.ndarray
-    weights: np.ndarray
-    reduced: np.ndarray
-    gamma0: np.ndarray
+    mode: np.ndarray
+    slip: np.ndarray
+    gain: np.ndarray
+    offset: np.ndarray
+    radius: np.ndarray
+    dv: np.ndarray
     dx: np.ndarray
+    kept: np.ndarray
     S: np.ndarray
     pivot: np.ndarray
+    lagged: np.ndarray
     delta: np.ndarray
     S_delta: np.ndarray
     pivot_delta: np.ndarray
-
-
-class Memory(NamedTuple):
-    """The active set of the previous step, a guess for the next one; see `solve.py`.
-
-    Attributes:
-        number: (1,), contacts; -1 when there was no previous step.
-        rows: (C, 16), their feature pairs.
-        body: (C, 2), their bodies.
-        active: (C, k + 2), their active rows.
-    """
-
-    number: np.ndarray
-    rows: np.ndarray
-    body: np.ndarray
-    active: np.ndarray
 
 
 class Sweep(NamedTuple):
@@ -208,7 +192,6 @@ def make_workspace(model, max_contacts):
     """Allocates the work tuples for a model and at most max_contacts contacts."""
     nb = model.num_bodies
     nr = model.joint_kind.shape[0]
-    k = len(model.cosines)
     total = nb + 2
     n = 6 * nb + nr
     m = max_contacts
@@ -245,8 +228,6 @@ def make_workspace(model, max_contacts):
         nr,
         model.contact_compliance,
         model.joint_compliance,
-        model.cosines,
-        model.sines,
         np.zeros((nb, 3, 3)),
         np.zeros(nb),
         np.zeros(6 * nb),
@@ -257,28 +238,22 @@ def make_workspace(model, max_contacts):
     )
     solver = SolverWork(
         np.zeros(n),
-        np.zeros((m, k + 2)),
-        np.zeros((m, k + 2)),
-        np.zeros((m, k + 2), np.uint8),
-        np.zeros((m, k + 2)),
-        np.zeros((m, k + 2)),
-        np.zeros((m, k + 2)),
-        np.zeros((m, k + 2)),
-        np.zeros((m, k)),
-        np.zeros((m, 8)),
+        np.zeros((m, 3)),
+        np.zeros((m, 3)),
+        np.zeros(m, np.uint8),
+        np.zeros((m, 3)),
+        np.zeros((m, 6)),
+        np.zeros((m, 3)),
         np.zeros(m),
+        np.zeros((m, 3)),
+        np.zeros(n),
         np.zeros(n),
         np.zeros((n, n)),
         np.zeros(n, np.int64),
+        np.zeros(1, np.int64),
         np.zeros(6 * nb),
         np.zeros((6 * nb, 6 * nb)),
         np.zeros(6 * nb, np.int64),
-    )
-    memory = Memory(
-        np.full(1, -1, np.int64),
-        np.zeros((m, FEATURE_SIZE)),
-        np.zeros((m, 2), np.int64),
-        np.zeros((m, k + 2), np.uint8),
     )
     sweep = Sweep(
         np.zeros((total, 4)),
@@ -292,4 +267,4 @@ def make_workspace(model, max_contacts):
     for b in range(total):
         for i in range(3):
             sweep.R[b, i, i] = 1.0
-    return bodies, contacts, system, solver, memory, sweep
+    return bodies, contacts, system, solver, sweep

@@ -1,0 +1,143 @@
+"""The equations of a step with its contacts as dense torch matrices, and their differentiable solution.
+
+    A x - H - sum_c J_c' f_c(J_c x + bias_c) = 0
+
+with x = [xi'; lambda_e] and A = [M, -J_e'; J_e, eps_e I]. Everything is written out; nothing is eliminated. This is the
+oracle of `kernels/cone.py`, and it is solved in another way: friction has bounds that are given, which makes a step
+the minimum of a convex function, and these are iterated until they are those of the normal impulses.
+
+Source: PIN-WM eq. 8-9, with Coulomb's cone in place of its polyhedron; Haslinger (1983) for the iteration.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+_ROUNDS, _STEPS, _HALVINGS, _POLISHES = 60, 60, 50, 12
+# Residual, relative to the step's impulse, of a solution.
+_SMALL = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class ContactProblem:
+    """Steps of W worlds with C contacts, one per world.
+
+    Attributes:
+        A: (W, n, n).
+        p: (W, n).
+        J: (W, C, 3, n), zero for what is no contact.
+        bias: (W, C, 3), m/s.
+        mu: (W, C), friction coefficients.
+        limit: (W, C), largest normal impulses, N s.
+        compliance: eps, (m/s)/(N s).
+        impulse: (W,), impulse scale, N s.
+    """
+
+    A: Tensor
+    p: Tensor
+    J: Tensor
+    bias: Tensor
+    mu: Tensor
+    limit: Tensor
+    compliance: float
+    impulse: Tensor
+
+    def detach(self) -> "ContactProblem":
+        """Problem with the same numbers, cut from the graph that autograd keeps."""
+        values = (getattr(self, name) for name in self.__dataclass_fields__)
+        return ContactProblem(*(value.detach() if isinstance(value, Tensor) else value for value in values))
+
+    def velocity(self, x: Tensor) -> Tensor:
+        """Velocities v (W, C, 3) of the contacts in their frames at x (W, n)."""
+        return (self.J @ x[:, None, :, None])[..., 0] + self.bias
+
+    def contact_impulse(self, v: Tensor, radius: Tensor | None = None) -> Tensor:
+        """Impulses (W, C, 3) at velocities v (W, C, 3); friction is bounded by radius (W, C), else by the cone."""
+        normal = torch.minimum((-v[..., 0] / self.compliance).clamp_min(0.0), self.limit)
+        most = self.mu * normal if radius is None else radius
+        speed = v[..., 1:].square().sum(-1)
+        speed = torch.where(speed > 0.0, speed, torch.ones_like(speed)).sqrt()
+        moves = (v[..., 1:] != 0.0).any(-1)
+        sliding = moves & (speed > self.compliance * most)
+        scale = torch.where(sliding, most / speed, torch.full_like(most, 1.0 / self.compliance))
+        return torch.cat([normal[..., None], -v[..., 1:] * scale[..., None]], -1)
+
+    def residual(self, x: Tensor, radius: Tensor | None = None) -> Tensor:
+        """Residual (W, n) of the step's equations at x (W, n)."""
+        impulse = self.contact_impulse(self.velocity(x), radius)
+        return (self.A @ x[..., None])[..., 0] - self.p - (self.J.mT @ impulse[..., None])[..., 0].sum(1)
+
+    def derivative(self, x: Tensor, radius: Tensor | None = None) -> Tensor:
+        """Derivative (W, n, n) of the residual at x (W, n)."""
+        v = self.velocity(x)
+        gain = -_slope(self, v, radius)
+        return self.A + (self.J.mT @ gain @ self.J).sum(1)
+
+
+def _slope(problem: ContactProblem, v: Tensor, radius: Tensor | None) -> Tensor:
+    """Derivative (W, C, 3, 3) of the impulses with respect to v."""
+    with torch.enable_grad():
+        leaf = v.detach().requires_grad_()
+        impulse = problem.contact_impulse(leaf, radius)
+        rows = [torch.autograd.grad(impulse[..., i].sum(), leaf, retain_graph=True)[0] for i in range(3)]
+    return torch.stack(rows, -2)
+
+
+def _descend(problem: ContactProblem, x: Tensor, radius: Tensor) -> Tensor:
+    """Minimum x (W, n) for bounds of friction (W, C), by Newton's method with a bisection along each step."""
+    for _ in range(_STEPS):
+        residual = problem.residual(x, radius)
+        if bool((residual.abs().amax(-1) <= _SMALL * problem.impulse).all()):
+            break
+        step = -torch.linalg.solve(problem.derivative(x, radius), residual)
+        low = torch.zeros(len(x), 1, dtype=x.dtype, device=x.device)
+        high = torch.ones_like(low)
+        for _ in range(_HALVINGS):
+            share = high if _ == 0 else 0.5 * (low + high)
+            slope = (problem.residual(x + share * step, radius) * step).sum(-1, keepdim=True)
+            low, high = torch.where(slope > 0.0, low, share), torch.where(slope > 0.0, share, high)
+            if bool((low == high).all()):
+                break
+        x = x + high * step
+    return x
+
+
+def _polish(problem: ContactProblem, x: Tensor) -> Tensor:
+    """Solution near x (W, n), by Newton's method on the equations with their cones."""
+    for _ in range(_POLISHES):
+        x = x - torch.linalg.solve(problem.derivative(x), problem.residual(x))
+    return x
+
+
+def _error(problem: ContactProblem, x: Tensor) -> Tensor:
+    """Residual (W,) relative to the impulse scale; infinite where it is not a number."""
+    error = problem.residual(x).abs().amax(-1) / problem.impulse
+    return torch.where(error.isfinite(), error, torch.full_like(error, torch.inf))
+
+
+def solve(problem: ContactProblem, start: Tensor) -> tuple[Tensor, Tensor]:
+    """Differentiable solution x (W, n) of the equations, and which worlds (W,) have one.
+
+    It is found without gradient; a last step of Newton's method, whose derivative is held, is the implicit function
+    theorem to autograd.
+
+    Args:
+        problem: one per world.
+        start: (W, n), usually the velocity without contacts.
+    """
+    with torch.no_grad():
+        held = problem.detach()
+        x, radius = start, torch.zeros_like(held.mu)
+        best, error = start, _error(held, start)
+        for _ in range(_ROUNDS):
+            x = _descend(held, x, radius)
+            polished = _polish(held, x)
+            found = _error(held, polished)
+            better = found < error
+            best, error = torch.where(better[:, None], polished, best), torch.where(better, found, error)
+            if bool((error <= _SMALL).all()):
+                break
+            radius = held.mu * held.contact_impulse(held.velocity(x), radius)[..., 0]
+        S = held.derivative(best)
+    return best - torch.linalg.solve(S, problem.residual(best)), error <= _SMALL
