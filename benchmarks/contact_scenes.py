@@ -242,10 +242,15 @@ def judge(scene: Scene, counts: dict[str, collections.Counter]) -> list[str]:
         count["no numbers"] += 1
         return ["no numbers"]
     lowest = torch.stack([heights(body, q[:, :, b], p[:, :, b]) for b, body in enumerate(scene.model.bodies)], -1)
-    deep = (lowest.amin(-1) < -MOST_DEPTH).any(0)
+    assert trajectory.jams is not None
+    assert trajectory.lagged is not None
+    jammed = trajectory.jams > 0
+    count["jammed"] += int(jammed.sum())
+    count["steps with lagged friction"] += int(trajectory.lagged.sum())
+    deep = (lowest.amin(-1) < -MOST_DEPTH).any(0) & ~jammed
     count["deep"] += int(deep.sum())
     if deep.any():
-        faults.append(f"world {int(deep.nonzero()[0])}: {1e3 * float(lowest.min()):.3f} mm")
+        faults.append(f"world {int(deep.nonzero()[0])}: {1e3 * float(lowest[:, deep].min()):.3f} mm")
     if scene.thrown:
         E = energies(scene.model, scene.parameters, q, p, V)
         rise = ((E[1:] - E[:-1]) / E[0]).amax(0)

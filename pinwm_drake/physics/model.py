@@ -21,6 +21,8 @@ _SMALLEST, _LARGEST = 1e-5, 100.0  # m, of a piece
 _MOST_DIRECTIONS = 256
 LIGHTEST, HEAVIEST = 1e-6, 1e4  # kg
 LEAST_GYRATION = 1e-6  # m
+# Change of a body's speed that a hit of the pusher may make within one step, m/s: above what table-top pushers do.
+_IMPACT_SPEED = 3.0
 # A joint row's compliance over the contacts': it only settles redundant rows.
 _JOINT_OVER_CONTACT = 1e-3
 
@@ -88,10 +90,10 @@ class Model:
         joints: bilateral constraints.
         contact_margin: contacts nearer than this, plus what bodies may travel within a step, enter the LCP, m.
         compliance: contact compliance relative to a body's inverse mass; see `kernels/lcp.py`.
-        max_contacts: contacts of one world at the most; more is an error.
-        pusher_force: force with which the pusher presses at most, N, shared among the contacts that it has with a body;
-            what resists more, such as a floor behind the body, it enters. Such steps are counted; see
-            `Trajectory.jams`.
+        max_contacts: contacts of one world at the most; more is an error. Memory grows with what there are.
+        pusher_force: force with which the pusher presses at most, N, shared among the contacts that it has with a body,
+            beyond the impulse that gives the body 3 m/s; what resists more, such as a floor behind the body, it enters.
+            Such steps are counted; see `Trajectory.jams`.
 
     Raises:
         ModelError: names, sizes or values contradict each other; the message says which.
@@ -106,7 +108,7 @@ class Model:
     joints: Sequence[Joint] = ()
     contact_margin: float = 1e-3
     compliance: float = 1e-5
-    max_contacts: int = 64
+    max_contacts: int = 1024
     pusher_force: float = 500.0
 
     def __post_init__(self) -> None:
@@ -227,6 +229,7 @@ class Model:
             contact_compliance=compliance,
             joint_compliance=compliance * _JOINT_OVER_CONTACT,
             pusher_impulse=float(self.pusher_force * self.time_step),
+            impact_impulse=masses * _IMPACT_SPEED,
             stabilisation_weight=weight / float(masses.sum()),
             margin=float(self.contact_margin),
             joint_kind=np.array([row[0] for row in rows], np.int64),

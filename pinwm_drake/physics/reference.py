@@ -17,7 +17,7 @@ from pinwm_drake.physics.cone import ContactProblem, solve
 from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, LINEAR
 from pinwm_drake.physics.kernels.detect import FADE, LEAST_REBOUND
 from pinwm_drake.physics.kernels.select import select_worlds
-from pinwm_drake.physics.kernels.stabilise import FADE_GAP, KAPPA, MOST_PUSHED, SLOP
+from pinwm_drake.physics.kernels.stabilise import KAPPA, MOST_PUSHED, ROUNDING, ROUNDS, SLOP
 from pinwm_drake.physics.model import Model
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.state import State, Trajectory
@@ -208,8 +208,12 @@ def build_problem(
     bias_n = bias[..., 0] + keep * contacts.gap.clamp_min(-SLOP) / h - rebound
 
     pressing = contacts.body[..., 1] == nb
-    sharing = (pressing[:, :, None] & (contacts.body[:, :, None] == contacts.body[:, None]).all(-1) & valid[:, None]).sum(-1)
+    sharing = (
+        pressing[:, :, None] & (contacts.body[:, :, None] == contacts.body[:, None]).all(-1) & valid[:, None]
+    ).sum(-1)
     limit = torch.where(pressing, arrays.pusher_impulse / sharing.clamp_min(1), torch.full_like(mu, torch.inf))
+    impact = torch.as_tensor(arrays.impact_impulse, dtype=dtype, device=device)
+    limit = limit + impact[contacts.body[..., 0]]
 
     J_e, bias_e, error_e = joint_rows(model, state, R, V_WP)
     nr = J_e.shape[1]
@@ -224,9 +228,7 @@ def build_problem(
         p=torch.cat([momentum, -bias_e], -1),
         J=torch.nn.functional.pad(contacts.J * valid[..., None, None], (0, nr)),
         # What is no contact is open, whatever moves.
-        bias=torch.where(
-            valid[..., None], torch.cat([bias_n[..., None], bias[..., 1:]], -1), torch.ones_like(bias)
-        ),
+        bias=torch.where(valid[..., None], torch.cat([bias_n[..., None], bias[..., 1:]], -1), torch.ones_like(bias)),
         mu=mu,
         limit=limit,
         compliance=arrays.contact_compliance,
@@ -238,20 +240,26 @@ def build_problem(
 def _stabilise(model: Model, contacts: Contacts, full: Tensor, joints: tuple[Tensor, Tensor]) -> Tensor:
     """Position correction delta (W, 6 nb), [rad; m]; see `kernels/stabilise.py`."""
     nb = model.num_bodies
-    gap = contacts.gap
-    t = (1.0 - gap / FADE_GAP).clamp(0.0, 1.0)
     taken = contacts.valid & ~full
-    weight = torch.where(taken, t * t * (3.0 - 2.0 * t), torch.zeros_like(t))
-    depth = torch.where(taken, (-gap - SLOP).clamp_min(0.0), torch.zeros_like(gap))
+    depth = -contacts.gap - SLOP
     depth = torch.where(contacts.body[..., 1] == nb, depth.clamp_max(MOST_PUSHED), depth)
     Jn = contacts.J[:, :, 0]
     J_e, error = joints
-    metric = KAPPA * torch.as_tensor(model.arrays.stabilisation_weight, dtype=gap.dtype, device=gap.device)
-    normal = (
-        torch.diag(metric.repeat_interleave(3, 1).reshape(6 * nb)) + Jn.mT @ (weight[..., None] * Jn) + J_e.mT @ J_e
-    )
-    right = (Jn.mT @ (weight * depth)[..., None] - J_e.mT @ error[..., None])[..., 0]
-    return torch.linalg.solve(normal, right)
+    metric = KAPPA * torch.as_tensor(model.arrays.stabilisation_weight, dtype=depth.dtype, device=depth.device)
+    fixed = torch.diag(metric.repeat_interleave(3, 1).reshape(6 * nb)) + J_e.mT @ J_e
+    pushes = taken & (depth > 0.0)
+    if not bool(pushes.any()) and not model.joints:
+        return torch.zeros_like(Jn[:, 0])
+    for _ in range(ROUNDS):
+        some = pushes.to(depth.dtype)
+        right = (Jn.mT @ (some * depth)[..., None] - J_e.mT @ error[..., None])[..., 0]
+        delta = torch.linalg.solve(fixed + Jn.mT @ (some[..., None] * Jn), right)
+        left = depth - (Jn @ delta[..., None])[..., 0]
+        again = taken & (left > torch.where(pushes, -ROUNDING, ROUNDING))
+        if bool((again == pushes).all()):
+            break
+        pushes = again
+    return delta
 
 
 def step_reference(model: Model, parameters: Parameters, state: State, V_WP: Tensor) -> State:

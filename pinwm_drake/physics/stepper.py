@@ -16,13 +16,14 @@ from pinwm_drake.threads import available, share
 
 Arrays = tuple[np.ndarray, ...]
 
+_FEW_CONTACTS = 33  # rows of the contact tables to begin with, one of them to see that there are too many
 _JOINT_ERROR = 0.01  # m or rad, of a joint at the start; a step closes it at once
 
 
 class Stepper:
     """Advances worlds by Stewart-Trinkle velocity steps and differentiates through them.
 
-    Source: Stewart and Trinkle (1996); PIN-WM eq. 8-10; see `kernels/lcp.py` and `kernels/adjoint.py`.
+    Source: Stewart and Trinkle (1996); PIN-WM eq. 8-10; see `kernels/cone.py` and `kernels/adjoint.py`.
     """
 
     def __init__(
@@ -46,9 +47,10 @@ class Stepper:
         self.model = model
         self.backend = backend
         self.num_threads = num_threads or available()
+        self._rows = min(_FEW_CONTACTS, model.contact_rows)
 
     def step(self, parameters: Parameters, state: State, V_WP: Tensor | None = None) -> State:
-        """Discrete update: one LCP step of all worlds, differentiable in everything it is given.
+        """Discrete update: one step of all worlds, differentiable in everything it is given.
 
         Args:
             parameters: theta of W worlds.
@@ -60,7 +62,7 @@ class Stepper:
 
         Raises:
             StateError, ParameterError, ModelError: an input does not fit the model.
-            SolverError: a world's LCP found no solution; the message names world and step.
+            SolverError: a world's state became infinite, or it has too many contacts; the message names world and step.
         """
         W = state.num_worlds
         if V_WP is None:
@@ -72,7 +74,7 @@ class Stepper:
         """Rollout over a sequence of steps, differentiable in everything it is given.
 
         Without gradients its memory does not grow with its length (only with the frames it records). With
-        gradients it keeps states and active sets of every step, under 1 kB per step and world.
+        gradients it keeps states and modes of contacts of every step, under 0.3 kB per step and world.
 
         Args:
             parameters: theta of W worlds.
@@ -85,7 +87,7 @@ class Stepper:
 
         Raises:
             StateError, ParameterError, ModelError: an input does not fit the model.
-            SolverError: a world's LCP found no solution; the message names world and step.
+            SolverError: a world's state became infinite, or it has too many contacts; the message names world and step.
         """
         state.check(self.model)
         parameters.check(self.model)
@@ -136,7 +138,7 @@ class Stepper:
             The five arrays of the state after T steps.
 
         Raises:
-            SolverError: a world's LCP found no solution; the message names world and step.
+            SolverError: a world's state became infinite, or it has too many contacts; the message names world and step.
         """
         frames = self._roll(theta, state, V_WP, len(V_WP), False)[4]
         return tuple([array[1] for array in frames[:5]])
@@ -146,13 +148,19 @@ class Stepper:
         model = self.model
         T, W = V_WP.shape[:2]
         q, p, V, q_P, p_P = state
-        frames = kernels.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
-        saved = kernels.allocate_saved(T, W, model.num_bodies, model.contact_rows, keep)
-        arguments = (model.arrays, theta, V_WP, record_every, frames, saved)
-        share(kernels.rollout_forward, arguments, W, self.num_threads)
-        if (frames[-1][0] < 0).any():
-            _raise_failure(model, frames[-1][0])
-        return arguments
+        rows = self._rows
+        while True:
+            frames = kernels.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
+            saved = kernels.allocate_saved(T, W, model.num_bodies, rows, keep)
+            arguments = (model.arrays, theta, V_WP, record_every, frames, saved)
+            share(kernels.rollout_forward, arguments, W, self.num_threads)
+            status = frames[-1][0]
+            if (status >= 0).all():
+                return arguments
+            if (status >= -kernels.TOO_MANY_CONTACTS).all() or rows >= model.contact_rows:
+                _raise_failure(model, status)
+            # More contacts than there was room for: again, with room for twice as many.
+            rows = self._rows = min(2 * rows, model.contact_rows)
 
 
 def _check_joints(model: Model, state: State) -> None:
@@ -179,7 +187,7 @@ def _raise_failure(model: Model, status: np.ndarray) -> None:
             f"{model.max_contacts} contacts; raise Model(max_contacts=...)",
             worlds=worlds,
         )
-    raise SolverError(f"world {world}, step {code - 1}: the contact LCP found no solution", worlds=worlds)
+    raise SolverError(f"world {world}, step {code - 1}: a number of the solution is not finite", worlds=worlds)
 
 
 class _Rollout(torch.autograd.Function):

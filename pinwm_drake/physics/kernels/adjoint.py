@@ -1,9 +1,9 @@
 """The adjoint of one step of one world (numba).
 
-A step is rebuilt from its saved start, its velocities and the modes of its contacts, then differentiated implicitly at its solution. With the
-equations F(x; data) = 0 of `cone.py`, the adjoint y solves the *transposed* system (dF/dx)' y = dL/dx (friction makes it
-unsymmetric), and dL/ddata = -y . dF/ddata. Contact points, normals,
-tangents and gaps depend on the poses; all of those derivatives are kept.
+A step is rebuilt from its saved start, its velocities and the modes of its contacts, then differentiated implicitly at
+its solution. With the equations F(x; data) = 0 of `cone.py`, the adjoint y solves the *transposed* system (dF/dx)' y =
+dL/dx (friction makes it unsymmetric), and dL/ddata = -y . dF/ddata. Contact points, normals, tangents and gaps depend on
+the poses; all of those derivatives are kept.
 
 Source: Amos and Kolter (2017), "OptNet", eq. 7-8; de Avila Belbute-Peres et al. (2018). PIN-WM eq. 10.
 """
@@ -16,7 +16,6 @@ from pinwm_drake.physics.kernels.adjoint_joints import joints_adjoint
 from pinwm_drake.physics.kernels.cone import (
     ALONG_1,
     ALONG_2,
-    FULL_STICKS,
     N1,
     N2,
     NN,
@@ -31,7 +30,7 @@ from pinwm_drake.physics.kernels.detect import FADE, rebound
 from pinwm_drake.physics.kernels.dynamics import gyroscopic_jacobian, solve3
 from pinwm_drake.physics.kernels.newton import recall_solution
 from pinwm_drake.physics.kernels.small_matrix import lu_solve, lu_solve_transposed
-from pinwm_drake.physics.kernels.stabilise import SLOP, contact_weight, stabilise, wanted
+from pinwm_drake.physics.kernels.stabilise import SLOP, stabilise, wanted
 from pinwm_drake.physics.kernels.step import build_step
 
 
@@ -153,11 +152,9 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
     y, delta = adjoint.y, solver.delta
     lu_solve(6 * system.num_bodies, solver.S_delta, solver.pivot_delta, y)
     for c in range(contacts.number[0]):
-        gap = contacts.gap[c]
-        weight, slope = contact_weight(gap)
-        if weight == 0.0 or solver.mode[c] >= FULL_STICKS:
+        if solver.lifts[c] == 0:
             continue
-        depth, steep = wanted(contacts, solver, c)
+        depth, steep = wanted(contacts, c)
         Jy, Jd = 0.0, 0.0
         for side in range(2):
             body = contacts.dynamic[c, side]
@@ -166,7 +163,7 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
                     Jy += contacts.J[c, side, 0, i] * y[6 * body + i]
                     Jd += contacts.J[c, side, 0, i] * delta[6 * body + i]
         left = depth - Jd
-        gap_bar = slope * Jy * left - weight * Jy * steep
+        gap_bar = -Jy * steep
         adjoint.frame[:] = 0.0
         adjoint.lever[:] = 0.0
         n = contacts.frame[c, 0]
@@ -176,7 +173,7 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
                 continue
             sign = 1.0 if side == 0 else -1.0
             o = 6 * body
-            p, q = sign * weight * left, -sign * weight * Jy
+            p, q = sign * left, -sign * Jy
             w = (p * y[o] + q * delta[o], p * y[o + 1] + q * delta[o + 1], p * y[o + 2] + q * delta[o + 2])
             v = (
                 p * y[o + 3] + q * delta[o + 3],
@@ -262,12 +259,13 @@ def _contact_rows_adjoint(
     keep_bar = -y_n * max(gap, -SLOP) / model.time_step
     restitution_bar[contacts.pair[c]] -= keep_bar * closing * FADE * (1.0 - e) ** (FADE - 1)
     _, bounces = rebound(model, contacts, c, e)
+    share = contacts.elastic[0]
     if bounces:
-        restitution_bar[contacts.pair[c]] -= y_n * approach
+        restitution_bar[contacts.pair[c]] -= y_n * share * approach
     if bounces and e > 0.0:
         if not B_moves and _dot(n, model.gravity) < 0.0:
-            _add(frame[0], 0, y_n * model.time_step, model.gravity)
-        a = -y_n * e
+            _add(frame[0], 0, y_n * share * model.time_step, model.gravity)
+        a = -y_n * share * e
         V_A, V_B = bodies.V[A], bodies.V[B]
         v_A, v_B = _point_velocity(V_A, r_A), _point_velocity(V_B, r_B)
         for i in range(3):

@@ -29,7 +29,8 @@ class ModelArrays(NamedTuple):
         radius: (num_bodies + 1,), m, of a sphere about each body's origin that holds it; the pusher's last.
         contact_compliance: epsilon of a contact, (m/s)/(N s), per unit of impulse.
         joint_compliance: the same for joint rows.
-        pusher_impulse: largest normal impulse of the pusher on a body in a step, N s.
+        pusher_impulse: largest normal impulse with which the pusher presses on a body in a step, N s.
+        impact_impulse: (num_bodies,), what it gives beyond that where it hits the body, N s.
         stabilisation_weight: (num_bodies, 2), metric [kg m^2, kg] of the position correction over the total mass.
         margin: contacts nearer than this, plus what bodies may travel in a step, enter the LCP, m.
         joint_kind, joint_bodies: (num_rows,), (num_rows, 2), bodies A and B.
@@ -50,6 +51,7 @@ class ModelArrays(NamedTuple):
     contact_compliance: float
     joint_compliance: float
     pusher_impulse: float
+    impact_impulse: np.ndarray
     stabilisation_weight: np.ndarray
     margin: float
     joint_kind: np.ndarray

@@ -36,7 +36,7 @@ ALONG_1, ALONG_2, ACROSS = range(3)
 @kernel
 def slides(mode):
     """True for the modes of a contact that slides."""
-    return mode == SLIDES or mode == FULL_SLIDES
+    return mode in (SLIDES, FULL_SLIDES)
 
 
 @kernel

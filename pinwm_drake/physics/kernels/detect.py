@@ -35,14 +35,14 @@ def select_features(model, bodies, contacts):
     fall = h * math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
     count = 0
     for A in range(nb):
-        speed_A = _speed_bound(model, bodies, A) + fall
+        speed_A, hit = _speed_bound(model, bodies, A) + fall, 0.0
         for B in range(A + 1, nb + 2):
             pair = model.pair_index[A, B]
             if pair < 0:
                 continue
             first = count
             if nb + 1 == B:
-                margin = model.margin + h * speed_A
+                margin = model.margin + h * (speed_A + hit)
                 count = collide_floor(
                     model.table, A, bodies.R[A], bodies.p[A], model.floor_height, margin, contacts.rows, count
                 )
@@ -61,6 +61,9 @@ def select_features(model, bodies, contacts):
                     contacts.rows,
                     count,
                 )
+                if nb == B and count > first:
+                    # What the pusher hits may turn about its corners, up to twice as fast where it is long.
+                    hit = 2.0 * speed_B
             for c in range(first, count):
                 contacts.body[c, 0] = A
                 contacts.body[c, 1] = B
@@ -104,7 +107,7 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
             sharing = 0
             for other in range(contacts.number[0]):
                 sharing += 1 if contacts.body[other, 0] == A and contacts.body[other, 1] == B else 0
-            contacts.limit[c] = model.pusher_impulse / sharing
+            contacts.limit[c] = model.impact_impulse[A] + model.pusher_impulse / sharing
         a, b = contacts.witness[c, 0], contacts.witness[c, 1]
         frame, lever, J = contacts.frame[c], contacts.lever[c], contacts.J[c]
         gap = contact_from_features(
@@ -141,8 +144,8 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
         contacts.closing[c] = closing
         e = restitution[contacts.pair[c]]
         keep = 1.0 - closing * (1.0 - (1.0 - e) ** FADE)
-        speed, _ = rebound(model, contacts, c, e)
-        contacts.bias[c, 0] = keep * max(gap, -SLOP) / h - speed
+        contacts.rebound[c], _ = rebound(model, contacts, c, e)
+        contacts.bias[c, 0] = keep * max(gap, -SLOP) / h - contacts.elastic[0] * contacts.rebound[c]
         contacts.bias[c, 1] = 0.0
         contacts.bias[c, 2] = 0.0
         if model.num_bodies == B:

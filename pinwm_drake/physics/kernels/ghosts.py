@@ -15,8 +15,9 @@ from pinwm_drake.geometry.features import contact_from_features
 from pinwm_drake.jit import kernel
 from pinwm_drake.physics.kernels.cone import OPEN
 from pinwm_drake.physics.kernels.dynamics import integrate_quaternion, rotation_from_quaternion
-from pinwm_drake.physics.kernels.stabilise import FADE_GAP
 
+# Bodies that were nearer than this before the step, m, were in contact, whatever they do.
+APART = 1e-4
 # Bodies that are nearer than this after the step touch, m; deeper than this they overlap.
 TOUCHING = 2e-5
 # Way between two looks for overlap, m: what is thinner may be missed; and the most looks of a step.
@@ -76,7 +77,7 @@ def leave_out_ghosts(model, bodies, contacts, solver, sweep):
     for c in range(contacts.number[0]):
         A, B = contacts.body[c, 0], contacts.body[c, 1]
         # The floor has no rim.
-        if model.num_bodies + 1 == B or solver.mode[c] == OPEN or contacts.gap[c] < FADE_GAP:
+        if model.num_bodies + 1 == B or solver.mode[c] == OPEN or contacts.gap[c] < APART:
             continue
         if not moved:
             _move(model, bodies, solver, sweep, 1.0)
@@ -107,7 +108,7 @@ def switch_off(contacts, sweep):
 def take_back_hits(model, bodies, contacts, solver, sweep):
     """Unmarks the rows of bodies that overlap on the way; returns how many, whose rows are to be built anew."""
     number = 0
-    looks = min(int(math.ceil(model.time_step * _fastest(model, bodies, solver) / STRIDE)), MOST_LOOKS)
+    looks = min(math.ceil(model.time_step * _fastest(model, bodies, solver) / STRIDE), MOST_LOOKS)
     for look in range(1, looks + 1):
         _move(model, bodies, solver, sweep, look / looks)
         for c in range(contacts.number[0]):

@@ -40,9 +40,10 @@ def resistance(system, contacts, c):
     for side in range(2):
         b = contacts.dynamic[c, side]
         if b >= 0:
-            r, I = contacts.lever[c, side], system.inertia[b]
+            r, inertia = contacts.lever[c, side], system.inertia[b]
             inverse += 1.0 / system.mass[b]
-            inverse += 3.0 * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) / (I[0, 0] + I[1, 1] + I[2, 2])
+            arm = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+            inverse += 3.0 * arm / (inertia[0, 0] + inertia[1, 1] + inertia[2, 2])
     return 1.0 / inverse
 
 

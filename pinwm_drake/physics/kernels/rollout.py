@@ -112,6 +112,7 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
         lagged[w] += solver.lagged[0]
         if keep:
             _store_modes(contacts, solver, modes, t, w)
+            saved[6][t, w] = contacts.elastic[0]
         if (t + 1) % record_every == 0:
             _store(bodies, nb, has_pusher, states, (t + 1) // record_every, w)
     status[w] = total
@@ -178,6 +179,7 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
         if has_pusher:
             _drive(bodies, nb, V_P, t, w)
         _load_solution(solver, nb, states, saved_states, modes, t, w)
+        contacts.elastic[0] = saved[6][t, w]
         ok = step_adjoint(
             model,
             mass,
@@ -242,7 +244,7 @@ def rollout_backward(model, parameters, V_P, record_every, frames, saved, frame_
 def allocate_frames(
     q: np.ndarray, p: np.ndarray, V: np.ndarray, q_P: np.ndarray, p_P: np.ndarray, num_frames: int
 ) -> tuple[np.ndarray, ...]:
-    """Frame arrays (num_frames, W, ...) with the initial state in frame 0, and the worlds' status, jams and lagged steps (3, W)."""
+    """Frame arrays (num_frames, W, ...) from the initial state on; status, jams and lagged steps (3, W)."""
     arrays = []
     for first in (q, p, V, q_P, p_P):
         array = np.empty((num_frames, *first.shape))
@@ -255,7 +257,7 @@ def allocate_frames(
 def allocate_saved(
     num_steps: int, num_worlds: int, num_bodies: int, max_contacts: int, keep: bool
 ) -> tuple[np.ndarray, ...]:
-    """Arrays for the backward pass: states and modes of the contacts of every step; empty if not `keep`."""
+    """Arrays for the backward pass: states, modes of contacts, shares of bounces; empty if not `keep`."""
     T = num_steps if keep else 0
     W = num_worlds
     return (
@@ -265,4 +267,5 @@ def allocate_saved(
         np.empty((T, W, 4)),
         np.empty((T, W, 3)),
         np.zeros((T, W, max_contacts), np.uint8),
+        np.ones((T, W)),
     )

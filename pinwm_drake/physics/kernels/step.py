@@ -5,7 +5,7 @@ from pinwm_drake.physics.kernels.detect import build_rows, select_features
 from pinwm_drake.physics.kernels.dynamics import begin_step, integrate_quaternion
 from pinwm_drake.physics.kernels.ghosts import leave_out_ghosts, switch_off, take_back_hits
 from pinwm_drake.physics.kernels.joints import build_joints
-from pinwm_drake.physics.kernels.solve import solve_contacts
+from pinwm_drake.physics.kernels.restitution import solve_passively
 from pinwm_drake.physics.kernels.stabilise import stabilise
 
 
@@ -43,21 +43,22 @@ def advance(model, bodies, contacts, system, solver):
 @kernel
 def solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep):
     """Solves a step without contacts that are none; returns iterations, or -1 where a number is not finite."""
-    used = solve_contacts(bodies, system, contacts, solver)
+    used = solve_passively(model, bodies, system, contacts, solver)
     if used < 0 or leave_out_ghosts(model, bodies, contacts, solver, sweep) == 0:
         return used
-    again = solve_contacts(bodies, system, contacts, solver)
+    again = solve_passively(model, bodies, system, contacts, solver)
     if again >= 0 and take_back_hits(model, bodies, contacts, solver, sweep) > 0:
         build_rows(model, friction, restitution, bodies, contacts, system)
         switch_off(contacts, sweep)
         used += again
-        again = solve_contacts(bodies, system, contacts, solver)
+        again = solve_passively(model, bodies, system, contacts, solver)
     return used + again if again >= 0 else again
 
 
 @kernel
 def step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep):
     """Advances one world in place; returns iterations, or -1 where a number is not finite."""
+    contacts.elastic[0] = 1.0
     build_step(model, mass, inertia, friction, restitution, bodies, contacts, system)
     iterations = solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep)
     if iterations < 0:

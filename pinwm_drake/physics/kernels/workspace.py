@@ -43,6 +43,7 @@ class ContactWork(NamedTuple):
         approach: (C,), normal relative velocity before the step, m/s.
         closing: (C,), 1 where the contact closes within the step.
         bias: (C, 3), m/s.
+        rebound: (C,), speed of a bounce, m/s, of which bias has the share in elastic (1,).
         mu: (C,), friction coefficients.
         limit: (C,), largest normal impulse, N s.
     """
@@ -60,6 +61,8 @@ class ContactWork(NamedTuple):
     approach: np.ndarray
     closing: np.ndarray
     bias: np.ndarray
+    rebound: np.ndarray
+    elastic: np.ndarray
     mu: np.ndarray
     limit: np.ndarray
 
@@ -105,6 +108,7 @@ class SolverWork(NamedTuple):
         dx, kept: (n,), right-hand side and step; a former x.
         S, pivot: the derivative of the step's equations and its factors.
         lagged: (1,), 1 where friction has the bounds of an iteration before; see `solve.py`.
+        lifts: (C,), 1 where a contact pushes in the stabilisation.
         delta, S_delta, pivot_delta: the same of the stabilisation, of order 6 nb.
     """
 
@@ -122,6 +126,7 @@ class SolverWork(NamedTuple):
     S: np.ndarray
     pivot: np.ndarray
     lagged: np.ndarray
+    lifts: np.ndarray
     delta: np.ndarray
     S_delta: np.ndarray
     pivot_delta: np.ndarray
@@ -221,6 +226,8 @@ def make_workspace(model, max_contacts):
         np.zeros(m),
         np.zeros((m, 3)),
         np.zeros(m),
+        np.ones(1),
+        np.zeros(m),
         np.zeros(m),
     )
     system = SystemWork(
@@ -251,6 +258,7 @@ def make_workspace(model, max_contacts):
         np.zeros((n, n)),
         np.zeros(n, np.int64),
         np.zeros(1, np.int64),
+        np.zeros(m, np.uint8),
         np.zeros(6 * nb),
         np.zeros((6 * nb, 6 * nb)),
         np.zeros(6 * nb, np.int64),

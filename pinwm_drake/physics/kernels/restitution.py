@@ -1,0 +1,90 @@
+"""Restitution that gains no energy (numba).
+
+Newton's law gives every contact its speed after a bounce, whatever friction does meanwhile; with friction, or with
+several contacts at once, that can add energy. So where the bodies of a step with bounces would gain energy, all bounces
+of that step are made smaller by one factor, with which they gain none.
+
+Source: the fault is known since Kane and Levinson (1985); cf. Stronge, "Impact Mechanics" (2000), chapter 4.
+"""
+
+from pinwm_drake.jit import kernel
+from pinwm_drake.physics.kernels.solve import solve_contacts
+
+# Steps of the search, and the work that may be lost by it, relative to that of bounces without any speed.
+MOST_STEPS, NEAR = 20, 1e-3
+
+
+@kernel
+def _gain(model, bodies, system, contacts, work):
+    """Energy that the bodies gain in this step, J, with what the pusher gives taken off.
+
+    It is the contacts' work, impulses times means of relative velocities, and what a semi-implicit step adds where a
+    bounce changes the velocity: bodies rise with the new one for the whole step.
+    """
+    total = 0.0
+    for c in range(contacts.number[0]):
+        lam = work.lam[c]
+        if lam[0] == 0.0:
+            continue
+        for i in range(3):
+            twice = 0.0
+            for side in range(2):
+                b = contacts.body[c, side]
+                for j in range(6):
+                    after = work.x[6 * b + j] if contacts.dynamic[c, side] >= 0 else bodies.V[b, j]
+                    twice += contacts.J[c, side, i, j] * (bodies.V[b, j] + after)
+            total += 0.5 * lam[i] * twice
+    for b in range(system.num_bodies):
+        for i in range(3):
+            change = bodies.V[b, 3 + i] - work.x[6 * b + 3 + i]
+            total += 0.5 * model.time_step * system.mass[b] * model.gravity[i] * change
+    return total
+
+
+@kernel
+def _bounce(contacts, share):
+    """Changes the share of the bounces in the biases."""
+    for c in range(contacts.number[0]):
+        contacts.bias[c, 0] += (contacts.elastic[0] - share) * contacts.rebound[c]
+    contacts.elastic[0] = share
+
+
+@kernel
+def solve_passively(model, bodies, system, contacts, work):
+    """Solves a step with bounces that gain nothing, whose share is in contacts.elastic; as `solve_contacts`."""
+    used = solve_contacts(bodies, system, contacts, work)
+    bounces = False
+    for c in range(contacts.number[0]):
+        bounces = bounces or (contacts.rebound[c] > 0.0 and work.lam[c, 0] > 0.0)
+    if used < 0 or not bounces:
+        return used
+    high, gained = contacts.elastic[0], _gain(model, bodies, system, contacts, work)
+    if gained <= 0.0:
+        return used
+    low = 0.0
+    _bounce(contacts, low)
+    more = solve_contacts(bodies, system, contacts, work)
+    lost = _gain(model, bodies, system, contacts, work)
+    scale = abs(lost)
+    for step in range(MOST_STEPS):
+        if more < 0:
+            return more
+        used += more
+        if high - low < 1e-9 or lost >= 0.0:
+            break
+        # The secant's zero, and every third time the middle.
+        share = 0.5 * (low + high) if step % 3 == 2 else low - lost * (high - low) / (gained - lost)
+        _bounce(contacts, share)
+        more = solve_contacts(bodies, system, contacts, work)
+        done = _gain(model, bodies, system, contacts, work)
+        if done > 0.0:
+            high, gained = share, done
+        else:
+            low, lost = share, done
+            if -done <= NEAR * scale:
+                break
+    if more >= 0 and contacts.elastic[0] != low:
+        used += more
+        _bounce(contacts, low)
+        more = solve_contacts(bodies, system, contacts, work)
+    return used + more if more >= 0 else more
