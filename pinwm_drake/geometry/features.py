@@ -289,7 +289,8 @@ def _radii(kind, outward, ux, uy, uz, r, ex, ey, ez, t1, t2):
             t1[0] * t2[1] - t1[1] * t2[0],
         )
         # A normal along the axis does not turn at all; the bound keeps what cancels within rounding.
-        k = r / max(outward * (nx * ex + ny * ey + nz * ez), _LEAST_TURN)
+        turn = outward * (nx * ex + ny * ey + nz * ez)
+        k = r / (turn if abs(turn) > _LEAST_TURN else _LEAST_TURN)
         ux, uy, uz = uy * ez - uz * ey, uz * ex - ux * ez, ux * ey - uy * ex
         w1, w2 = ux * t1[0] + uy * t1[1] + uz * t1[2], ux * t2[0] + uy * t2[1] + uz * t2[2]
         return k * w1 * w1, k * w1 * w2, k * w2 * w2, 0.0, 0.0

@@ -9,7 +9,7 @@ the minimum of a convex function, and these are iterated until they are those of
 Source: PIN-WM eq. 8-9, with Coulomb's cone in place of its polyhedron; Haslinger (1983) for the iteration.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -45,8 +45,8 @@ class ContactProblem:
 
     def detach(self) -> "ContactProblem":
         """Problem with the same numbers, cut from the graph that autograd keeps."""
-        values = (getattr(self, name) for name in self.__dataclass_fields__)
-        return ContactProblem(*(value.detach() if isinstance(value, Tensor) else value for value in values))
+        names = ("A", "p", "J", "bias", "mu", "limit", "impulse")
+        return replace(self, **{name: getattr(self, name).detach() for name in names})
 
     def velocity(self, x: Tensor) -> Tensor:
         """Velocities v (W, C, 3) of the contacts in their frames at x (W, n)."""

@@ -1,8 +1,8 @@
 """The step in plain torch: the oracle of the kernels, and the path that runs on CUDA.
 
 Features are selected by the narrow phase on the CPU (a discrete choice without gradient); everything else (contact
-geometry, equations, solution, stabilisation, integration) is dense torch code on the device of its inputs, differentiated
-by autograd.
+geometry, equations, solution, stabilisation, integration) is dense torch code on the device of its inputs,
+differentiated by autograd.
 """
 
 from dataclasses import dataclass

@@ -113,10 +113,10 @@ class Trajectory:
         V_WB: (F, W, nb, 6), [rad/s; m/s].
         q_WP: (F, W, 4).
         p_WP: (F, W, 3), m.
-        jams: (W,) int64, steps in which the pusher pressed as hard as it can; None from the "torch" backend, which counts
-            nothing.
-        lagged: (W,) int64, steps in which friction took its bound from an iteration before, because no solution was found
-            where both agree; None from the "torch" backend.
+        jams: (W,) int64, steps in which the pusher pressed as hard as it can; None from the "torch" backend, which
+            counts nothing.
+        lagged: (W,) int64, steps in which friction took its bound from an iteration before, because no solution was
+            found where both agree; None from the "torch" backend.
     """
 
     q_WB: Tensor

@@ -55,7 +55,10 @@ def test_one_unknown_alone(pinwm, capture, tmp_path):
     code, _, errors = pinwm("identify", str(capture), str(tmp_path), *QUICK, *arguments)
     assert (code, errors) == (0, "")
     theta = read_twin(tmp_path).theta
-    assert theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.05)  # nuisances are free
+    # Where and when the push began is free, too: half of the interval is 12 % wide.
+    assert theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.1)
+    low, high = theta["friction_floor"].interval
+    assert low < TRUTH["friction_floor"] < high
     assert theta["friction_pusher"].value == 0.3
     assert theta["friction_pusher"].interval is None
 

@@ -102,7 +102,7 @@ def test_quadratic_model_predicts_the_loss(pushed):
     z = torch.zeros(len(names), dtype=torch.float64)
     model = expand(problem, pictures, z)
     d = torch.zeros_like(z)
-    d[names.index("start_x")], d[names.index("friction_floor")] = 0.15, 0.1
+    d[names.index("start_x")], d[names.index("friction_floor")] = 0.1, 0.07
     after = float(problem.frame_losses(pictures, (z + d)[None], (1,)).sum())
     rise = 2.0 * float(model.gradient.sum(0) @ d) + float(d @ model.curvature.sum(0) @ d)
     assert rise == pytest.approx(after - float(model.loss.sum()), rel=0.3)
@@ -202,12 +202,12 @@ def test_what_the_video_does_not_show_is_not_identifiable(pushed):
 def test_a_frame_without_the_object_is_looked_at_where_it_was_last_seen(pushed):
     capture, episode = pushed
     images, masks = read_frames(episode)
-    masks[[0, 5, 6]] = False
+    masks[[0, 2, 3]] = False  # not those that show it largest, which set the scale
     footage = make_footage(episode, images, masks, pusher_surface(capture.pusher), (0.0, 0.0))
     found, whole = make_pictures(footage, 40.0, together=False), pictures_of(pushed)
-    for k, seen in ((0, 1), (5, 4), (6, 4), (7, 7)):
+    for k, seen in ((0, 1), (2, 1), (3, 1), (7, 7)):
         assert torch.equal(found.camera.intrinsics[k], whole.camera.intrinsics[seen])
-    assert not torch.equal(whole.camera.intrinsics[4], whole.camera.intrinsics[6])
+    assert not torch.equal(whole.camera.intrinsics[1], whole.camera.intrinsics[3])
 
 
 def test_some_of_the_pictures_are_those_frames(pushed):

@@ -79,9 +79,9 @@ def polyhedral_lcp(problem, world, directions):
     return matrix, vector, lambda z: np.linalg.solve(A, p + H.T @ z)
 
 
-@pytest.mark.parametrize(("directions", "friction", "tolerance"), [(4, 0.0, 1e-6), (48, 0.5, 3e-3)])
+@pytest.mark.parametrize(("directions", "friction", "tolerance"), [(4, 0.0, 1e-6), (48, 0.5, 1e-2)])
 def test_drakes_moby_solver_finds_the_same_velocities(problem, directions, friction, tolerance):
-    # Of a polyhedral cone, which is the round one as its directions grow in number: 48 are within 0.2 %.
+    # Of a polyhedral cone, which is the round one as its directions grow in number: of 48 one is never farther than 4 degrees.
     model, _, state, V_WP = problem
     parameters = nominal(model, friction_floor=friction, friction_pusher=friction, num_worlds=state.num_worlds)
     equations, _, _, _ = build_problem(model, parameters, state, V_WP)

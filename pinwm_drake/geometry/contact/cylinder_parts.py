@@ -22,8 +22,9 @@ from pinwm_drake.jit import internal_kernel
 # sign is beyond doubt, where the line does not run along the rim (PARALLEL_SINE), and where the line's point
 # is on the side of the rim within 60 degrees, from where the nearest place is found (see `features`).
 _MIN_SINE, _MIN_COSINE = 1.0e-3, 0.5
-# A line that runs along a rim more nearly than this has no definite place on it.
-CROSSING_SINE = 0.05
+# A line that runs along a rim more nearly than this, or is farther away than a part of the rim's bend to it, has no
+# definite place on it.
+CROSSING_SINE, CROSSING_RATIO = 0.05, 4.0
 # Points closer than this [m] define no direction to the accuracy of a normal.
 SAME_PLACE = 1.0e-6
 _POINT, _PLANE, _CIRCLE = float(POINT), float(PLANE), float(CIRCLE)
@@ -148,12 +149,13 @@ def write_segment_place(table, v, w, t, rows, count, column):
 
 
 @internal_kernel
-def write_crossing(table, piece, end, v, w, t, ex, ey, ez, X_CL, rows, count, column):
+def write_crossing(table, piece, end, v, w, t, gap, ex, ey, ez, X_CL, rows, count, column):
     """Writes the place where a line over a cap crosses its rim.
 
     Args:
         table, piece, end, v, w, X_CL, rows, count, column: as for `write_rim_line`.
         t: Place on the line, m from v.
+        gap: Distance of the line from the cap there, m.
         ex, ey, ez: Radial unit vector to that place, frame C.
     """
     ux, uy, uz = xyz(table.axes, piece)
@@ -161,7 +163,9 @@ def write_crossing(table, piece, end, v, w, t, ex, ey, ez, X_CL, rows, count, co
     dx, dy, dz = transform(X_CL, *xyz(table.vertices, w))
     dx, dy, dz = dx - px, dy - py, dz - pz
     tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)
-    if norm(*cross(tx, ty, tz, dx, dy, dz)) > CROSSING_SINE * norm(dx, dy, dz):
+    sine = norm(*cross(tx, ty, tz, dx, dy, dz)) / norm(dx, dy, dz)
+    radius = table.vertices[table.pieces[piece, 1] + end, 3]
+    if sine > CROSSING_SINE and radius * sine * sine > CROSSING_RATIO * abs(gap):
         write_rim(table, piece, end, rows, count, column)
         write_line(table, v, w, t, 1.0, rows, count, 8 - column)
     else:

@@ -2,8 +2,8 @@
 
 A step is rebuilt from its saved start, its velocities and the modes of its contacts, then differentiated implicitly at
 its solution. With the equations F(x; data) = 0 of `cone.py`, the adjoint y solves the *transposed* system (dF/dx)' y =
-dL/dx (friction makes it unsymmetric), and dL/ddata = -y . dF/ddata. Contact points, normals, tangents and gaps depend on
-the poses; all of those derivatives are kept.
+dL/dx (friction makes it unsymmetric), and dL/ddata = -y . dF/ddata. Contact points, normals, tangents and gaps depend
+on the poses; all of those derivatives are kept.
 
 Source: Amos and Kolter (2017), "OptNet", eq. 7-8; de Avila Belbute-Peres et al. (2018). PIN-WM eq. 10.
 """

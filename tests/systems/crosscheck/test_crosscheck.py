@@ -207,8 +207,9 @@ def test_hydroelastic_contact_agrees_and_processes_make_no_difference():
     shared = run_trials({"twin": setup}, trials, processes=2)
     assert len(done) == 2
     for one, other in zip(alone, shared, strict=True):
-        np.testing.assert_array_equal(one["twin"].p_WO, other["twin"].p_WO)
-        np.testing.assert_array_equal(one["twin"].kinetic, other["twin"].kinetic)
+        # To rounding: kernels that were compiled here may add in another order than those that were loaded.
+        np.testing.assert_allclose(one["twin"].p_WO, other["twin"].p_WO, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(one["twin"].kinetic, other["twin"].kinetic, rtol=1e-9, atol=1e-15)
         # The pusher of the plant is where that of the twin is.
         n = min(len(one[name].t) for name in cases)
         np.testing.assert_allclose(one["twin"].p_WP[:n], one["hydroelastic"].p_WP[:n], atol=2e-5)
