@@ -9,10 +9,11 @@ import contextlib
 import hashlib
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
-from numba import njit
+from numba import njit, types
 
 _PACKAGE = Path(__file__).resolve().parent
 # Found by a pattern and not by parsing, as it runs whenever a kernel module is first imported.
@@ -64,6 +65,28 @@ def _imported(source: bytes) -> Iterator[bytes]:
 
 forget_stale_kernels()
 
+
+def _compiled(**options: Any) -> Callable[[Callable], Any]:
+    """Decorator like `numba.njit` that compiles a kernel once for each type of its arguments.
+
+    To numba, a number that is written in a call, or that a loop begins with, is a type of its own; it would compile the
+    kernel, and all that it calls, for that number too, which doubles the time.
+    """
+
+    def decorate(function: Callable) -> Any:
+        dispatcher = njit(**options)(function)
+        resolve = dispatcher.get_call_template
+
+        def get_call_template(args: tuple, kws: dict) -> Any:
+            plain = {name: types.unliteral(value) for name, value in kws.items()}
+            return resolve(tuple(types.unliteral(value) for value in args), plain)
+
+        dispatcher.get_call_template = get_call_template
+        return dispatcher
+
+    return decorate
+
+
 # Divisions follow IEEE (no exception), products may be contracted, the sign of zero does not matter. NaN and infinity
 # keep their meaning everywhere: results are checked for them.
 _EXACT = {"contract", "nsz", "arcp"}
@@ -76,16 +99,20 @@ _INTERNAL = {"cache": True, "error_model": "numpy", "no_cpython_wrapper": True, 
 # those of a model's arrays at every call takes longer than the geometry, and threads would fight for the counters.
 
 # For the physics: sums may also be reordered, which is what lets short loops use vector instructions.
-kernel = njit(**_INTERNAL, fastmath={*_EXACT, "reassoc"}, _nrt=False)
+kernel = _compiled(**_INTERNAL, fastmath={*_EXACT, "reassoc"}, _nrt=False)
+
+# For what one kernel alone calls: it becomes a part of that one. Machine code is made anew for all that a kernel calls, at
+# every level of calls, so that a level less is seconds less.
+part_of_kernel = njit(cache=True, inline="always")
 
 # For geometry, whose tie-breaks want sums in the order written.
-internal_kernel = njit(**_INTERNAL, fastmath=_EXACT, _nrt=False)
+internal_kernel = _compiled(**_INTERNAL, fastmath=_EXACT, _nrt=False)
 
 # The same for geometry that Python calls too.
-geometry_kernel = njit(cache=True, error_model="numpy", fastmath=_EXACT, _nrt=False)
+geometry_kernel = _compiled(cache=True, error_model="numpy", fastmath=_EXACT, _nrt=False)
 
 # For the few kernels that allocate.
-allocating_kernel = njit(**_INTERNAL, fastmath=_EXACT, _nrt=True)
+allocating_kernel = _compiled(**_INTERNAL, fastmath=_EXACT, _nrt=True)
 
 # For entry points: they release Python's lock, so that threads can share worlds.
-entry_point = njit(cache=True, nogil=True)
+entry_point = njit(cache=True, nogil=True, error_model="numpy", fastmath=_EXACT)

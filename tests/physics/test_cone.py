@@ -81,7 +81,7 @@ def polyhedral_lcp(problem, world, directions):
 
 @pytest.mark.parametrize(("directions", "friction", "tolerance"), [(4, 0.0, 1e-6), (48, 0.5, 1e-2)])
 def test_drakes_moby_solver_finds_the_same_velocities(problem, directions, friction, tolerance):
-    # Of a polyhedral cone, which is the round one as its directions grow in number: of 48 one is never farther than 4 degrees.
+    # Of a polyhedral cone, which becomes the round one: of 48 directions one is never farther than 4 degrees.
     model, _, state, V_WP = problem
     parameters = nominal(model, friction_floor=friction, friction_pusher=friction, num_worlds=state.num_worlds)
     equations, _, _, _ = build_problem(model, parameters, state, V_WP)

@@ -11,7 +11,7 @@ Source: Amos and Kolter (2017), "OptNet", eq. 7-8; de Avila Belbute-Peres et al.
 import math
 
 from pinwm_drake.geometry.features import contact_adjoint, tangents_adjoint
-from pinwm_drake.jit import kernel
+from pinwm_drake.jit import kernel, part_of_kernel
 from pinwm_drake.physics.kernels.adjoint_joints import joints_adjoint
 from pinwm_drake.physics.kernels.cone import (
     ALONG_1,
@@ -312,7 +312,7 @@ def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, sol
         adjoint.V[b, 3 + i] = mass * y[3 + i]
 
 
-@kernel
+@part_of_kernel
 def step_adjoint(
     model,
     mass,

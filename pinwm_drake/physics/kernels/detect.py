@@ -4,7 +4,7 @@ import math
 
 from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_floor
 from pinwm_drake.geometry.features import contact_from_features, tangents
-from pinwm_drake.jit import kernel
+from pinwm_drake.jit import kernel, part_of_kernel
 from pinwm_drake.physics.kernels.stabilise import SLOP
 
 # The gap that a closing contact may leave open fades out with restitution as (1 - e)^FADE: an inelastic contact
@@ -26,7 +26,7 @@ def _speed_bound(model, bodies, b):
     )
 
 
-@kernel
+@part_of_kernel
 def select_features(model, bodies, contacts):
     """Runs the narrow phase on all pairs; fills contacts.rows, body, dynamic, pair and count."""
     nb = model.num_bodies

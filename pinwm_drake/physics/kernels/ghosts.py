@@ -12,7 +12,7 @@ import math
 
 from pinwm_drake.geometry.contact.narrowphase import collide_bodies
 from pinwm_drake.geometry.features import contact_from_features
-from pinwm_drake.jit import kernel
+from pinwm_drake.jit import kernel, part_of_kernel
 from pinwm_drake.physics.kernels.cone import OPEN
 from pinwm_drake.physics.kernels.dynamics import integrate_quaternion, rotation_from_quaternion
 
@@ -64,7 +64,7 @@ def _nearest(model, sweep, A, B):
     return least
 
 
-@kernel
+@part_of_kernel
 def leave_out_ghosts(model, bodies, contacts, solver, sweep):
     """Leaves out the rows of bodies that were apart, push each other, and do not touch afterwards.
 
@@ -104,7 +104,7 @@ def switch_off(contacts, sweep):
         contacts.bias[c, 0], contacts.bias[c, 1], contacts.bias[c, 2] = _OPEN, 0.0, 0.0
 
 
-@kernel
+@part_of_kernel
 def take_back_hits(model, bodies, contacts, solver, sweep):
     """Unmarks the rows of bodies that overlap on the way; returns how many, whose rows are to be built anew."""
     number = 0

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pinwm_drake.jit import allocating_kernel, entry_point, kernel
+from pinwm_drake.jit import entry_point, kernel, part_of_kernel
 from pinwm_drake.physics.kernels.adjoint import step_adjoint
 from pinwm_drake.physics.kernels.cone import FULL_STICKS
 from pinwm_drake.physics.kernels.step import step_world
@@ -84,7 +84,7 @@ def _is_jammed(contacts, solver):
     return 0
 
 
-@allocating_kernel
+@part_of_kernel
 def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
     mass, inertia, friction, restitution = parameters
     mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
@@ -158,7 +158,7 @@ def _quaternion_gradient(theta_bar, q, q_bar):
     q_bar[3] = a * y - b * x + c * w
 
 
-@allocating_kernel
+@part_of_kernel
 def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars):
     mass, inertia, friction, restitution = parameters
     mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]

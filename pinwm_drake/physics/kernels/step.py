@@ -1,6 +1,6 @@
 """One forward step of one world: x' = g(x, a, theta) (numba)."""
 
-from pinwm_drake.jit import kernel
+from pinwm_drake.jit import kernel, part_of_kernel
 from pinwm_drake.physics.kernels.detect import build_rows, select_features
 from pinwm_drake.physics.kernels.dynamics import begin_step, integrate_quaternion
 from pinwm_drake.physics.kernels.ghosts import leave_out_ghosts, switch_off, take_back_hits
@@ -40,7 +40,7 @@ def advance(model, bodies, contacts, system, solver):
         integrate_quaternion(bodies.q[b], x, y, z)
 
 
-@kernel
+@part_of_kernel
 def solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep):
     """Solves a step without contacts that are none; returns iterations, or -1 where a number is not finite."""
     used = solve_passively(model, bodies, system, contacts, solver)
@@ -55,7 +55,7 @@ def solve_step(model, friction, restitution, bodies, contacts, system, solver, s
     return used + again if again >= 0 else again
 
 
-@kernel
+@part_of_kernel
 def step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep):
     """Advances one world in place; returns iterations, or -1 where a number is not finite."""
     contacts.elastic[0] = 1.0

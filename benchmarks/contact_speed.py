@@ -1,0 +1,222 @@
+"""Time of one step of random pokes on one core: pinwm_drake, forward and with its gradient, beside MuJoCo.
+
+    python -m benchmarks.contact_speed --rounds 10
+
+Objects of 1 to 65 convex pieces are pushed and poked by a sphere in 32 worlds, each on the same pieces in both engines:
+a T-block, an L-block and a prism near the floor, a cube and a mug (standing and lying) up to their upper edge. MuJoCo
+has its defaults (Newton's method, pyramidal cone) and its loop in C; its pusher is a body of a tonne on three slides.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks import timing
+
+timing.limit_threads(1)  # before numba and torch are imported
+
+import mujoco  # noqa: E402
+import numpy as np  # noqa: E402
+import torch  # noqa: E402
+
+from benchmarks.contact_scenes import l_block, prism, solid, t_block  # noqa: E402
+from benchmarks.results import machine  # noqa: E402
+from pinwm_drake.geometry.convex import hollow_mug  # noqa: E402
+from pinwm_drake.geometry.pieces import ConvexPiece  # noqa: E402
+from pinwm_drake.geometry.shapes import box, sphere  # noqa: E402
+from pinwm_drake.physics import Body, Model, Parameters, State, Stepper  # noqa: E402
+from pinwm_drake.spatial.rotations import quaternion_to_matrix  # noqa: E402
+
+WORLDS, SECONDS, RADIUS = 32, 0.5, 0.01
+BARS = {"t_block": 0.7, "cube": 0.8, "prism": 0.8, "l_block": 0.8, "standing mug": 1.0, "lying mug": 1.0}
+BACKWARD_BAR = 2.0
+PUSHER_MASS = 1000.0  # kg
+
+
+@dataclass(frozen=True)
+class Pokes:
+    """Pokes of one object: poses (W, 4), (W, 3), pusher starts (W, 3), velocities (W, 3) and steps until they stop."""
+
+    body: Body
+    rate: int
+    q: np.ndarray
+    p: np.ndarray
+    start: np.ndarray
+    velocity: np.ndarray
+    stop: np.ndarray
+    friction: np.ndarray  # (W, 2), of floor and pusher
+
+    @property
+    def steps(self) -> int:
+        """Steps of a rollout."""
+        return round(SECONDS * self.rate)
+
+
+def draw(name: str, rate: int, seed: int) -> Pokes:
+    """Random pokes of an object."""
+    g = np.random.default_rng(seed)
+    pieces = {
+        "t_block": t_block,
+        "l_block": l_block,
+        "cube": lambda: [box((0.06,) * 3)],
+        "prism": lambda: [prism(6, 0.04, 0.05)],
+    }.get(name, lambda: hollow_mug(segments=63))()
+    body, pokes = solid(name.replace(" ", "_"), list(pieces), 0.5), name in ("cube", "standing mug", "lying mug")
+    yaw = g.uniform(-np.pi, np.pi, WORLDS)
+    q = np.stack([np.cos(0.5 * yaw), 0 * yaw, 0 * yaw, np.sin(0.5 * yaw)], -1)
+    if name == "lying mug":
+        half = np.sqrt(0.5)
+        roll = g.uniform(-np.pi, np.pi, WORLDS)
+        q = half * np.stack([np.cos(roll), np.sin(roll), np.cos(roll), -np.sin(roll)], -1)
+        q /= np.linalg.norm(q, axis=1, keepdims=True)
+    R = quaternion_to_matrix(torch.from_numpy(q)).numpy()
+    points = np.concatenate([piece.vertices for piece in body.pieces])
+    z, x = points @ R[:, 2].T, points @ R[:, 0].T
+    low, high, reach = -z.min(0), z.max(0) - z.min(0), -x.min(0)
+    p = np.stack([0 * low, 0 * low, low + 1e-6], -1)
+    speed = g.uniform(0.5, 1.0, WORLDS) if pokes else g.uniform(0.05, 0.3, WORLDS)
+    height = high * g.uniform(0.5, 0.95, WORLDS) if pokes else 0.4 * high
+    start = np.stack([-reach - RADIUS - 0.002, g.uniform(-0.4, 0.4, WORLDS) * reach, height], -1)
+    velocity = np.stack([speed, 0 * speed, g.choice([0.0, 0.3, -0.3], WORLDS) * pokes], -1)
+    stop = (g.uniform(0.2, 0.8, WORLDS) * SECONDS * rate).astype(int)
+    friction = np.stack([g.uniform(0.1, 0.5, WORLDS), g.uniform(0.3, 0.9, WORLDS)], -1)
+    return Pokes(body, rate, q, p, start, velocity, stop, friction)
+
+
+class Ours:
+    """Pokes in pinwm_drake."""
+
+    def __init__(self, pokes: Pokes, **options: int) -> None:
+        self.model = Model(bodies=[pokes.body], pusher=[sphere(RADIUS)], time_step=1.0 / pokes.rate, **options)
+        self.stepper = Stepper(self.model, num_threads=1)
+        theta = Parameters.nominal(self.model, num_worlds=WORLDS)
+        order = [self.model.pair_names.index(f"{pokes.body.name}-{other}") for other in ("floor", "pusher")]
+        friction = theta.friction.clone()
+        friction[:, order] = torch.from_numpy(pokes.friction)
+        self.theta = Parameters(theta.mass, theta.inertia, friction, theta.restitution)
+        self.state = State.at_rest(
+            self.model,
+            WORLDS,
+            q_WB=torch.from_numpy(pokes.q)[:, None],
+            p_WB=torch.from_numpy(pokes.p)[:, None],
+            p_WP=torch.from_numpy(pokes.start),
+        )
+        self.V = torch.zeros(pokes.steps, WORLDS, 6, dtype=torch.float64)
+        for w in range(WORLDS):
+            self.V[: pokes.stop[w], w, 3:] = torch.from_numpy(pokes.velocity[w])
+
+    def forward(self) -> torch.Tensor:
+        """Rolls out; final positions (W, 3)."""
+        every = len(self.V)
+        return self.stepper.rollout(self.theta, self.state, self.V, record_every=every).p_WB[-1, :, 0]
+
+    def forward_backward(self) -> None:
+        """Rolls out and pulls a gradient back to friction and the pusher's velocities."""
+        friction, V = self.theta.friction.clone().requires_grad_(), self.V.clone().requires_grad_()
+        theta = Parameters(self.theta.mass, self.theta.inertia, friction, self.theta.restitution)
+        self.stepper.rollout(theta, self.state, V, record_every=len(V)).p_WB[-1].sum().backward()
+
+
+def _text(values: np.ndarray) -> str:
+    return " ".join(f"{value:.17g}" for value in np.ravel(values))
+
+
+def _geoms(pieces: list[ConvexPiece]) -> tuple[str, str]:
+    """Meshes and geoms of convex pieces."""
+    meshes = [f'<mesh name="m{i}" vertex="{_text(piece.vertices)}"/>' for i, piece in enumerate(pieces)]
+    geoms = []
+    for i, piece in enumerate(pieces):
+        low, high = piece.vertices.min(0), piece.vertices.max(0)
+        corners = {tuple(v) for v in np.round(piece.vertices, 12)}
+        box_like = len(corners) == 8 and all(np.all((v == np.round(low, 12)) | (v == np.round(high, 12))) for v in corners)
+        shape = (
+            f'type="box" pos="{_text(0.5 * (low + high))}" size="{_text(0.5 * (high - low))}"'
+            if box_like
+            else f'type="mesh" mesh="m{i}"'
+        )
+        geoms.append(f'<geom {shape} contype="3" conaffinity="3"/>')
+    return "".join(meshes), "".join(geoms)
+
+
+class Theirs:
+    """Pokes in MuJoCo, one world after the other."""
+
+    def __init__(self, pokes: Pokes) -> None:
+        meshes, geoms = _geoms(list(pokes.body.pieces))
+        slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+        self.pokes = pokes
+        self.model = mujoco.MjModel.from_xml_string(f"""<mujoco>
+          <option timestep="{1.0 / pokes.rate:.17g}"/>
+          <asset>{meshes}</asset>
+          <worldbody>
+            <geom name="floor" type="plane" size="0 0 1"/>
+            <body name="object"><freejoint/>
+              <inertial pos="0 0 0" mass="{pokes.body.mass}" diaginertia="{_text(np.diag(pokes.body.inertia))}"/>
+              {geoms}
+            </body>
+            <body name="pusher" gravcomp="1">{slides}
+              <inertial pos="0 0 0" mass="{PUSHER_MASS}" diaginertia="1 1 1"/>
+              <geom name="pusher" type="sphere" size="{RADIUS}" contype="2" conaffinity="2"/>
+            </body>
+          </worldbody></mujoco>""")
+        self.data = mujoco.MjData(self.model)
+        self.ends = np.zeros((WORLDS, 3))
+        self.contacts = 0.0
+
+    def forward(self) -> None:
+        """Rolls all worlds out."""
+        model, data, pokes = self.model, self.data, self.pokes
+        for w in range(WORLDS):
+            mujoco.mj_resetData(model, data)
+            # MuJoCo takes the larger friction of two geoms.
+            model.geom_friction[:, 0] = 0.0
+            model.geom("floor").friction[0], model.geom("pusher").friction[0] = pokes.friction[w]
+            data.qpos[:3], data.qpos[3:7], data.qpos[7:10] = pokes.p[w], pokes.q[w], pokes.start[w]
+            data.qvel[6:9] = pokes.velocity[w]
+            mujoco.mj_step(model, data, nstep=int(pokes.stop[w]))
+            data.qvel[6:9] = 0.0
+            mujoco.mj_step(model, data, nstep=pokes.steps - int(pokes.stop[w]))
+            self.ends[w] = data.qpos[:3]
+
+
+def main() -> None:
+    """Times all objects."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=10)
+    parser.add_argument("--rate", type=int, default=480, help="Hz")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--objects", nargs="+", choices=list(BARS), default=list(BARS))
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    found = {}
+    print("| object | ours, µs a step | MuJoCo | forward / MuJoCo (bar) | forward and backward / MuJoCo | ends apart |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for name in options.objects:
+        pokes = draw(name, options.rate, options.seed)
+        ours, theirs = Ours(pokes), Theirs(pokes)
+        units = WORLDS * pokes.steps
+        cases = {
+            "forward": timing.Case(ours.forward, units=units),
+            "both": timing.Case(ours.forward_backward, units=units),
+            "mujoco": timing.Case(theirs.forward, units=units),
+        }
+        samples = timing.interleave(cases, options.rounds, warmup=1, clock=time.process_time)
+        apart = float(np.median(np.linalg.norm(ours.forward().numpy() - theirs.ends, axis=1)))
+        ratios = {case: samples[case].over(samples["mujoco"])["median"] for case in ("forward", "both")}
+        times = {case: samples[case].summary()["median"] for case in cases}
+        found[name] = {"microseconds": times, "over_mujoco": ratios, "ends_apart": apart}
+        print(
+            f"| {name} | {times['forward']:.1f} | {times['mujoco']:.1f} | {ratios['forward']:.2f} ({BARS[name]}) "
+            f"| {ratios['both']:.2f} ({BACKWARD_BAR}) | {1e3 * apart:.1f} mm |",
+            flush=True,
+        )
+    if options.out is not None:
+        about = {"rounds": options.rounds, "rate": options.rate, "seed": options.seed, "machine": machine()}
+        options.out.write_text(json.dumps({**about, "objects": found}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
