@@ -75,6 +75,8 @@ def _compiled(**options: Any) -> Callable[[Callable], Any]:
 
     def decorate(function: Callable) -> Any:
         dispatcher = njit(**options)(function)
+        if dispatcher is function:  # NUMBA_DISABLE_JIT
+            return function
         resolve = dispatcher.get_call_template
 
         def get_call_template(args: tuple, kws: dict) -> Any:

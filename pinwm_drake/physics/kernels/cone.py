@@ -144,22 +144,21 @@ def assemble(system, contacts, work):
             continue
         gain = work.gain[c]
         gnn, g1n, g2n, g11, g12, g22 = gain[NN], gain[N1], gain[N2], gain[T11], gain[T12], gain[T22]
-        for right in range(2):
-            column = bodies[c, right]
-            if column < 0:
+        for left in range(2):
+            row = bodies[c, left]
+            if row < 0:
                 continue
-            for j in range(6):
-                jn, j1, j2 = J[c, right, 0, j], J[c, right, 1, j], J[c, right, 2, j]
-                fn = gnn * jn
-                f1 = g1n * jn + g11 * j1 + g12 * j2
-                f2 = g2n * jn + g12 * j1 + g22 * j2
-                for left in range(2):
-                    row = bodies[c, left]
-                    if row < 0:
+            for i in range(6):
+                jn, j1, j2 = J[c, left, 0, i], J[c, left, 1, i], J[c, left, 2, i]
+                fn = gnn * jn + g1n * j1 + g2n * j2
+                f1, f2 = g11 * j1 + g12 * j2, g12 * j1 + g22 * j2
+                for right in range(2):
+                    column = bodies[c, right]
+                    if column < 0:
                         continue
-                    for i in range(6):
+                    for j in range(6):
                         S[6 * row + i, 6 * column + j] += (
-                            J[c, left, 0, i] * fn + J[c, left, 1, i] * f1 + J[c, left, 2, i] * f2
+                            fn * J[c, right, 0, j] + f1 * J[c, right, 1, j] + f2 * J[c, right, 2, j]
                         )
     for r in range(num_rows):
         for i in range(size):

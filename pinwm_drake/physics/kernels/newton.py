@@ -29,8 +29,9 @@ from pinwm_drake.physics.kernels.small_matrix import lu_factor, lu_solve
 
 # A violated inequality below this, relative to the step's impulse and speed scales, is rounding.
 TOLERANCE = 1e-12
-# Directions that turn by less than this, rad, converge with one more step on the same factors.
-SMALL_TURN = 1e-6
+# Directions that turn by less than this, rad, converge with one more step on the same factors; and a turn, and a step
+# relative to the step's speed, that need no other.
+SMALL_TURN, NO_TURN, SMALL_STEP = 1e-6, 1e-12, 1e-3
 
 
 @kernel
@@ -117,14 +118,21 @@ def _correct(system, contacts, work, impulse, speed):
 
 @kernel
 def _step(system, contacts, work):
-    """Adds the solution of the factored system to work.x, and brings velocities and impulses up to date."""
+    """Adds the solution of the factored system to work.x; its velocities and impulses follow.
+
+    Returns:
+        Largest change of an entry of x.
+    """
     n = 6 * system.num_bodies + system.num_rows
     negative_residual(system, contacts, work, work.dx)
     lu_solve(n, work.S, work.pivot, work.dx)
+    largest = 0.0
     for i in range(n):
         work.x[i] += work.dx[i]
+        largest = max(largest, abs(work.dx[i]))
     contact_velocities(contacts, work.x, work.v)
     take_impulses(contacts, work)
+    return largest
 
 
 @kernel
@@ -138,17 +146,18 @@ def factor(system, contacts, work):
 
 @kernel
 def newton(system, contacts, work, impulse, speed, iterations):
-    """Solves a step from work.x and the modes in work.mode, which it corrects.
+    """Solves a step from work.x, its velocities work.v and the modes in work.mode, which it corrects.
 
     Returns:
         Iterations used, or -1 if they did not suffice; work.v and work.lam are those of work.x.
     """
-    contact_velocities(contacts, work.x, work.v)
     for iteration in range(iterations):
         if not factor(system, contacts, work):
             return -1
-        _step(system, contacts, work)
+        change = _step(system, contacts, work)
         wrong, turn = _correct(system, contacts, work, impulse, speed)
+        if wrong == 0 and turn <= NO_TURN and change <= SMALL_STEP * speed:
+            return iteration + 1
         if wrong == 0 and turn <= SMALL_TURN:
             for c in range(contacts.number[0]):
                 set_gain(system, contacts, work, c)

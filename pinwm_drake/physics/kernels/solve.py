@@ -8,11 +8,12 @@ remembered, a step does not depend on those before it.
 import math
 
 from pinwm_drake.jit import kernel
-from pinwm_drake.physics.kernels.cone import contact_velocities, scales, set_mode
+from pinwm_drake.physics.kernels.cone import FULL_STICKS, contact_velocities, scales, set_mode
 from pinwm_drake.physics.kernels.descent import descend
 from pinwm_drake.physics.kernels.newton import newton
 
-MOST_ITERATIONS = 15
+# Iterations of Newton's method: of the first try, and of those that follow a descent.
+FIRST_TRY, MOST_ITERATIONS = 6, 8
 # Rounds of the last resort, and the one from which the bounds of friction move by half only.
 ROUNDS, DAMPED = 30, 10
 # Change of the bounds of friction, relative to the step's impulse, at which they are found.
@@ -21,7 +22,10 @@ FOUND = 1e-9
 
 @kernel
 def _guess(bodies, system, contacts, work):
-    """Starts from the velocities before the step, with the modes that contacts have at them."""
+    """Starts from the velocities before the step, with the modes and bounds of friction that contacts have at them.
+
+    No contact is taken for full: one that closes fast only looks like it.
+    """
     size = 6 * system.num_bodies
     for b in range(system.num_bodies):
         for i in range(6):
@@ -31,6 +35,8 @@ def _guess(bodies, system, contacts, work):
     contact_velocities(contacts, work.x, work.v)
     for c in range(contacts.number[0]):
         set_mode(system, contacts, work, c)
+        if work.mode[c] >= FULL_STICKS:
+            work.mode[c] -= 2
 
 
 @kernel
@@ -56,14 +62,16 @@ def solve_contacts(bodies, system, contacts, work):
     impulse, speed = scales(system, contacts)
     work.lagged[0] = 0
     _guess(bodies, system, contacts, work)
-    used = newton(system, contacts, work, impulse, speed, MOST_ITERATIONS)
+    for c in range(contacts.number[0]):
+        # What is beyond the step's scale is a contact that closes, and no force.
+        normal = min(max(-work.v[c, 0] / system.contact_compliance, 0.0), contacts.limit[c])
+        work.radius[c] = contacts.mu[c] * normal if normal <= impulse else 0.0
+    used = newton(system, contacts, work, impulse, speed, FIRST_TRY)
     if used >= 0:
         return used if _is_finite(n, work.x) else -1
-    used = MOST_ITERATIONS
+    used = FIRST_TRY
     for i in range(n):
         work.x[i] = system.free[i] if i < 6 * system.num_bodies else 0.0
-    for c in range(contacts.number[0]):
-        work.radius[c] = 0.0
     for round_ in range(ROUNDS):
         steps = descend(system, contacts, work, impulse, speed)
         used += steps if steps >= 0 else MOST_ITERATIONS
@@ -80,13 +88,12 @@ def solve_contacts(bodies, system, contacts, work):
             break
         for i in range(n):
             work.kept[i] = work.x[i]
-        if round_ > 0:
-            for c in range(contacts.number[0]):
-                set_mode(system, contacts, work, c)
-            more = newton(system, contacts, work, impulse, speed, MOST_ITERATIONS)
-            used += more if more >= 0 else MOST_ITERATIONS
-            if more >= 0 and _is_finite(n, work.x):
-                return used
+        for c in range(contacts.number[0]):
+            set_mode(system, contacts, work, c)
+        more = newton(system, contacts, work, impulse, speed, MOST_ITERATIONS)
+        used += more if more >= 0 else MOST_ITERATIONS
+        if more >= 0 and _is_finite(n, work.x):
+            return used
         for i in range(n):
             work.x[i] = work.kept[i]
     work.lagged[0] = 1
