@@ -23,7 +23,7 @@ Source: PIN-WM eq. 8-9, with the cone in place of its polyhedron; Cline (2002), 
 
 import math
 
-from pinwm_drake.jit import kernel
+from pinwm_drake.jit import small_kernel
 
 # Modes of a contact; the last two press with the largest normal impulse that they have.
 OPEN, STICKS, SLIDES, FULL_STICKS, FULL_SLIDES = range(5)
@@ -33,13 +33,13 @@ NN, N1, N2, T11, T12, T22 = range(6)
 ALONG_1, ALONG_2, ACROSS = range(3)
 
 
-@kernel
+@small_kernel
 def slides(mode):
     """True for the modes of a contact that slides."""
     return mode in (SLIDES, FULL_SLIDES)
 
 
-@kernel
+@small_kernel
 def contact_velocity(contacts, c, x):
     """Contact velocity J x of contact c: normal and two tangential components."""
     bodies, J = contacts.dynamic, contacts.J
@@ -55,7 +55,7 @@ def contact_velocity(contacts, c, x):
     return jn, j1, j2
 
 
-@kernel
+@small_kernel
 def contact_velocities(contacts, x, v):
     """Writes v = J x + bias (C, 3) of all contacts."""
     bias = contacts.bias
@@ -64,7 +64,7 @@ def contact_velocities(contacts, x, v):
         v[c, 0], v[c, 1], v[c, 2] = jn + bias[c, 0], j1 + bias[c, 1], j2 + bias[c, 2]
 
 
-@kernel
+@small_kernel
 def set_mode(system, contacts, work, c):
     """Mode and slip of contact c by the law at the velocity work.v[c]."""
     inverse = 1.0 / system.contact_compliance
@@ -83,7 +83,7 @@ def set_mode(system, contacts, work, c):
         work.slip[c, ACROSS] = most / speed
 
 
-@kernel
+@small_kernel
 def set_gain(system, contacts, work, c):
     """Gain and offset of contact c in its mode, so that its impulse is offset - G v."""
     inverse = 1.0 / system.contact_compliance
@@ -111,7 +111,7 @@ def set_gain(system, contacts, work, c):
         gain[N1], gain[N2] = mu * inverse * d1, mu * inverse * d2
 
 
-@kernel
+@small_kernel
 def contact_impulse(work, c):
     """Impulse offset - G v of contact c in its frame, N s: normal and two tangential components."""
     v, gain, offset = work.v[c], work.gain[c], work.offset[c]
@@ -122,7 +122,7 @@ def contact_impulse(work, c):
     )
 
 
-@kernel
+@small_kernel
 def assemble(system, contacts, work):
     """Writes the derivative S for the gains in `work.gain`."""
     num_bodies, num_rows = system.num_bodies, system.num_rows
@@ -167,7 +167,7 @@ def assemble(system, contacts, work):
         S[size + r, size + r] = system.joint_compliance
 
 
-@kernel
+@small_kernel
 def negative_residual(system, contacts, work, out):
     """Writes out = -(M xi' - p - J_e' lambda_e - J' (offset - G v); J_e xi' + bias_e + eps_e lambda_e)."""
     bodies, J, x = contacts.dynamic, contacts.J, work.x
@@ -198,14 +198,14 @@ def negative_residual(system, contacts, work, out):
                     out[6 * body + i] += J[c, side, 0, i] * fn + J[c, side, 1, i] * f1 + J[c, side, 2, i] * f2
 
 
-@kernel
+@small_kernel
 def take_impulses(contacts, work):
     """Writes the impulses of all contacts at work.v into work.lam (C, 3)."""
     for c in range(contacts.number[0]):
         work.lam[c, 0], work.lam[c, 1], work.lam[c, 2] = contact_impulse(work, c)
 
 
-@kernel
+@small_kernel
 def scales(system, contacts):
     """Impulse [N s] and speed [m/s] scales of a step, by which tolerances are made relative."""
     speed = 1e-6

@@ -13,7 +13,7 @@ of compliant contact", T-RO 2023, for the search.
 
 import math
 
-from pinwm_drake.jit import kernel
+from pinwm_drake.jit import kernel, small_kernel
 from pinwm_drake.physics.kernels.cone import (
     ACROSS,
     ALONG_1,
@@ -40,7 +40,7 @@ DECREMENT = 1e-22
 SLOPE = 1e-2
 
 
-@kernel
+@small_kernel
 def bounded_impulse(system, contacts, work, c, v0, v1, v2):
     """Impulse of contact c at a velocity, with its friction bounded by work.radius[c]."""
     inverse, radius = 1.0 / system.contact_compliance, work.radius[c]

@@ -4,7 +4,7 @@ import math
 
 from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_floor
 from pinwm_drake.geometry.features import contact_from_features, tangents
-from pinwm_drake.jit import kernel, part_of_kernel
+from pinwm_drake.jit import kernel, part_of_kernel, small_kernel
 from pinwm_drake.physics.kernels.stabilise import SLOP
 
 # The gap that a closing contact may leave open fades out with restitution as (1 - e)^FADE: an inelastic contact
@@ -73,7 +73,7 @@ def select_features(model, bodies, contacts):
     contacts.number[0] = count
 
 
-@kernel
+@small_kernel
 def rebound(model, contacts, c, e):
     """Speed with which contact c leaves a bounce, m/s, and whether it bounces.
 

@@ -10,13 +10,14 @@ Comput. Methods Appl. Mech. Eng. 92, 1991; Hintermüller, Ito, Kunisch, SIAM J. 
 
 import math
 
-from pinwm_drake.jit import kernel
+from pinwm_drake.jit import kernel, small_kernel
 from pinwm_drake.physics.kernels.cone import (
     ACROSS,
     ALONG_1,
     ALONG_2,
     FULL_STICKS,
     OPEN,
+    SLIDES,
     STICKS,
     assemble,
     contact_velocities,
@@ -29,12 +30,14 @@ from pinwm_drake.physics.kernels.small_matrix import lu_factor, lu_solve
 
 # A violated inequality below this, relative to the step's impulse and speed scales, is rounding.
 TOLERANCE = 1e-12
+# Modes that are wrong at once, after the first iteration, from which they only change about.
+MANY = 3
 # Directions that turn by less than this, rad, converge with one more step on the same factors; and a turn, and a step
 # relative to the step's speed, that need no other.
 SMALL_TURN, NO_TURN, SMALL_STEP = 1e-6, 1e-12, 1e-3
 
 
-@kernel
+@small_kernel
 def resistance(system, contacts, c):
     """Mass that contact c feels along its surface, about, kg: the scale rho of its impulses over its speeds."""
     inverse = 0.0
@@ -48,13 +51,26 @@ def resistance(system, contacts, c):
     return 1.0 / inverse
 
 
-@kernel
+@small_kernel
+def _close(system, contacts, work, c):
+    """Closes contact c: it slides where its friction would not stop it while its normal impulse stops the approach."""
+    v, slip, mu = work.v[c], work.slip[c], contacts.mu[c]
+    speed = math.sqrt(v[1] * v[1] + v[2] * v[2])
+    if speed <= -mu * v[0]:
+        work.mode[c] = STICKS
+        return
+    work.mode[c] = SLIDES
+    slip[ALONG_1], slip[ALONG_2] = -v[1] / speed, -v[2] / speed
+    slip[ACROSS] = -resistance(system, contacts, c) * mu * v[0] / speed
+
+
+@small_kernel
 def _correct_normal(system, contacts, work, c, impulse, speed):
     """Corrects whether contact c is open, closed or full; 1 where it was wrong."""
     mode, v, lam = work.mode[c], work.v[c], work.lam[c]
     if mode == OPEN:
         if v[0] < -TOLERANCE * speed:
-            work.mode[c] = STICKS
+            _close(system, contacts, work, c)
             return 1
         return 0
     if mode >= FULL_STICKS:
@@ -71,7 +87,7 @@ def _correct_normal(system, contacts, work, c, impulse, speed):
     return 0
 
 
-@kernel
+@small_kernel
 def _correct_friction(system, contacts, work, c, impulse):
     """Corrects whether contact c slides, and where to; returns 1 where the mode was wrong, and the turn, rad."""
     v, lam, slip = work.v[c], work.lam[c], work.slip[c]
@@ -101,7 +117,7 @@ def _correct_friction(system, contacts, work, c, impulse):
     return 1, 0.0
 
 
-@kernel
+@small_kernel
 def _correct(system, contacts, work, impulse, speed):
     """Corrects all modes and directions; returns how many modes were wrong, and the largest turn, rad."""
     wrong, most = 0, 0.0
@@ -116,7 +132,7 @@ def _correct(system, contacts, work, impulse, speed):
     return wrong, most
 
 
-@kernel
+@small_kernel
 def _step(system, contacts, work):
     """Adds the solution of the factored system to work.x; its velocities and impulses follow.
 
@@ -135,34 +151,38 @@ def _step(system, contacts, work):
     return largest
 
 
-@kernel
+@small_kernel
 def factor(system, contacts, work):
-    """Gains of all contacts in their modes, and the factors of their system; False if that is singular."""
-    for c in range(contacts.number[0]):
-        set_gain(system, contacts, work, c)
+    """Factors the derivative of a step's equations for the gains of its contacts; False if it is singular."""
     assemble(system, contacts, work)
     return lu_factor(6 * system.num_bodies + system.num_rows, work.S, work.pivot)
 
 
-@kernel
+@small_kernel
 def newton(system, contacts, work, impulse, speed, iterations):
     """Solves a step from work.x, its velocities work.v and the modes in work.mode, which it corrects.
 
     Returns:
         Iterations used, or -1 if they did not suffice; work.v and work.lam are those of work.x.
     """
-    for iteration in range(iterations):
-        if not factor(system, contacts, work):
+    last = False
+    for iteration in range(iterations + 1):
+        for c in range(contacts.number[0]):
+            set_gain(system, contacts, work, c)
+        if not last and not factor(system, contacts, work):
             return -1
         change = _step(system, contacts, work)
+        if last:
+            return iteration
+        if iteration == iterations:
+            return -1
         wrong, turn = _correct(system, contacts, work, impulse, speed)
+        if iteration > 0 and wrong >= MANY:
+            return -1
         if wrong == 0 and turn <= NO_TURN and change <= SMALL_STEP * speed:
             return iteration + 1
-        if wrong == 0 and turn <= SMALL_TURN:
-            for c in range(contacts.number[0]):
-                set_gain(system, contacts, work, c)
-            _step(system, contacts, work)
-            return iteration + 1
+        # One step more, on the same factors, is enough for what is left.
+        last = wrong == 0 and turn <= SMALL_TURN
     return -1
 
 
@@ -180,6 +200,7 @@ def recall_solution(system, contacts, work):
             speed = math.sqrt(v[1] * v[1] + v[2] * v[2])
             most = contacts.mu[c] * min(max(-v[0] / system.contact_compliance, 0.0), contacts.limit[c])
             slip[ALONG_1], slip[ALONG_2], slip[ACROSS] = -v[1] / speed, -v[2] / speed, most / speed
+        set_gain(system, contacts, work, c)
     if not factor(system, contacts, work):
         return False
     if system.num_rows > 0:

@@ -1,9 +1,9 @@
 """LU factors and solves of the small dense systems of a step (numba)."""
 
-from pinwm_drake.jit import kernel
+from pinwm_drake.jit import kernel, small_kernel
 
 
-@kernel
+@small_kernel
 def lu_factor(n, S, pivot):
     """Factors S = P L U in place with partial pivoting.
 
@@ -38,7 +38,7 @@ def lu_factor(n, S, pivot):
     return True
 
 
-@kernel
+@small_kernel
 def lu_solve(n, S, pivot, x):
     """Solves S x = b in place, x holding b, with the factors of `lu_factor`."""
     for j in range(n):

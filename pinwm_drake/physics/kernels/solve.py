@@ -7,7 +7,7 @@ remembered, a step does not depend on those before it.
 
 import math
 
-from pinwm_drake.jit import kernel
+from pinwm_drake.jit import kernel, small_kernel
 from pinwm_drake.physics.kernels.cone import FULL_STICKS, contact_velocities, scales, set_mode
 from pinwm_drake.physics.kernels.descent import descend
 from pinwm_drake.physics.kernels.newton import newton
@@ -20,7 +20,7 @@ ROUNDS, DAMPED = 30, 10
 FOUND = 1e-9
 
 
-@kernel
+@small_kernel
 def _guess(bodies, system, contacts, work):
     """Starts from the velocities before the step, with the modes and bounds of friction that contacts have at them.
 
@@ -39,7 +39,7 @@ def _guess(bodies, system, contacts, work):
             work.mode[c] -= 2
 
 
-@kernel
+@small_kernel
 def _is_finite(n, x):
     total = 0.0
     for i in range(n):
@@ -66,35 +66,39 @@ def solve_contacts(bodies, system, contacts, work):
         # What is beyond the step's scale is a contact that closes, and no force.
         normal = min(max(-work.v[c, 0] / system.contact_compliance, 0.0), contacts.limit[c])
         work.radius[c] = contacts.mu[c] * normal if normal <= impulse else 0.0
-    used = newton(system, contacts, work, impulse, speed, FIRST_TRY)
-    if used >= 0:
-        return used if _is_finite(n, work.x) else -1
-    used = FIRST_TRY
-    for i in range(n):
-        work.x[i] = system.free[i] if i < 6 * system.num_bodies else 0.0
-    for round_ in range(ROUNDS):
-        steps = descend(system, contacts, work, impulse, speed)
-        used += steps if steps >= 0 else MOST_ITERATIONS
-        if not _is_finite(n, work.x):
-            return -1
-        change = 0.0
-        for c in range(contacts.number[0]):
-            wanted = contacts.mu[c] * work.lam[c, 0]
-            change = max(change, abs(wanted - work.radius[c]))
-            work.radius[c] = wanted if round_ < DAMPED else 0.5 * (wanted + work.radius[c])
-        if change <= FOUND * impulse:
-            return used
-        if round_ == ROUNDS - 1:
-            break
-        for i in range(n):
-            work.kept[i] = work.x[i]
-        for c in range(contacts.number[0]):
-            set_mode(system, contacts, work, c)
-        more = newton(system, contacts, work, impulse, speed, MOST_ITERATIONS)
-        used += more if more >= 0 else MOST_ITERATIONS
-        if more >= 0 and _is_finite(n, work.x):
-            return used
-        for i in range(n):
-            work.x[i] = work.kept[i]
+    used = 0
+    for round_ in range(-1, ROUNDS):
+        if round_ >= 0:
+            if round_ == 0:
+                for i in range(n):
+                    work.x[i] = system.free[i] if i < 6 * system.num_bodies else 0.0
+            else:
+                for i in range(n):
+                    work.x[i] = work.kept[i]
+            steps = descend(system, contacts, work, impulse, speed)
+            used += steps if steps >= 0 else MOST_ITERATIONS
+            if not _is_finite(n, work.x):
+                return -1
+            change = 0.0
+            for c in range(contacts.number[0]):
+                wanted = contacts.mu[c] * work.lam[c, 0]
+                change = max(change, abs(wanted - work.radius[c]))
+                work.radius[c] = wanted if round_ < DAMPED else 0.5 * (wanted + work.radius[c])
+            if change <= FOUND * impulse:
+                return used
+            if round_ == ROUNDS - 1:
+                break
+            for i in range(n):
+                work.kept[i] = work.x[i]
+            for c in range(contacts.number[0]):
+                set_mode(system, contacts, work, c)
+        tries = FIRST_TRY if round_ < 0 else MOST_ITERATIONS
+        more = newton(system, contacts, work, impulse, speed, tries)
+        used += more if more >= 0 else tries
+        if more >= 0:
+            if _is_finite(n, work.x):
+                return used
+            if round_ < 0:
+                return -1
     work.lagged[0] = 1
     return used

@@ -12,7 +12,7 @@ lifting the body by SLOP. Penetration deeper than that is rare, because no conta
 Source: in place of the Baumgarte term of PIN-WM eq. 9; cf. Cline (2002), section 4.5 (post-stabilisation).
 """
 
-from pinwm_drake.jit import kernel
+from pinwm_drake.jit import kernel, small_kernel
 from pinwm_drake.physics.kernels.cone import FULL_STICKS
 from pinwm_drake.physics.kernels.small_matrix import lu_factor, lu_solve
 
@@ -27,7 +27,7 @@ MOST_PUSHED = 1e-4
 UNLIMITED = 1e290
 
 
-@kernel
+@small_kernel
 def wanted(contacts, c):
     """Distance by which contact c is to come out, m (negative: may move in), and its derivative by the penetration.
 
