@@ -130,7 +130,9 @@ def _geoms(pieces: list[ConvexPiece]) -> tuple[str, str]:
     for i, piece in enumerate(pieces):
         low, high = piece.vertices.min(0), piece.vertices.max(0)
         corners = {tuple(v) for v in np.round(piece.vertices, 12)}
-        box_like = len(corners) == 8 and all(np.all((v == np.round(low, 12)) | (v == np.round(high, 12))) for v in corners)
+        box_like = len(corners) == 8 and all(
+            np.all((v == np.round(low, 12)) | (v == np.round(high, 12))) for v in corners
+        )
         shape = (
             f'type="box" pos="{_text(0.5 * (low + high))}" size="{_text(0.5 * (high - low))}"'
             if box_like

@@ -103,11 +103,12 @@ _INTERNAL = {"cache": True, "error_model": "numpy", "no_cpython_wrapper": True, 
 # For the physics: sums may also be reordered, which is what lets short loops use vector instructions.
 kernel = _compiled(**_INTERNAL, fastmath={*_EXACT, "reassoc"}, _nrt=False)
 
-# For what is called for every contact: a call would hand over all arrays of a step, which takes longer than what it does.
+# For what is called for every contact or step: a call would hand over all arrays of a step, hundreds of numbers, which
+# can take longer than what it does.
 small_kernel = _compiled(**_INTERNAL, fastmath={*_EXACT, "reassoc"}, _nrt=False, forceinline=True)
 
-# For what one kernel alone calls: it becomes a part of that one. Machine code is made anew for all that a kernel calls, at
-# every level of calls, so that a level less is seconds less.
+# For what one kernel alone calls: it becomes a part of that one. Machine code is made anew for all that a kernel calls,
+# at every level of calls, so that a level less is seconds less.
 part_of_kernel = njit(cache=True, inline="always")
 
 # For geometry, whose tie-breaks want sums in the order written.

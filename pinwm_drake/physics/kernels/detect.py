@@ -17,7 +17,7 @@ LEAST_REBOUND = 1e-9
 NO_LIMIT = 1e300
 
 
-@kernel
+@small_kernel
 def _speed_bound(model, bodies, b):
     """Bound on the speed of any point of body b, m/s."""
     V = bodies.V[b]

@@ -2,12 +2,12 @@
 
 import math
 
-from pinwm_drake.jit import kernel
+from pinwm_drake.jit import kernel, small_kernel
 
 _NEWTON_STEPS = 8
 
 
-@kernel
+@small_kernel
 def rotation_from_quaternion(q, R):
     """Writes R (3, 3) of a unit quaternion q (w, x, y, z)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -22,7 +22,7 @@ def rotation_from_quaternion(q, R):
     R[2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
-@kernel
+@small_kernel
 def integrate_quaternion(q, x, y, z):
     """Quaternion update q <- exp([x, y, z]) q, the rotation vector in the world frame, rad; renormalised."""
     angle2 = x * x + y * y + z * z
@@ -74,7 +74,7 @@ def gyroscopic_jacobian(I_B, w, h):
     )
 
 
-@kernel
+@small_kernel
 def gyroscopic_step(I_B, w0, h, w):
     """Implicit step of torque-free rotation in the body frame: I_B (w - w0) + h w x I_B w = 0, by Newton's method.
 
@@ -104,7 +104,7 @@ def gyroscopic_step(I_B, w0, h, w):
             break
 
 
-@kernel
+@small_kernel
 def begin_step(model, mass, inertia, bodies, system):
     """Rotations, inertias in world axes, the gyroscopic step and the momentum p = M xi* + h f of all bodies.
 

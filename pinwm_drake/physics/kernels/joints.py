@@ -31,8 +31,6 @@ def joint_geometry(model, bodies, r, d, u_A, u_B):
 @allocating_kernel
 def build_joints(model, bodies, system):
     """Fills system.J_e, bias_e (the pusher's share) and error_e."""
-    if system.num_rows == 0:
-        return
     nb = model.num_bodies
     d, u_A, u_B, row = np.empty(3), np.empty(3), np.empty(3), np.empty(6)
     for r in range(system.num_rows):

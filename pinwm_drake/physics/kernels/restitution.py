@@ -7,7 +7,7 @@ of that step are made smaller by one factor, with which they gain none.
 Source: the fault is known since Kane and Levinson (1985); cf. Stronge, "Impact Mechanics" (2000), chapter 4.
 """
 
-from pinwm_drake.jit import kernel
+from pinwm_drake.jit import kernel, small_kernel
 from pinwm_drake.physics.kernels.solve import solve_contacts
 
 # Steps of the search, and the work that may be lost by it, relative to that of bounces without any speed.
@@ -50,6 +50,34 @@ def _bounce(contacts, share):
 
 
 @kernel
+def _bounce_less(model, bodies, system, contacts, work, gained):
+    """Finds the share of the bounces with which nothing is gained, where all of them gain something, J."""
+    low, high = 0.0, contacts.elastic[0]
+    _bounce(contacts, low)
+    used = solve_contacts(bodies, system, contacts, work)
+    lost = _gain(model, bodies, system, contacts, work)
+    scale = abs(lost)
+    for step in range(MOST_STEPS):
+        if used < 0 or high - low < 1e-9 or lost >= 0.0:
+            break
+        # The secant's zero, and every third time the middle.
+        share = 0.5 * (low + high) if step % 3 == 2 else low - lost * (high - low) / (gained - lost)
+        _bounce(contacts, share)
+        used = solve_contacts(bodies, system, contacts, work)
+        done = _gain(model, bodies, system, contacts, work)
+        if done > 0.0:
+            high, gained = share, done
+        else:
+            low, lost = share, done
+            if -done <= NEAR * scale:
+                break
+    if used >= 0 and contacts.elastic[0] != low:
+        _bounce(contacts, low)
+        used = solve_contacts(bodies, system, contacts, work)
+    return used
+
+
+@small_kernel
 def solve_passively(model, bodies, system, contacts, work):
     """Solves a step with bounces that gain nothing, whose share is in contacts.elastic; as `solve_contacts`."""
     used = solve_contacts(bodies, system, contacts, work)
@@ -58,33 +86,5 @@ def solve_passively(model, bodies, system, contacts, work):
         bounces = bounces or (contacts.rebound[c] > 0.0 and work.lam[c, 0] > 0.0)
     if used < 0 or not bounces:
         return used
-    high, gained = contacts.elastic[0], _gain(model, bodies, system, contacts, work)
-    if gained <= 0.0:
-        return used
-    low = 0.0
-    _bounce(contacts, low)
-    more = solve_contacts(bodies, system, contacts, work)
-    lost = _gain(model, bodies, system, contacts, work)
-    scale = abs(lost)
-    for step in range(MOST_STEPS):
-        if more < 0:
-            return more
-        used += more
-        if high - low < 1e-9 or lost >= 0.0:
-            break
-        # The secant's zero, and every third time the middle.
-        share = 0.5 * (low + high) if step % 3 == 2 else low - lost * (high - low) / (gained - lost)
-        _bounce(contacts, share)
-        more = solve_contacts(bodies, system, contacts, work)
-        done = _gain(model, bodies, system, contacts, work)
-        if done > 0.0:
-            high, gained = share, done
-        else:
-            low, lost = share, done
-            if -done <= NEAR * scale:
-                break
-    if more >= 0 and contacts.elastic[0] != low:
-        used += more
-        _bounce(contacts, low)
-        more = solve_contacts(bodies, system, contacts, work)
-    return used + more if more >= 0 else more
+    gained = _gain(model, bodies, system, contacts, work)
+    return used if gained <= 0.0 else _bounce_less(model, bodies, system, contacts, work, gained)

@@ -77,7 +77,7 @@ def _assemble(model, contacts, system, solver):
                     S[i, j] += Ji * system.J_e[r, j]
 
 
-@kernel
+@small_kernel
 def stabilise(model, contacts, system, solver):
     """Leaves the correction in solver.delta (6 num_bodies), its factors, and what pushes in solver.lifts.
 

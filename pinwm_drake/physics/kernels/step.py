@@ -1,6 +1,6 @@
 """One forward step of one world: x' = g(x, a, theta) (numba)."""
 
-from pinwm_drake.jit import kernel, part_of_kernel
+from pinwm_drake.jit import part_of_kernel, small_kernel
 from pinwm_drake.physics.kernels.detect import build_rows, select_features
 from pinwm_drake.physics.kernels.dynamics import begin_step, integrate_quaternion
 from pinwm_drake.physics.kernels.ghosts import leave_out_ghosts, switch_off, take_back_hits
@@ -9,16 +9,17 @@ from pinwm_drake.physics.kernels.restitution import solve_passively
 from pinwm_drake.physics.kernels.stabilise import stabilise
 
 
-@kernel
+@small_kernel
 def build_step(model, mass, inertia, friction, restitution, bodies, contacts, system):
     """Builds a step up to its equations: dynamics, contacts, joints."""
     begin_step(model, mass, inertia, bodies, system)
     select_features(model, bodies, contacts)
     build_rows(model, friction, restitution, bodies, contacts, system)
-    build_joints(model, bodies, system)
+    if system.num_rows > 0:
+        build_joints(model, bodies, system)
 
 
-@kernel
+@small_kernel
 def advance(model, bodies, contacts, system, solver):
     """Takes the new velocities from solver.x and moves all poses (semi-implicit Euler, then stabilisation)."""
     h = model.time_step
@@ -43,16 +44,20 @@ def advance(model, bodies, contacts, system, solver):
 @part_of_kernel
 def solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep):
     """Solves a step without contacts that are none; returns iterations, or -1 where a number is not finite."""
-    used = solve_passively(model, bodies, system, contacts, solver)
-    if used < 0 or leave_out_ghosts(model, bodies, contacts, solver, sweep) == 0:
-        return used
-    again = solve_passively(model, bodies, system, contacts, solver)
-    if again >= 0 and take_back_hits(model, bodies, contacts, solver, sweep) > 0:
-        build_rows(model, friction, restitution, bodies, contacts, system)
-        switch_off(contacts, sweep)
-        used += again
-        again = solve_passively(model, bodies, system, contacts, solver)
-    return used + again if again >= 0 else again
+    total = 0
+    for attempt in range(3):
+        used = solve_passively(model, bodies, system, contacts, solver)
+        if used < 0:
+            return used
+        total += used
+        if attempt == 0 and leave_out_ghosts(model, bodies, contacts, solver, sweep) == 0:
+            break
+        if attempt == 1:
+            if take_back_hits(model, bodies, contacts, solver, sweep) == 0:
+                break
+            build_rows(model, friction, restitution, bodies, contacts, system)
+            switch_off(contacts, sweep)
+    return total
 
 
 @part_of_kernel
