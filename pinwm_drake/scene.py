@@ -16,11 +16,11 @@ from torch import Tensor
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.errors import InputError, ModelError, StateError
-from pinwm_drake.geometry.convex import decompose
-from pinwm_drake.geometry.meshes import load_mesh, load_pieces, mass_properties
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.patch import resting_points
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import capsule, cylinder, sphere
+from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.physics import Body, Model, Parameters, State, Stepper
 from pinwm_drake.spatial.poses import Pose, transform
 from pinwm_drake.spatial.rotations import normalize_quaternion, quaternion_to_matrix, rotate
@@ -66,7 +66,7 @@ def make_scene(
         gravity: m/s^2, downwards.
         floor_height: z of the floor, m.
         time_step: s.
-        friction_directions: Number of directions of the polyhedral friction cone.
+        friction_directions: Has no effect: the friction cone is round. Kept for calls and files from when it was a polyhedron.
         support: "corners" carries the object's weight on the corners of its convex pieces, "patch" on points
             within the face that it rests on, as uniform pressure does; see `geometry/patch.py`.
 
@@ -83,7 +83,7 @@ def make_scene(
     properties = mass_properties(mesh, mass=1.0)
     p_OB = properties.p_com
     points = resting_points(mesh, quaternion_to_matrix(q_WO).numpy()) if support == "patch" else None
-    pieces = [_moved(piece, -p_OB) for piece in _object_pieces(mesh_path, mesh)]
+    pieces = [_moved(piece, -p_OB) for piece in mesh_pieces(mesh_path)]
     body = Body(
         name=BODY,
         pieces=pieces,
@@ -108,18 +108,10 @@ def _pusher_pieces(pusher: PusherGeometry) -> list[ConvexPiece]:
     if shape is None:
         if pusher.mesh_path is None:
             raise ModelError("a pusher has neither a mesh nor a shape; allowed: one of them")
-        return _object_pieces(pusher.mesh_path, load_mesh(pusher.mesh_path))
+        return mesh_pieces(pusher.mesh_path)
     if shape.kind == "sphere":
         return [sphere(shape.radius)]
     return [{"capsule": capsule, "cylinder": cylinder}[shape.kind](shape.radius, shape.length)]
-
-
-def _object_pieces(path: Path, mesh: trimesh.Trimesh) -> list[ConvexPiece]:
-    """The parts of a mesh where they are convex, else its decomposition."""
-    try:
-        return load_pieces(path)
-    except InputError:
-        return decompose(mesh)
 
 
 def _moved(piece: ConvexPiece, by: np.ndarray) -> ConvexPiece:

@@ -33,7 +33,7 @@ def identify(
     ] = None,
     support: Annotated[str, typer.Option(help="How the floor carries the object: auto, corners or patch.")] = "auto",
     directions: Annotated[
-        int, typer.Option(help="Directions of the friction cone; another number compiles for minutes, once.")
+        int, typer.Option(help="No effect: the friction cone is round. Kept for scripts from when it was a polyhedron.")
     ] = 32,
     starts: Annotated[int, typer.Option(help="Random starts of the optimiser, for each support.")] = 4,
     seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,

@@ -29,8 +29,7 @@ class IdentifyOptions:
         coarse_size, fine_size: Longer side of the object in the pictures, px.
         coarse_frames: Frames that the coarse stage looks at, evenly spaced.
         time_step: Time step of the physics, s.
-        friction_directions: Number of directions of the friction cone. With few, sliding objects turn by degrees too
-            far.
+        friction_directions: Has no effect: the friction cone is round. Kept for calls from when it was a polyhedron.
         num_threads: Threads; None for one on each core.
         checkpoint_every: Steps between two checkpoints.
     """

@@ -1,4 +1,4 @@
-"""Differentiable rigid-body physics: parameters, model, state, LCP, stepper."""
+"""Differentiable rigid-body physics: parameters, model, state, contact, stepper."""
 
 from pinwm_drake.physics.diagnose import StepReport, inspect
 from pinwm_drake.physics.model import Body, Joint, Model

@@ -7,10 +7,9 @@ import torch
 
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
-from pinwm_drake.geometry.convex import decompose
-from pinwm_drake.geometry.meshes import load_mesh, load_pieces, mass_properties
-from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.shapes import sphere
+from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.physics import Body, Model
 from pinwm_drake.scene import Scene
 from pinwm_drake.systems.sdf.collision import fine_mesh, piece_mesh, seen_mesh, support_spheres
@@ -154,12 +153,7 @@ def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comme
 
 def _piece_meshes(path: Path) -> list[str]:
     """OBJ files of the parts of a mesh where they are convex, else of its decomposition."""
-    pieces: list[ConvexPiece]
-    try:
-        pieces = load_pieces(path)
-    except InputError:
-        pieces = decompose(load_mesh(path))
-    return [piece_mesh(piece) for piece in pieces]
+    return [piece_mesh(piece) for piece in mesh_pieces(path)]
 
 
 def _mesh_file(folder: Path, name: str, text: str) -> str:

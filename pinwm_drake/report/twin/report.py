@@ -100,7 +100,6 @@ def _parameters(story: Story) -> str:
         "gravity": f"{twin.gravity:g} m/s²",
         "floor": f"{1e3 * twin.floor_height:.3f} mm high",
         "time step": f"{1e3 * twin.time_step:.4g} ms",
-        "friction directions": twin.friction_directions,
         "support": twin.support,
         "camera offset": f"{twin.camera_offset[0]:+.3f}, {twin.camera_offset[1]:+.3f} px",
         "surfels": f"{twin.surfels.num_surfels:,}",

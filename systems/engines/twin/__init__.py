@@ -1,1 +1,1 @@
-"""The learned twin as an engine: LCP step, surfels, cousins."""
+"""The learned twin as an engine: contact step, surfels, cousins."""

@@ -1,4 +1,4 @@
-"""World model W = R(g(x, a, theta), alpha) as a LeafSystem: the LCP step, and surfels behind its images."""
+"""World model W = R(g(x, a, theta), alpha) as a LeafSystem: the contact step, and surfels behind its images."""
 
 import functools
 

@@ -1,0 +1,89 @@
+"""Convex pieces of mesh files, which are found once: stored beside a mesh, or in the user's cache by its content."""
+
+import hashlib
+import os
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from pinwm_drake.errors import InputError
+from pinwm_drake.files import replacing
+from pinwm_drake.geometry.convex import decompose
+from pinwm_drake.geometry.meshes import load_mesh, load_pieces
+from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.shapes import convex_hull
+
+# Ends of the name of a file of pieces beside a mesh.
+BESIDE = "_contact.obj"
+# Pieces belong to a mesh if they reach as far, relative to its size, and fill as much, relative to its volume.
+_REACH, _FILL = 1e-3, 0.05
+# Belongs to the content: another way of decomposing makes other pieces.
+_WAY = b"coacd 0.05 32 0"
+
+
+def mesh_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
+    """Convex pieces of a mesh: its parts where they are convex, else those stored beside it, else its decomposition.
+
+    A decomposition takes half a minute. It is kept in the user's cache (`XDG_CACHE_HOME`, or `~/.cache`) by the SHA-256
+    of the mesh, so that no mesh is decomposed twice.
+
+    Args:
+        path: File of the mesh, as for `load_mesh`; `NAME_contact.obj` beside it may hold its pieces.
+
+    Returns:
+        The pieces, frame of the mesh.
+
+    Raises:
+        InputError: The file is refused as by `load_mesh`.
+        GeometryError: The mesh cannot be decomposed.
+    """
+    path = Path(path)
+    try:
+        return load_pieces(path)
+    except InputError:
+        mesh = load_mesh(path)
+    beside = path.with_name(path.stem + BESIDE)
+    if beside.is_file() and _belong(pieces := load_pieces(beside), mesh):
+        return pieces
+    store = cache_folder() / f"{hashlib.sha256(_WAY + path.read_bytes()).hexdigest()}.npz"
+    stored = _read(store)
+    if stored is None:
+        stored = [piece.vertices for piece in decompose(mesh)]
+        _write(store, stored)
+    return [convex_hull(vertices) for vertices in stored]
+
+
+def cache_folder() -> Path:
+    """Folder of the decompositions that this user has made."""
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(root) / "pinwm_drake" / "pieces"
+
+
+def _belong(pieces: list[ConvexPiece], mesh: trimesh.Trimesh) -> bool:
+    """True where pieces reach as far as a mesh and fill as much."""
+    points = np.concatenate([piece.vertices for piece in pieces])
+    apart = np.abs(np.stack([points.min(0), points.max(0)]) - mesh.bounds).max()
+    volume = sum(trimesh.convex.convex_hull(piece.vertices).volume for piece in pieces)
+    return bool(apart <= _REACH * mesh.extents.max() and abs(volume - mesh.volume) <= _FILL * mesh.volume)
+
+
+def _read(path: Path) -> list[np.ndarray] | None:
+    """Vertices of stored pieces, or None where there are none that can be read."""
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            vertices, counts = arrays["vertices"], arrays["counts"]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+    return np.split(vertices, np.cumsum(counts)[:-1])
+
+
+def _write(path: Path, pieces: list[np.ndarray]) -> None:
+    """Stores the vertices of pieces; a cache that cannot be written is left alone."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez(file, vertices=np.concatenate(pieces), counts=np.array([len(piece) for piece in pieces]))
+    except (OSError, InputError):
+        return
