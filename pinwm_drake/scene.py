@@ -15,7 +15,7 @@ from torch import Tensor
 
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.scene import PusherGeometry
-from pinwm_drake.errors import InputError, ModelError, StateError
+from pinwm_drake.errors import ModelError, StateError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.patch import resting_points
 from pinwm_drake.geometry.pieces import ConvexPiece
@@ -66,7 +66,7 @@ def make_scene(
         gravity: m/s^2, downwards.
         floor_height: z of the floor, m.
         time_step: s.
-        friction_directions: Has no effect: the friction cone is round. Kept for calls and files from when it was a polyhedron.
+        friction_directions: Has no effect, as the friction cone is round; kept for older calls and files.
         support: "corners" carries the object's weight on the corners of its convex pieces, "patch" on points
             within the face that it rests on, as uniform pressure does; see `geometry/patch.py`.
 

@@ -15,8 +15,8 @@ from pinwm_drake.geometry.meshes import load_mesh, load_pieces
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import convex_hull
 
-# Ends of the name of a file of pieces beside a mesh.
-BESIDE = "_contact.obj"
+# Folder of pieces beside a mesh, one OBJ file each.
+BESIDE = "pieces"
 # Pieces belong to a mesh if they reach as far, relative to its size, and fill as much, relative to its volume.
 _REACH, _FILL = 1e-3, 0.05
 # Belongs to the content: another way of decomposing makes other pieces.
@@ -30,7 +30,7 @@ def mesh_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
     of the mesh, so that no mesh is decomposed twice.
 
     Args:
-        path: File of the mesh, as for `load_mesh`; `NAME_contact.obj` beside it may hold its pieces.
+        path: File of the mesh, as for `load_mesh`; a folder `pieces` beside it may hold its pieces, one OBJ file each.
 
     Returns:
         The pieces, frame of the mesh.
@@ -44,8 +44,8 @@ def mesh_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
         return load_pieces(path)
     except InputError:
         mesh = load_mesh(path)
-    beside = path.with_name(path.stem + BESIDE)
-    if beside.is_file() and _belong(pieces := load_pieces(beside), mesh):
+    beside = sorted((path.parent / BESIDE).glob("*.obj"))
+    if beside and _belong(pieces := [piece for file in beside for piece in load_pieces(file)], mesh):
         return pieces
     store = cache_folder() / f"{hashlib.sha256(_WAY + path.read_bytes()).hexdigest()}.npz"
     stored = _read(store)

@@ -86,10 +86,10 @@ class Model:
         floor_height: height of the static floor, m, or None for no floor.
         gravity: (3,), m/s^2, world frame.
         time_step: h, s.
-        friction_directions: has no effect: the friction cone is round. Kept for calls and files from when it was a polyhedron;
+        friction_directions: has no effect, as the friction cone is round; kept for older calls and files;
             even, 4 to 256.
         joints: bilateral constraints.
-        contact_margin: contacts nearer than this, plus what bodies may travel within a step, enter the step's equations, m.
+        contact_margin: contacts nearer than this, plus what bodies may travel within a step, take part, m.
         compliance: contact compliance relative to a body's inverse mass; see `kernels/cone.py`.
         max_contacts: contacts of one world at the most; more is an error. Memory grows with what there are.
         pusher_force: force with which the pusher presses at most, N, shared among the contacts that it has with a body,

@@ -60,7 +60,7 @@ class Twin:
         gravity: Downwards [m/s^2].
         floor_height: z of the floor in the world as the physics uses it [m]: the capture's, plus the lift.
         time_step: Time step of the physics [s].
-        friction_directions: Has no effect: the friction cone is round. Kept for calls and files from when it was a polyhedron;
+        friction_directions: Has no effect, as the friction cone is round; kept for older calls and files;
             even, 4 to 64.
         support: Points that touch the floor: the mesh's corners, or points of its patch.
         theta: The physical parameters; exactly the keys of `THETA`.

@@ -26,7 +26,7 @@ class EnvOptions:
         max_steps: Number of actions after which an episode is truncated; None for the task's.
         max_translation: m, longest translation of the pusher in an action; None for the longest that its speed allows.
         time_step: s, step of the twin's physics; None for that of the scene. It divides the horizon of an action.
-        friction_directions: Has no effect: the friction cone is round. Kept for calls and files from when it was a polyhedron.
+        friction_directions: Has no effect, as the friction cone is round; kept for older calls and files.
         image_size: px, width and height of images; None for those of the scene's camera.
 
     Raises:

@@ -110,7 +110,7 @@ class Physics:
 
     Attributes:
         time_step: s, one step of the physics.
-        friction_directions: Has no effect: the friction cone is round. Kept for calls and files from when it was a polyhedron.
+        friction_directions: Has no effect, as the friction cone is round; kept for older calls and files.
         support: Points that carry the object: the "corners" of its mesh, or a "patch" of its face.
         steps_per_update: Number of steps of the physics in one update of the diagram's state.
     """

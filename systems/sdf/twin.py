@@ -5,7 +5,7 @@ from typing import Literal, cast, get_args
 
 import torch
 
-from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.shapes import sphere

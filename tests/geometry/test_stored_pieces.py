@@ -71,6 +71,7 @@ def test_a_cache_that_is_broken_or_cannot_be_written_does_no_harm(decompositions
 
 def test_pieces_beside_a_mesh_that_are_of_another_are_not_taken(decompositions, tmp_path):
     path = l_shape(tmp_path / "l.obj")
-    trimesh.creation.box((0.09, 0.03, 0.05)).export(tmp_path / "l_contact.obj")
+    (tmp_path / "pieces").mkdir()
+    trimesh.creation.box((0.09, 0.03, 0.05)).export(tmp_path / "pieces" / "0.obj")
     assert len(mesh_pieces(path)) > 1
     assert len(decompositions) == 1
