@@ -100,23 +100,27 @@ def _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, count):
     elif abs(uy) > abs(uz):
         first_axis, second_axis = 0, 2
     first = count
+    if first + _DIRECTIONS >= rows.shape[0]:
+        return rows.shape[0]
     tilt = margin / table.body_spheres[body, 3]
-    lowest_kept = math.inf
-    deepest, depth = -1, math.inf
+    # The rows to come hold what is best so far: point and height of each direction.
     for k in range(_DIRECTIONS):
-        outermost, least = -1, math.inf
-        for i in range(start, end):
-            gap = _gap(table, i, ux, uy, uz, lift)
-            if gap >= margin:
-                continue
-            if gap < depth - _SAME_DEPTH:
-                deepest, depth = i, gap
-            along = (
-                _DIRECTION_COS[k] * table.floor_points[i, first_axis]
-                + _DIRECTION_SIN[k] * table.floor_points[i, second_axis]
-            )
-            if gap - tilt * along < least:
-                outermost, least = i, gap - tilt * along
+        rows[first + k, 0], rows[first + k, 1] = -1.0, math.inf
+    deepest, depth = -1, math.inf
+    for i in range(start, end):
+        gap = _gap(table, i, ux, uy, uz, lift)
+        if gap >= margin:
+            continue
+        if gap < depth - _SAME_DEPTH:
+            deepest, depth = i, gap
+        x, y = table.floor_points[i, first_axis], table.floor_points[i, second_axis]
+        for k in range(_DIRECTIONS):
+            height = gap - tilt * (_DIRECTION_COS[k] * x + _DIRECTION_SIN[k] * y)
+            if height < rows[first + k, 1]:
+                rows[first + k, 0], rows[first + k, 1] = float(i), height
+    lowest_kept = math.inf
+    for k in range(_DIRECTIONS):
+        outermost = int(rows[first + k, 0])
         known = False
         for row in range(first, count):
             known = known or _is_point(table, outermost, rows, row)
