@@ -33,6 +33,12 @@ def test_ten_thousand_scenes_all_have_solutions():
     assert (total["failed"], total["no numbers"]) == (0, 0)
 
 
+def test_a_scene_whose_polytope_outgrew_its_table():
+    counts: dict[str, collections.Counter] = {}
+    judge(draw(4934, seed=7), counts)
+    assert sum(counts.values(), collections.Counter())["failed"] == 0
+
+
 def test_a_standing_mug_that_is_poked_near_its_rim():
     # Sixteen corners in one plane: many sets of contacts are nearly right.
     generator = np.random.default_rng(0)

@@ -156,10 +156,11 @@ def _grow(points, new, corners, planes, horizon, faces):
             if twin >= 0:
                 length -= 1
                 horizon[twin, 0], horizon[twin, 1] = horizon[length, 0], horizon[length, 1]
-            else:
+            elif length < _MAX_FACES:
                 horizon[length, 0], horizon[length, 1] = start, end
                 length += 1
-    for h in range(length):
+    # Flat faces can make the outline longer than a convex polytope's is; what has no room is left out, and ends it.
+    for h in range(min(length, _MAX_FACES - kept)):
         corners[kept, 0], corners[kept, 1], corners[kept, 2] = horizon[h, 0], horizon[h, 1], new
         _set_plane(points, corners, planes, kept)
         kept += 1
