@@ -158,13 +158,11 @@ def draw(number: int, seed: int, steps: int = STEPS) -> Scene:
     chosen = bodies[number % len(bodies)]
     thrown = bool((number // len(bodies)) % 2)
     kind = list(PUSHERS)[int(g.integers(len(PUSHERS)))]
-    rate, directions = g.choice([240, 480, 960]), 8
+    rate = g.choice([240, 480, 960])
     model = Model(
         bodies=chosen,
         pusher=None if thrown else PUSHERS[kind](),
         time_step=1.0 / float(rate),
-        friction_directions=directions,
-        max_contacts=256,
     )
     W, nb = WORLDS, len(chosen)
     nominal = Parameters.nominal(model, num_worlds=W)

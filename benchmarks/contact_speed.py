@@ -88,8 +88,8 @@ def draw(name: str, rate: int, seed: int) -> Pokes:
 class Ours:
     """Pokes in pinwm_drake."""
 
-    def __init__(self, pokes: Pokes, **options: int) -> None:
-        self.model = Model(bodies=[pokes.body], pusher=[sphere(RADIUS)], time_step=1.0 / pokes.rate, **options)
+    def __init__(self, pokes: Pokes) -> None:
+        self.model = Model(bodies=[pokes.body], pusher=[sphere(RADIUS)], time_step=1.0 / pokes.rate)
         self.stepper = Stepper(self.model, num_threads=1)
         theta = Parameters.nominal(self.model, num_worlds=WORLDS)
         order = [self.model.pair_names.index(f"{pokes.body.name}-{other}") for other in ("floor", "pusher")]
@@ -165,7 +165,6 @@ class Theirs:
           </worldbody></mujoco>""")
         self.data = mujoco.MjData(self.model)
         self.ends = np.zeros((WORLDS, 3))
-        self.contacts = 0.0
 
     def forward(self) -> None:
         """Rolls all worlds out."""

@@ -1,6 +1,5 @@
 """Push in pinwm_drake: 8 friction directions, either backend, any number of worlds."""
 
-import copy
 import math
 from dataclasses import fields, replace
 
@@ -103,29 +102,14 @@ class PinwmPush:
         """The rollout and the gradient in all of its inputs."""
         return Case(lambda: self.loss_and_gradient(steps), units=self.V_WP[:steps, :, 0].numel())
 
-    def cold(self) -> "PinwmPush":
-        """A batch with one world for each step of world 0's rollout, ready to take that one step.
-
-        No world has a previous step, so that each solves its LCP from scratch: what a step costs when the
-        active set of the step before is of no use. The cost of setting a world up is included.
-        """
-        with torch.no_grad():
-            path = self.stepper.rollout(self.parameters, self.state, self.V_WP)
-        scattered = copy.copy(self)
-        scattered.parameters = self.parameters.expand(push.STEPS)
-        scattered.state = State(**{item.name: getattr(path, item.name)[:-1, 0] for item in fields(State)})
-        scattered.V_WP = self.V_WP[:, 0].unsqueeze(0).contiguous()
-        scattered.record_every = 1
-        return scattered
-
     def trace(self) -> dict:
         """Rolls world 0 out once, untimed, and looks into every step.
 
         Returns:
             contacts: (steps,) number of contacts that press (positive normal impulse); pusher_steps: steps in
-            which the pusher presses; iterations: mean number of interior-point iterations, each step solved
-            from scratch; residual: largest momentum residual, sign violation or complementarity of any step,
-            SI units; q (4,), p (3,) of the block, world frame, metres.
+            which the pusher presses; iterations: mean number of Newton iterations; residual: largest momentum
+            residual, sign violation or complementarity of any step, SI units; q (4,), p (3,) of the block, world
+            frame, metres.
         """
         with torch.no_grad():
             path = self.stepper.rollout(self.parameters, self.state, self.V_WP)
@@ -143,7 +127,7 @@ class PinwmPush:
 
 
 def inspect_path(model: Model, theta: Parameters, path: Trajectory, V_WP: torch.Tensor) -> list[StepReport]:
-    """The contacts and the solved LCP of every step of world 0.
+    """The contacts and the solution of every step of world 0.
 
     Args:
         model: the scene.
@@ -157,7 +141,7 @@ def inspect_path(model: Model, theta: Parameters, path: Trajectory, V_WP: torch.
 
 def pressing_pairs(report: StepReport) -> list[str]:
     """The pair of each contact that presses, that is, has a positive normal impulse."""
-    return [pair for pair, impulse in zip(report.pair, report.multipliers[:, 0], strict=True) if impulse > 0.0]
+    return [pair for pair, impulse in zip(report.pair, report.impulse[:, 0], strict=True) if impulse > 0.0]
 
 
 def leaves(record: Parameters | State) -> Parameters | State:

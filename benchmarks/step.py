@@ -19,8 +19,6 @@ FORWARD_BAR, BACKWARD_BAR = 2.5, 7.0  # times MuJoCo's step
 _OURS = {
     "forward": "forward",
     "forward_backward": "forward and backward",
-    "cold_forward": "forward, every step from scratch",
-    "cold_forward_backward": "forward and backward, every step from scratch",
 }
 
 
@@ -35,13 +33,10 @@ def measure(pusher: str, rounds: int) -> dict:
         RuntimeError: an engine's pusher is not in touch with the block for most of the rollout.
     """
     ours, mujoco, bullet = PinwmPush(pusher), MujocoPush(pusher), BulletPush(pusher)
-    cold = ours.cold()
     samples = timing.interleave(
         {
             "forward": ours.forward(),
             "forward_backward": ours.forward_backward(),
-            "cold_forward": cold.forward(),
-            "cold_forward_backward": cold.forward_backward(),
             "mujoco": mujoco.c_loop(),
             "mujoco_python": mujoco.python_loop(),
             "mujoco_calls": mujoco.call_overhead(),
@@ -110,7 +105,7 @@ def table(data: dict) -> str:
         residuals.append(figures["contacts"]["pinwm_drake"]["residual"])
     tail = (
         f"{data['rounds']} rounds; other processes took {data['load']:.0f} % of the CPUs. Largest residual "
-        f"of pinwm_drake's LCPs there (momentum, signs, complementarity; SI units): {max(residuals):.0e}."
+        f"of pinwm_drake's steps there (momentum, signs, complementarity; SI units): {max(residuals):.0e}."
     )
     return "\n".join([*lines, "", *verdicts, "", tail])
 

@@ -152,7 +152,7 @@ def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comme
 
 
 def _piece_meshes(path: Path) -> list[str]:
-    """OBJ files of the parts of a mesh where they are convex, else of its decomposition."""
+    """OBJ files of the convex pieces of a mesh."""
     return [piece_mesh(piece) for piece in mesh_pieces(path)]
 
 

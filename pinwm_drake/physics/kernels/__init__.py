@@ -1,1 +1,1 @@
-"""Numba kernels of the rigid-body step: contacts, LCP, step, adjoint, rollouts over worlds and threads."""
+"""Numba kernels of the rigid-body step: contacts, their solution, step, adjoint, rollouts over worlds and threads."""

@@ -18,8 +18,8 @@ def _add_cross(out, start, scale, a, b):
 def joints_adjoint(model, bodies, system, solver, adjoint):
     """Pulls the gradients of J_e, bias_e and error_e back to poses and to the pusher's velocity.
 
-    adjoint.J_e and adjoint.error_e hold what the stabilisation gave; the LCP's part is added here. The derivative
-    of an angular row's error leaves out terms of the size of the joint's drift (below 1e-6).
+    adjoint.J_e and adjoint.error_e hold what the stabilisation gave; the part of the step's equations is added here.
+    The derivative of an angular row's error leaves out terms of the size of the joint's drift (below 1e-6).
     """
     nb = model.num_bodies
     size = 6 * nb

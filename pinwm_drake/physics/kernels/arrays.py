@@ -32,7 +32,7 @@ class ModelArrays(NamedTuple):
         pusher_impulse: largest normal impulse with which the pusher presses on a body in a step, N s.
         impact_impulse: (num_bodies,), what it gives beyond that where it hits the body, N s.
         stabilisation_weight: (num_bodies, 2), metric [kg m^2, kg] of the position correction over the total mass.
-        margin: contacts nearer than this, plus what bodies may travel in a step, enter the LCP, m.
+        margin: contacts nearer than this, plus what bodies may travel in a step, take part in it, m.
         joint_kind, joint_bodies: (num_rows,), (num_rows, 2), bodies A and B.
         joint_anchor: (num_rows, 2, 3), anchors in body frames A and B, m; for hinges the axis in A and B.
         joint_direction: (num_rows, 3), constrained direction in body frame B.

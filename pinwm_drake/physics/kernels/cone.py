@@ -31,6 +31,8 @@ OPEN, STICKS, SLIDES, FULL_STICKS, FULL_SLIDES = range(5)
 NN, N1, N2, T11, T12, T22 = range(6)
 # Columns of work.slip: direction of the friction on A, and what it resists across that direction, N s / (m/s).
 ALONG_1, ALONG_2, ACROSS = range(3)
+# A normal impulse without a limit, N s.
+NO_LIMIT = 1e300
 
 
 @small_kernel
@@ -65,6 +67,21 @@ def contact_velocities(contacts, x, v):
 
 
 @small_kernel
+def set_slip(work, c, most):
+    """Slip of contact c that slides at the velocity work.v[c] with a friction of `most`, N s."""
+    v, slip = work.v[c], work.slip[c]
+    speed = math.sqrt(v[1] * v[1] + v[2] * v[2])
+    slip[ALONG_1], slip[ALONG_2], slip[ACROSS] = -v[1] / speed, -v[2] / speed, most / speed
+
+
+@small_kernel
+def set_gain_across(gain, slip):
+    """Gain of a contact that slides, across its direction."""
+    d1, d2, across = slip[ALONG_1], slip[ALONG_2], slip[ACROSS]
+    gain[T11], gain[T12], gain[T22] = across * d2 * d2, -across * d1 * d2, across * d1 * d1
+
+
+@small_kernel
 def set_mode(system, contacts, work, c):
     """Mode and slip of contact c by the law at the velocity work.v[c]."""
     inverse = 1.0 / system.contact_compliance
@@ -79,8 +96,7 @@ def set_mode(system, contacts, work, c):
     work.mode[c] = FULL_STICKS if full else STICKS
     if mu > 0.0 and speed * inverse > most:
         work.mode[c] = FULL_SLIDES if full else SLIDES
-        work.slip[c, ALONG_1], work.slip[c, ALONG_2] = -v[1] / speed, -v[2] / speed
-        work.slip[c, ACROSS] = most / speed
+        set_slip(work, c, most)
 
 
 @small_kernel
@@ -103,8 +119,8 @@ def set_gain(system, contacts, work, c):
     if not slides(mode):
         gain[T11], gain[T22] = inverse, inverse
         return
-    d1, d2, across = work.slip[c, ALONG_1], work.slip[c, ALONG_2], work.slip[c, ACROSS]
-    gain[T11], gain[T12], gain[T22] = across * d2 * d2, -across * d1 * d2, across * d1 * d1
+    set_gain_across(gain, work.slip[c])
+    d1, d2 = work.slip[c, ALONG_1], work.slip[c, ALONG_2]
     if full:
         offset[1], offset[2] = mu * contacts.limit[c] * d1, mu * contacts.limit[c] * d2
     else:

@@ -15,11 +15,9 @@ import math
 
 from pinwm_drake.jit import kernel, small_kernel
 from pinwm_drake.physics.kernels.cone import (
-    ACROSS,
-    ALONG_1,
-    ALONG_2,
     FULL_SLIDES,
     FULL_STICKS,
+    NN,
     OPEN,
     SLIDES,
     STICKS,
@@ -30,6 +28,8 @@ from pinwm_drake.physics.kernels.cone import (
     contact_velocities,
     contact_velocity,
     negative_residual,
+    set_gain_across,
+    set_slip,
 )
 from pinwm_drake.physics.kernels.small_matrix import lu_factor, lu_solve
 
@@ -60,16 +60,15 @@ def _set_gains(system, contacts, work):
             gain[i] = 0.0
         normal, f1, f2 = bounded_impulse(system, contacts, work, c, v[0], v[1], v[2])
         full = normal >= contacts.limit[c]
-        gain[0] = inverse if normal > 0.0 and not full else 0.0
+        gain[NN] = inverse if normal > 0.0 and not full else 0.0
         speed = math.sqrt(v[1] * v[1] + v[2] * v[2])
         sliding = speed * inverse > radius
         if sliding:
-            d1, d2, across = -v[1] / speed, -v[2] / speed, radius / speed
-            work.slip[c, ALONG_1], work.slip[c, ALONG_2], work.slip[c, ACROSS] = d1, d2, across
-            gain[T11], gain[T12], gain[T22] = across * d2 * d2, -across * d1 * d2, across * d1 * d1
+            set_slip(work, c, radius)
+            set_gain_across(gain, work.slip[c])
         else:
             gain[T11], gain[T22] = inverse, inverse
-        offset[0] = normal + gain[0] * v[0]
+        offset[0] = normal + gain[NN] * v[0]
         offset[1] = f1 + gain[T11] * v[1] + gain[T12] * v[2]
         offset[2] = f2 + gain[T12] * v[1] + gain[T22] * v[2]
         work.lam[c, 0], work.lam[c, 1], work.lam[c, 2] = normal, f1, f2

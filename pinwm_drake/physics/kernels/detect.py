@@ -1,10 +1,11 @@
-"""Finds a step's contacts and turns them into LCP rows (numba)."""
+"""Finds a step's contacts and turns them into rows of its equations (numba)."""
 
 import math
 
 from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_floor
 from pinwm_drake.geometry.features import contact_from_features, tangents
 from pinwm_drake.jit import kernel, part_of_kernel, small_kernel
+from pinwm_drake.physics.kernels.cone import NO_LIMIT
 from pinwm_drake.physics.kernels.stabilise import SLOP
 
 # The gap that a closing contact may leave open fades out with restitution as (1 - e)^FADE: an inelastic contact
@@ -13,8 +14,6 @@ FADE = 32
 # A contact that gravity does not press together bounces at any restitution, e = 0 included, so that the derivative
 # with respect to e is there; this much of a press is rounding, m/s.
 LEAST_REBOUND = 1e-9
-# A normal impulse without a limit, N s.
-NO_LIMIT = 1e300
 
 
 @small_kernel

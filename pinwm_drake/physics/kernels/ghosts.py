@@ -1,6 +1,6 @@
 """Contacts that are none: what passes beside a body within a step (numba).
 
-A row of the LCP holds a gap along the normal of the step's start, as if the feature it belongs to had no end. What
+A contact holds a gap along the normal of the step's start, as if the feature it belongs to had no end. What
 flies over a rim would hit the plane beyond it. So the step is solved with all rows; where two bodies that were apart
 push each other, and do not touch after the step, these rows are left out and the step is solved again. If they then
 overlap anywhere on the way, the rows come back.

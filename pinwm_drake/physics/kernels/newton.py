@@ -23,6 +23,7 @@ from pinwm_drake.physics.kernels.cone import (
     contact_velocities,
     negative_residual,
     set_gain,
+    set_slip,
     slides,
     take_impulses,
 )
@@ -54,14 +55,13 @@ def resistance(system, contacts, c):
 @small_kernel
 def _close(system, contacts, work, c):
     """Closes contact c: it slides where its friction would not stop it while its normal impulse stops the approach."""
-    v, slip, mu = work.v[c], work.slip[c], contacts.mu[c]
+    v, mu = work.v[c], contacts.mu[c]
     speed = math.sqrt(v[1] * v[1] + v[2] * v[2])
     if speed <= -mu * v[0]:
         work.mode[c] = STICKS
         return
     work.mode[c] = SLIDES
-    slip[ALONG_1], slip[ALONG_2] = -v[1] / speed, -v[2] / speed
-    slip[ACROSS] = -resistance(system, contacts, c) * mu * v[0] / speed
+    set_slip(work, c, -resistance(system, contacts, c) * mu * v[0])
 
 
 @small_kernel
@@ -195,11 +195,9 @@ def recall_solution(system, contacts, work):
     """
     contact_velocities(contacts, work.x, work.v)
     for c in range(contacts.number[0]):
-        v, slip = work.v[c], work.slip[c]
         if slides(work.mode[c]):
-            speed = math.sqrt(v[1] * v[1] + v[2] * v[2])
-            most = contacts.mu[c] * min(max(-v[0] / system.contact_compliance, 0.0), contacts.limit[c])
-            slip[ALONG_1], slip[ALONG_2], slip[ACROSS] = -v[1] / speed, -v[2] / speed, most / speed
+            normal = min(max(-work.v[c, 0] / system.contact_compliance, 0.0), contacts.limit[c])
+            set_slip(work, c, contacts.mu[c] * normal)
         set_gain(system, contacts, work, c)
     if not factor(system, contacts, work):
         return False

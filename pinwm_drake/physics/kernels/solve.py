@@ -21,7 +21,7 @@ FOUND = 1e-9
 
 
 @small_kernel
-def _guess(bodies, system, contacts, work):
+def _guess(bodies, system, contacts, work, impulse):
     """Starts from the velocities before the step, with the modes and bounds of friction that contacts have at them.
 
     No contact is taken for full: one that closes fast only looks like it.
@@ -37,6 +37,9 @@ def _guess(bodies, system, contacts, work):
         set_mode(system, contacts, work, c)
         if work.mode[c] >= FULL_STICKS:
             work.mode[c] -= 2
+        # What is beyond the step's scale is a contact that closes, and no force.
+        normal = min(max(-work.v[c, 0] / system.contact_compliance, 0.0), contacts.limit[c])
+        work.radius[c] = contacts.mu[c] * normal if normal <= impulse else 0.0
 
 
 @small_kernel
@@ -61,11 +64,7 @@ def solve_contacts(bodies, system, contacts, work):
     n = 6 * system.num_bodies + system.num_rows
     impulse, speed = scales(system, contacts)
     work.lagged[0] = 0
-    _guess(bodies, system, contacts, work)
-    for c in range(contacts.number[0]):
-        # What is beyond the step's scale is a contact that closes, and no force.
-        normal = min(max(-work.v[c, 0] / system.contact_compliance, 0.0), contacts.limit[c])
-        work.radius[c] = contacts.mu[c] * normal if normal <= impulse else 0.0
+    _guess(bodies, system, contacts, work, impulse)
     used = 0
     for round_ in range(-1, ROUNDS):
         if round_ >= 0:

@@ -13,7 +13,7 @@ Source: in place of the Baumgarte term of PIN-WM eq. 9; cf. Cline (2002), sectio
 """
 
 from pinwm_drake.jit import kernel, small_kernel
-from pinwm_drake.physics.kernels.cone import FULL_STICKS
+from pinwm_drake.physics.kernels.cone import FULL_STICKS, NO_LIMIT
 from pinwm_drake.physics.kernels.small_matrix import lu_factor, lu_solve
 
 # Penetration that the step itself removes, m.
@@ -22,9 +22,8 @@ SLOP = 1e-6
 KAPPA = 1e-6
 # Rounds in which it is found which contacts push, and a distance that is rounding, m.
 ROUNDS, ROUNDING = 10, 1e-12
-# Depth by which a body comes out of the pusher in a step, m, and an impulse that no contact with a limit has, N s.
+# Depth by which a body comes out of the pusher in a step, m.
 MOST_PUSHED = 1e-4
-UNLIMITED = 1e290
 
 
 @small_kernel
@@ -34,7 +33,7 @@ def wanted(contacts, c):
     What the pusher could not hold it may be in, and it comes out slowly.
     """
     depth = -contacts.gap[c] - SLOP
-    if contacts.limit[c] < UNLIMITED and depth > MOST_PUSHED:
+    if contacts.limit[c] < NO_LIMIT and depth > MOST_PUSHED:
         return MOST_PUSHED, 0.0
     return depth, 1.0
 

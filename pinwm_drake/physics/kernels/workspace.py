@@ -158,7 +158,7 @@ class AdjointWork(NamedTuple):
         pose: (N, 6), with respect to poses as [rotation vector; translation], world frame.
         V: (N, 6), with respect to V_WB.
         before: (N, 6), scratch: with respect to V_WB before the step, through restitution.
-        y: (n,), adjoint of the LCP's x.
+        y: (n,), adjoint of the step's x.
         frame: (3, 3), lever: (2, 3), scratch of one contact.
         J_e: (nr, 6 nb), bias_e: (nr,), error_e: (nr,), joint rows.
     """
