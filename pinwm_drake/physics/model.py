@@ -229,7 +229,7 @@ class Model:
             radius=np.array([*radius, 0.0, 0.0][: nb + 2]),
             contact_compliance=compliance,
             joint_compliance=compliance * _JOINT_OVER_CONTACT,
-            pusher_impulse=float(self.pusher_force * self.time_step),
+            pusher_force=float(self.pusher_force),
             impact_impulse=masses * _IMPACT_SPEED,
             stabilisation_weight=weight / float(masses.sum()),
             margin=float(self.contact_margin),

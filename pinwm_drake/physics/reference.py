@@ -211,7 +211,7 @@ def build_problem(
     sharing = (
         pressing[:, :, None] & (contacts.body[:, :, None] == contacts.body[:, None]).all(-1) & valid[:, None]
     ).sum(-1)
-    limit = torch.where(pressing, arrays.pusher_impulse / sharing.clamp_min(1), torch.full_like(mu, torch.inf))
+    limit = torch.where(pressing, h * arrays.pusher_force / sharing.clamp_min(1), torch.full_like(mu, torch.inf))
     impact = torch.as_tensor(arrays.impact_impulse, dtype=dtype, device=device)
     limit = limit + impact[contacts.body[..., 0]]
 

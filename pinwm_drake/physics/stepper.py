@@ -17,6 +17,7 @@ from pinwm_drake.threads import available, share
 Arrays = tuple[np.ndarray, ...]
 
 _FEW_CONTACTS = 33  # rows of the contact tables to begin with, one of them to see that there are too many
+_FEW_PARTS = 16  # spare slots for parts of steps to begin with
 _JOINT_ERROR = 0.01  # m or rad, of a joint at the start; a step closes it at once
 
 
@@ -148,19 +149,23 @@ class Stepper:
         model = self.model
         T, W = V_WP.shape[:2]
         q, p, V, q_P, p_P = state
-        rows = self._rows
+        rows, spare = self._rows, _FEW_PARTS + T // 16
         while True:
             frames = kernels.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
-            saved = kernels.allocate_saved(T, W, model.num_bodies, rows, keep)
+            saved = kernels.allocate_saved(T + spare if keep else 0, W, model.num_bodies, rows)
             arguments = (model.arrays, theta, V_WP, record_every, frames, saved)
             share(kernels.rollout_forward, arguments, W, self.num_threads)
             status = frames[-1][0]
             if (status >= 0).all():
                 return arguments
-            if (status >= -kernels.TOO_MANY_CONTACTS).all() or rows >= model.contact_rows:
+            parts, contacts = status < -kernels.TOO_MANY_PARTS, status < -kernels.TOO_MANY_CONTACTS
+            if not parts.any() and (not contacts.any() or rows >= model.contact_rows):
                 _raise_failure(model, status)
-            # More contacts than there was room for: again, with room for twice as many.
-            rows = self._rows = min(2 * rows, model.contact_rows)
+            # More than there was room for: again, with room for more.
+            if parts.any():
+                spare = 2 * spare + T
+            if (contacts & ~parts).any():
+                rows = self._rows = min(2 * rows, model.contact_rows)
 
 
 def _check_joints(model: Model, state: State) -> None:

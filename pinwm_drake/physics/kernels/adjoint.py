@@ -97,7 +97,7 @@ def _rotation_adjoint(phi, bar):
 @kernel
 def _pose_update_adjoint(model, bodies, solver, adjoint, moved):
     """Adjoint of x' = x + h v' + delta, q' = exp(h w' + delta) q; leaves delta's gradient in adjoint.y."""
-    h = model.time_step
+    h = bodies.time_step[0]
     nb = model.num_bodies
     for b in range(nb + model.num_kinematic):
         V = solver.x[6 * b : 6 * b + 6] if b < nb else bodies.V[b]
@@ -255,16 +255,16 @@ def _contact_rows_adjoint(
     e = restitution[contacts.pair[c]]
     closing, gap, approach = contacts.closing[c], contacts.gap[c], contacts.approach[c]
     keep = 1.0 - closing * (1.0 - (1.0 - e) ** FADE)
-    gap_bar = -y_n * keep / model.time_step if gap > -SLOP else 0.0
-    keep_bar = -y_n * max(gap, -SLOP) / model.time_step
+    gap_bar = -y_n * keep / bodies.time_step[0] if gap > -SLOP else 0.0
+    keep_bar = -y_n * max(gap, -SLOP) / bodies.time_step[0]
     restitution_bar[contacts.pair[c]] -= keep_bar * closing * FADE * (1.0 - e) ** (FADE - 1)
-    _, bounces = rebound(model, contacts, c, e)
+    _, bounces = rebound(model, bodies, contacts, c, e)
     share = contacts.elastic[0]
     if bounces:
         restitution_bar[contacts.pair[c]] -= y_n * share * approach
     if bounces and e > 0.0:
         if not B_moves and _dot(n, model.gravity) < 0.0:
-            _add(frame[0], 0, y_n * share * model.time_step, model.gravity)
+            _add(frame[0], 0, y_n * share * bodies.time_step[0], model.gravity)
         a = -y_n * share * e
         V_A, V_B = bodies.V[A], bodies.V[B]
         v_A, v_B = _point_velocity(V_A, r_A), _point_velocity(V_B, r_B)
@@ -283,7 +283,7 @@ def _contact_rows_adjoint(
 @kernel
 def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, solver, adjoint, b):
     """Adjoint of the momentum balance M xi' = M xi* + h f of body b, the gyroscopic step and the inertia's rotation."""
-    h = model.time_step
+    h = bodies.time_step[0]
     o = 6 * b
     R, I_B, V, w = bodies.R[b], inertia[b], bodies.V[b], bodies.V_body[b]
     x, y = solver.x[o : o + 6], adjoint.y[o : o + 6]

@@ -23,14 +23,14 @@ class ModelArrays(NamedTuple):
         has_floor: whether the half-space z < floor_height is solid.
         floor_height: m, world frame.
         gravity: (3,), m/s^2, world frame.
-        time_step: h, s.
+        time_step: h, s; see `step.py` for shorter ones.
         pair_index: (num_bodies, num_bodies + 2), row of the pair tables for bodies A and B, or -1; the column after
             the last dynamic body is the pusher, the last one the world.
         radius: (num_bodies + 1,), m, of a sphere about each body's origin that holds it; the pusher's last.
         contact_compliance: epsilon of a contact, (m/s)/(N s), per unit of impulse.
         joint_compliance: the same for joint rows.
-        pusher_impulse: largest normal impulse with which the pusher presses on a body in a step, N s.
-        impact_impulse: (num_bodies,), what it gives beyond that where it hits the body, N s.
+        pusher_force: largest normal force with which the pusher presses on a body, N.
+        impact_impulse: (num_bodies,), impulse that it gives beyond that where it hits the body, N s.
         stabilisation_weight: (num_bodies, 2), metric [kg m^2, kg] of the position correction over the total mass.
         margin: contacts nearer than this, plus what bodies may travel in a step, take part in it, m.
         joint_kind, joint_bodies: (num_rows,), (num_rows, 2), bodies A and B.
@@ -50,7 +50,7 @@ class ModelArrays(NamedTuple):
     radius: np.ndarray
     contact_compliance: float
     joint_compliance: float
-    pusher_impulse: float
+    pusher_force: float
     impact_impulse: np.ndarray
     stabilisation_weight: np.ndarray
     margin: float

@@ -29,7 +29,7 @@ def _speed_bound(model, bodies, b):
 def select_features(model, bodies, contacts):
     """Runs the narrow phase on all pairs; fills contacts.rows, body, dynamic, pair and count."""
     nb = model.num_bodies
-    h = model.time_step
+    h = bodies.time_step[0]
     g = model.gravity
     fall = h * math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
     count = 0
@@ -41,7 +41,8 @@ def select_features(model, bodies, contacts):
                 continue
             first = count
             if nb + 1 == B:
-                margin = model.margin + h * (speed_A + hit)
+                # A body that lands on one end may come down twice as fast with the other.
+                margin = model.margin + h * (2.0 * speed_A + hit)
                 count = collide_floor(
                     model.table, A, bodies.R[A], bodies.p[A], model.floor_height, margin, contacts.rows, count
                 )
@@ -73,7 +74,7 @@ def select_features(model, bodies, contacts):
 
 
 @small_kernel
-def rebound(model, contacts, c, e):
+def rebound(model, bodies, contacts, c, e):
     """Speed with which contact c leaves a bounce, m/s, and whether it bounces.
 
     It is Newton's e |approach|, less what gravity takes in the step; where gravity takes all, nothing bounces.
@@ -84,7 +85,7 @@ def rebound(model, contacts, c, e):
     speed, loss = -e * contacts.approach[c], 0.0
     if contacts.dynamic[c, 1] < 0:
         n, g = contacts.frame[c, 0], model.gravity
-        loss = max(-model.time_step * (n[0] * g[0] + n[1] * g[1] + n[2] * g[2]), 0.0)
+        loss = max(-bodies.time_step[0] * (n[0] * g[0] + n[1] * g[1] + n[2] * g[2]), 0.0)
     if speed + LEAST_REBOUND <= loss:
         return 0.0, False
     return (speed - loss if e > 0.0 else 0.0), True
@@ -98,7 +99,7 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
         friction: (num_pairs,).
         restitution: (num_pairs,), in [0, 1].
     """
-    h = model.time_step
+    h = bodies.time_step[0]
     for c in range(contacts.number[0]):
         A, B = contacts.body[c, 0], contacts.body[c, 1]
         contacts.limit[c] = NO_LIMIT
@@ -106,7 +107,7 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
             sharing = 0
             for other in range(contacts.number[0]):
                 sharing += 1 if contacts.body[other, 0] == A and contacts.body[other, 1] == B else 0
-            contacts.limit[c] = model.impact_impulse[A] + model.pusher_impulse / sharing
+            contacts.limit[c] = model.impact_impulse[A] + model.pusher_force * h / sharing
         a, b = contacts.witness[c, 0], contacts.witness[c, 1]
         frame, lever, J = contacts.frame[c], contacts.lever[c], contacts.J[c]
         gap = contact_from_features(
@@ -143,7 +144,7 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
         contacts.closing[c] = closing
         e = restitution[contacts.pair[c]]
         keep = 1.0 - closing * (1.0 - (1.0 - e) ** FADE)
-        contacts.rebound[c], _ = rebound(model, contacts, c, e)
+        contacts.rebound[c], _ = rebound(model, bodies, contacts, c, e)
         contacts.bias[c, 0] = keep * max(gap, -SLOP) / h - contacts.elastic[0] * contacts.rebound[c]
         contacts.bias[c, 1] = 0.0
         contacts.bias[c, 2] = 0.0

@@ -112,7 +112,7 @@ def begin_step(model, mass, inertia, bodies, system):
         mass: (nb,), kg.
         inertia: (nb, 3, 3), about the centre of mass, body frame, kg m^2.
     """
-    h = model.time_step
+    h = bodies.time_step[0]
     for b in range(model.num_bodies + model.num_kinematic):
         rotation_from_quaternion(bodies.q[b], bodies.R[b])
     for b in range(model.num_bodies):

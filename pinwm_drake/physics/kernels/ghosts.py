@@ -10,7 +10,7 @@ What was left out is open in the step's modes, so that the gradient is that of t
 
 import math
 
-from pinwm_drake.geometry.contact.narrowphase import collide_bodies
+from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_floor
 from pinwm_drake.geometry.features import contact_from_features
 from pinwm_drake.jit import kernel, part_of_kernel
 from pinwm_drake.physics.kernels.cone import OPEN
@@ -30,7 +30,7 @@ _OPEN = 1.0
 @kernel
 def _move(model, bodies, solver, sweep, share):
     """Poses of all bodies after a share of the step, by the velocities found."""
-    nb, h = model.num_bodies, share * model.time_step
+    nb, h = model.num_bodies, share * bodies.time_step[0]
     for b in range(nb + model.num_kinematic):
         V = sweep.V[b]
         for i in range(6):
@@ -47,7 +47,12 @@ def _move(model, bodies, solver, sweep, share):
 @kernel
 def _nearest(model, sweep, A, B):
     """Smallest gap of two bodies at the poses of the sweep, m; TOUCHING where they are farther apart."""
-    found = collide_bodies(model.table, A, sweep.R[A], sweep.p[A], B, sweep.R[B], sweep.p[B], TOUCHING, sweep.rows, 0)
+    if model.num_bodies + 1 == B:
+        found = collide_floor(model.table, A, sweep.R[A], sweep.p[A], model.floor_height, TOUCHING, sweep.rows, 0)
+    else:
+        found = collide_bodies(
+            model.table, A, sweep.R[A], sweep.p[A], B, sweep.R[B], sweep.p[B], TOUCHING, sweep.rows, 0
+        )
     least = TOUCHING
     for c in range(found):
         gap = contact_from_features(
@@ -61,6 +66,18 @@ def _nearest(model, sweep, A, B):
             sweep.point[2],
         )
         least = min(least, gap)
+    return least
+
+
+@kernel
+def gap_after(model, bodies, solver, sweep):
+    """Smallest gap of all pairs after the step, by the velocities found, m; TOUCHING where nothing is nearer."""
+    _move(model, bodies, solver, sweep, 1.0)
+    least = TOUCHING
+    for A in range(model.num_bodies):
+        for B in range(A + 1, model.num_bodies + 2):
+            if model.pair_index[A, B] >= 0:
+                least = min(least, _nearest(model, sweep, A, B))
     return least
 
 
@@ -108,7 +125,7 @@ def switch_off(contacts, sweep):
 def take_back_hits(model, bodies, contacts, solver, sweep):
     """Unmarks the rows of bodies that overlap on the way; returns how many, whose rows are to be built anew."""
     number = 0
-    looks = min(math.ceil(model.time_step * _fastest(model, bodies, solver) / STRIDE), MOST_LOOKS)
+    looks = min(math.ceil(bodies.time_step[0] * _fastest(model, bodies, solver) / STRIDE), MOST_LOOKS)
     for look in range(1, looks + 1):
         _move(model, bodies, solver, sweep, look / looks)
         for c in range(contacts.number[0]):

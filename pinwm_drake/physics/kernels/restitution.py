@@ -37,7 +37,7 @@ def _gain(model, bodies, system, contacts, work):
     for b in range(system.num_bodies):
         for i in range(3):
             change = bodies.V[b, 3 + i] - work.x[6 * b + 3 + i]
-            total += 0.5 * model.time_step * system.mass[b] * model.gravity[i] * change
+            total += 0.5 * bodies.time_step[0] * system.mass[b] * model.gravity[i] * change
     return total
 
 

@@ -4,13 +4,12 @@ import numpy as np
 
 from pinwm_drake.jit import entry_point, kernel, part_of_kernel
 from pinwm_drake.physics.kernels.adjoint import step_adjoint
-from pinwm_drake.physics.kernels.cone import FULL_STICKS
-from pinwm_drake.physics.kernels.step import step_world
+from pinwm_drake.physics.kernels.step import HALVE, MOST_PARTS, is_jammed, step_world
 from pinwm_drake.physics.kernels.workspace import make_adjoint_work, make_workspace
 
-# Status of a world after a rollout: the number of iterations it needed in all, or minus the failed
-# step's number minus one; TOO_MANY_CONTACTS is subtracted further when the step found more contacts than fit.
-TOO_MANY_CONTACTS = 1_000_000_000
+# Status of a world after a rollout: the number of iterations it needed in all, or minus the failed step's number minus
+# one; the constants are subtracted further where there were more contacts, or more parts of steps, than fit.
+TOO_MANY_CONTACTS, TOO_MANY_PARTS = 1_000_000_000, 2_000_000_000
 
 
 # The two functions below that allocate count references, so they slice shared arrays outside of their loops only:
@@ -58,61 +57,83 @@ def _drive(bodies, nb, V_P, t, w):
 
 
 @kernel
-def _store_modes(contacts, solver, modes, t, w):
+def _store_solution(bodies, contacts, solver, saved, t, s, w):
+    """Stores what slot s needs beside its state: modes, share of the bounces, length and number of the step."""
+    modes, elastic, lengths, steps, used = saved[5:]
     for c in range(contacts.number[0]):
-        modes[t, w, c] = solver.mode[c]
+        modes[s, w, c] = solver.mode[c]
+    elastic[s, w] = contacts.elastic[0]
+    lengths[s, w] = bodies.time_step[0]
+    steps[s, w] = t
+    used[w] = s + 1
 
 
 @kernel
-def _load_solution(solver, nb, states, saved_states, modes, t, w):
-    """Velocities and modes that step t found: the velocities are those of the state after it."""
-    last = t + 1 == modes.shape[0]
-    V, at = (states[2], states[2].shape[0] - 1) if last else (saved_states[2], t + 1)
+def _load_solution(bodies, contacts, solver, nb, states, saved, s, w):
+    """Velocities and modes that slot s found: the velocities are those of the state after it."""
+    modes, elastic, lengths, _, used = saved[5:]
+    V, at = (states[2], states[2].shape[0] - 1) if s + 1 == used[w] else (saved[2], s + 1)
     for b in range(nb):
         for i in range(6):
             solver.x[6 * b + i] = V[at, w, b, i]
     for c in range(modes.shape[2]):
-        solver.mode[c] = modes[t, w, c]
-
-
-@kernel
-def _is_jammed(contacts, solver):
-    """1 where a contact bears its largest impulse, else 0."""
-    for c in range(contacts.number[0]):
-        if solver.mode[c] >= FULL_STICKS:
-            return 1
-    return 0
+        solver.mode[c] = modes[s, w, c]
+    contacts.elastic[0] = elastic[s, w]
+    bodies.time_step[0] = lengths[s, w]
 
 
 @part_of_kernel
 def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
     mass, inertia, friction, restitution = parameters
     mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
-    status, jams, lagged, modes = frames[5][0], frames[5][1], frames[5][2], saved[5]
+    status, jams, lagged = frames[5][0], frames[5][1], frames[5][2]
     states, saved_states = frames[:5], saved[:5]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
-    keep = modes.shape[0] > 0
-    limit = modes.shape[2]
+    slots, limit = saved[5].shape[0], saved[5].shape[2]
     bodies, contacts, system, solver, sweep = make_workspace(model, limit)
     _load(bodies, nb, has_pusher, states, 0, w)
-    total = 0
+    total, slot = 0, 0
     for t in range(V_P.shape[0]):
         if has_pusher:
             _drive(bodies, nb, V_P, t, w)
-        if keep:
-            _store(bodies, nb, has_pusher, saved_states, t, w)
-        used = step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep)
-        full = contacts.number[0] == limit
-        if used < 0 or full:
-            status[w] = -t - 1 - (TOO_MANY_CONTACTS if full else 0)
-            return
-        total += used
-        jams[w] += _is_jammed(contacts, solver)
-        lagged[w] += solver.lagged[0]
-        if keep:
-            _store_modes(contacts, solver, modes, t, w)
-            saved[6][t, w] = contacts.elastic[0]
+        part, parts, jammed, lags = 0, 1, 0, 0
+        while part < parts:
+            bodies.time_step[0] = model.time_step / parts
+            if slots > 0:
+                if slot == slots:
+                    status[w] = -t - 1 - TOO_MANY_PARTS
+                    return
+                _store(bodies, nb, has_pusher, saved_states, slot, w)
+            used = step_world(
+                model,
+                mass,
+                inertia,
+                friction,
+                restitution,
+                bodies,
+                contacts,
+                system,
+                solver,
+                sweep,
+                parts < MOST_PARTS,
+            )
+            full = contacts.number[0] == limit
+            if full or used == -1:
+                status[w] = -t - 1 - (TOO_MANY_CONTACTS if full else 0)
+                return
+            if used == HALVE:
+                part, parts = 2 * part, 2 * parts
+                continue
+            total += used
+            jammed = max(jammed, 1 if is_jammed(contacts, solver) else 0)
+            lags = max(lags, solver.lagged[0])
+            if slots > 0:
+                _store_solution(bodies, contacts, solver, saved, t, slot, w)
+                slot += 1
+            part += 1
+        jams[w] += jammed
+        lagged[w] += lags
         if (t + 1) % record_every == 0:
             _store(bodies, nb, has_pusher, states, (t + 1) // record_every, w)
     status[w] = total
@@ -143,7 +164,7 @@ def _frame_gradient(adjoint, nb, has_pusher, states, bars, f, w):
 @kernel
 def _take_pusher_gradient(adjoint, nb, V_P_bar, t, w):
     for i in range(6):
-        V_P_bar[t, w, i] = adjoint.V[nb, i]
+        V_P_bar[t, w, i] += adjoint.V[nb, i]
         adjoint.V[nb, i] = 0.0
 
 
@@ -162,7 +183,7 @@ def _quaternion_gradient(theta_bar, q, q_bar):
 def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars):
     mass, inertia, friction, restitution = parameters
     mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
-    status, modes = frames[5][0], saved[5]
+    status, steps, slots = frames[5][0], saved[8], saved[9]
     states, saved_states = frames[:5], saved[:5]
     q, q_P = frames[0], frames[3]
     mass_bar, inertia_bar, friction_bar, restitution_bar, q0_bar, p0_bar, V0_bar, q_P0_bar, p_P0_bar, V_P_bar = bars
@@ -170,16 +191,18 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
     friction_bar, restitution_bar = friction_bar[w], restitution_bar[w]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
-    bodies, contacts, system, solver, _ = make_workspace(model, modes.shape[2])
+    bodies, contacts, system, solver, _ = make_workspace(model, saved[5].shape[2])
     adjoint = make_adjoint_work(model)
-    for t in range(V_P.shape[0] - 1, -1, -1):
-        if (t + 1) % record_every == 0:
+    after = V_P.shape[0]
+    for s in range(slots[w] - 1, -1, -1):
+        t = steps[s, w]
+        if t != after and (t + 1) % record_every == 0:
             _frame_gradient(adjoint, nb, has_pusher, states, frame_bars, (t + 1) // record_every, w)
-        _load(bodies, nb, has_pusher, saved_states, t, w)
+        after = t
+        _load(bodies, nb, has_pusher, saved_states, s, w)
         if has_pusher:
             _drive(bodies, nb, V_P, t, w)
-        _load_solution(solver, nb, states, saved_states, modes, t, w)
-        contacts.elastic[0] = saved[6][t, w]
+        _load_solution(bodies, contacts, solver, nb, states, saved, s, w)
         ok = step_adjoint(
             model,
             mass,
@@ -254,18 +277,22 @@ def allocate_frames(
     return (*arrays, np.zeros((3, q.shape[0]), np.int64))
 
 
-def allocate_saved(
-    num_steps: int, num_worlds: int, num_bodies: int, max_contacts: int, keep: bool
-) -> tuple[np.ndarray, ...]:
-    """Arrays for the backward pass: states, modes of contacts, shares of bounces; empty if not `keep`."""
-    T = num_steps if keep else 0
-    W = num_worlds
+def allocate_saved(num_slots: int, num_worlds: int, num_bodies: int, max_contacts: int) -> tuple[np.ndarray, ...]:
+    """Arrays for the backward pass, with a slot for each part of a step; empty if there are no slots.
+
+    They are the states, modes of contacts, shares of bounces, lengths of the parts [s], numbers of the steps that they
+    belong to, and how many slots each world used.
+    """
+    S, W = num_slots, num_worlds
     return (
-        np.empty((T, W, num_bodies, 4)),
-        np.empty((T, W, num_bodies, 3)),
-        np.empty((T, W, num_bodies, 6)),
-        np.empty((T, W, 4)),
-        np.empty((T, W, 3)),
-        np.zeros((T, W, max_contacts), np.uint8),
-        np.ones((T, W)),
+        np.empty((S, W, num_bodies, 4)),
+        np.empty((S, W, num_bodies, 3)),
+        np.empty((S, W, num_bodies, 6)),
+        np.empty((S, W, 4)),
+        np.empty((S, W, 3)),
+        np.zeros((S, W, max_contacts), np.uint8),
+        np.empty((S, W)),
+        np.empty((S, W)),
+        np.empty((S, W), np.int64),
+        np.zeros(W, np.int64),
     )

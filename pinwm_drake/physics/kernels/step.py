@@ -1,12 +1,26 @@
-"""One forward step of one world: x' = g(x, a, theta) (numba)."""
+"""One forward step of one world: x' = g(x, a, theta) (numba).
 
-from pinwm_drake.jit import part_of_kernel, small_kernel
+A step's rows are those of the features at its start, moved along straight lines. Where a body turns fast, other
+features come down meanwhile, and points move along arcs; what would then be deep in something at the step's end is
+stepped in two halves instead, and they in halves again if need be.
+"""
+
+import math
+
+from pinwm_drake.geometry.pieces import CYLINDER
+from pinwm_drake.jit import kernel, part_of_kernel, small_kernel
+from pinwm_drake.physics.kernels.cone import FULL_STICKS
 from pinwm_drake.physics.kernels.detect import build_rows, select_features
 from pinwm_drake.physics.kernels.dynamics import begin_step, integrate_quaternion
-from pinwm_drake.physics.kernels.ghosts import leave_out_ghosts, switch_off, take_back_hits
+from pinwm_drake.physics.kernels.ghosts import gap_after, leave_out_ghosts, switch_off, take_back_hits
 from pinwm_drake.physics.kernels.joints import build_joints
 from pinwm_drake.physics.kernels.restitution import solve_passively
 from pinwm_drake.physics.kernels.stabilise import stabilise
+
+# What is deeper than this at a step's end, m, and was not before, is stepped in halves; and the most parts of a step.
+DEEP, MOST_PARTS = 1e-4, 16
+# What `step_world` returns where it took no step, because it is to be taken in halves.
+HALVE = -2
 
 
 @small_kernel
@@ -22,7 +36,7 @@ def build_step(model, mass, inertia, friction, restitution, bodies, contacts, sy
 @small_kernel
 def advance(model, bodies, contacts, system, solver):
     """Takes the new velocities from solver.x and moves all poses (semi-implicit Euler, then stabilisation)."""
-    h = model.time_step
+    h = bodies.time_step[0]
     nb = model.num_bodies
     for b in range(nb):
         for i in range(6):
@@ -60,13 +74,58 @@ def solve_step(model, friction, restitution, bodies, contacts, system, solver, s
     return total
 
 
+@small_kernel
+def is_jammed(contacts, solver):
+    """True where a contact bears the largest impulse that it has."""
+    for c in range(contacts.number[0]):
+        if solver.mode[c] >= FULL_STICKS:
+            return True
+    return False
+
+
+@small_kernel
+def _has_rims(model, b):
+    """True for a body with cylinders: the lowest point of a rim runs around it, however slowly it turns."""
+    for piece in range(model.table.bodies[b, 0], model.table.bodies[b + 1, 0]):
+        if model.table.pieces[piece, 0] == CYLINDER:
+            return True
+    return False
+
+
+@kernel
+def _turns_into(model, bodies, contacts, solver, sweep):
+    """True where a body that turns fast, or has rims, would be deep in another, or in the floor, at the step's end."""
+    nb, h = model.num_bodies, bodies.time_step[0]
+    if contacts.number[0] == 0 or is_jammed(contacts, solver):
+        return False
+    fast = False
+    for b in range(nb):
+        V = bodies.V[b]
+        before, after = 0.0, 0.0
+        for i in range(3):
+            before, after = before + V[i] * V[i], after + solver.x[6 * b + i] * solver.x[6 * b + i]
+        fast = fast or 0.5 * h * h * model.radius[b] * max(before, after) > DEEP or _has_rims(model, b)
+    if not fast:
+        return False
+    allowed = 0.0
+    for c in range(contacts.number[0]):
+        allowed = min(allowed, contacts.gap[c])
+    return gap_after(model, bodies, solver, sweep) < allowed - DEEP
+
+
 @part_of_kernel
-def step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep):
-    """Advances one world in place; returns iterations, or -1 where a number is not finite."""
+def step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep, may_halve):
+    """Advances one world in place by bodies.time_step.
+
+    Returns:
+        Iterations; -1 where a number is not finite; HALVE, and nothing has moved, where half the step is to be taken.
+    """
     contacts.elastic[0] = 1.0
     build_step(model, mass, inertia, friction, restitution, bodies, contacts, system)
     iterations = solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep)
     if iterations < 0:
         return iterations
+    if may_halve and _turns_into(model, bodies, contacts, solver, sweep):
+        return HALVE
     advance(model, bodies, contacts, system, solver)
     return iterations

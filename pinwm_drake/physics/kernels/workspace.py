@@ -17,6 +17,7 @@ class BodyWork(NamedTuple):
         p: (N, 3), p_WB, m.
         V: (N, 6), V_WB, [rad/s; m/s].
         V_body: (nb, 3), angular velocity after the gyroscopic step, body frame, rad/s.
+        time_step: (1,), s, the model's, or a part of it; see `step.py`.
     """
 
     q: np.ndarray
@@ -24,6 +25,7 @@ class BodyWork(NamedTuple):
     p: np.ndarray
     V: np.ndarray
     V_body: np.ndarray
+    time_step: np.ndarray
 
 
 class ContactWork(NamedTuple):
@@ -206,6 +208,7 @@ def make_workspace(model, max_contacts):
         np.zeros((total, 3)),
         np.zeros((total, 6)),
         np.zeros((nb, 3)),
+        np.full(1, model.time_step),
     )
     bodies.q[:, 0] = 1.0
     for b in range(total):
