@@ -17,7 +17,7 @@ from pinwm_drake.physics.cone import ContactProblem, solve
 from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, LINEAR
 from pinwm_drake.physics.kernels.detect import FADE, LEAST_REBOUND
 from pinwm_drake.physics.kernels.select import select_worlds
-from pinwm_drake.physics.kernels.stabilise import KAPPA, MOST_PUSHED, ROUNDING, ROUNDS, SLOP
+from pinwm_drake.physics.kernels.stabilise import CONTACT, KAPPA, MOST_PUSHED, ROUNDING, ROUNDS, SLOP
 from pinwm_drake.physics.model import Model
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.state import State, Trajectory
@@ -251,7 +251,7 @@ def _stabilise(model: Model, contacts: Contacts, full: Tensor, joints: tuple[Ten
     if not bool(pushes.any()) and not model.joints:
         return torch.zeros_like(Jn[:, 0])
     for _ in range(ROUNDS):
-        some = pushes.to(depth.dtype)
+        some = CONTACT * pushes.to(depth.dtype)
         right = (Jn.mT @ (some * depth)[..., None] - J_e.mT @ error[..., None])[..., 0]
         delta = torch.linalg.solve(fixed + Jn.mT @ (some[..., None] * Jn), right)
         left = depth - (Jn @ delta[..., None])[..., 0]

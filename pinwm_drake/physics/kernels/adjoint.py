@@ -30,7 +30,7 @@ from pinwm_drake.physics.kernels.detect import FADE, rebound
 from pinwm_drake.physics.kernels.dynamics import gyroscopic_jacobian, solve3
 from pinwm_drake.physics.kernels.newton import recall_solution
 from pinwm_drake.physics.kernels.small_matrix import lu_solve, lu_solve_transposed
-from pinwm_drake.physics.kernels.stabilise import SLOP, stabilise, wanted
+from pinwm_drake.physics.kernels.stabilise import CONTACT, SLOP, stabilise, wanted
 from pinwm_drake.physics.kernels.step import build_step
 
 
@@ -163,7 +163,7 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
                     Jy += contacts.J[c, side, 0, i] * y[6 * body + i]
                     Jd += contacts.J[c, side, 0, i] * delta[6 * body + i]
         left = depth - Jd
-        gap_bar = -Jy * steep
+        gap_bar = -CONTACT * Jy * steep
         adjoint.frame[:] = 0.0
         adjoint.lever[:] = 0.0
         n = contacts.frame[c, 0]
@@ -173,7 +173,7 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
                 continue
             sign = 1.0 if side == 0 else -1.0
             o = 6 * body
-            p, q = sign * left, -sign * Jy
+            p, q = CONTACT * sign * left, -CONTACT * sign * Jy
             w = (p * y[o] + q * delta[o], p * y[o + 1] + q * delta[o + 1], p * y[o + 2] + q * delta[o + 2])
             v = (
                 p * y[o + 3] + q * delta[o + 3],

@@ -30,9 +30,12 @@ def _gain(model, bodies, system, contacts, work):
             twice = 0.0
             for side in range(2):
                 b = contacts.body[c, side]
+                moves = contacts.dynamic[c, side] >= 0
                 for j in range(6):
-                    after = work.x[6 * b + j] if contacts.dynamic[c, side] >= 0 else bodies.V[b, j]
-                    twice += contacts.J[c, side, i, j] * (bodies.V[b, j] + after)
+                    # What a gyroscopic step takes is not for the bounce to give back.
+                    before = system.free[6 * b + j] if moves and j < 3 else bodies.V[b, j]
+                    after = work.x[6 * b + j] if moves else bodies.V[b, j]
+                    twice += contacts.J[c, side, i, j] * (before + after)
             total += 0.5 * lam[i] * twice
     for b in range(system.num_bodies):
         for i in range(3):

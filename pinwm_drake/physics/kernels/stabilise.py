@@ -2,10 +2,11 @@
 
 The correction delta = [rotation; translation] of all bodies minimises
 
-    1/2 kappa delta' W delta + 1/2 sum_c max(depth_c - J_n,c delta, 0)^2 + 1/2 sum_r (J_e,r delta + error_r)^2
+    1/2 kappa delta' W delta + 1/2 w sum_c max(depth_c - J_n,c delta, 0)^2 + 1/2 sum_r (J_e,r delta + error_r)^2
 
 with the contacts of the step and depth = -gap - SLOP: what is deeper comes out, and what is not may move as far as it
-is away. Penetration down to SLOP is left to the step's equations, which pull the gap to zero from both sides: a resting
+is away. The weight w of a contact is small enough against the metric that contacts close together, differently deep,
+do not turn a body about themselves. Penetration down to SLOP is left to the step's equations, which pull the gap to zero from both sides: a resting
 contact then has the derivative of a contact, not a kink, and the velocity it can gain, SLOP / h, holds less energy than
 lifting the body by SLOP. Penetration deeper than that is rare, because no contact closes by more than its gap.
 
@@ -18,8 +19,8 @@ from pinwm_drake.physics.kernels.small_matrix import lu_factor, lu_solve
 
 # Penetration that the step itself removes, m.
 SLOP = 1e-6
-# Ratio of the metric's weight to a contact's.
-KAPPA = 1e-6
+# Weights of the metric and of a contact, relative to that of a joint.
+KAPPA, CONTACT = 1e-6, 1e-4
 # Rounds in which it is found which contacts push, and a distance that is rounding, m.
 ROUNDS, ROUNDING = 10, 1e-12
 # Depth by which a body comes out of the pusher in a step, m.
@@ -60,7 +61,7 @@ def _assemble(model, contacts, system, solver):
             if row < 0:
                 continue
             for i in range(6):
-                Ji = contacts.J[c, left, 0, i]
+                Ji = CONTACT * contacts.J[c, left, 0, i]
                 delta[6 * row + i] += Ji * depth
                 for right in range(2):
                     column = contacts.dynamic[c, right]

@@ -18,7 +18,7 @@ from pinwm_drake.physics.kernels.restitution import solve_passively
 from pinwm_drake.physics.kernels.stabilise import stabilise
 
 # What is deeper than this at a step's end, m, and was not before, is stepped in halves; and the most parts of a step.
-DEEP, MOST_PARTS = 1e-4, 16
+DEEP, MOST_PARTS = 5e-5, 16
 # What `step_world` returns where it took no step, because it is to be taken in halves.
 HALVE = -2
 
@@ -104,7 +104,7 @@ def _turns_into(model, bodies, contacts, solver, sweep):
         before, after = 0.0, 0.0
         for i in range(3):
             before, after = before + V[i] * V[i], after + solver.x[6 * b + i] * solver.x[6 * b + i]
-        fast = fast or 0.5 * h * h * model.radius[b] * max(before, after) > DEEP or _has_rims(model, b)
+        fast = fast or 0.5 * h * h * model.radius[b] * max(before, after) > 0.2 * DEEP or _has_rims(model, b)
     if not fast:
         return False
     allowed = 0.0
