@@ -194,7 +194,7 @@ def draw(number: int, seed: int, steps: int = STEPS) -> Scene:
         top = p[:, b, 2] + upper
     if thrown:
         p[..., 2] += float(g.uniform(0.0, 0.02))
-    size = 0.5 * float(max(np.abs(np.stack(bounds(piece))).max() for piece in chosen[-1].pieces))
+    size = 0.5 * float(max(np.abs(np.stack(bounds(piece))).max() for body in chosen for piece in body.pieces))
     velocity = np.zeros((steps, W, 6))
     start = np.zeros((W, 3))
     if not thrown:
