@@ -9,7 +9,8 @@ with the A part in body frame A and the B part in body frame B (world frame for 
 
     POINT   p is a vertex, a sphere's centre or a capsule's end; r its rounding radius
     LINE    p lies on the line, u is its unit direction; r is the rounding radius (side of a capsule or cylinder)
-    PLANE   p lies in the plane, u is its outward unit normal
+    PLANE   p lies in the plane, u is its outward unit normal; r is 0, or the radius of a disc about p, and the other
+            feature a LINE that passes the disc's rim near its p: the contact is where it crosses the disc's cylinder
     CIRCLE  p is the centre, u the unit axis, r the radius of a sharp rim
 
 Derivatives follow the kinematics of contact (Montana 1988): let R_A and R_B be the radius-of-curvature tensors
@@ -105,6 +106,21 @@ def _rim_point(c, u, radius, other_type, p, d, n, toward):
 
 
 @geometry_kernel
+def _through_rim(p, d, c, u, radius):
+    """Point of the line (p, d) nearest to p that is on the cylinder of a radius about the axis (c, u)."""
+    yx, yy, yz = p[0] - c[0], p[1] - c[1], p[2] - c[2]
+    k = yx * u[0] + yy * u[1] + yz * u[2]
+    yx, yy, yz = yx - k * u[0], yy - k * u[1], yz - k * u[2]
+    k = d[0] * u[0] + d[1] * u[1] + d[2] * u[2]
+    ex, ey, ez = d[0] - k * u[0], d[1] - k * u[1], d[2] - k * u[2]
+    a = ex * ex + ey * ey + ez * ez
+    b = yx * ex + yy * ey + yz * ez
+    c0 = yx * yx + yy * yy + yz * yz - radius * radius
+    t = -c0 / (b + math.copysign(math.sqrt(max(b * b - a * c0, 0.0)), b))
+    return (p[0] + t * d[0], p[1] + t * d[1], p[2] + t * d[2])
+
+
+@geometry_kernel
 def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
     """Gap, normal and witness points of one feature pair.
 
@@ -133,6 +149,8 @@ def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
 
     if type_B == PLANE:
         nx, ny, nz = uB
+        if type_A == LINE:
+            pA = _through_rim(pA, uA, pB, uB, r_B)
         if type_A == CIRCLE:
             pA = _rim_point(pA, uA, r_A, PLANE, pB, uB, uB, -1.0)
             ra = 0.0
@@ -143,6 +161,8 @@ def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
         return gap
     if type_A == PLANE:
         nx, ny, nz = -uA[0], -uA[1], -uA[2]
+        if type_B == LINE:
+            pB = _through_rim(pB, uB, pA, uA, r_A)
         if type_B == CIRCLE:
             pB = _rim_point(pB, uB, r_B, PLANE, pA, uA, (nx, ny, nz), 1.0)
             rb = 0.0
@@ -298,6 +318,50 @@ def _radii(kind, outward, ux, uy, uz, r, ex, ey, ez, t1, t2):
 
 
 @geometry_kernel
+def _crossing_adjoint(d, x, r, p_L, R_P, p_P, plane, sign, phi, nbar, cbar, phibar, twist_L, twist_P):
+    """`contact_adjoint` for a line of body L, rounded with r, that crosses the rim of a disc of body P at x.
+
+    In P, x slides along the line's direction d so that it stays on the rim's cylinder, whose radial unit vector is e:
+    with s the velocity of the line's material in P, by -(e . s) / (e . d), and the gap by u . s plus what it slides.
+    `sign` is +1 where the row's normal is the plane's u.
+    """
+    u = _rotate(R_P, plane[4], plane[5], plane[6])
+    cx, cy, cz = _rotate(R_P, plane[1], plane[2], plane[3])
+    ex, ey, ez = x[0] - p_P[0] - cx, x[1] - p_P[1] - cy, x[2] - p_P[2] - cz
+    k = ex * u[0] + ey * u[1] + ez * u[2]
+    ex, ey, ez = ex - k * u[0], ey - k * u[1], ez - k * u[2]
+    k = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez + _TINY)
+    ex, ey, ez = k * ex, k * ey, k * ez
+    ed = ex * d[0] + ey * d[1] + ez * d[2]
+    slope = (u[0] * d[0] + u[1] * d[1] + u[2] * d[2]) / ed
+    # The contact point is x - (r + phi / 2) u.
+    g = phibar - 0.5 * (cbar[0] * u[0] + cbar[1] * u[1] + cbar[2] * u[2])
+    k = (cbar[0] * d[0] + cbar[1] * d[1] + cbar[2] * d[2]) / ed
+    sx, sy, sz = (
+        g * (u[0] - slope * ex) - k * ex,
+        g * (u[1] - slope * ey) - k * ey,
+        g * (u[2] - slope * ez) - k * ez,
+    )
+    fx, fy, fz = cbar[0] + sx, cbar[1] + sy, cbar[2] + sz
+    lx, ly, lz = x[0] - p_L[0], x[1] - p_L[1], x[2] - p_L[2]
+    twist_L[0] += ly * fz - lz * fy
+    twist_L[1] += lz * fx - lx * fz
+    twist_L[2] += lx * fy - ly * fx
+    twist_L[3] += fx
+    twist_L[4] += fy
+    twist_L[5] += fz
+    lx, ly, lz = x[0] - p_P[0], x[1] - p_P[1], x[2] - p_P[2]
+    k = r + 0.5 * phi
+    wx, wy, wz = sign * nbar[0] - k * cbar[0], sign * nbar[1] - k * cbar[1], sign * nbar[2] - k * cbar[2]
+    twist_P[0] += u[1] * wz - u[2] * wy - (ly * sz - lz * sy)
+    twist_P[1] += u[2] * wx - u[0] * wz - (lz * sx - lx * sz)
+    twist_P[2] += u[0] * wy - u[1] * wx - (lx * sy - ly * sx)
+    twist_P[3] -= sx
+    twist_P[4] -= sy
+    twist_P[5] -= sz
+
+
+@geometry_kernel
 def contact_adjoint(row, R_A, p_A, R_B, p_B, n, a, b, phi, nbar, cbar, phibar, twist_A, twist_B):
     """Pulls gradients of a contact back to the poses of its two bodies.
 
@@ -311,9 +375,18 @@ def contact_adjoint(row, R_A, p_A, R_B, p_B, n, a, b, phi, nbar, cbar, phibar, t
             for R_WA -> exp(theta) R_WA and p_WA -> p_WA + delta.
         twist_B: (6,), the same for B.
     """
+    kind_A, kind_B = int(row[0]), int(row[8])
+    if kind_A == LINE and kind_B == PLANE:
+        d, x = _rotate(R_A, row[4], row[5], row[6]), (a[0] + row[7] * n[0], a[1] + row[7] * n[1], a[2] + row[7] * n[2])
+        _crossing_adjoint(d, x, row[7], p_A, R_B, p_B, row[8:16], 1.0, phi, nbar, cbar, phibar, twist_A, twist_B)
+        return
+    if kind_A == PLANE and kind_B == LINE:
+        d = _rotate(R_B, row[12], row[13], row[14])
+        x = (b[0] - row[15] * n[0], b[1] - row[15] * n[1], b[2] - row[15] * n[2])
+        _crossing_adjoint(d, x, row[15], p_B, R_A, p_A, row[0:8], -1.0, phi, nbar, cbar, phibar, twist_B, twist_A)
+        return
     t1x, t1y, t1z, t2x, t2y, t2z = tangents(n[0], n[1], n[2])
     t1, t2 = (t1x, t1y, t1z), (t2x, t2y, t2z)
-    kind_A, kind_B = int(row[0]), int(row[8])
     ux, uy, uz = _rotate(R_A, row[4], row[5], row[6])
     px, py, pz = _rotate(R_A, row[1], row[2], row[3])
     A11, A12, A22, u1, u2 = _radii(

@@ -21,6 +21,15 @@ def _perpendicular(v: Tensor, u: Tensor) -> Tensor:
     return v - _dot(v, u) * u
 
 
+def _through_rim(p: Tensor, d: Tensor, c: Tensor, u: Tensor, r: Tensor) -> Tensor:
+    """Point of the line (p, d) nearest to p that is on the cylinder of radius r about the axis (c, u)."""
+    y, e = _perpendicular(p - c, u), _perpendicular(d, u)
+    b, c0 = _dot(y, e), _dot(y, y) - r * r
+    # Elsewhere the root need not exist; its gradient must not be NaN even so.
+    root = (b * b - _dot(e, e) * c0).clamp_min(1e-30).sqrt()
+    return p - c0 / (b + torch.where(b < 0.0, -root, root)) * d
+
+
 def _circle_near_line(c: Tensor, u: Tensor, r: Tensor, p: Tensor, d: Tensor) -> Tensor:
     """Radial unit vector of the circle point at a stationary distance to the line (p, d).
 
@@ -79,8 +88,8 @@ def contacts_from_features(
         rim_A = torch.where(mixed_A, _circle_near_line(pA, uA, r_A, pB, uB), rim_A)
     if bool(mixed_B.any()):
         rim_B = torch.where(mixed_B, _circle_near_line(pB, uB, r_B, pA, uA), rim_B)
-    core_A = torch.where(circle_A, pA + r_A * rim_A, pA)
-    core_B = torch.where(circle_B, pB + r_B * rim_B, pB)
+    core_A = torch.where(circle_A, pA + r_A * rim_A, torch.where(line_A & plane_B, _through_rim(pA, uA, pB, uB, r_B), pA))
+    core_B = torch.where(circle_B, pB + r_B * rim_B, torch.where(line_B & plane_A, _through_rim(pB, uB, pA, uA, r_A), pB))
     zero = torch.zeros_like(r_A)
     round_A = torch.where(circle_A | plane_A, zero, r_A)
     round_B = torch.where(circle_B | plane_B, zero, r_B)
@@ -107,7 +116,7 @@ def contacts_from_features(
     a_core = torch.where(line_A & line_B, core_A + slide * along_A, core_A)
     a = a_core - round_A * n
     b = core_B + round_B * n
-    from_B = plane_A | (line_A & ~line_B)
+    from_B = plane_A | (line_A & ~line_B & ~plane_B)
     a = torch.where(from_B, b + phi * n, a)
     b = a - phi * n
     return phi[..., 0], n, a, b

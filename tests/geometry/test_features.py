@@ -28,6 +28,8 @@ PAIRS = [
     (POINT, CIRCLE),
     (CIRCLE, LINE),
     (LINE, CIRCLE),
+    (LINE, PLANE),
+    (PLANE, LINE),
 ]
 RADIUS = {POINT: 0.011, LINE: 0.013, PLANE: 0.0, CIRCLE: 0.03}
 
@@ -52,6 +54,15 @@ def random_pair(rng, kinds):
                 row[1:4] = R_A.T @ (a + RADIUS[LINE] * n - p_A)
             else:
                 row[9:12] = R_B.T @ (b - RADIUS[LINE] * n - p_B)
+    if set(kinds) == {LINE, PLANE}:
+        # A line that crosses the rim of a disc, 2 cm above it.
+        disc, line = (0, 8) if kinds[0] == PLANE else (8, 0)
+        row[disc + 7] = RADIUS[CIRCLE]
+        u = row[disc + 4 : disc + 7]
+        out = np.cross(u, rng.normal(size=3))
+        x = row[disc + 1 : disc + 4] + RADIUS[CIRCLE] * out / np.linalg.norm(out) + 0.02 * u
+        (R, p), (Q, q) = ((R_A, p_A), (R_B, p_B)) if disc == 0 else ((R_B, p_B), (R_A, p_A))
+        row[line + 1 : line + 4] = Q.T @ (R @ x + p - q)
     return row, R_A, p_A, R_B, p_B
 
 

@@ -152,6 +152,8 @@ def write_segment_place(table, v, w, t, rows, count, column):
 def write_crossing(table, piece, end, v, w, t, gap, ex, ey, ez, X_CL, rows, count, column):
     """Writes the place where a line over a cap crosses its rim.
 
+    Where the line runs along the rim there is no definite place, and the line's point is written against the cap.
+
     Args:
         table, piece, end, v, w, X_CL, rows, count, column: as for `write_rim_line`.
         t: Place on the line, m from v.
@@ -165,11 +167,14 @@ def write_crossing(table, piece, end, v, w, t, gap, ex, ey, ez, X_CL, rows, coun
     tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)
     sine = norm(*cross(tx, ty, tz, dx, dy, dz)) / norm(dx, dy, dz)
     radius = table.vertices[table.pieces[piece, 1] + end, 3]
+    write_cap(table, piece, end, rows, count, column)
     if sine > CROSSING_SINE and radius * sine * sine > CROSSING_RATIO * abs(gap):
         write_rim(table, piece, end, rows, count, column)
         write_line(table, v, w, t, 1.0, rows, count, 8 - column)
+    elif abs(dot(ex, ey, ez, dx, dy, dz)) > CROSSING_SINE * norm(dx, dy, dz):
+        rows[count, column + 7] = radius
+        write_line(table, v, w, t, 1.0, rows, count, 8 - column)
     else:
-        write_cap(table, piece, end, rows, count, column)
         write_segment_place(table, v, w, t, rows, count, 8 - column)
 
 

@@ -196,11 +196,90 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
 
 
 @kernel
+def _gain_transposed(solver, c, jn, j1, j2):
+    """Product of the transposed gain of contact c with a contact velocity."""
+    gain = solver.gain[c]
+    return (
+        gain[NN] * jn + gain[N1] * j1 + gain[N2] * j2,
+        gain[T11] * j1 + gain[T12] * j2,
+        gain[T12] * j1 + gain[T22] * j2,
+    )
+
+
+@kernel
+def _field_velocity(contacts, field, c):
+    """Contact velocity of contact c where the bodies have the velocities field (nb + 2, 6)."""
+    v = (0.0, 0.0, 0.0)
+    for side in range(2):
+        J, V = contacts.J[c, side], field[contacts.body[c, side]]
+        for i in range(6):
+            v = (v[0] + J[0, i] * V[i], v[1] + J[1, i] * V[i], v[2] + J[2, i] * V[i])
+    return v
+
+
+@kernel
+def _share_adjoint(model, bodies, contacts, system, solver, adjoint):
+    """Adjoint of the share of bounces, which is where the bodies' gain of energy E(x, share) is 0.
+
+    With that of the step's equations, y0 in adjoint.y, the adjoint z of E = 0 and y = y0 - z dE/dx make the derivative
+    with respect to the share vanish. As E is the sum of lambda_c . J_c w, with the mean velocities w, its derivatives
+    with respect to the contacts' data are those of the equations, for -z w in place of y.
+
+    Leaves y in adjoint.y, y - z w in adjoint.field, and -z dE of the velocities before the step in adjoint.pull.
+    """
+    nb, size = model.num_bodies, 6 * system.num_bodies + system.num_rows
+    field, pull, other, y = adjoint.field, adjoint.pull, adjoint.other, adjoint.y
+    pull[:] = 0.0
+    field[:] = 0.0
+    z = 0.0
+    if 0.0 < contacts.elastic[0] < 1.0:
+        other[:] = 0.0
+        for b in range(nb + model.num_kinematic):
+            for i in range(6):
+                before = system.free[6 * b + i] if b < nb and i < 3 else bodies.V[b, i]
+                field[b, i] = 0.5 * (before + (solver.x[6 * b + i] if b < nb else bodies.V[b, i]))
+        steep = 0.0
+        for c in range(contacts.number[0]):
+            mean = _field_velocity(contacts, field, c)
+            g = _gain_transposed(solver, c, mean[0], mean[1], mean[2])
+            steep += contacts.rebound[c] * g[0]
+            for side in range(2):
+                body, J = contacts.body[c, side], contacts.J[c, side]
+                for i in range(6):
+                    for k in range(3):
+                        pull[body, i] += solver.lam[c, k] * J[k, i]
+                        if contacts.dynamic[c, side] >= 0:
+                            other[6 * body + i] -= g[k] * J[k, i]
+        for b in range(nb):
+            for i in range(6):
+                other[6 * b + i] += 0.5 * pull[b, i]
+            for i in range(3):
+                other[6 * b + 3 + i] -= 0.5 * bodies.time_step[0] * system.mass[b] * model.gravity[i]
+        lu_solve_transposed(size, solver.S, solver.pivot, other)
+        sought = 0.0
+        for c in range(contacts.number[0]):
+            jn, j1, j2 = contact_velocity(contacts, c, y)
+            sought += contacts.rebound[c] * _gain_transposed(solver, c, jn, j1, j2)[0]
+            jn, j1, j2 = contact_velocity(contacts, c, other)
+            steep += contacts.rebound[c] * _gain_transposed(solver, c, jn, j1, j2)[0]
+        if steep != 0.0:
+            z = sought / steep
+        for i in range(size):
+            y[i] -= z * other[i]
+    for b in range(nb + model.num_kinematic):
+        for i in range(6):
+            field[b, i] = (y[6 * b + i] if b < nb else 0.0) - z * field[b, i]
+            # The pusher's velocity is the same before and after.
+            pull[b, i] *= -0.5 * z if b < nb else -z
+    return z
+
+
+@kernel
 def _contact_rows_adjoint(
     model, friction_bar, restitution, restitution_bar, bodies, contacts, system, solver, adjoint, c
 ):
     """Adjoint of the rows of contact c: to poses, velocities before the step, friction and restitution."""
-    y = adjoint.y
+    field = adjoint.field
     if solver.mode[c] == OPEN:
         return
     A, B = contacts.body[c, 0], contacts.body[c, 1]
@@ -208,23 +287,16 @@ def _contact_rows_adjoint(
     n, t1, t2 = contacts.frame[c, 0], contacts.frame[c, 1], contacts.frame[c, 2]
     r_A, r_B = contacts.lever[c, 0], contacts.lever[c, 1]
     # Adjoint of the contact's velocity: G' J y, with the gain of cone.py.
-    jn, j1, j2 = contact_velocity(contacts, c, y)
-    gain, slip = solver.gain[c], solver.slip[c]
-    y_n = gain[NN] * jn + gain[N1] * j1 + gain[N2] * j2
-    y_1 = gain[T11] * j1 + gain[T12] * j2
-    y_2 = gain[T12] * j1 + gain[T22] * j2
+    jn, j1, j2 = _field_velocity(contacts, field, c)
+    slip = solver.slip[c]
+    y_n, y_1, y_2 = _gain_transposed(solver, c, jn, j1, j2)
     lam_n, lam_1, lam_2 = solver.lam[c, 0], solver.lam[c, 1], solver.lam[c, 2]
     if slides(solver.mode[c]):
         friction_bar[contacts.pair[c]] += lam_n * (slip[ALONG_1] * j1 + slip[ALONG_2] * j2)
 
     xi_A = solver.x[6 * A : 6 * A + 6]
-    y_A = y[6 * A : 6 * A + 6]
-    if B_moves:
-        xi_B = solver.x[6 * B : 6 * B + 6]
-        y_B = y[6 * B : 6 * B + 6]
-    else:
-        xi_B = bodies.V[B]
-        y_B = adjoint.V[-1]  # the world's row: zero
+    xi_B = solver.x[6 * B : 6 * B + 6] if B_moves else bodies.V[B]
+    y_A, y_B = field[A], field[B]
     v_A, v_B = _point_velocity(xi_A, r_A), _point_velocity(xi_B, r_B)
     u_A, u_B = _point_velocity(y_A, r_A), _point_velocity(y_B, r_B)
     frame, lever = adjoint.frame, adjoint.lever
@@ -289,8 +361,10 @@ def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, sol
     x, y = solver.x[o : o + 6], adjoint.y[o : o + 6]
     pose = adjoint.pose[b]
     mass = system.mass[b]
+    gain_bar = -adjoint.energy[0]
     for i in range(3):
         mass_bar[b] += y[3 + i] * (system.free[o + 3 + i] - x[3 + i])
+        mass_bar[b] += 0.5 * gain_bar * h * model.gravity[i] * (V[3 + i] - x[3 + i])
     Iy = _multiply(system.inertia[b], y)
     Ix = _multiply(system.inertia[b], x)
     _add(pose, 0, -1.0, _cross(Ix, y))
@@ -298,7 +372,10 @@ def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, sol
     _add(pose, 0, 1.0, _cross(system.momentum[o : o + 3], y))
     y_body, x_body = _multiply_transposed(R, y), _multiply_transposed(R, x)
     w0 = _multiply_transposed(R, V)
-    bar = _multiply(I_B, y_body)
+    pull = adjoint.pull[b]
+    _add(pose, 0, 1.0, _cross(system.free[o : o + 3], pull))
+    bar, pulled = _multiply(I_B, y_body), _multiply_transposed(R, pull)
+    bar = (bar[0] + pulled[0], bar[1] + pulled[1], bar[2] + pulled[2])
     a, b_, c, d, e, f, g, k, i_ = gyroscopic_jacobian(I_B, w, h)
     z = solve3((a, d, g, b_, e, k, c, f, i_), bar[0], bar[1], bar[2])
     zw = _cross(z, w)
@@ -309,7 +386,7 @@ def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, sol
     _add(pose, 0, -1.0, _cross(V, w0_bar))
     for i in range(3):
         adjoint.V[b, i] = w0_bar[i]
-        adjoint.V[b, 3 + i] = mass * y[3 + i]
+        adjoint.V[b, 3 + i] = mass * y[3 + i] + pull[3 + i] + 0.5 * gain_bar * h * mass * model.gravity[i]
 
 
 @part_of_kernel
@@ -361,6 +438,7 @@ def step_adjoint(
     for r in range(system.num_rows):
         adjoint.y[6 * nb + r] = 0.0
     lu_solve_transposed(6 * nb + system.num_rows, solver.S, solver.pivot, adjoint.y)
+    adjoint.energy[0] = _share_adjoint(model, bodies, contacts, system, solver, adjoint)
     for c in range(contacts.number[0]):
         _contact_rows_adjoint(
             model, friction_bar, restitution, restitution_bar, bodies, contacts, system, solver, adjoint, c
@@ -371,7 +449,7 @@ def step_adjoint(
         _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, solver, adjoint, b)
     for b in range(nb + model.num_kinematic):
         for i in range(6):
-            adjoint.V[b, i] += adjoint.before[b, i]
+            adjoint.V[b, i] += adjoint.before[b, i] + (adjoint.pull[b, i] if b >= nb else 0.0)
     for i in range(6):
         adjoint.V[nb + 1, i] = 0.0
         adjoint.pose[nb + 1, i] = 0.0

@@ -11,7 +11,7 @@ from pinwm_drake.jit import kernel, small_kernel
 from pinwm_drake.physics.kernels.solve import solve_contacts
 
 # Steps of the search, and the work that may be lost by it, relative to that of bounces without any speed.
-MOST_STEPS, NEAR = 20, 1e-3
+MOST_STEPS, NEAR = 30, 1e-6
 
 
 @kernel

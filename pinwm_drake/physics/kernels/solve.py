@@ -8,14 +8,14 @@ remembered, a step does not depend on those before it.
 import math
 
 from pinwm_drake.jit import kernel, small_kernel
-from pinwm_drake.physics.kernels.cone import FULL_STICKS, contact_velocities, scales, set_mode
+from pinwm_drake.physics.kernels.cone import FULL_STICKS, NO_LIMIT, contact_velocities, scales, set_mode
 from pinwm_drake.physics.kernels.descent import descend
 from pinwm_drake.physics.kernels.newton import newton
 
 # Iterations of Newton's method: of the first try, and of those that follow a descent.
 FIRST_TRY, MOST_ITERATIONS = 6, 8
-# Rounds of the last resort, and the one from which the bounds of friction move by half only.
-ROUNDS, DAMPED = 30, 10
+# Rounds of the last resort, and the one from which the bounds of friction move by a share only.
+ROUNDS, DAMPED, DAMPING = 30, 5, 0.3
 # Change of the bounds of friction, relative to the step's impulse, at which they are found.
 FOUND = 1e-9
 
@@ -51,12 +51,54 @@ def _is_finite(n, x):
 
 
 @kernel
+def _rounds(system, contacts, work, impulse, speed):
+    """Finds bounds of friction and normal forces that agree, from the bounds in work.radius on.
+
+    Every round descends with the bounds of the round before, and then Newton's method is tried from there.
+
+    Returns:
+        Iterations used, and whether the solution was found.
+    """
+    n = 6 * system.num_bodies + system.num_rows
+    used = 0
+    for i in range(n):
+        work.x[i] = system.free[i] if i < 6 * system.num_bodies else 0.0
+    for round_ in range(ROUNDS):
+        steps = descend(system, contacts, work, impulse, speed)
+        used += steps if steps >= 0 else MOST_ITERATIONS
+        if not _is_finite(n, work.x):
+            return used, False
+        change = 0.0
+        for c in range(contacts.number[0]):
+            wanted = contacts.mu[c] * work.lam[c, 0]
+            change = max(change, abs(wanted - work.radius[c]))
+            work.radius[c] = wanted if round_ < DAMPED else work.radius[c] + DAMPING * (wanted - work.radius[c])
+        if change <= FOUND * impulse:
+            return used, True
+        if round_ == ROUNDS - 1:
+            break
+        for i in range(n):
+            work.kept[i] = work.x[i]
+        for c in range(contacts.number[0]):
+            set_mode(system, contacts, work, c)
+        more = newton(system, contacts, work, impulse, speed, MOST_ITERATIONS)
+        used += more if more >= 0 else MOST_ITERATIONS
+        if more >= 0 and _is_finite(n, work.x):
+            return used, True
+        for i in range(n):
+            work.x[i] = work.kept[i]
+    return used, False
+
+
+@kernel
 def solve_contacts(bodies, system, contacts, work):
     """Leaves the solution of a step in work.x, its velocities, impulses and modes in work.v, work.lam and work.mode.
 
-    The last resort takes the bounds of friction from the round before. Where they do not settle, the solution of the
-    last round is taken: its friction opposes sliding and does no work, but its bound is that of another normal force.
-    Such a step is marked in work.lagged.
+    The last resort takes the bounds of friction from the round before: first from those at the velocities before the
+    step, and where they do not settle from contacts that all stick. A body that wedges itself has no solution near the
+    first, but one near the second: it jams. Where neither settles, the solution of the last round is taken: its friction
+    opposes sliding and does no work, but its bound is that of another normal force. Such a step is marked in
+    work.lagged.
 
     Returns:
         Iterations used, or -1 where a number is not finite.
@@ -65,39 +107,19 @@ def solve_contacts(bodies, system, contacts, work):
     impulse, speed = scales(system, contacts)
     work.lagged[0] = 0
     _guess(bodies, system, contacts, work, impulse)
-    used = 0
-    for round_ in range(-1, ROUNDS):
-        if round_ >= 0:
-            if round_ == 0:
-                for i in range(n):
-                    work.x[i] = system.free[i] if i < 6 * system.num_bodies else 0.0
-            else:
-                for i in range(n):
-                    work.x[i] = work.kept[i]
-            steps = descend(system, contacts, work, impulse, speed)
-            used += steps if steps >= 0 else MOST_ITERATIONS
-            if not _is_finite(n, work.x):
-                return -1
-            change = 0.0
+    used = newton(system, contacts, work, impulse, speed, FIRST_TRY)
+    if used >= 0:
+        return used if _is_finite(n, work.x) else -1
+    used = FIRST_TRY
+    for attempt in range(2):
+        if attempt == 1:
             for c in range(contacts.number[0]):
-                wanted = contacts.mu[c] * work.lam[c, 0]
-                change = max(change, abs(wanted - work.radius[c]))
-                work.radius[c] = wanted if round_ < DAMPED else 0.5 * (wanted + work.radius[c])
-            if change <= FOUND * impulse:
-                return used
-            if round_ == ROUNDS - 1:
-                break
-            for i in range(n):
-                work.kept[i] = work.x[i]
-            for c in range(contacts.number[0]):
-                set_mode(system, contacts, work, c)
-        tries = FIRST_TRY if round_ < 0 else MOST_ITERATIONS
-        more = newton(system, contacts, work, impulse, speed, tries)
-        used += more if more >= 0 else tries
-        if more >= 0:
-            if _is_finite(n, work.x):
-                return used
-            if round_ < 0:
-                return -1
+                work.radius[c] = NO_LIMIT
+        more, found = _rounds(system, contacts, work, impulse, speed)
+        used += more
+        if found:
+            return used
+        if not _is_finite(n, work.x):
+            return -1
     work.lagged[0] = 1
     return used

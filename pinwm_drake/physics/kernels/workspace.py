@@ -161,6 +161,10 @@ class AdjointWork(NamedTuple):
         V: (N, 6), with respect to V_WB.
         before: (N, 6), scratch: with respect to V_WB before the step, through restitution.
         y: (n,), adjoint of the step's x.
+        field: (N, 6), velocities whose contact velocities are the adjoint of the contacts' impulses.
+        pull: (N, 6), with respect to velocities before the step, through the share of bounces.
+        other: (n,), scratch: derivative of the bodies' gain of energy, pulled through the step's equations.
+        energy: (1,), adjoint of that gain.
         frame: (3, 3), lever: (2, 3), scratch of one contact.
         J_e: (nr, 6 nb), bias_e: (nr,), error_e: (nr,), joint rows.
     """
@@ -169,6 +173,10 @@ class AdjointWork(NamedTuple):
     V: np.ndarray
     before: np.ndarray
     y: np.ndarray
+    field: np.ndarray
+    pull: np.ndarray
+    other: np.ndarray
+    energy: np.ndarray
     frame: np.ndarray
     lever: np.ndarray
     J_e: np.ndarray
@@ -186,6 +194,10 @@ def make_adjoint_work(model):
         np.zeros((nb + 2, 6)),
         np.zeros((nb + 2, 6)),
         np.zeros(6 * nb + nr),
+        np.zeros((nb + 2, 6)),
+        np.zeros((nb + 2, 6)),
+        np.zeros(6 * nb + nr),
+        np.zeros(1),
         np.zeros((3, 3)),
         np.zeros((2, 3)),
         np.zeros((nr, 6 * nb)),
