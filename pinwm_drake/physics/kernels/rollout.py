@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pinwm_drake.jit import entry_point, kernel, part_of_kernel
+from pinwm_drake.jit import entry_point, kernel
 from pinwm_drake.physics.kernels.adjoint import step_adjoint
 from pinwm_drake.physics.kernels.step import HALVE, MOST_PARTS, is_jammed, step_world
 from pinwm_drake.physics.kernels.workspace import make_adjoint_work, make_workspace
@@ -12,8 +12,8 @@ from pinwm_drake.physics.kernels.workspace import make_adjoint_work, make_worksp
 TOO_MANY_CONTACTS, TOO_MANY_PARTS = 1_000_000_000, 2_000_000_000
 
 
-# The two functions below that allocate count references, so they slice shared arrays outside of their loops only:
-# threads that count references of one array wait for each other. The helpers take whole arrays and indices.
+# The entry points allocate, and so count the references of all arrays that they touch, with locked instructions: half
+# of a step's time where its loop is in them. What they call does not count (see `jit`).
 
 
 @kernel
@@ -82,8 +82,8 @@ def _load_solution(bodies, contacts, solver, nb, states, saved, s, w):
     bodies.time_step[0] = lengths[s, w]
 
 
-@part_of_kernel
-def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
+@kernel
+def _forward_world(w, model, parameters, V_P, record_every, frames, saved, work):
     mass, inertia, friction, restitution = parameters
     mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
     status, jams, lagged = frames[5][0], frames[5][1], frames[5][2]
@@ -91,7 +91,7 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved):
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
     slots, limit = saved[5].shape[0], saved[5].shape[2]
-    bodies, contacts, system, solver, sweep = make_workspace(model, limit)
+    bodies, contacts, system, solver, sweep = work
     _load(bodies, nb, has_pusher, states, 0, w)
     total, slot = 0, 0
     for t in range(V_P.shape[0]):
@@ -179,8 +179,8 @@ def _quaternion_gradient(theta_bar, q, q_bar):
     q_bar[3] = a * y - b * x + c * w
 
 
-@part_of_kernel
-def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars):
+@kernel
+def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars, work, adjoint):
     mass, inertia, friction, restitution = parameters
     mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
     status, steps, slots = frames[5][0], saved[8], saved[9]
@@ -191,8 +191,7 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
     friction_bar, restitution_bar = friction_bar[w], restitution_bar[w]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
-    bodies, contacts, system, solver, _ = make_workspace(model, saved[5].shape[2])
-    adjoint = make_adjoint_work(model)
+    bodies, contacts, system, solver, _ = work
     after = V_P.shape[0]
     for s in range(slots[w] - 1, -1, -1):
         t = steps[s, w]
@@ -227,11 +226,14 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
     _frame_gradient(adjoint, nb, has_pusher, states, frame_bars, 0, w)
     for b in range(nb):
         _quaternion_gradient(adjoint.pose[b], q[0, w, b], q0_bar[w, b])
-        p0_bar[w, b] = adjoint.pose[b, 3:6]
-        V0_bar[w, b] = adjoint.V[b]
+        for i in range(3):
+            p0_bar[w, b, i] = adjoint.pose[b, 3 + i]
+        for i in range(6):
+            V0_bar[w, b, i] = adjoint.V[b, i]
     if has_pusher:
         _quaternion_gradient(adjoint.pose[nb], q_P[0, w], q_P0_bar[w])
-        p_P0_bar[w] = adjoint.pose[nb, 3:6]
+        for i in range(3):
+            p_P0_bar[w, i] = adjoint.pose[nb, 3 + i]
 
 
 @entry_point
@@ -248,7 +250,8 @@ def rollout_forward(model, parameters, V_P, record_every, frames, saved, first, 
         first, last: range of worlds.
     """
     for w in range(first, last):
-        _forward_world(w, model, parameters, V_P, record_every, frames, saved)
+        work = make_workspace(model, saved[5].shape[2])
+        _forward_world(w, model, parameters, V_P, record_every, frames, saved, work)
 
 
 @entry_point
@@ -261,7 +264,8 @@ def rollout_backward(model, parameters, V_P, record_every, frames, saved, frame_
         bars: receive the gradients with respect to the parameters, the initial state and V_P.
     """
     for w in range(first, last):
-        _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars)
+        work, adjoint = make_workspace(model, saved[5].shape[2]), make_adjoint_work(model)
+        _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars, work, adjoint)
 
 
 def allocate_frames(
