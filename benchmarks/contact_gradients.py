@@ -6,8 +6,8 @@ Every world of a batch of `contact_scenes`, or of a poke that flips an object, h
 the last frame's positions, points of the body and velocities. One number of each world is varied: a mass, a friction, a
 restitution, an inertia, the first position or velocity of a body, or the pusher's velocity. Its derivative by the
 backward pass is compared with central differences of four widths. Where these do not agree among themselves to within
-0.3 %, or where the differences to the two sides differ, a contact opens, closes, begins to slide or touches with another
-feature there: a kink, which has no derivative to compare with.
+0.3 %, or where the differences to the two sides differ, a contact opens, closes, begins to slide or touches with
+another feature there: a kink, which has no derivative to compare with.
 """
 
 import argparse

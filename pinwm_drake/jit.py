@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from numba import njit, types
+from numba.core import codegen
 
 _PACKAGE = Path(__file__).resolve().parent
 # Found by a pattern and not by parsing, as it runs whenever a kernel module is first imported.
@@ -66,8 +67,49 @@ def _imported(source: bytes) -> Iterator[bytes]:
 forget_stale_kernels()
 
 
-def _compiled(**options: Any) -> Callable[[Callable], Any]:
-    """Decorator like `numba.njit` that compiles a kernel once for each type of its arguments.
+_WHOLE = (codegen.JITCPUCodegen._library_class, codegen.JITCPUCodegen.set_env)
+
+
+class _Part(codegen.JITCodeLibrary):
+    """Code that is only a part of other code: it is linked into that as it is, and optimised there.
+
+    numba optimises every function, with all that it calls, and makes machine code of it. Of kernels that call each
+    other six deep, that is the same work six times over, for code that is thrown away.
+    """
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _LargePart(_Part):
+    """A part that is not copied to where it is called, but called."""
+
+    def add_llvm_module(self, ll_module: Any) -> None:
+        for function in ll_module.functions:
+            if not function.is_declaration:
+                function.add_function_attribute("noinline")
+        super().add_llvm_module(ll_module)
+
+
+@contextlib.contextmanager
+def _compiling(part: type | None) -> Iterator[None]:
+    """Context in which numba compiles parts of other code, or whole entry points (None)."""
+    code, before = codegen.JITCPUCodegen, (codegen.JITCPUCodegen._library_class, codegen.JITCPUCodegen.set_env)
+    # A part has no machine code whose environment could be set, and as it raises nothing it needs none.
+    now = (part, lambda self, name, value: None) if part is not None else _WHOLE
+    code._library_class, code.set_env = now
+    try:
+        yield
+    finally:
+        code._library_class, code.set_env = before
+
+
+def _compiled(part: type = _Part, **options: Any) -> Callable[[Callable], Any]:
+    """Decorator like `numba.njit` that compiles a kernel once for each type of its arguments, as a part of others.
 
     To numba, a number that is written in a call, or that a loop begins with, is a type of its own; it would compile the
     kernel, and all that it calls, for that number too, which doubles the time.
@@ -77,13 +119,37 @@ def _compiled(**options: Any) -> Callable[[Callable], Any]:
         dispatcher = njit(**options)(function)
         if dispatcher is function:  # NUMBA_DISABLE_JIT
             return function
-        resolve = dispatcher.get_call_template
+        resolve, compile_ = dispatcher.get_call_template, dispatcher.compile
 
         def get_call_template(args: tuple, kws: dict) -> Any:
             plain = {name: types.unliteral(value) for name, value in kws.items()}
             return resolve(tuple(types.unliteral(value) for value in args), plain)
 
+        def compile_part(signature: Any) -> Any:
+            with _compiling(part):
+                return compile_(signature)
+
         dispatcher.get_call_template = get_call_template
+        dispatcher.compile = compile_part
+        return dispatcher
+
+    return decorate
+
+
+def _entry(**options: Any) -> Callable[[Callable], Any]:
+    """Decorator like `numba.njit`, for what Python calls; what it calls in turn is part of it."""
+
+    def decorate(function: Callable) -> Any:
+        dispatcher = njit(**options)(function)
+        if dispatcher is function:
+            return function
+        compile_ = dispatcher.compile
+
+        def compile_whole(signature: Any) -> Any:
+            with _compiling(None):
+                return compile_(signature)
+
+        dispatcher.compile = compile_whole
         return dispatcher
 
     return decorate
@@ -95,7 +161,9 @@ _EXACT = {"contract", "nsz", "arcp"}
 
 # Most kernels are called by kernels only. They come without the wrappers through which Python would call them:
 # unpacking a model's arrays there is more code than the kernels themselves, and half of the compile time.
-_INTERNAL = {"cache": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+#
+# `forceinline` is said of each: numba hands what is not said down from the caller for whose sake it compiles.
+_INTERNAL = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": False}
 
 # And they come without numba's runtime (`_nrt=False`): they cannot allocate, and do not count references. Counting
 # those of a model's arrays at every call takes longer than the geometry, and threads would fight for the counters.
@@ -105,20 +173,21 @@ kernel = _compiled(**_INTERNAL, fastmath={*_EXACT, "reassoc"}, _nrt=False)
 
 # For what is called for every contact or step: a call would hand over all arrays of a step, hundreds of numbers, which
 # can take longer than what it does.
-small_kernel = _compiled(**_INTERNAL, fastmath={*_EXACT, "reassoc"}, _nrt=False, forceinline=True)
+small_kernel = _compiled(**{**_INTERNAL, "forceinline": True}, fastmath={*_EXACT, "reassoc"}, _nrt=False)
+
+# For what is long, is called from several places, and is not called for every contact: there is one copy of it.
+large_kernel = _compiled(_LargePart, **_INTERNAL, fastmath={*_EXACT, "reassoc"}, _nrt=False)
+large_internal_kernel = _compiled(_LargePart, **_INTERNAL, fastmath=_EXACT, _nrt=False)
 
 # For what one kernel alone calls: it becomes a part of that one. Machine code is made anew for all that a kernel calls,
 # at every level of calls, so that a level less is seconds less.
-part_of_kernel = njit(cache=True, inline="always")
+part_of_kernel = njit(inline="always")
 
 # For geometry, whose tie-breaks want sums in the order written.
 internal_kernel = _compiled(**_INTERNAL, fastmath=_EXACT, _nrt=False)
-
-# The same for geometry that Python calls too.
-geometry_kernel = _compiled(cache=True, error_model="numpy", fastmath=_EXACT, _nrt=False)
 
 # For the few kernels that allocate.
 allocating_kernel = _compiled(**_INTERNAL, fastmath=_EXACT, _nrt=True)
 
 # For entry points: they release Python's lock, so that threads can share worlds.
-entry_point = njit(cache=True, nogil=True, error_model="numpy", fastmath=_EXACT)
+entry_point = _entry(cache=True, nogil=True, error_model="numpy", fastmath=_EXACT)

@@ -28,7 +28,7 @@ separated surfaces and in terms of radii instead of curvatures, so that vertices
 
 import math
 
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import internal_kernel
 
 POINT = 0
 LINE = 1
@@ -42,7 +42,7 @@ _TINY = 1.0e-300
 _LEAST_TURN = 1.0e-6
 
 
-@geometry_kernel
+@internal_kernel
 def _rotate(R, x, y, z):
     return (
         R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
@@ -51,7 +51,7 @@ def _rotate(R, x, y, z):
     )
 
 
-@geometry_kernel
+@internal_kernel
 def _nearest_circle_to_line(c, u, radius, p, d):
     """Point of a circle (centre c, axis u) where the distance to the line (p, d) is stationary.
 
@@ -82,7 +82,7 @@ def _nearest_circle_to_line(c, u, radius, p, d):
     return ex, ey, ez
 
 
-@geometry_kernel
+@internal_kernel
 def _rim_point(c, u, radius, other_type, p, d, n, toward):
     """Witness point of a rim (centre c, axis u) against another feature (p, d).
 
@@ -105,7 +105,7 @@ def _rim_point(c, u, radius, other_type, p, d, n, toward):
     return (c[0] + radius * ex, c[1] + radius * ey, c[2] + radius * ez)
 
 
-@geometry_kernel
+@internal_kernel
 def _through_rim(p, d, c, u, radius):
     """Point of the line (p, d) nearest to p that is on the cylinder of a radius about the axis (c, u)."""
     yx, yy, yz = p[0] - c[0], p[1] - c[1], p[2] - c[2]
@@ -120,7 +120,7 @@ def _through_rim(p, d, c, u, radius):
     return (p[0] + t * d[0], p[1] + t * d[1], p[2] + t * d[2])
 
 
-@geometry_kernel
+@internal_kernel
 def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
     """Gap, normal and witness points of one feature pair.
 
@@ -246,7 +246,7 @@ def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
     return gap
 
 
-@geometry_kernel
+@internal_kernel
 def tangents(nx, ny, nz):
     """Unit tangents (t1, t2), with t1 x t2 = n, smooth wherever the reference axis does not change.
 
@@ -262,7 +262,7 @@ def tangents(nx, ny, nz):
     return t1x, t1y, t1z, ny * t1z - nz * t1y, nz * t1x - nx * t1z, nx * t1y - ny * t1x
 
 
-@geometry_kernel
+@internal_kernel
 def tangents_adjoint(nx, ny, nz, t1, t1bar, t2bar):
     """Pulls gradients of the two tangents back to the normal; returns the three components of nbar."""
     # t2 = n x t1
@@ -286,7 +286,7 @@ def tangents_adjoint(nx, ny, nz, t1, t1bar, t2bar):
     return gx, gy, gz
 
 
-@geometry_kernel
+@internal_kernel
 def _radii(kind, outward, ux, uy, uz, r, ex, ey, ez, t1, t2):
     """Radius-of-curvature tensor of a surface in the tangent basis; (ex, ey, ez) is a - p.
 
@@ -317,7 +317,7 @@ def _radii(kind, outward, ux, uy, uz, r, ex, ey, ez, t1, t2):
     return r, 0.0, r, 0.0, 0.0
 
 
-@geometry_kernel
+@internal_kernel
 def _crossing_adjoint(d, x, r, p_L, R_P, p_P, plane, sign, phi, nbar, cbar, phibar, twist_L, twist_P):
     """`contact_adjoint` for a line of body L, rounded with r, that crosses the rim of a disc of body P at x.
 
@@ -361,7 +361,7 @@ def _crossing_adjoint(d, x, r, p_L, R_P, p_P, plane, sign, phi, nbar, cbar, phib
     twist_P[5] -= sz
 
 
-@geometry_kernel
+@internal_kernel
 def contact_adjoint(row, R_A, p_A, R_B, p_B, n, a, b, phi, nbar, cbar, phibar, twist_A, twist_B):
     """Pulls gradients of a contact back to the poses of its two bodies.
 

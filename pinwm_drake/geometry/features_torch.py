@@ -88,8 +88,12 @@ def contacts_from_features(
         rim_A = torch.where(mixed_A, _circle_near_line(pA, uA, r_A, pB, uB), rim_A)
     if bool(mixed_B.any()):
         rim_B = torch.where(mixed_B, _circle_near_line(pB, uB, r_B, pA, uA), rim_B)
-    core_A = torch.where(circle_A, pA + r_A * rim_A, torch.where(line_A & plane_B, _through_rim(pA, uA, pB, uB, r_B), pA))
-    core_B = torch.where(circle_B, pB + r_B * rim_B, torch.where(line_B & plane_A, _through_rim(pB, uB, pA, uA, r_A), pB))
+    core_A = torch.where(
+        circle_A, pA + r_A * rim_A, torch.where(line_A & plane_B, _through_rim(pA, uA, pB, uB, r_B), pA)
+    )
+    core_B = torch.where(
+        circle_B, pB + r_B * rim_B, torch.where(line_B & plane_A, _through_rim(pB, uB, pA, uA, r_A), pB)
+    )
     zero = torch.zeros_like(r_A)
     round_A = torch.where(circle_A | plane_A, zero, r_A)
     round_B = torch.where(circle_B | plane_B, zero, r_B)

@@ -5,7 +5,7 @@ import math
 from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
 from pinwm_drake.geometry.pieces import CYLINDER, MAX_FLOOR_POINTS
 from pinwm_drake.geometry.rows import dot, norm, write_part, xyz
-from pinwm_drake.jit import geometry_kernel, internal_kernel
+from pinwm_drake.jit import internal_kernel, large_internal_kernel
 
 _POINT, _PLANE, _CIRCLE = float(POINT), float(PLANE), float(CIRCLE)
 
@@ -26,7 +26,7 @@ _MIN_TILT = 1.0e-4
 _MAX_STANDING_TILT = 0.2
 
 
-@geometry_kernel
+@large_internal_kernel
 def collide_floor(table, body, R_WB, p_WB, floor_height, margin, rows, count):
     """Appends the contacts of one body (A) with the floor (B).
 

@@ -19,8 +19,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 
-from pinwm_drake.geometry.contact.narrowphase import collide_bodies
-from pinwm_drake.geometry.features import contact_from_features
+from pinwm_drake.geometry.entry import collide_bodies, contact_from_features
 from pinwm_drake.geometry.pieces import CAPSULE, HULL, SPHERE, ConvexPiece, PieceTable
 
 

@@ -2,16 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from pinwm_drake.geometry.features import (
-    CIRCLE,
-    LINE,
-    PLANE,
-    POINT,
-    contact_adjoint,
-    contact_from_features,
-    tangents,
-    tangents_adjoint,
-)
+from pinwm_drake.geometry.entry import contact_adjoint, contact_from_features, tangents, tangents_adjoint
+from pinwm_drake.geometry.features import CIRCLE, LINE, PLANE, POINT
 from pinwm_drake.geometry.features_torch import contacts_from_features, tangent_frames
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_to_matrix
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pinwm_drake.geometry import shapes
-from pinwm_drake.geometry.contact.narrowphase import collide_floor
 from pinwm_drake.geometry.convex import hollow_mug, t_block
+from pinwm_drake.geometry.entry import collide_floor
 from pinwm_drake.geometry.floor import MAX_FLOOR_POINTS
 from pinwm_drake.geometry.pieces import PieceTable, pack_pieces
 from tests.geometry.oracles import DrakePair, evaluate, random_rotation, separations

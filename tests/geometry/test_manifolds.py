@@ -179,7 +179,7 @@ def test_a_tilted_face_keeps_only_what_is_within_the_margin():
 
 
 def test_rows_are_never_written_beyond_the_end():
-    from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_floor
+    from pinwm_drake.geometry.entry import collide_bodies, collide_floor
 
     pieces = [GROUND, shapes.cylinder(0.02, 0.05), shapes.capsule(0.02, 0.05)]
     table = pack_pieces([pieces, pieces])

@@ -13,12 +13,12 @@ from pinwm_drake.geometry.contact.sphere_hull import collide_sphere_hull
 from pinwm_drake.geometry.floor import collide_floor
 from pinwm_drake.geometry.pieces import CAPSULE, HULL, SPHERE
 from pinwm_drake.geometry.rows import inverse_pose, relative_pose, transform, xyz
-from pinwm_drake.jit import geometry_kernel
+from pinwm_drake.jit import internal_kernel, large_internal_kernel
 
 __all__ = ["collide_bodies", "collide_floor"]
 
 
-@geometry_kernel
+@large_internal_kernel
 def collide_bodies(table, body_A, R_WA, p_WA, body_B, R_WB, p_WB, margin, rows, count):
     """Appends the contacts between the pieces of two bodies.
 
@@ -72,7 +72,7 @@ def collide_bodies(table, body_A, R_WA, p_WA, body_B, R_WB, p_WB, margin, rows, 
     return count
 
 
-@geometry_kernel
+@internal_kernel
 def _apart(cx, cy, cz, reach, spheres, k):
     """Flag: a sphere of radius `reach` about c, in B, misses sphere k."""
     dx, dy, dz = cx - spheres[k, 0], cy - spheres[k, 1], cz - spheres[k, 2]

@@ -11,7 +11,7 @@ Source: Amos and Kolter (2017), "OptNet", eq. 7-8; de Avila Belbute-Peres et al.
 import math
 
 from pinwm_drake.geometry.features import contact_adjoint, tangents_adjoint
-from pinwm_drake.jit import kernel, part_of_kernel
+from pinwm_drake.jit import kernel, part_of_kernel, small_kernel
 from pinwm_drake.physics.kernels.adjoint_joints import joints_adjoint
 from pinwm_drake.physics.kernels.cone import (
     ALONG_1,
@@ -94,7 +94,7 @@ def _rotation_adjoint(phi, bar):
     )
 
 
-@kernel
+@small_kernel
 def _pose_update_adjoint(model, bodies, solver, adjoint, moved):
     """Adjoint of x' = x + h v' + delta, q' = exp(h w' + delta) q; leaves delta's gradient in adjoint.y."""
     h = bodies.time_step[0]
@@ -117,7 +117,7 @@ def _pose_update_adjoint(model, bodies, solver, adjoint, moved):
             pose[i] = theta_bar[i]
 
 
-@kernel
+@small_kernel
 def _frame_to_pose(c, bodies, contacts, adjoint, gap_bar):
     """Adjoint of contact c's geometry: from adjoint.frame, adjoint.lever and gap_bar to the poses of the two bodies."""
     A, B = contacts.body[c, 0], contacts.body[c, 1]
@@ -195,7 +195,7 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
         adjoint.error_e[r] -= Jy
 
 
-@kernel
+@small_kernel
 def _gain_transposed(solver, c, jn, j1, j2):
     """Product of the transposed gain of contact c with a contact velocity."""
     gain = solver.gain[c]
@@ -206,7 +206,7 @@ def _gain_transposed(solver, c, jn, j1, j2):
     )
 
 
-@kernel
+@small_kernel
 def _field_velocity(contacts, field, c):
     """Contact velocity of contact c where the bodies have the velocities field (nb + 2, 6)."""
     v = (0.0, 0.0, 0.0)
@@ -274,7 +274,7 @@ def _share_adjoint(model, bodies, contacts, system, solver, adjoint):
     return z
 
 
-@kernel
+@small_kernel
 def _contact_rows_adjoint(
     model, friction_bar, restitution, restitution_bar, bodies, contacts, system, solver, adjoint, c
 ):
@@ -352,7 +352,7 @@ def _contact_rows_adjoint(
     _frame_to_pose(c, bodies, contacts, adjoint, gap_bar)
 
 
-@kernel
+@small_kernel
 def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, solver, adjoint, b):
     """Adjoint of the momentum balance M xi' = M xi* + h f of body b, the gyroscopic step and the inertia's rotation."""
     h = bodies.time_step[0]

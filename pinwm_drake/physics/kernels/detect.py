@@ -4,7 +4,7 @@ import math
 
 from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_floor
 from pinwm_drake.geometry.features import contact_from_features, tangents
-from pinwm_drake.jit import kernel, part_of_kernel, small_kernel
+from pinwm_drake.jit import large_kernel, part_of_kernel, small_kernel
 from pinwm_drake.physics.kernels.cone import NO_LIMIT
 from pinwm_drake.physics.kernels.stabilise import SLOP
 
@@ -91,7 +91,7 @@ def rebound(model, bodies, contacts, c, e):
     return (speed - loss if e > 0.0 else 0.0), True
 
 
-@kernel
+@small_kernel
 def build_rows(model, friction, restitution, bodies, contacts, system):
     """Fills frames, levers, Jacobians and biases of the selected contacts.
 
@@ -155,3 +155,9 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
                     total += J[1, i, j] * bodies.V[B, j]
                 contacts.bias[c, i] += total
         contacts.mu[c] = friction[contacts.pair[c]]
+
+
+@large_kernel
+def rebuild_rows(model, friction, restitution, bodies, contacts, system):
+    """`build_rows`, where it is not needed at every step."""
+    build_rows(model, friction, restitution, bodies, contacts, system)

@@ -12,7 +12,7 @@ import math
 
 from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_floor
 from pinwm_drake.geometry.features import contact_from_features
-from pinwm_drake.jit import kernel, part_of_kernel
+from pinwm_drake.jit import kernel, large_kernel, part_of_kernel
 from pinwm_drake.physics.kernels.cone import OPEN
 from pinwm_drake.physics.kernels.dynamics import integrate_quaternion, rotation_from_quaternion
 
@@ -27,7 +27,7 @@ MOST_LOOKS = 500
 _OPEN = 1.0
 
 
-@kernel
+@large_kernel
 def _move(model, bodies, solver, sweep, share):
     """Poses of all bodies after a share of the step, by the velocities found."""
     nb, h = model.num_bodies, share * bodies.time_step[0]
@@ -44,7 +44,7 @@ def _move(model, bodies, solver, sweep, share):
             sweep.p[b, i] = bodies.p[b, i] + h * V[3 + i]
 
 
-@kernel
+@large_kernel
 def _nearest(model, sweep, A, B):
     """Smallest gap of two bodies at the poses of the sweep, m; TOUCHING where they are farther apart."""
     if model.num_bodies + 1 == B:

@@ -7,14 +7,14 @@ of that step are made smaller by one factor, with which they gain none.
 Source: the fault is known since Kane and Levinson (1985); cf. Stronge, "Impact Mechanics" (2000), chapter 4.
 """
 
-from pinwm_drake.jit import kernel, small_kernel
-from pinwm_drake.physics.kernels.solve import solve_contacts
+from pinwm_drake.jit import kernel, large_kernel, small_kernel
+from pinwm_drake.physics.kernels.solve import solve_again, solve_contacts
 
 # Steps of the search, and the work that may be lost by it, relative to that of bounces without any speed.
 MOST_STEPS, NEAR = 30, 1e-6
 
 
-@kernel
+@large_kernel
 def _gain(model, bodies, system, contacts, work):
     """Energy that the bodies gain in this step, J, with what the pusher gives taken off.
 
@@ -52,12 +52,12 @@ def _bounce(contacts, share):
     contacts.elastic[0] = share
 
 
-@kernel
+@large_kernel
 def _bounce_less(model, bodies, system, contacts, work, gained):
     """Finds the share of the bounces with which nothing is gained, where all of them gain something, J."""
     low, high = 0.0, contacts.elastic[0]
     _bounce(contacts, low)
-    used = solve_contacts(bodies, system, contacts, work)
+    used = solve_again(bodies, system, contacts, work)
     lost = _gain(model, bodies, system, contacts, work)
     scale = abs(lost)
     for step in range(MOST_STEPS):
@@ -66,7 +66,7 @@ def _bounce_less(model, bodies, system, contacts, work, gained):
         # The secant's zero, and every third time the middle.
         share = 0.5 * (low + high) if step % 3 == 2 else low - lost * (high - low) / (gained - lost)
         _bounce(contacts, share)
-        used = solve_contacts(bodies, system, contacts, work)
+        used = solve_again(bodies, system, contacts, work)
         done = _gain(model, bodies, system, contacts, work)
         if done > 0.0:
             high, gained = share, done
@@ -76,7 +76,7 @@ def _bounce_less(model, bodies, system, contacts, work, gained):
                 break
     if used >= 0 and contacts.elastic[0] != low:
         _bounce(contacts, low)
-        used = solve_contacts(bodies, system, contacts, work)
+        used = solve_again(bodies, system, contacts, work)
     return used
 
 

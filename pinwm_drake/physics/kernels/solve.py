@@ -7,7 +7,7 @@ remembered, a step does not depend on those before it.
 
 import math
 
-from pinwm_drake.jit import kernel, small_kernel
+from pinwm_drake.jit import kernel, large_kernel, small_kernel
 from pinwm_drake.physics.kernels.cone import FULL_STICKS, NO_LIMIT, contact_velocities, scales, set_mode
 from pinwm_drake.physics.kernels.descent import descend
 from pinwm_drake.physics.kernels.newton import newton
@@ -90,27 +90,11 @@ def _rounds(system, contacts, work, impulse, speed):
     return used, False
 
 
-@kernel
-def solve_contacts(bodies, system, contacts, work):
-    """Leaves the solution of a step in work.x, its velocities, impulses and modes in work.v, work.lam and work.mode.
-
-    The last resort takes the bounds of friction from the round before: first from those at the velocities before the
-    step, and where they do not settle from contacts that all stick. A body that wedges itself has no solution near the
-    first, but one near the second: it jams. Where neither settles, the solution of the last round is taken: its friction
-    opposes sliding and does no work, but its bound is that of another normal force. Such a step is marked in
-    work.lagged.
-
-    Returns:
-        Iterations used, or -1 where a number is not finite.
-    """
+@large_kernel
+def _last_resort(system, contacts, work, impulse, speed):
+    """`solve_contacts` where Newton's method did not suffice."""
     n = 6 * system.num_bodies + system.num_rows
-    impulse, speed = scales(system, contacts)
-    work.lagged[0] = 0
-    _guess(bodies, system, contacts, work, impulse)
-    used = newton(system, contacts, work, impulse, speed, FIRST_TRY)
-    if used >= 0:
-        return used if _is_finite(n, work.x) else -1
-    used = FIRST_TRY
+    used = 0
     for attempt in range(2):
         if attempt == 1:
             for c in range(contacts.number[0]):
@@ -123,3 +107,33 @@ def solve_contacts(bodies, system, contacts, work):
             return -1
     work.lagged[0] = 1
     return used
+
+
+@small_kernel
+def solve_contacts(bodies, system, contacts, work):
+    """Leaves the solution of a step in work.x, its velocities, impulses and modes in work.v, work.lam and work.mode.
+
+    The last resort takes the bounds of friction from the round before: first from those at the velocities before the
+    step, and where they do not settle from contacts that all stick. A body that wedges itself has no solution near the
+    first, but one near the second: it jams. Where neither settles, the solution of the last round is taken: its
+    friction opposes sliding and does no work, but its bound is that of another normal force. Such a step is marked in
+    work.lagged.
+
+    Returns:
+        Iterations used, or -1 where a number is not finite.
+    """
+    n = 6 * system.num_bodies + system.num_rows
+    impulse, speed = scales(system, contacts)
+    work.lagged[0] = 0
+    _guess(bodies, system, contacts, work, impulse)
+    used = newton(system, contacts, work, impulse, speed, FIRST_TRY)
+    if used >= 0:
+        return used if _is_finite(n, work.x) else -1
+    used = _last_resort(system, contacts, work, impulse, speed)
+    return FIRST_TRY + used if used >= 0 else -1
+
+
+@large_kernel
+def solve_again(bodies, system, contacts, work):
+    """`solve_contacts`, where it is not needed at every step."""
+    return solve_contacts(bodies, system, contacts, work)

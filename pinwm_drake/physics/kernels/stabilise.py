@@ -6,9 +6,10 @@ The correction delta = [rotation; translation] of all bodies minimises
 
 with the contacts of the step and depth = -gap - SLOP: what is deeper comes out, and what is not may move as far as it
 is away. The weight w of a contact is small enough against the metric that contacts close together, differently deep,
-do not turn a body about themselves. Penetration down to SLOP is left to the step's equations, which pull the gap to zero from both sides: a resting
-contact then has the derivative of a contact, not a kink, and the velocity it can gain, SLOP / h, holds less energy than
-lifting the body by SLOP. Penetration deeper than that is rare, because no contact closes by more than its gap.
+do not turn a body about themselves. Penetration down to SLOP is left to the step's equations, which pull the gap to
+zero from both sides: a resting contact then has the derivative of a contact, not a kink, and the velocity it can gain,
+SLOP / h, holds less energy than lifting the body by SLOP. Penetration deeper than that is rare, because no contact
+closes by more than its gap.
 
 Source: in place of the Baumgarte term of PIN-WM eq. 9; cf. Cline (2002), section 4.5 (post-stabilisation).
 """

@@ -5,12 +5,10 @@ features come down meanwhile, and points move along arcs; what would then be dee
 stepped in two halves instead, and they in halves again if need be.
 """
 
-import math
-
 from pinwm_drake.geometry.pieces import CYLINDER
 from pinwm_drake.jit import kernel, part_of_kernel, small_kernel
 from pinwm_drake.physics.kernels.cone import FULL_STICKS
-from pinwm_drake.physics.kernels.detect import build_rows, select_features
+from pinwm_drake.physics.kernels.detect import build_rows, rebuild_rows, select_features
 from pinwm_drake.physics.kernels.dynamics import begin_step, integrate_quaternion
 from pinwm_drake.physics.kernels.ghosts import gap_after, leave_out_ghosts, switch_off, take_back_hits
 from pinwm_drake.physics.kernels.joints import build_joints
@@ -69,7 +67,7 @@ def solve_step(model, friction, restitution, bodies, contacts, system, solver, s
         if attempt == 1:
             if take_back_hits(model, bodies, contacts, solver, sweep) == 0:
                 break
-            build_rows(model, friction, restitution, bodies, contacts, system)
+            rebuild_rows(model, friction, restitution, bodies, contacts, system)
             switch_off(contacts, sweep)
     return total
 
@@ -77,19 +75,19 @@ def solve_step(model, friction, restitution, bodies, contacts, system, solver, s
 @small_kernel
 def is_jammed(contacts, solver):
     """True where a contact bears the largest impulse that it has."""
+    jammed = False
     for c in range(contacts.number[0]):
-        if solver.mode[c] >= FULL_STICKS:
-            return True
-    return False
+        jammed = jammed or solver.mode[c] >= FULL_STICKS
+    return jammed
 
 
 @small_kernel
 def _has_rims(model, b):
     """True for a body with cylinders: the lowest point of a rim runs around it, however slowly it turns."""
+    rims = False
     for piece in range(model.table.bodies[b, 0], model.table.bodies[b + 1, 0]):
-        if model.table.pieces[piece, 0] == CYLINDER:
-            return True
-    return False
+        rims = rims or model.table.pieces[piece, 0] == CYLINDER
+    return rims
 
 
 @kernel
