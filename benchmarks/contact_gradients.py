@@ -7,7 +7,8 @@ the last frame's positions, points of the body and velocities. One number of eac
 restitution, an inertia, the first position or velocity of a body, or the pusher's velocity. Its derivative by the
 backward pass is compared with central differences of four widths. Where these do not agree among themselves to within
 0.3 %, or where the differences to the two sides differ, a contact opens, closes, begins to slide or touches with
-another feature there: a kink, which has no derivative to compare with.
+another feature there: a kink, which has no derivative to compare with. Worlds with a step whose friction lags (see
+`Trajectory.lagged`) are counted apart: there the solution, and so its derivative, is not exact.
 """
 
 import argparse
@@ -40,7 +41,7 @@ def flip(number: int, seed: int) -> Scene:
     """Batch of pokes high on an object that stands, at up to 2 m/s, 200 steps of 1/480 s."""
     g = np.random.default_rng([seed, number, 1])
     bodies = [body for body in (one[0] for one in objects() if len(one) == 1) if body.name in ("cube", "mug", "prism")]
-    body = bodies[number % len(bodies)]
+    body = bodies[(number // 8) % len(bodies)]
     model = Model(bodies=[body], pusher=[sphere(0.01)], time_step=1.0 / 480.0)
     height = -min(float((piece.vertices[:, 2] - piece.radius).min()) for piece in body.pieces)
     reach = max(float(np.linalg.norm(piece.vertices[:, :2], axis=1).max()) for piece in body.pieces) + 0.015
@@ -157,15 +158,21 @@ def compare(scene: Scene, seed: int, counts: dict[str, collections.Counter], wor
     stepper = Stepper(scene.model, num_threads=1)
     every = len(scene.V_WP)
 
-    def value(s: Tensor) -> Tensor:
+    def roll(s: Tensor) -> Trajectory:
         parameters, state, V_WP = variation.apply(s)
-        return losses(stepper.rollout(parameters, state, V_WP, record_every=every), weights)
+        return stepper.rollout(parameters, state, V_WP, record_every=every)
+
+    def value(s: Tensor) -> Tensor:
+        return losses(roll(s), weights)
 
     s = torch.zeros(WORLDS, dtype=torch.float64, requires_grad=True)
     (analytic,) = torch.autograd.grad(value(s).sum(), s)
     with torch.no_grad():
         ones = torch.ones(WORLDS, dtype=torch.float64)
-        here = value(0.0 * ones)
+        trajectory = roll(0.0 * ones)
+        here, lagged = losses(trajectory, weights), trajectory.lagged
+    assert lagged is not None
+    with torch.no_grad():
         sides = torch.stack([torch.stack([value(w * ones) - here, here - value(-w * ones)]) / w for w in WIDTHS])
         differences = sides.mean(1)
     for w in range(WORLDS):
@@ -184,7 +191,7 @@ def compare(scene: Scene, seed: int, counts: dict[str, collections.Counter], wor
         else:
             # The width that is nearest to the backward pass, among those that agree.
             error = float(np.abs(d[best : best + 2] - a).min() / size)
-            outcome = "right" if error < RIGHT else "wrong"
+            outcome = "right" if error < RIGHT else "wrong" if int(lagged[w]) == 0 else "lagged"
         for key in keys:
             counts[key][outcome] += 1
         if outcome == "wrong":
@@ -208,7 +215,7 @@ def main() -> None:
         compare(scene, 1_000_003 * options.seed + number, counts, worst)
     for name in sorted(counts):
         count = counts[name]
-        compared = count["right"] + count["wrong"]
+        compared = count["right"] + count["wrong"] + count["lagged"]
         print(f"{name:40} {dict(count)} {100.0 * count['right'] / max(compared, 1):.2f} % right")
     for one in worst:
         print(json.dumps(one))

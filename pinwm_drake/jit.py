@@ -70,7 +70,7 @@ forget_stale_kernels()
 _WHOLE = (codegen.JITCPUCodegen._library_class, codegen.JITCPUCodegen.set_env)
 
 
-class _Part(codegen.JITCodeLibrary):
+class _Part(codegen.JITCodeLibrary):  # type: ignore[misc]
     """Code that is only a part of other code: it is linked into that as it is, and optimised there.
 
     numba optimises every function, with all that it calls, and makes machine code of it. Of kernels that call each
@@ -100,7 +100,7 @@ def _compiling(part: type | None) -> Iterator[None]:
     """Context in which numba compiles parts of other code, or whole entry points (None)."""
     code, before = codegen.JITCPUCodegen, (codegen.JITCPUCodegen._library_class, codegen.JITCPUCodegen.set_env)
     # A part has no machine code whose environment could be set, and as it raises nothing it needs none.
-    now = (part, lambda self, name, value: None) if part is not None else _WHOLE
+    now = _WHOLE if part is None else (part, lambda self, name, value: None)
     code._library_class, code.set_env = now
     try:
         yield
@@ -163,7 +163,12 @@ _EXACT = {"contract", "nsz", "arcp"}
 # unpacking a model's arrays there is more code than the kernels themselves, and half of the compile time.
 #
 # `forceinline` is said of each: numba hands what is not said down from the caller for whose sake it compiles.
-_INTERNAL = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": False}
+_INTERNAL: dict[str, Any] = {
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    "forceinline": False,
+}
 
 # And they come without numba's runtime (`_nrt=False`): they cannot allocate, and do not count references. Counting
 # those of a model's arrays at every call takes longer than the geometry, and threads would fight for the counters.

@@ -117,6 +117,8 @@ class Trajectory:
             counts nothing.
         lagged: (W,) int64, steps in which friction took its bound from an iteration before, because no solution was
             found where both agree; None from the "torch" backend.
+        failed: (W,) bool, worlds that failed and are held in their first state, without gradients (see
+            `Stepper.rollout`); None from the "torch" backend.
     """
 
     q_WB: Tensor
@@ -126,6 +128,7 @@ class Trajectory:
     p_WP: Tensor
     jams: Tensor | None = None
     lagged: Tensor | None = None
+    failed: Tensor | None = None
 
     @property
     def num_frames(self) -> int:

@@ -71,7 +71,15 @@ class Stepper:
         check_tensor("V_WP", V_WP, (W, 6))
         return self.rollout(parameters, state, V_WP[None]).frame(1)
 
-    def rollout(self, parameters: Parameters, state: State, V_WP: Tensor, *, record_every: int = 1) -> Trajectory:
+    def rollout(
+        self,
+        parameters: Parameters,
+        state: State,
+        V_WP: Tensor,
+        *,
+        record_every: int = 1,
+        on_failure: Literal["raise", "hold"] = "raise",
+    ) -> Trajectory:
         """Rollout over a sequence of steps, differentiable in everything it is given.
 
         Without gradients its memory does not grow with its length (only with the frames it records). With
@@ -82,6 +90,8 @@ class Stepper:
             state: initial state of W worlds.
             V_WP: (T, W, 6), spatial velocity of the pusher in each step, [rad/s; m/s], world frame.
             record_every: steps between recorded frames; divides T.
+            on_failure: "raise" a SolverError where a world fails, or "hold" that world in its first state, without
+                gradients, and go on with the others; `Trajectory.failed` tells which. Only with backend "numba".
 
         Returns:
             T / record_every + 1 frames, the first being the initial state.
@@ -99,6 +109,8 @@ class Stepper:
             raise StateError(f"parameters of {parameters.num_worlds} worlds for a state of {W}")
         if not isinstance(record_every, int) or record_every < 1 or V_WP.shape[0] % record_every:
             raise StateError(f"record_every is {record_every}; allowed: a divisor of {V_WP.shape[0]} steps")
+        if on_failure not in ("raise", "hold") or (on_failure == "hold" and self.backend == "torch"):
+            raise StateError(f"on_failure is {on_failure!r}; allowed: 'raise', and with backend 'numba' 'hold'")
         if self.model.joints:
             _check_joints(self.model, state)
         if self.backend == "torch":
@@ -121,7 +133,7 @@ class Stepper:
             if tensor.device.type != "cpu":
                 raise StateError(f"a tensor is on {tensor.device}; allowed: cpu (use backend='torch' elsewhere)")
         # torch leaves `apply` untyped.
-        return Trajectory(*_Rollout.apply(self, record_every, *inputs))  # type: ignore[no-untyped-call]
+        return Trajectory(*_Rollout.apply(self, record_every, on_failure == "hold", *inputs))  # type: ignore[no-untyped-call]
 
     def advance(self, theta: Arrays, state: Arrays, V_WP: np.ndarray) -> Arrays:
         """State after a sequence of steps: plain arrays, no gradients, nothing checked.
@@ -144,7 +156,9 @@ class Stepper:
         frames = self._roll(theta, state, V_WP, len(V_WP), False)[4]
         return tuple([array[1] for array in frames[:5]])
 
-    def _roll(self, theta: Arrays, state: Arrays, V_WP: np.ndarray, record_every: int, keep: bool) -> tuple:
+    def _roll(
+        self, theta: Arrays, state: Arrays, V_WP: np.ndarray, record_every: int, keep: bool, hold: bool = False
+    ) -> tuple:
         """Rolls out; returns the arguments of the kernels: model, theta, V_WP, record_every, frames, saved."""
         model = self.model
         T, W = V_WP.shape[:2]
@@ -160,7 +174,12 @@ class Stepper:
                 return arguments
             parts, contacts = status < -kernels.TOO_MANY_PARTS, status < -kernels.TOO_MANY_CONTACTS
             if not parts.any() and (not contacts.any() or rows >= model.contact_rows):
-                _raise_failure(model, status)
+                if not hold:
+                    _raise_failure(model, status)
+                for frame, first in zip(frames, state, strict=False):
+                    frame[:, status < 0] = first[status < 0]
+                saved[-1][status < 0] = 0
+                return arguments
             # More than there was room for: again, with room for more.
             if parts.any():
                 spare = 2 * spare + T
@@ -203,17 +222,18 @@ class _Rollout(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx: Any, stepper: Stepper, record_every: int, *inputs: Tensor) -> tuple[Tensor, ...]:
+    def forward(ctx: Any, stepper: Stepper, record_every: int, hold: bool, *inputs: Tensor) -> tuple[Tensor, ...]:
         arrays = tuple(_array(tensor) for tensor in inputs)
         needed = any(ctx.needs_input_grad)
-        *_, frames, saved = stepper._roll(arrays[:4], arrays[4:9], arrays[9], record_every, needed)
+        *_, frames, saved = stepper._roll(arrays[:4], arrays[4:9], arrays[9], record_every, needed, hold)
         outputs = tuple(torch.from_numpy(array) for array in frames[:5])
         jams, lagged = (torch.from_numpy(row) for row in frames[5][1:])
-        ctx.mark_non_differentiable(jams, lagged)
+        failed = torch.from_numpy(frames[5][0] < 0)
+        ctx.mark_non_differentiable(jams, lagged, failed)
         if needed:
             ctx.save_for_backward(*inputs, *outputs)
             ctx.stepper, ctx.record_every, ctx.kept = stepper, record_every, saved
-        return *outputs, jams, lagged
+        return *outputs, jams, lagged, failed
 
     @staticmethod
     @once_differentiable
@@ -231,7 +251,7 @@ class _Rollout(torch.autograd.Function):
         if (frames[-1][0] < 0).any():
             worlds = tuple(np.flatnonzero(frames[-1][0] < 0).tolist())
             raise SolverError(f"world {worlds[0]}: the adjoint's matrix is singular", worlds=worlds)
-        return (None, None, *(torch.from_numpy(bar) for bar in bars))
+        return (None, None, None, *(torch.from_numpy(bar) for bar in bars))
 
 
 def _array(tensor: Tensor) -> np.ndarray:

@@ -207,3 +207,25 @@ def test_a_pendulum_keeps_its_joint_and_its_period():
 
     anchor = frames.p_WB + rotate(frames.q_WB, torch.tensor([0.0, 0.0, length]).double().expand_as(frames.p_WB))
     assert float((anchor - torch.tensor([0.0, 0.0, 1.0]).double()).abs().max()) < 1e-5
+
+
+def test_a_world_that_fails_can_be_held_and_the_others_are_as_without_it():
+    model = Model(bodies=[t_block()], max_contacts=7)
+    p = torch.tensor([[[0.0, 0.0, 0.025]], [[0.0, 0.0, 0.5]]], dtype=torch.float64)
+    state = State.at_rest(model, 2, p_WB=p)
+    V = torch.zeros(20, 2, 6, dtype=torch.float64)
+    stepper = Stepper(model)
+    with pytest.raises(SolverError, match="world 0") as failure:
+        stepper.rollout(nominal(model, num_worlds=2), state, V)
+    assert failure.value.worlds == (0,)
+    moved = p.clone().requires_grad_()
+    begun = State(state.q_WB, moved, state.V_WB, state.q_WP, state.p_WP)
+    held = stepper.rollout(nominal(model, num_worlds=2), begun, V, record_every=10, on_failure="hold")
+    assert held.failed.tolist() == [True, False]
+    assert torch.equal(held.p_WB[:, 0], p[0].expand(3, 1, 3))
+    alone = stepper.rollout(nominal(model), State.at_rest(model, p_WB=p[1]), V[:, 1:], record_every=10)
+    assert torch.equal(held.p_WB[:, 1], alone.p_WB[:, 0])
+    held.p_WB[-1].sum().backward()
+    assert torch.equal(moved.grad, torch.stack([torch.zeros(1, 3), torch.ones(1, 3)]).double())
+    with pytest.raises(StateError, match="on_failure is 'wait'"):
+        stepper.rollout(nominal(model, num_worlds=2), state, V, on_failure="wait")
