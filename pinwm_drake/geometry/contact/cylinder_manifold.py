@@ -164,9 +164,8 @@ def cap_on_face(table, one, two, X_21, kx, ky, kz, face, end, least, column, mar
             dx, dy, dz = turn(X_21, *xyz(table.edge_lines, index))
             t = dot(places[k, 0] - px, places[k, 1] - py, places[k, 2] - pz, dx, dy, dz)
             ex, ey, ez, _ = radial(ux, uy, uz, places[k, 0] - cx, places[k, 1] - cy, places[k, 2] - cz)
-            gap = dot(ux, uy, uz, places[k, 0] - cx, places[k, 1] - cy, places[k, 2] - cz)
             v, w = table.edges[index, 0], table.edges[index, 1]
-            write_crossing(table, two, end, v, w, t, gap, ex, ey, ez, X_21, rows, count, 8 - column)
+            write_crossing(table, two, end, v, w, t, ex, ey, ez, X_21, rows, count, 8 - column)
         else:
             write_face(table, face, rows, count, column)
             if kind == _LOWEST:
@@ -259,7 +258,7 @@ def segment_on_cap(table, i, i2, two, X_21, kx, ky, kz, end, least, column, marg
                 nearest = min(nearest, gap)
             if 0.0 < t < length:
                 ex, ey, ez, _ = radial(ux, uy, uz, px + t * dx - cx, py + t * dy - cy, pz + t * dz - cz)
-                write_crossing(table, two, end, i, i2, t, gap, ex, ey, ez, X_21, rows, count, 8 - column)
+                write_crossing(table, two, end, i, i2, t, ex, ey, ez, X_21, rows, count, 8 - column)
             else:
                 write_vertex(table, i2 if t > 0.0 else i, rows, count, column)
                 write_cap(table, two, end, rows, count, 8 - column)

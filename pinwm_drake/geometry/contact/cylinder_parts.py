@@ -22,9 +22,8 @@ from pinwm_drake.jit import internal_kernel
 # sign is beyond doubt, where the line does not run along the rim (PARALLEL_SINE), and where the line's point
 # is on the side of the rim within 60 degrees, from where the nearest place is found (see `features`).
 _MIN_SINE, _MIN_COSINE = 1.0e-3, 0.5
-# A line that runs along a rim more nearly than this, or is farther away than a part of the rim's bend to it, has no
-# definite place on it.
-CROSSING_SINE, CROSSING_RATIO = 0.05, 4.0
+# A line that crosses a rim less steeply than this, against the radius, has no definite place on it.
+CROSSING_COSINE = 0.05
 # Points closer than this [m] define no direction to the accuracy of a normal.
 SAME_PLACE = 1.0e-6
 _POINT, _PLANE, _CIRCLE = float(POINT), float(PLANE), float(CIRCLE)
@@ -149,7 +148,7 @@ def write_segment_place(table, v, w, t, rows, count, column):
 
 
 @internal_kernel
-def write_crossing(table, piece, end, v, w, t, gap, ex, ey, ez, X_CL, rows, count, column):
+def write_crossing(table, piece, end, v, w, t, ex, ey, ez, X_CL, rows, count, column):
     """Writes the place where a line over a cap crosses its rim.
 
     Where the line runs along the rim there is no definite place, and the line's point is written against the cap.
@@ -157,22 +156,14 @@ def write_crossing(table, piece, end, v, w, t, gap, ex, ey, ez, X_CL, rows, coun
     Args:
         table, piece, end, v, w, X_CL, rows, count, column: as for `write_rim_line`.
         t: Place on the line, m from v.
-        gap: Distance of the line from the cap there, m.
         ex, ey, ez: Radial unit vector to that place, frame C.
     """
-    ux, uy, uz = xyz(table.axes, piece)
     px, py, pz = transform(X_CL, *xyz(table.vertices, v))
     dx, dy, dz = transform(X_CL, *xyz(table.vertices, w))
     dx, dy, dz = dx - px, dy - py, dz - pz
-    tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)
-    sine = norm(*cross(tx, ty, tz, dx, dy, dz)) / norm(dx, dy, dz)
-    radius = table.vertices[table.pieces[piece, 1] + end, 3]
     write_cap(table, piece, end, rows, count, column)
-    if sine > CROSSING_SINE and radius * sine * sine > CROSSING_RATIO * abs(gap):
-        write_rim(table, piece, end, rows, count, column)
-        write_line(table, v, w, t, 1.0, rows, count, 8 - column)
-    elif abs(dot(ex, ey, ez, dx, dy, dz)) > CROSSING_SINE * norm(dx, dy, dz):
-        rows[count, column + 7] = radius
+    if abs(dot(ex, ey, ez, dx, dy, dz)) > CROSSING_COSINE * norm(dx, dy, dz):
+        rows[count, column + 7] = table.vertices[table.pieces[piece, 1] + end, 3]
         write_line(table, v, w, t, 1.0, rows, count, 8 - column)
     else:
         write_segment_place(table, v, w, t, rows, count, 8 - column)
