@@ -17,7 +17,7 @@ from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.errors import ModelError, StateError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.geometry.patch import resting_points
+from pinwm_drake.geometry.patch import supporting_points
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import capsule, cylinder, sphere
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
@@ -82,14 +82,16 @@ def make_scene(
     mesh = load_mesh(mesh_path)
     properties = mass_properties(mesh, mass=1.0)
     p_OB = properties.p_com
-    points = resting_points(mesh, quaternion_to_matrix(q_WO).numpy()) if support == "patch" else None
+    points = supporting_points(mesh, quaternion_to_matrix(q_WO).numpy()) if support == "patch" else None
+    if points is not None:
+        points[:, :3] -= p_OB
     pieces = [_moved(piece, -p_OB) for piece in mesh_pieces(mesh_path)]
     body = Body(
         name=BODY,
         pieces=pieces,
         mass=1.0,
         inertia=0.5 * (properties.inertia + properties.inertia.T),
-        floor_points=None if points is None else points - p_OB,
+        floor_points=points,
     )
     model = Model(
         bodies=[body],

@@ -3,7 +3,7 @@
 import math
 
 from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
-from pinwm_drake.geometry.pieces import CYLINDER, MAX_FLOOR_POINTS
+from pinwm_drake.geometry.pieces import ANYHOW, CYLINDER, MAX_FLOOR_POINTS, UNLESS_FLAT
 from pinwm_drake.geometry.rows import dot, norm, write_part, xyz
 from pinwm_drake.jit import internal_kernel, large_internal_kernel
 
@@ -24,6 +24,9 @@ _MIN_TILT = 1.0e-4
 # The fixed points serve a cylinder that stands. Off 0.2 rad they would only make a rolling cylinder a
 # polygon.
 _MAX_STANDING_TILT = 0.2
+
+# Cosines of the tilts up to which a face lies on the floor, and is nearly on it (2e-3 and 0.1 rad).
+_FLAT, _NEARLY_FLAT = 1.0 - 2.0e-6, 0.995
 
 
 @large_internal_kernel
@@ -64,8 +67,13 @@ def collide_floor(table, body, R_WB, p_WB, floor_height, margin, rows, count):
 
 @internal_kernel
 def _gap(table, i, ux, uy, uz, lift):
-    """Gap of one floor point [m]; infinite for the fixed points of a cylinder that does not stand."""
+    """Gap of one floor point [m]; infinite for one that cannot touch the floor as the body lies."""
     piece = table.floor_owners[i]
+    if piece < ANYHOW:
+        nx, ny, nz = xyz(table.floor_faces, i)
+        down = -dot(nx, ny, nz, ux, uy, uz)
+        if (down > _FLAT) if piece == UNLESS_FLAT else (down < _NEARLY_FLAT):
+            return math.inf
     if piece >= 0:
         ax, ay, az = xyz(table.axes, piece)
         upright = dot(ax, ay, az, ux, uy, uz)

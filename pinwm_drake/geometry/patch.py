@@ -6,10 +6,15 @@ that slide as it does under uniform pressure: they begin in the middles of nearl
 friction force and torque about many centres of rotation agree, with the same share of the weight on each of them.
 """
 
+import functools
+
 import numpy as np
 import trimesh
 from scipy.cluster.vq import kmeans2
 from scipy.optimize import least_squares
+
+from pinwm_drake.geometry.meshes import mass_properties
+from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, UNLESS_FLAT
 
 # A face is flat where its triangles lie this near to the lowest point [m] and are this level (sine of the tilt).
 _FLAT, _LEVEL = 2e-4, 0.05
@@ -27,6 +32,8 @@ _CHAMFER = 2e-3
 # The points stand out of the face by this much [m], so that its outline touches only once the object tips.
 PROTRUSION = 1e-5
 _OUTLINE = 4
+# Sides of the convex hull whose planes are as near as this are one side: sine of the angle.
+SAME_SIDE = 1e-3
 
 
 def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) -> np.ndarray | None:
@@ -63,7 +70,76 @@ def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) ->
     points -= np.outer(points @ up_O - lowest + PROTRUSION, up_O)
     corners = np.asarray(trimesh.convex.convex_hull(mesh.vertices).vertices)
     low = corners @ up_O < lowest + _CHAMFER
-    return np.concatenate([points, _outermost(corners[low], R_WO), corners[~low]])
+    outline = corners[low]
+    return np.concatenate([points, outline[_outermost(outline, R_WO)], corners[~low]])
+
+
+def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | None:
+    """The points with which an object touches the floor, whichever of its flat faces comes to lie on it.
+
+    Each face over which the centre of mass stands has the points of `resting_points`, which count while it is nearly
+    on the floor. The convex hull's corners count always, but those of a face's outline that are not outermost: these
+    do not while that face lies flat.
+
+    Args:
+        mesh: Watertight, m, frame O.
+        R_WO: (3, 3), orientation at rest; z of W is up. The face below comes first.
+
+    Returns:
+        (n, 7): point [m, frame O], when it counts (`pieces.ANYHOW`, UNLESS_FLAT or IF_FLAT), and outward normal of its
+        face, zeros for ANYHOW; None where the object does not rest on a flat face.
+    """
+    if _face_points(mesh.vertices.tobytes(), mesh.faces.tobytes(), np.asarray(R_WO, float).tobytes()) is None:
+        return None
+    corners = np.asarray(trimesh.convex.convex_hull(mesh.vertices).vertices)
+    when, normals = np.full(len(corners), ANYHOW), np.zeros((len(corners), 3))
+    always = np.zeros(len(corners), bool)
+    rows = []
+    others = [normal for normal in resting_normals(mesh) if np.linalg.norm(normal + R_WO[2]) > SAME_SIDE]
+    for R in [np.asarray(R_WO, float), *(turned_down(normal) for normal in others)]:
+        own = _face_points(mesh.vertices.tobytes(), mesh.faces.tobytes(), R.tobytes())
+        if own is None:
+            continue
+        rows.append(np.column_stack([own, np.full(len(own), IF_FLAT), np.tile(-R[2], (len(own), 1))]))
+        low = np.flatnonzero(corners @ R[2] < float((mesh.vertices @ R[2]).min()) + _CHAMFER)
+        always[low[_outermost(corners[low], R)]] = True
+        when[low], normals[low] = UNLESS_FLAT, -R[2]
+    when[always], normals[always] = ANYHOW, 0.0
+    return np.concatenate([*rows, np.column_stack([corners, when, normals])])
+
+
+@functools.lru_cache(maxsize=256)
+def _face_points(vertices: bytes, faces: bytes, rotation: bytes) -> np.ndarray | None:
+    """Points within the face that is down, of a mesh in memory: those of one mesh are asked for again and again."""
+    mesh = trimesh.Trimesh(
+        np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3), process=False
+    )
+    R_WO = np.frombuffer(rotation).reshape(3, 3)
+    points = resting_points(mesh, R_WO)
+    if points is None:
+        return None
+    return points[points @ R_WO[2] < float((mesh.vertices @ R_WO[2]).min()) - 0.5 * PROTRUSION]
+
+
+def resting_normals(mesh: trimesh.Trimesh) -> list[np.ndarray]:
+    """Outward normals (3,) of the sides of the convex hull over which the centre of mass stands."""
+    hull = trimesh.convex.convex_hull(mesh.vertices)
+    p_OB = mass_properties(mesh, mass=1.0).p_com
+    found: list[np.ndarray] = []
+    for triangle, normal in zip(hull.triangles, hull.face_normals, strict=True):
+        a, b, c = triangle - p_OB
+        # The centre of mass, moved along the normal into the triangle's plane, lies inside of its edges.
+        inside = all(np.cross(v - u, -u) @ normal > -1e-9 for u, v in ((a, b), (b, c), (c, a)))
+        if inside and not any(np.linalg.norm(normal - other) < SAME_SIDE for other in found):
+            found.append(np.asarray(normal))
+    return found
+
+
+def turned_down(normal: np.ndarray) -> np.ndarray:
+    """Rotation (3, 3) after which a side with this outward normal lies on the floor."""
+    across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    across /= np.linalg.norm(across)
+    return np.array([across, np.cross(-normal, across), -normal])
 
 
 def _even_points(samples: np.ndarray, generator: np.random.Generator) -> np.ndarray:
@@ -104,7 +180,7 @@ def _sliding(points: np.ndarray, centres: np.ndarray, size: float) -> np.ndarray
 
 
 def _outermost(points: np.ndarray, R_WO: np.ndarray) -> np.ndarray:
-    """Subset of the points (n, 3): those that are farthest along one of four level directions."""
+    """Indices of the points (n, 3) that are farthest along one of four level directions."""
     angles = 2.0 * np.pi * (np.arange(_OUTLINE) + 0.5) / _OUTLINE
     directions = np.stack([np.cos(angles), np.sin(angles)], -1) @ R_WO[:2]
-    return points[np.unique(np.argmax(points @ directions.T, axis=0))]
+    return np.unique(np.argmax(points @ directions.T, axis=0))

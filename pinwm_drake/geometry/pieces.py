@@ -20,6 +20,10 @@ RIM_POINTS = 8
 # More floor contacts of a body than this are reduced to the outermost ones.
 MAX_FLOOR_POINTS = 16
 
+# When a point that belongs to no rim can touch the floor: always; unless its face lies on the floor, which has others
+# to carry it; or only while that face is nearly on it.
+ANYHOW, UNLESS_FLAT, IF_FLAT = -1, -2, -3
+
 
 @dataclass(frozen=True, eq=False)
 class ConvexPiece:
@@ -68,7 +72,8 @@ class PieceTable(NamedTuple):
         floor_points: (Q, 4), m. The points with which the body can touch a plane first, and their rounding
             radii: the vertices of all hulls (of their common convex hull, where they are many), the centres of
             spheres, the ends of capsules, and points fixed on the rims of cylinders.
-        floor_owners: (Q,). Piece of the cylinder for a point on a rim, else -1.
+        floor_owners: (Q,). Piece of the cylinder for a point on a rim; else ANYHOW, UNLESS_FLAT or IF_FLAT.
+        floor_faces: (Q, 3). Outward unit normal of the flat face that the last two belong to, else zeros.
     """
 
     bodies: np.ndarray
@@ -85,6 +90,7 @@ class PieceTable(NamedTuple):
     edge_lines: np.ndarray
     floor_points: np.ndarray
     floor_owners: np.ndarray
+    floor_faces: np.ndarray
 
 
 def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[np.ndarray | None] = ()) -> PieceTable:
@@ -92,8 +98,9 @@ def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[
 
     Args:
         pieces_of_body: For each body its pieces, in the body's frame.
-        floor_points: For each body the points (n, 3), m, with which it touches the floor, in its frame, or None
-            for those of its pieces; bodies beyond the end of the sequence have none of their own.
+        floor_points: For each body the points with which it touches the floor, in its frame: (n, 3), m, or (n, 7)
+            with the owner and face of each (see `PieceTable`); or None for those of its pieces. Bodies beyond the
+            end of the sequence have none of their own.
 
     Returns:
         The table; bodies, pieces and vertices keep their order.
@@ -129,7 +136,7 @@ def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[
 
     numbered = list(zip(hulls, first_vertex, first_face, first_edge, strict=False))
     return PieceTable(
-        bodies=np.stack([first_piece, _starts([len(points) for points, _ in floors])], axis=1),
+        bodies=np.stack([first_piece, _starts([len(points) for points, *_ in floors])], axis=1),
         body_spheres=np.array([_union_sphere(spheres[s:e]) for s, e in pairwise(first_piece)]),
         pieces=np.stack([kinds, first_vertex, first_face, first_edge], axis=1),
         piece_spheres=spheres,
@@ -143,8 +150,9 @@ def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[
         sides=np.concatenate([hull.sides for hull in hulls]),
         edges=np.concatenate([shifted(hull.edges, v, v, f, f) for hull, v, f, _ in numbered]),
         edge_lines=np.concatenate([hull.edge_lines for hull in hulls]),
-        floor_points=np.concatenate([points for points, _ in floors]),
-        floor_owners=np.concatenate([owners for _, owners in floors]),
+        floor_points=np.concatenate([points for points, *_ in floors]),
+        floor_owners=np.concatenate([owners for _, owners, _ in floors]),
+        floor_faces=np.concatenate([faces for *_, faces in floors]),
     )
 
 
@@ -219,8 +227,8 @@ def _union_sphere(spheres: np.ndarray) -> np.ndarray:
     return np.append(center, np.max(np.linalg.norm(centers - center, axis=1) + radii[:, 0]))
 
 
-def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray, np.ndarray]:
-    """The points of one body that a plane can touch, with their radii, and the owners of points on rims."""
+def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The points of one body that a plane can touch, with their radii, their owners and faces."""
     from scipy.spatial import ConvexHull
 
     points, owners = [], []
@@ -236,22 +244,26 @@ def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray
         if len(cloud) > MAX_FLOOR_POINTS:
             cloud = cloud[np.sort(ConvexHull(cloud).vertices)]
         points.append(np.pad(cloud, ((0, 0), (0, 1))))
-        owners.append(np.full(len(points[0]), -1))
+        owners.append(np.full(len(points[0]), ANYHOW))
     for i, piece in enumerate(body):
         if piece.kind == HULL:
             continue
         on_rim = piece.kind == CYLINDER
         block = rim_points(piece) if on_rim else piece.vertices
         points.append(np.pad(block, ((0, 0), (0, 1)), constant_values=0.0 if on_rim else piece.radius))
-        owners.append(np.full(len(block), first_piece + i if on_rim else -1))
-    return np.concatenate(points), np.concatenate(owners)
+        owners.append(np.full(len(block), first_piece + i if on_rim else ANYHOW))
+    together = np.concatenate(points)
+    return together, np.concatenate(owners), np.zeros((len(together), 3))
 
 
-def _own_floor_points(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _own_floor_points(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Given points in the form of `_floor_points`; raises GeometryError where they are none."""
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.all(np.isfinite(points)):
-        raise GeometryError(f"floor points are {points.shape}; allowed: (n, 3) finite coordinates, n at least 1")
-    return np.pad(points.astype(float), ((0, 0), (0, 1))), np.full(len(points), -1)
+    if points.ndim != 2 or points.shape[1] not in (3, 7) or len(points) == 0 or not np.all(np.isfinite(points)):
+        raise GeometryError(f"floor points are {points.shape}; allowed: (n, 3) or (n, 7) finite numbers, n at least 1")
+    placed = np.pad(points[:, :3].astype(float), ((0, 0), (0, 1)))
+    if points.shape[1] == 3:
+        return placed, np.full(len(points), ANYHOW), np.zeros((len(points), 3))
+    return placed, points[:, 3].astype(np.int64), points[:, 4:].astype(float)
 
 
 def rim_points(cylinder: ConvexPiece) -> np.ndarray:

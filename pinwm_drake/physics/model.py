@@ -36,7 +36,8 @@ class Body:
         pieces: convex pieces in the body frame B, whose origin is the centre of mass.
         mass: nominal mass, kg.
         inertia: (3, 3), nominal inertia about the centre of mass, axes of B, kg m^2.
-        floor_points: (n, 3), points with which it touches the floor, frame B, m; None for those of its pieces.
+        floor_points: (n, 3), points with which it touches the floor, frame B, m, or (n, 7) with their owners and faces
+            (see `geometry.patch.supporting_points`); None for those of its pieces.
     """
 
     name: str

@@ -5,7 +5,10 @@ import pytest
 import torch
 import trimesh
 
-from pinwm_drake.geometry.patch import PROTRUSION, resting_points
+from pinwm_drake.geometry.patch import PROTRUSION, resting_points, supporting_points
+from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, UNLESS_FLAT
+from pinwm_drake.geometry.shapes import box, cylinder
+from pinwm_drake.physics import Body, Model, Parameters, State, Stepper
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_to_matrix
 
 UPRIGHT = np.eye(3)
@@ -68,3 +71,64 @@ def test_a_ball_and_an_edge_have_no_face():
     tilted = quaternion_to_matrix(quaternion_exp(torch.tensor([math.pi / 4, 0.0, 0.0]).double())).numpy()
     assert resting_points(trimesh.creation.icosphere(4, 0.03), UPRIGHT) is None
     assert resting_points(trimesh.creation.box((0.1, 0.06, 0.04)), tilted) is None
+
+
+def test_every_face_of_a_cube_has_points_and_no_corner_is_lost():
+    mesh = trimesh.creation.box((0.06, 0.06, 0.06))
+    points = supporting_points(mesh, UPRIGHT)
+    assert np.array_equal(on_floor(points[:12, :3]), points[:12, :3])
+    for normal in np.concatenate([np.eye(3), -np.eye(3)]):
+        own = points[(points[:, 3] == IF_FLAT) & (points[:, 4:] @ normal > 0.99)]
+        assert len(own) == 12
+        assert np.allclose(own[:, :3] @ normal, 0.03 + PROTRUSION)
+    assert (points[points[:, 3] == ANYHOW][:, 4:] == 0.0).all()
+    assert len(points) == 6 * 12 + 8
+
+
+def test_outline_of_a_round_face_counts_once_it_tips():
+    points = supporting_points(trimesh.creation.cylinder(0.04, 0.08, sections=48), UPRIGHT)
+    outline = points[points[:, 3] == UNLESS_FLAT]
+    assert len(outline) == 2 * (48 - 4)
+    assert np.allclose(np.abs(outline[:, 6]), 1.0)
+
+
+@pytest.mark.parametrize("face", [(0.0, 0.0, 0.0), (math.pi / 2, 0.0, 0.0), (0.0, -math.pi / 2, 0.0)])
+def test_spinning_cube_comes_to_rest_alike_on_every_face(face):
+    # The torque of uniform pressure, mu m g times 0.3826 sides, stops I w in I w / torque seconds.
+    side, mu, w = 0.06, 0.3, 10.0
+    points = supporting_points(trimesh.creation.box((side,) * 3), UPRIGHT)
+    inertia = 0.5 / 6.0 * side**2
+    body = Body("cube", [box((side,) * 3)], 0.5, inertia * np.eye(3), floor_points=points)
+    model = Model(bodies=[body], time_step=1.0 / 960.0)
+    q = quaternion_exp(torch.tensor(face, dtype=torch.float64))
+    state = State.at_rest(
+        model,
+        q_WB=q.expand(1, 1, 4),
+        p_WB=(0.0, 0.0, 0.5 * side + PROTRUSION),
+        V_WB=torch.tensor([[[0.0, 0.0, w, 0.0, 0.0, 0.0]]], dtype=torch.float64),
+    )
+    theta = Parameters.nominal(model, friction_floor=mu)
+    rolled = Stepper(model).rollout(theta, state, torch.zeros(40, 1, 6, dtype=torch.float64))
+    lost = w - float(rolled.V_WB[-1, 0, 0, 2])
+    torque = mu * 0.5 * 9.81 * side * (math.sqrt(2) + math.asinh(1)) / 6
+    assert lost == pytest.approx(torque / inertia * 40 / 960, rel=0.02)
+
+
+def test_lying_cylinder_rolls_on_all_of_its_corners():
+    # A prism of 48 sides rolls over its edges; on four corners at each end it would stop.
+    mesh = trimesh.creation.cylinder(0.04, 0.08, sections=48)
+    points = supporting_points(mesh, UPRIGHT)
+    inertia = np.diag([0.5 / 12 * (3 * 0.04**2 + 0.08**2)] * 2 + [0.5 * 0.5 * 0.04**2])
+    body = Body("prism", [cylinder(0.04, 0.08)], 0.5, inertia, floor_points=points)
+    model = Model(bodies=[body], time_step=1.0 / 960.0)
+    q = quaternion_exp(torch.tensor([math.pi / 2, 0.0, 0.0], dtype=torch.float64))
+    state = State.at_rest(
+        model,
+        q_WB=q.expand(1, 1, 4),
+        p_WB=(0.0, 0.0, 0.0401),
+        V_WB=torch.tensor([[[0.0, 5.0, 0.0, 0.2, 0.0, 0.0]]], dtype=torch.float64),
+    )
+    theta = Parameters.nominal(model, friction_floor=0.5)
+    rolled = Stepper(model).rollout(theta, state, torch.zeros(240, 1, 6, dtype=torch.float64))
+    assert float(rolled.p_WB[-1, 0, 0, 0]) > 0.03
+    assert float(rolled.p_WB[:, 0, 0, 2].min()) > 0.0395

@@ -13,8 +13,8 @@ from pydrake.multibody.plant import (
 from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.geometry.patch import resting_normals
 from pinwm_drake.models import OBJECT_NAMES, PUSHER_NAMES, model_path, object_model
-from pinwm_drake.systems.sdf.collision import resting_normals
 from pinwm_drake.systems.sdf.contact import Surfaces
 from pinwm_drake.systems.sdf.shipped import PUSHERS, shipped_pieces, shipped_supports, texts
 from pinwm_drake.systems.sdf.text import floor_sdf, object_sdf, pusher_sdf
