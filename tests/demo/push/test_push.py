@@ -80,8 +80,9 @@ def test_derivatives_agree_with_central_differences(pusher):
     result = simulate(pusher=pusher, offset=0.01)
     assert result.p_WB[-1, 1] > 0.05
     for derivative in result.derivatives:
-        # The bar of the physics' own tests. Needed here: 4e-6, solver tolerance over difference step.
-        assert derivative.adjoint == pytest.approx(derivative.difference, rel=1e-4), derivative.name
+        # The bar of the physics' own tests; and solver tolerance over difference step, as that with respect to the
+        # pusher's friction changes its sign near here.
+        assert derivative.adjoint == pytest.approx(derivative.difference, rel=1e-4, abs=3e-6), derivative.name
 
 
 def test_a_push_beside_the_centre_turns_the_block_away_from_it():
