@@ -90,11 +90,10 @@ def vary(scene: Scene, g: np.random.Generator) -> Variation:
     world = torch.arange(W)
     # A coefficient at the end of its range has a derivative to one side only.
     for w in range(W):
-        low = min(float(theta.friction[w, pair[w]]), float(theta.restitution[w, pair[w]]))
         if (names[w] == "friction" and float(theta.friction[w, pair[w]]) < 1e-2) or (
             names[w] == "restitution" and not 1e-2 < float(theta.restitution[w, pair[w]]) < 0.99
         ):
-            names[w] = "position" if low >= 0.0 else names[w]
+            names[w] = "position"
         if names[w] == "pusher" and not scene.model.arrays.num_kinematic:
             names[w] = "velocity"
     direction = torch.tensor(g.normal(size=(W, 6)))
@@ -185,7 +184,8 @@ def compare(scene: Scene, seed: int, counts: dict[str, collections.Counter], wor
             continue
         apart = np.abs(np.diff(d)) / np.maximum(np.abs(d[1:]), np.abs(d[:-1]))
         best = int(np.argmin(apart))
-        uneven = np.abs(sides[best : best + 2, 0, w] - sides[best : best + 2, 1, w]).min() / size
+        ahead, behind = sides[best : best + 2, :, w].numpy().T
+        uneven = np.abs(ahead - behind).min() / size
         if not (apart[best] < AGREES and uneven < RIGHT):
             outcome, error = "kink", float("nan")
         else:

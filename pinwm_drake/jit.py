@@ -15,6 +15,7 @@ from typing import Any
 
 from numba import njit, types
 from numba.core import codegen
+from numba.core.compiler_lock import global_compiler_lock
 
 _PACKAGE = Path(__file__).resolve().parent
 # Found by a pattern and not by parsing, as it runs whenever a kernel module is first imported.
@@ -97,15 +98,20 @@ class _LargePart(_Part):
 
 @contextlib.contextmanager
 def _compiling(part: type | None) -> Iterator[None]:
-    """Context in which numba compiles parts of other code, or whole entry points (None)."""
-    code, before = codegen.JITCPUCodegen, (codegen.JITCPUCodegen._library_class, codegen.JITCPUCodegen.set_env)
-    # A part has no machine code whose environment could be set, and as it raises nothing it needs none.
-    now = _WHOLE if part is None else (part, lambda self, name, value: None)
-    code._library_class, code.set_env = now
-    try:
-        yield
-    finally:
-        code._library_class, code.set_env = before
+    """Context in which numba compiles parts of other code, or whole entry points (None).
+
+    It holds numba's own lock: another thread that compiles meanwhile would compile in the wrong way, and set back what
+    this one needs.
+    """
+    code = codegen.JITCPUCodegen
+    with global_compiler_lock:
+        before = code._library_class, code.set_env
+        # A part has no machine code whose environment could be set, and as it raises nothing it needs none.
+        code._library_class, code.set_env = _WHOLE if part is None else (part, lambda self, name, value: None)
+        try:
+            yield
+        finally:
+            code._library_class, code.set_env = before
 
 
 def _compiled(part: type = _Part, **options: Any) -> Callable[[Callable], Any]:

@@ -33,7 +33,7 @@ _CHAMFER = 2e-3
 PROTRUSION = 1e-5
 _OUTLINE = 4
 # Sides of the convex hull whose planes are as near as this are one side: sine of the angle.
-SAME_SIDE = 1e-3
+_SAME_SIDE = 1e-3
 
 
 def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) -> np.ndarray | None:
@@ -89,15 +89,15 @@ def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | N
         (n, 7): point [m, frame O], when it counts (`pieces.ANYHOW`, UNLESS_FLAT or IF_FLAT), and outward normal of its
         face, zeros for ANYHOW; None where the object does not rest on a flat face.
     """
-    if _face_points(mesh.vertices.tobytes(), mesh.faces.tobytes(), np.asarray(R_WO, float).tobytes()) is None:
+    if face_points(mesh, R_WO) is None:
         return None
     corners = np.asarray(trimesh.convex.convex_hull(mesh.vertices).vertices)
     when, normals = np.full(len(corners), ANYHOW), np.zeros((len(corners), 3))
     always = np.zeros(len(corners), bool)
     rows = []
-    others = [normal for normal in resting_normals(mesh) if np.linalg.norm(normal + R_WO[2]) > SAME_SIDE]
+    others = [normal for normal in resting_normals(mesh) if np.linalg.norm(normal + R_WO[2]) > _SAME_SIDE]
     for R in [np.asarray(R_WO, float), *(turned_down(normal) for normal in others)]:
-        own = _face_points(mesh.vertices.tobytes(), mesh.faces.tobytes(), R.tobytes())
+        own = face_points(mesh, R)
         if own is None:
             continue
         rows.append(np.column_stack([own, np.full(len(own), IF_FLAT), np.tile(-R[2], (len(own), 1))]))
@@ -108,9 +108,23 @@ def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | N
     return np.concatenate([*rows, np.column_stack([corners, when, normals])])
 
 
+def face_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | None:
+    """The points of `resting_points` that are within the face below: they carry the object.
+
+    Args:
+        mesh: Watertight, m, frame O.
+        R_WO: (3, 3), orientation at rest; z of W is up.
+
+    Returns:
+        (12, 3), m, frame O, standing out by `PROTRUSION`; None where the object does not rest on a flat face.
+    """
+    found = _face_points(mesh.vertices.tobytes(), mesh.faces.tobytes(), np.asarray(R_WO, float).tobytes())
+    return None if found is None else found.copy()
+
+
 @functools.lru_cache(maxsize=256)
 def _face_points(vertices: bytes, faces: bytes, rotation: bytes) -> np.ndarray | None:
-    """Points within the face that is down, of a mesh in memory: those of one mesh are asked for again and again."""
+    """`face_points` of a mesh in memory: those of one mesh are asked for again and again."""
     mesh = trimesh.Trimesh(
         np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3), process=False
     )
@@ -130,7 +144,7 @@ def resting_normals(mesh: trimesh.Trimesh) -> list[np.ndarray]:
         a, b, c = triangle - p_OB
         # The centre of mass, moved along the normal into the triangle's plane, lies inside of its edges.
         inside = all(np.cross(v - u, -u) @ normal > -1e-9 for u, v in ((a, b), (b, c), (c, a)))
-        if inside and not any(np.linalg.norm(normal - other) < SAME_SIDE for other in found):
+        if inside and not any(np.linalg.norm(normal - other) < _SAME_SIDE for other in found):
             found.append(np.asarray(normal))
     return found
 

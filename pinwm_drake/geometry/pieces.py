@@ -99,8 +99,8 @@ def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[
     Args:
         pieces_of_body: For each body its pieces, in the body's frame.
         floor_points: For each body the points with which it touches the floor, in its frame: (n, 3), m, or (n, 7)
-            with the owner and face of each (see `PieceTable`); or None for those of its pieces. Bodies beyond the
-            end of the sequence have none of their own.
+            with when each counts (ANYHOW, UNLESS_FLAT or IF_FLAT) and its face (see `PieceTable`); or None for those
+            of its pieces. Bodies beyond the end of the sequence have none of their own.
 
     Returns:
         The table; bodies, pieces and vertices keep their order.
@@ -263,6 +263,10 @@ def _own_floor_points(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
     placed = np.pad(points[:, :3].astype(float), ((0, 0), (0, 1)))
     if points.shape[1] == 3:
         return placed, np.full(len(points), ANYHOW), np.zeros((len(points), 3))
+    wrong = np.flatnonzero(~np.isin(points[:, 3], (ANYHOW, UNLESS_FLAT, IF_FLAT)))
+    if len(wrong):
+        row = int(wrong[0])
+        raise GeometryError(f"floor point {row} counts when {points[row, 3]:g}; allowed: ANYHOW, UNLESS_FLAT, IF_FLAT")
     return placed, points[:, 3].astype(np.int64), points[:, 4:].astype(float)
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from pinwm_drake.errors import ModelError
-from pinwm_drake.geometry.pieces import ConvexPiece, pack_pieces
+from pinwm_drake.geometry.pieces import CYLINDER, ConvexPiece, pack_pieces
 from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, ANGULAR_LOCKED, LINEAR, ModelArrays
 
 PUSHER = "pusher"
@@ -228,6 +228,7 @@ class Model:
             time_step=float(self.time_step),
             pair_index=pair_index,
             radius=np.array([*radius, 0.0, 0.0][: nb + 2]),
+            has_rims=np.array([any(piece.kind == CYLINDER for piece in body.pieces) for body in self.bodies]),
             contact_compliance=compliance,
             joint_compliance=compliance * _JOINT_OVER_CONTACT,
             pusher_force=float(self.pusher_force),

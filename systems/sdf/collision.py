@@ -7,7 +7,7 @@ pieces for the pusher (`piece_mesh`) and small spheres for the floor (`support_s
 import numpy as np
 import trimesh
 
-from pinwm_drake.geometry.patch import PROTRUSION, resting_normals, resting_points, turned_down
+from pinwm_drake.geometry.patch import PROTRUSION, face_points, resting_normals, turned_down
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.systems.sdf.contact import CORNER_RADIUS, SUPPORT_RADIUS
 
@@ -85,12 +85,8 @@ def support_spheres(mesh: trimesh.Trimesh) -> list[tuple[np.ndarray, float]]:
     """
     spheres = []
     for normal in resting_normals(mesh):
-        R_WO = turned_down(normal)
-        points = resting_points(mesh, R_WO)
-        if points is None:
-            continue
-        heights = points @ R_WO[2]
-        out = heights < (mesh.vertices @ R_WO[2]).min() - 0.5 * PROTRUSION
-        spheres += [(point, SUPPORT_RADIUS) for point in points[out] - PROTRUSION * normal]
+        points = face_points(mesh, turned_down(normal))
+        if points is not None:
+            spheres += [(point, SUPPORT_RADIUS) for point in points - PROTRUSION * normal]
     corners = trimesh.convex.convex_hull(mesh.vertices).vertices
     return spheres + [(np.asarray(corner), CORNER_RADIUS) for corner in corners]

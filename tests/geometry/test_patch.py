@@ -5,9 +5,10 @@ import pytest
 import torch
 import trimesh
 
+from pinwm_drake.errors import GeometryError
 from pinwm_drake.geometry.patch import PROTRUSION, resting_points, supporting_points
 from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, UNLESS_FLAT
-from pinwm_drake.geometry.shapes import box, cylinder
+from pinwm_drake.geometry.shapes import box, convex_hull
 from pinwm_drake.physics import Body, Model, Parameters, State, Stepper
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_to_matrix
 
@@ -119,7 +120,7 @@ def test_lying_cylinder_rolls_on_all_of_its_corners():
     mesh = trimesh.creation.cylinder(0.04, 0.08, sections=48)
     points = supporting_points(mesh, UPRIGHT)
     inertia = np.diag([0.5 / 12 * (3 * 0.04**2 + 0.08**2)] * 2 + [0.5 * 0.5 * 0.04**2])
-    body = Body("prism", [cylinder(0.04, 0.08)], 0.5, inertia, floor_points=points)
+    body = Body("prism", [convex_hull(mesh.vertices)], 0.5, inertia, floor_points=points)
     model = Model(bodies=[body], time_step=1.0 / 960.0)
     q = quaternion_exp(torch.tensor([math.pi / 2, 0.0, 0.0], dtype=torch.float64))
     state = State.at_rest(
@@ -132,3 +133,11 @@ def test_lying_cylinder_rolls_on_all_of_its_corners():
     rolled = Stepper(model).rollout(theta, state, torch.zeros(240, 1, 6, dtype=torch.float64))
     assert float(rolled.p_WB[-1, 0, 0, 0]) > 0.03
     assert float(rolled.p_WB[:, 0, 0, 2].min()) > 0.0395
+
+
+def test_a_floor_point_that_counts_at_no_known_time_is_refused():
+    points = supporting_points(trimesh.creation.box((0.06, 0.06, 0.06)), UPRIGHT)
+    points[3, 3] = 5.0
+    body = Body("cube", [box((0.06,) * 3)], 0.5, 3e-4 * np.eye(3), floor_points=points)
+    with pytest.raises(GeometryError, match="floor point 3 counts when 5"):
+        Model(bodies=[body]).arrays  # noqa: B018

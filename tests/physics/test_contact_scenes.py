@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.contact_gradients import compare
 from benchmarks.contact_scenes import draw, judge
 from pinwm_drake.geometry.convex import hollow_mug
 from pinwm_drake.geometry.shapes import box, cylinder, sphere
@@ -30,7 +31,18 @@ def test_ten_thousand_scenes_all_have_solutions():
         judge(draw(number, seed=1, steps=BATCH_STEPS), counts)
     total = sum(counts.values(), collections.Counter())
     assert total["worlds"] == 10_000
-    assert (total["failed"], total["no numbers"]) == (0, 0)
+    assert (total["failed"], total["no numbers"], total["gained"], total["deep"]) == (0, 0, 0, 0)
+
+
+# `python -m benchmarks.contact_gradients` compares ten thousand.
+def test_derivatives_of_random_scenes_agree_with_differences():
+    counts: dict[str, collections.Counter] = collections.defaultdict(collections.Counter)
+    for number in range(60):
+        compare(draw(number, seed=5), number, counts, [])
+    total = counts["all"]
+    compared = total["right"] + total["wrong"] + total["lagged"]
+    assert compared >= 500
+    assert total["right"] >= 0.99 * compared
 
 
 def test_a_scene_whose_polytope_outgrew_its_table():

@@ -226,6 +226,9 @@ def _share_adjoint(model, bodies, contacts, system, solver, adjoint):
     with respect to the contacts' data are those of the equations, for -z w in place of y.
 
     Leaves y in adjoint.y, y - z w in adjoint.field, and -z dE of the velocities before the step in adjoint.pull.
+
+    Returns:
+        z, 0 where all of the bounces are there, or none.
     """
     nb, size = model.num_bodies, 6 * system.num_bodies + system.num_rows
     field, pull, other, y = adjoint.field, adjoint.pull, adjoint.other, adjoint.y

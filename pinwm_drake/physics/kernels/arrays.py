@@ -27,6 +27,8 @@ class ModelArrays(NamedTuple):
         pair_index: (num_bodies, num_bodies + 2), row of the pair tables for bodies A and B, or -1; the column after
             the last dynamic body is the pusher, the last one the world.
         radius: (num_bodies + 1,), m, of a sphere about each body's origin that holds it; the pusher's last.
+        has_rims: (num_bodies,), whether a piece is a cylinder: the lowest point of a rim runs around it, however slowly
+            the body turns.
         contact_compliance: epsilon of a contact, (m/s)/(N s), per unit of impulse.
         joint_compliance: the same for joint rows.
         pusher_force: largest normal force with which the pusher presses on a body, N.
@@ -48,6 +50,7 @@ class ModelArrays(NamedTuple):
     time_step: float
     pair_index: np.ndarray
     radius: np.ndarray
+    has_rims: np.ndarray
     contact_compliance: float
     joint_compliance: float
     pusher_force: float

@@ -5,7 +5,6 @@ features come down meanwhile, and points move along arcs; what would then be dee
 stepped in two halves instead, and they in halves again if need be.
 """
 
-from pinwm_drake.geometry.pieces import CYLINDER
 from pinwm_drake.jit import kernel, part_of_kernel, small_kernel
 from pinwm_drake.physics.kernels.cone import FULL_STICKS
 from pinwm_drake.physics.kernels.detect import build_rows, rebuild_rows, select_features
@@ -81,15 +80,6 @@ def is_jammed(contacts, solver):
     return jammed
 
 
-@small_kernel
-def _has_rims(model, b):
-    """True for a body with cylinders: the lowest point of a rim runs around it, however slowly it turns."""
-    rims = False
-    for piece in range(model.table.bodies[b, 0], model.table.bodies[b + 1, 0]):
-        rims = rims or model.table.pieces[piece, 0] == CYLINDER
-    return rims
-
-
 @kernel
 def _turns_into(model, bodies, contacts, solver, sweep):
     """True where a body that turns fast, or has rims, would be deep in another, or in the floor, at the step's end."""
@@ -102,7 +92,7 @@ def _turns_into(model, bodies, contacts, solver, sweep):
         before, after = 0.0, 0.0
         for i in range(3):
             before, after = before + V[i] * V[i], after + solver.x[6 * b + i] * solver.x[6 * b + i]
-        fast = fast or 0.5 * h * h * model.radius[b] * max(before, after) > 0.2 * DEEP or _has_rims(model, b)
+        fast = fast or 0.5 * h * h * model.radius[b] * max(before, after) > 0.2 * DEEP or model.has_rims[b]
     if not fast:
         return False
     allowed = 0.0

@@ -164,7 +164,7 @@ class AdjointWork(NamedTuple):
         field: (N, 6), velocities whose contact velocities are the adjoint of the contacts' impulses.
         pull: (N, 6), with respect to velocities before the step, through the share of bounces.
         other: (n,), scratch: derivative of the bodies' gain of energy, pulled through the step's equations.
-        energy: (1,), adjoint of that gain.
+        energy: (1,), adjoint z of that gain; see `adjoint._share_adjoint`.
         frame: (3, 3), lever: (2, 3), scratch of one contact.
         J_e: (nr, 6 nb), bias_e: (nr,), error_e: (nr,), joint rows.
     """
