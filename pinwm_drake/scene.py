@@ -1,7 +1,7 @@
 """The scene of a push as a physics model: the object's mesh, the floor, and the pusher's geometry and motion.
 
 The physics knows bodies by their centre of mass B, captures know objects by the frame O of their mesh. Both have the
-same axes, and the centre of mass is that of a uniform solid, so that X_OB is a constant translation.
+same axes. The centre of mass is that of a uniform solid, plus the `center` of `Parameters`, which is zero by default.
 """
 
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class Scene:
 
     Attributes:
         model: One body, the floor and the pusher; nominal mass 1 kg and the inertia of a uniform solid.
-        p_OB: (3,), centre of mass in O, m.
+        p_OB: (3,), centre of mass of the uniform solid in O, m.
         mesh: The object, frame O, m.
     """
 
@@ -229,9 +229,10 @@ def rollout_poses(
         last = steps * scene.model.time_step
         raise StateError(f"times of a rollout are {after.min():g} to {after.max():g} s; allowed: 0 to {last:g} s")
     V_WP = motion.V_WP if motion.V_WP.ndim == 3 else motion.V_WP[:, None].expand(-1, W, -1)
+    p_OB = scene.p_OB + parameters.center[:, 0]
     start = State(
         q_WB=X_WO.q[:, None],
-        p_WB=transform(X_WO, scene.p_OB.expand(W, 3))[:, None],
+        p_WB=transform(X_WO, p_OB)[:, None],
         V_WB=torch.zeros(W, 1, 6, dtype=torch.float64),
         q_WP=motion.q_WP.expand(W, 4),
         p_WP=motion.p_WP.expand(W, 3),
@@ -241,4 +242,4 @@ def rollout_poses(
     share = (at - low)[:, None, None]
     q = normalize_quaternion(torch.lerp(record.q_WB[low, :, 0], record.q_WB[low + 1, :, 0], share))
     p_WB = torch.lerp(record.p_WB[low, :, 0], record.p_WB[low + 1, :, 0], share)
-    return Pose(q, p_WB - rotate(q, scene.p_OB.expand((*q.shape[:-1], 3))))
+    return Pose(q, p_WB - rotate(q, p_OB.expand((*q.shape[:-1], 3))))

@@ -19,9 +19,9 @@ def collide_bodies(table, body_A, R_WA, p_WA, body_B, R_WB, p_WB, margin, rows, 
 
 
 @entry_point
-def collide_floor(table, body, R_WB, p_WB, floor_height, margin, rows, count):
+def collide_floor(table, body, spread, R_WB, p_WB, floor_height, margin, rows, count):
     """Contacts of a body with the floor; see `floor.collide_floor`."""
-    return _floor(table, body, R_WB, p_WB, floor_height, margin, rows, count)
+    return _floor(table, body, spread, R_WB, p_WB, floor_height, margin, rows, count)
 
 
 @entry_point

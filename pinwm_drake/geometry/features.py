@@ -7,7 +7,7 @@ and witness points, and pulls gradients back to the two poses. One contact is a 
 
 with the A part in body frame A and the B part in body frame B (world frame for the floor), metres:
 
-    POINT   p is a vertex, a sphere's centre or a capsule's end; r its rounding radius
+    POINT   p is a vertex, a sphere's centre or a capsule's end; r its rounding radius; u has no meaning
     LINE    p lies on the line, u is its unit direction; r is the rounding radius (side of a capsule or cylinder)
     PLANE   p lies in the plane, u is its outward unit normal; r is 0, or the radius of a disc about p, and the other
             feature a LINE that passes the disc's rim near its p: the contact is where it crosses the disc's cylinder

@@ -3,7 +3,7 @@
 import math
 
 from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
-from pinwm_drake.geometry.pieces import ANYHOW, CYLINDER, MAX_FLOOR_POINTS, UNLESS_FLAT
+from pinwm_drake.geometry.pieces import ANYHOW, CYLINDER, IF_FLAT, MAX_FLOOR_POINTS, UNLESS_FLAT
 from pinwm_drake.geometry.rows import dot, norm, write_part, xyz
 from pinwm_drake.jit import internal_kernel, large_internal_kernel
 
@@ -30,12 +30,15 @@ _FLAT, _NEARLY_FLAT = 1.0 - 2.0e-6, 0.995
 
 
 @large_internal_kernel
-def collide_floor(table, body, R_WB, p_WB, floor_height, margin, rows, count):
+def collide_floor(table, body, spread, R_WB, p_WB, floor_height, margin, rows, count):
     """Appends the contacts of one body (A) with the floor (B).
+
+    In the row of a fixed point, the x of the unused direction is its number in `table.floor_points`.
 
     Args:
         table: PieceTable.
         body: Index of the body.
+        spread: (3,), factors of the spread of a face's points, see `spread_point`.
         R_WB: (3, 3), its rotation.
         p_WB: (3,), its position, m, world frame.
         floor_height: z of the floor, m, world frame.
@@ -54,11 +57,11 @@ def collide_floor(table, body, R_WB, p_WB, floor_height, margin, rows, count):
         return count
     first = count
     for i in range(table.bodies[body, 1], table.bodies[body + 1, 1]):
-        if _gap(table, i, ux, uy, uz, lift) < margin:
+        if _gap(table, i, spread, ux, uy, uz, lift) < margin:
             if count - first == MAX_FLOOR_POINTS:
-                count = _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, first)
+                count = _reduce(table, body, spread, ux, uy, uz, lift, floor_height, margin, rows, first)
                 break
-            count = _append_point(table, i, floor_height, rows, count)
+            count = _append_point(table, i, spread, floor_height, rows, count)
     for piece in range(table.bodies[body, 0], table.bodies[body + 1, 0]):
         if table.pieces[piece, 0] == CYLINDER:
             count = _append_rims(table, piece, ux, uy, uz, lift, floor_height, margin, rows, count)
@@ -66,7 +69,37 @@ def collide_floor(table, body, R_WB, p_WB, floor_height, margin, rows, count):
 
 
 @internal_kernel
-def _gap(table, i, ux, uy, uz, lift):
+def spread_point(table, i, spread):
+    """Floor point with the pressure on its face spread by factors (3,) along the axes of B: (x, y, z), m.
+
+    A point of a face goes from x to x + P (D - 1) r: D = diag(spread), r is its place about the foot of B's origin on
+    the face, and P projects onto the face. Other points stay.
+    """
+    x, y, z = xyz(table.floor_points, i)
+    if table.floor_owners[i] != IF_FLAT:
+        return x, y, z
+    nx, ny, nz = xyz(table.floor_faces, i)
+    k = dot(nx, ny, nz, x, y, z)
+    ex, ey, ez = (spread[0] - 1.0) * (x - k * nx), (spread[1] - 1.0) * (y - k * ny), (spread[2] - 1.0) * (z - k * nz)
+    k = dot(nx, ny, nz, ex, ey, ez)
+    return x + ex - k * nx, y + ey - k * ny, z + ez - k * nz
+
+
+@internal_kernel
+def spread_adjoint(table, i, gx, gy, gz, bar):
+    """Adjoint of `spread_point`: adds to bar (3,) the gradient by the factors, from that (gx, gy, gz) by the point."""
+    if table.floor_owners[i] != IF_FLAT:
+        return
+    x, y, z = xyz(table.floor_points, i)
+    nx, ny, nz = xyz(table.floor_faces, i)
+    k, g = dot(nx, ny, nz, x, y, z), dot(nx, ny, nz, gx, gy, gz)
+    bar[0] += (x - k * nx) * (gx - g * nx)
+    bar[1] += (y - k * ny) * (gy - g * ny)
+    bar[2] += (z - k * nz) * (gz - g * nz)
+
+
+@internal_kernel
+def _gap(table, i, spread, ux, uy, uz, lift):
     """Gap of one floor point [m]; infinite for one that cannot touch the floor as the body lies."""
     piece = table.floor_owners[i]
     if piece < ANYHOW:
@@ -79,22 +112,22 @@ def _gap(table, i, ux, uy, uz, lift):
         upright = dot(ax, ay, az, ux, uy, uz)
         if 1.0 - upright * upright > _MAX_STANDING_TILT * _MAX_STANDING_TILT:
             return math.inf
-    x, y, z = xyz(table.floor_points, i)
+    x, y, z = spread_point(table, i, spread)
     return dot(ux, uy, uz, x, y, z) + lift - table.floor_points[i, 3]
 
 
 @internal_kernel
-def _append_point(table, i, floor_height, rows, count):
+def _append_point(table, i, spread, floor_height, rows, count):
     if count >= rows.shape[0]:
         return count
-    x, y, z = xyz(table.floor_points, i)
-    write_part(rows, count, 0, _POINT, x, y, z, 0.0, 0.0, 0.0, table.floor_points[i, 3])
+    x, y, z = spread_point(table, i, spread)
+    write_part(rows, count, 0, _POINT, x, y, z, float(i), 0.0, 0.0, table.floor_points[i, 3])
     write_part(rows, count, 8, _PLANE, 0.0, 0.0, floor_height, 0.0, 0.0, 1.0, 0.0)
     return count + 1
 
 
 @internal_kernel
-def _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, count):
+def _reduce(table, body, spread, ux, uy, uz, lift, floor_height, margin, rows, count):
     """Appends the points that are lowest when the body tilts towards eight directions, and the deepest.
 
     It tilts by as much as takes it through the margin, so that the points that a step may bring to the floor are among
@@ -116,7 +149,7 @@ def _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, count):
         rows[first + k, 0], rows[first + k, 1] = -1.0, math.inf
     deepest, depth = -1, math.inf
     for i in range(start, end):
-        gap = _gap(table, i, ux, uy, uz, lift)
+        gap = _gap(table, i, spread, ux, uy, uz, lift)
         if gap >= margin:
             continue
         if gap < depth - _SAME_DEPTH:
@@ -131,22 +164,13 @@ def _reduce(table, body, ux, uy, uz, lift, floor_height, margin, rows, count):
         outermost = int(rows[first + k, 0])
         known = False
         for row in range(first, count):
-            known = known or _is_point(table, outermost, rows, row)
+            known = known or rows[row, 4] == outermost
         if not known:
-            count = _append_point(table, outermost, floor_height, rows, count)
-            lowest_kept = min(lowest_kept, _gap(table, outermost, ux, uy, uz, lift))
+            count = _append_point(table, outermost, spread, floor_height, rows, count)
+            lowest_kept = min(lowest_kept, _gap(table, outermost, spread, ux, uy, uz, lift))
     if depth < lowest_kept - _SAME_DEPTH:
-        count = _append_point(table, deepest, floor_height, rows, count)
+        count = _append_point(table, deepest, spread, floor_height, rows, count)
     return count
-
-
-@internal_kernel
-def _is_point(table, i, rows, row):
-    return (
-        rows[row, 1] == table.floor_points[i, 0]
-        and rows[row, 2] == table.floor_points[i, 1]
-        and rows[row, 3] == table.floor_points[i, 2]
-    )
 
 
 @internal_kernel

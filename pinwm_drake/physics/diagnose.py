@@ -76,7 +76,7 @@ def inspect(
     V = state.p_WP.new_zeros(W, 6) if V_WP is None else V_WP
     check_tensor("V_WP", V, (W, 6))
     values = (
-        parameters.mass, parameters.inertia, parameters.friction, parameters.restitution,
+        *parameters.tensors(),
         state.q_WB, state.p_WB, state.V_WB, state.q_WP, state.p_WP, V,
     )  # fmt: skip
     arrays = [np.ascontiguousarray(value[world].detach().cpu().numpy()) for value in values]

@@ -227,6 +227,7 @@ class Model:
             gravity=np.asarray(self.gravity, float),
             time_step=float(self.time_step),
             pair_index=pair_index,
+            num_pairs=len(self.pair_names),
             radius=np.array([*radius, 0.0, 0.0][: nb + 2]),
             has_rims=np.array([any(piece.kind == CYLINDER for piece in body.pieces) for body in self.bodies]),
             contact_compliance=compliance,

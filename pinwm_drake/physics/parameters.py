@@ -6,6 +6,7 @@ second moment of mass, which covers exactly the inertias of real bodies.
 Source: Rucker and Wensing, "Smooth parameterization of rigid-body inertia", RA-L 2022, for the inertia.
 """
 
+import math
 from dataclasses import dataclass, fields
 
 import torch
@@ -18,6 +19,8 @@ from pinwm_drake.physics.state import check_tensor
 # Bounds within which logarithms and logits stay finite.
 _TINY = 1e-12
 _MOST_FRICTION = 100.0
+_MOST_OFFSET, _MOST_CENTER = 0.05, 1.0  # m
+_LEAST_SPREAD, _MOST_SPREAD = 0.1, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +32,34 @@ class Parameters:
         inertia: (W, nb, 3, 3), about the centre of mass, body frame, kg m^2.
         friction: (W, num_pairs), Coulomb coefficient of each pair, in the order of `Model.pair_names`, up to 100.
         restitution: (W, num_pairs), coefficient of restitution of each pair, in [0, 1].
+        center: (W, nb, 3), centre of mass B in the frame of the pieces (axes of B, origin at the nominal centre), m;
+            zero without it, and in models with joints.
+        spread: (W, nb, 3), factors by which the pressure on a resting face is spread along the axes of B, about the
+            foot of the nominal centre; see `geometry.floor.spread_point`. One without it.
+        offset: (W, num_pairs), gap at which the two of a pair touch, m: how much larger they act than their pieces.
+            Zero without it.
     """
 
     mass: Tensor
     inertia: Tensor
     friction: Tensor
     restitution: Tensor
+    center: Tensor = None  # type: ignore[assignment]  # made in __post_init__
+    spread: Tensor = None  # type: ignore[assignment]
+    offset: Tensor = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        """Gives what was left out its nominal value."""
+        if self.center is None:
+            object.__setattr__(self, "center", self.mass.new_zeros(*self.mass.shape, 3))
+        if self.spread is None:
+            object.__setattr__(self, "spread", self.mass.new_ones(*self.mass.shape, 3))
+        if self.offset is None:
+            object.__setattr__(self, "offset", torch.zeros_like(self.friction))
+
+    def tensors(self) -> tuple[Tensor, ...]:
+        """Fields in their order, the form in which the kernels take them."""
+        return tuple(getattr(self, item.name) for item in fields(self))
 
     @staticmethod
     def nominal(
@@ -82,14 +107,28 @@ class Parameters:
         check_tensor("inertia", self.inertia, (W, nb, 3, 3))
         check_tensor("friction", self.friction, (W, len(pairs)))
         check_tensor("restitution", self.restitution, (W, len(pairs)))
-        for name, upper in (("friction", _MOST_FRICTION), ("restitution", 1.0)):
+        check_tensor("center", self.center, (W, nb, 3))
+        check_tensor("spread", self.spread, (W, nb, 3))
+        check_tensor("offset", self.offset, (W, len(pairs)))
+        ranges = (("friction", 0.0, _MOST_FRICTION), ("restitution", 0.0, 1.0), ("offset", -_MOST_OFFSET, _MOST_OFFSET))
+        for name, lower, upper in ranges:
             values = getattr(self, name).detach()
-            bad = torch.nonzero((values < 0.0) | (values > upper))
+            bad = torch.nonzero((values < lower) | (values > upper))
             if len(bad):
                 world, pair = (int(i) for i in bad[0])
-                limit = f"from 0 to {upper:g}"
+                limit = f"from {lower:g} to {upper:g}"
                 raise ParameterError(
                     f"{name} of {pairs[pair]!r} in world {world} is {float(values[world, pair])}; allowed: {limit}"
+                )
+        most = 0.0 if model.joints else _MOST_CENTER
+        for name, lower, upper in (("center", -most, most), ("spread", _LEAST_SPREAD, _MOST_SPREAD)):
+            values = getattr(self, name).detach()
+            bad = torch.nonzero((values < lower) | (values > upper))
+            if len(bad):
+                world, body, axis = (int(i) for i in bad[0])
+                raise ParameterError(
+                    f"{name} of {model.bodies[body].name!r} along axis {axis} in world {world} is "
+                    f"{float(values[world, body, axis])}; allowed: from {lower:g} to {upper:g}"
                 )
         moments = torch.linalg.eigvalsh(self.inertia.detach())
         mass = self.mass.detach()
@@ -103,22 +142,21 @@ class Parameters:
 
     def detach(self) -> "Parameters":
         """Parameters with the same numbers, cut from the graph that autograd keeps."""
-        return Parameters(*(getattr(self, item.name).detach() for item in fields(self)))
+        return Parameters(*(tensor.detach() for tensor in self.tensors()))
 
     def to(self, device: torch.device | str) -> "Parameters":
         """Copy of the parameters on another device."""
-        return Parameters(*(getattr(self, item.name).to(device) for item in fields(self)))
+        return Parameters(*(tensor.to(device) for tensor in self.tensors()))
 
     def expand(self, num_worlds: int) -> "Parameters":
         """Parameters of one world, repeated for `num_worlds` worlds."""
-        return Parameters(
-            *(getattr(self, item.name).expand(num_worlds, *getattr(self, item.name).shape[1:]) for item in fields(self))
-        )
+        return Parameters(*(tensor.expand(num_worlds, *tensor.shape[1:]) for tensor in self.tensors()))
 
     def unconstrained(self) -> dict[str, Tensor]:
         """Unbounded tensors of theta, by name.
 
-        They are log_mass (W, nb), log_cholesky (W, nb, 6), log_friction and logit_restitution (W, num_pairs).
+        They are log_mass (W, nb), log_cholesky (W, nb, 6), log_friction and logit_restitution (W, num_pairs), and the
+        inverse hyperbolic tangents, over their bounds, of center, the logarithm of spread (W, nb, 3), and offset.
         The six numbers are the logarithms of the diagonal of the Cholesky factor L of the second moment
         Sigma / mass = L L', then its entries 21, 31, 32 over the diagonal's mean. Coefficients are kept 1e-12 away
         from where the logarithm ends.
@@ -133,6 +171,9 @@ class Parameters:
             "log_cholesky": torch.cat([diagonal.log(), lower], -1),
             "log_friction": self.friction.clamp_min(_TINY).log(),
             "logit_restitution": self.restitution.clamp(_TINY, 1.0 - _TINY).logit(),
+            "atanh_center": _bounded(self.center / _MOST_CENTER),
+            "atanh_spread": _bounded(self.spread.log() / math.log(_MOST_SPREAD)),
+            "atanh_offset": _bounded(self.offset / _MOST_OFFSET),
         }
 
     @staticmethod
@@ -158,4 +199,12 @@ class Parameters:
             inertia=trace * eye - moment,
             friction=values["log_friction"].exp(),
             restitution=values["logit_restitution"].sigmoid(),
+            center=_MOST_CENTER * values["atanh_center"].tanh(),
+            spread=(math.log(_MOST_SPREAD) * values["atanh_spread"].tanh()).exp(),
+            offset=_MOST_OFFSET * values["atanh_offset"].tanh(),
         )
+
+
+def _bounded(share: Tensor) -> Tensor:
+    """Inverse hyperbolic tangent, kept away from where it ends."""
+    return share.clamp(_TINY - 1.0, 1.0 - _TINY).atanh()

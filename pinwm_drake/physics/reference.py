@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.errors import SolverError
-from pinwm_drake.geometry.features_torch import contacts_from_features, tangent_frames
+from pinwm_drake.geometry.features_torch import POINT, contacts_from_features, tangent_frames
+from pinwm_drake.geometry.pieces import IF_FLAT
 from pinwm_drake.physics.cone import ContactProblem, solve
 from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, LINEAR
 from pinwm_drake.physics.kernels.detect import FADE, LEAST_REBOUND
@@ -61,7 +62,7 @@ def _skew(v: Tensor) -> Tensor:
     )
 
 
-def find_contacts(model: Model, state: State, R: Tensor, V_WP: Tensor) -> Contacts:
+def find_contacts(model: Model, parameters: Parameters, state: State, R: Tensor, V_WP: Tensor) -> Contacts:
     """Selects features on the CPU and computes their geometry in torch.
 
     Args:
@@ -74,7 +75,17 @@ def find_contacts(model: Model, state: State, R: Tensor, V_WP: Tensor) -> Contac
     W, nb = state.num_worlds, model.num_bodies
     host = [
         tensor.detach().cpu().contiguous().numpy()
-        for tensor in (state.q_WB, state.p_WB, state.V_WB, state.q_WP, state.p_WP, V_WP)
+        for tensor in (
+            parameters.center,
+            parameters.spread,
+            parameters.offset,
+            state.q_WB,
+            state.p_WB,
+            state.V_WB,
+            state.q_WP,
+            state.p_WP,
+            V_WP,
+        )
     ]
     count, rows, body, pair = select_worlds(model.arrays, *host, model.contact_rows)
     if int(count.max()) > model.max_contacts:
@@ -89,10 +100,13 @@ def find_contacts(model: Model, state: State, R: Tensor, V_WP: Tensor) -> Contac
     rows_t = torch.where(valid[..., None], rows_t, harmless)
     body_t = torch.where(valid[..., None], body_t, torch.tensor([0, nb + 1], device=device))
     world = torch.arange(W, device=device)[:, None]
+    pair_t = torch.from_numpy(pair[:, :C].copy()).to(device)
+    rows_t = _placed(model, parameters, rows_t, body_t, valid, world)
     zero = torch.zeros(W, 1, 3, dtype=R.dtype, device=device)
     p = torch.cat([state.p_WB, state.p_WP[:, None], zero], 1)
     A, B = body_t[..., 0], body_t[..., 1]
     gap, n, a, b = contacts_from_features(rows_t, R[world, A], p[world, A], R[world, B], p[world, B])
+    gap = gap - torch.gather(parameters.offset, 1, pair_t)
     frame = tangent_frames(n)
     point = 0.5 * (a + b)
     J_all = torch.zeros(W, C, nb + 2, 3, 6, dtype=R.dtype, device=device)
@@ -101,7 +115,27 @@ def find_contacts(model: Model, state: State, R: Tensor, V_WP: Tensor) -> Contac
         block = sign * torch.cat([-frame @ _skew(lever), frame], -1)
         J_all = J_all + torch.nn.functional.one_hot(side, nb + 2).to(R.dtype)[..., None, None] * block[:, :, None]
     J = J_all[:, :, :nb].movedim(2, 3).flatten(-2)
-    return Contacts(valid, body_t, torch.from_numpy(pair[:, :C].copy()).to(device), gap, frame, J, J_all[:, :, nb])
+    return Contacts(valid, body_t, pair_t, gap, frame, J, J_all[:, :, nb])
+
+
+def _placed(model: Model, parameters: Parameters, rows: Tensor, body: Tensor, valid: Tensor, world: Tensor) -> Tensor:
+    """Rows (W, C, 16) whose points follow centres of mass and spreads of pressure, as far as derivatives go."""
+    nb, table = model.num_bodies, model.arrays.table
+
+    def constant(values: np.ndarray) -> Tensor:
+        return torch.as_tensor(values, device=rows.device)
+
+    still = rows.new_zeros(len(rows), 2, 3)
+    center = torch.cat([parameters.center - parameters.center.detach(), still], 1)
+    change = torch.cat([parameters.spread - parameters.spread.detach(), still], 1)[world, body[..., 0]]
+    fixed = valid & (body[..., 1] == nb + 1) & (rows[..., 0] == POINT)
+    number = torch.where(fixed, rows[..., 4], torch.zeros_like(rows[..., 4])).long()
+    fixed = fixed & (constant(table.floor_owners)[number] == IF_FLAT)
+    n, x = constant(table.floor_faces)[number], constant(table.floor_points)[number][..., :3]
+    moved = change * (x - n * (n * x).sum(-1, keepdim=True))
+    moved = torch.where(fixed[..., None], moved - n * (n * moved).sum(-1, keepdim=True), torch.zeros_like(moved))
+    A, B = rows[..., 1:4] - center[world, body[..., 0]] + moved, rows[..., 9:12] - center[world, body[..., 1]]
+    return torch.cat([rows[..., :1], A, rows[..., 4:9], B, rows[..., 12:]], -1)
 
 
 def joint_rows(model: Model, state: State, R: Tensor, V_WP: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -194,7 +228,7 @@ def build_problem(
         M[:, 6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = parameters.mass[:, b, None, None] * R[:, -1]
     momentum = (M @ free[..., None])[..., 0]
 
-    contacts = find_contacts(model, state, R, V_WP)
+    contacts = find_contacts(model, parameters, state, R, V_WP)
     valid = contacts.valid
     bias = (contacts.J_P @ V_WP[:, None, :, None])[..., 0]
     approach = (contacts.J[:, :, 0] @ state.V_WB.flatten(1)[..., None])[..., 0] + bias[..., 0]

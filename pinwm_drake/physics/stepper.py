@@ -118,10 +118,7 @@ class Stepper:
 
             return rollout_reference(self.model, parameters, state, V_WP, record_every)
         inputs = (
-            parameters.mass,
-            parameters.inertia,
-            parameters.friction,
-            parameters.restitution,
+            *parameters.tensors(),
             state.q_WB,
             state.p_WB,
             state.V_WB,
@@ -142,7 +139,7 @@ class Stepper:
         takes longer than a step of one world.
 
         Args:
-            theta: mass (W, nb), inertia (W, nb, 3, 3), friction and restitution (W, num_pairs), as in `Parameters`.
+            theta: the arrays of `Parameters.tensors`.
             state: q_WB (W, nb, 4), p_WB (W, nb, 3), V_WB (W, nb, 6), q_WP (W, 4), p_WP (W, 3), as in `State`.
             V_WP: (T, W, 6), spatial velocity of the pusher in each step, [rad/s; m/s], world frame.
             All float64 and contiguous.
@@ -225,7 +222,7 @@ class _Rollout(torch.autograd.Function):
     def forward(ctx: Any, stepper: Stepper, record_every: int, hold: bool, *inputs: Tensor) -> tuple[Tensor, ...]:
         arrays = tuple(_array(tensor) for tensor in inputs)
         needed = any(ctx.needs_input_grad)
-        *_, frames, saved = stepper._roll(arrays[:4], arrays[4:9], arrays[9], record_every, needed, hold)
+        *_, frames, saved = stepper._roll(arrays[:7], arrays[7:12], arrays[12], record_every, needed, hold)
         outputs = tuple(torch.from_numpy(array) for array in frames[:5])
         jams, lagged = (torch.from_numpy(row) for row in frames[5][1:])
         failed = torch.from_numpy(frames[5][0] < 0)
@@ -239,7 +236,7 @@ class _Rollout(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         arrays = tuple(_array(tensor) for tensor in ctx.saved_tensors)
-        parameters, V_P, states = arrays[:4], arrays[9], arrays[10:]
+        parameters, V_P, states = arrays[:7], arrays[12], arrays[13:]
         frames = (*states, np.zeros((3, V_P.shape[1]), np.int64))
         arguments = (ctx.stepper.model.arrays, parameters, V_P, ctx.record_every, frames, ctx.kept)
         frame_bars = tuple(_array(gradient) for gradient in gradients[:5])

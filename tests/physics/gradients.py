@@ -17,7 +17,7 @@ def rollout_loss(stepper, inputs, cotangents, record_every):
     unit = {n: inputs[n] / inputs[n].norm(dim=-1, keepdim=True) for n in ("q_WB", "q_WP")}
     inertia = 0.5 * (inputs["inertia"] + inputs["inertia"].mT)
     frames = stepper.rollout(
-        Parameters(inputs["mass"], inertia, inputs["friction"], inputs["restitution"]),
+        Parameters(**{n: inertia if n == "inertia" else inputs[n] for n in Parameters.__dataclass_fields__}),
         State(unit["q_WB"], inputs["p_WB"], inputs["V_WB"], unit["q_WP"], inputs["p_WP"]),
         inputs["V_WP"],
         record_every=record_every,

@@ -10,7 +10,8 @@ Source: Amos and Kolter (2017), "OptNet", eq. 7-8; de Avila Belbute-Peres et al.
 
 import math
 
-from pinwm_drake.geometry.features import contact_adjoint, tangents_adjoint
+from pinwm_drake.geometry.features import POINT, contact_adjoint, tangents_adjoint
+from pinwm_drake.geometry.floor import spread_adjoint
 from pinwm_drake.jit import kernel, part_of_kernel, small_kernel
 from pinwm_drake.physics.kernels.adjoint_joints import joints_adjoint
 from pinwm_drake.physics.kernels.cone import (
@@ -118,8 +119,8 @@ def _pose_update_adjoint(model, bodies, solver, adjoint, moved):
 
 
 @small_kernel
-def _frame_to_pose(c, bodies, contacts, adjoint, gap_bar):
-    """Adjoint of contact c's geometry: from adjoint.frame, adjoint.lever and gap_bar to the poses of the two bodies."""
+def _frame_to_pose(model, c, bodies, contacts, adjoint, gap_bar):
+    """Adjoint of contact c's geometry: adjoint.frame, adjoint.lever and gap_bar to poses and shapes of its bodies."""
     A, B = contacts.body[c, 0], contacts.body[c, 1]
     frame, lever = adjoint.frame, adjoint.lever
     n = contacts.frame[c, 0]
@@ -128,6 +129,9 @@ def _frame_to_pose(c, bodies, contacts, adjoint, gap_bar):
     c_bar = (lever[0, 0] + lever[1, 0], lever[0, 1] + lever[1, 1], lever[0, 2] + lever[1, 2])
     _add(adjoint.pose[A], 3, -1.0, lever[0])
     _add(adjoint.pose[B], 3, -1.0, lever[1])
+    moved = adjoint.moved
+    for i in range(3):
+        moved[0, i], moved[1, i] = -adjoint.pose[A, 3 + i], -adjoint.pose[B, 3 + i]
     contact_adjoint(
         contacts.rows[c],
         bodies.R[A],
@@ -137,17 +141,29 @@ def _frame_to_pose(c, bodies, contacts, adjoint, gap_bar):
         n,
         contacts.witness[c, 0],
         contacts.witness[c, 1],
-        contacts.gap[c],
+        contacts.gap[c] + bodies.offset[contacts.pair[c]],
         n_bar,
         c_bar,
         gap_bar,
         adjoint.pose[A],
         adjoint.pose[B],
     )
+    # A feature moves in its body as it moves with it.
+    adjoint.offset[contacts.pair[c]] -= gap_bar
+    for side in range(2):
+        body = contacts.body[c, side]
+        if contacts.dynamic[c, side] < 0:
+            continue
+        for i in range(3):
+            moved[side, i] += adjoint.pose[body, 3 + i]
+        g = _multiply_transposed(bodies.R[body], moved[side])
+        _add(adjoint.center[body], 0, -1.0, g)
+        if model.num_bodies + 1 == B and int(contacts.rows[c, 0]) == POINT:
+            spread_adjoint(model.table, int(contacts.rows[c, 4]), g[0], g[1], g[2], adjoint.spread[body])
 
 
 @kernel
-def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
+def _stabilisation_adjoint(model, bodies, contacts, system, solver, adjoint):
     """Adjoint of the position correction; adjoint.y holds delta's gradient on entry."""
     y, delta = adjoint.y, solver.delta
     lu_solve(6 * system.num_bodies, solver.S_delta, solver.pivot_delta, y)
@@ -183,7 +199,7 @@ def _stabilisation_adjoint(bodies, contacts, system, solver, adjoint):
             _add(adjoint.frame[0], 0, 1.0, v)
             _add(adjoint.frame[0], 0, 1.0, _cross(w, contacts.lever[c, side]))
             _add(adjoint.lever[side], 0, 1.0, _cross(n, w))
-        _frame_to_pose(c, bodies, contacts, adjoint, gap_bar)
+        _frame_to_pose(model, c, bodies, contacts, adjoint, gap_bar)
     for r in range(system.num_rows):
         Jy, Jd = 0.0, 0.0
         for i in range(6 * system.num_bodies):
@@ -352,7 +368,7 @@ def _contact_rows_adjoint(
         _add(adjoint.before[A], 3, a, n)
         _add(adjoint.before[B], 0, -a, _cross(r_B, n))
         _add(adjoint.before[B], 3, -a, n)
-    _frame_to_pose(c, bodies, contacts, adjoint, gap_bar)
+    _frame_to_pose(model, c, bodies, contacts, adjoint, gap_bar)
 
 
 @small_kernel
@@ -434,7 +450,7 @@ def step_adjoint(
     moved = stabilise(model, contacts, system, solver)
     _pose_update_adjoint(model, bodies, solver, adjoint, moved)
     if moved:
-        _stabilisation_adjoint(bodies, contacts, system, solver, adjoint)
+        _stabilisation_adjoint(model, bodies, contacts, system, solver, adjoint)
     for b in range(nb):
         for i in range(6):
             adjoint.y[6 * b + i] = adjoint.V[b, i]

@@ -26,6 +26,7 @@ class ModelArrays(NamedTuple):
         time_step: h, s; see `step.py` for shorter ones.
         pair_index: (num_bodies, num_bodies + 2), row of the pair tables for bodies A and B, or -1; the column after
             the last dynamic body is the pusher, the last one the world.
+        num_pairs: rows of the pair tables.
         radius: (num_bodies + 1,), m, of a sphere about each body's origin that holds it; the pusher's last.
         has_rims: (num_bodies,), whether a piece is a cylinder: the lowest point of a rim runs around it, however slowly
             the body turns.
@@ -49,6 +50,7 @@ class ModelArrays(NamedTuple):
     gravity: np.ndarray
     time_step: float
     pair_index: np.ndarray
+    num_pairs: int
     radius: np.ndarray
     has_rims: np.ndarray
     contact_compliance: float

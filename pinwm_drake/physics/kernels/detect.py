@@ -25,6 +25,14 @@ def _speed_bound(model, bodies, b):
     )
 
 
+@small_kernel
+def place_pieces(model, center, R, p, place):
+    """Writes the origins of the pieces' frames into place (N, 3), from poses (R, p) of the bodies, m."""
+    for b in range(model.num_bodies + model.num_kinematic):
+        for i in range(3):
+            place[b, i] = p[b, i] - (R[b, i, 0] * center[b, 0] + R[b, i, 1] * center[b, 1] + R[b, i, 2] * center[b, 2])
+
+
 @part_of_kernel
 def select_features(model, bodies, contacts):
     """Runs the narrow phase on all pairs; fills contacts.rows, body, dynamic, pair and count."""
@@ -33,6 +41,7 @@ def select_features(model, bodies, contacts):
     g = model.gravity
     fall = h * math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
     count = 0
+    place_pieces(model, bodies.center, bodies.R, bodies.p, bodies.place)
     for A in range(nb):
         speed_A, hit = _speed_bound(model, bodies, A) + fall, 0.0
         for B in range(A + 1, nb + 2):
@@ -42,21 +51,29 @@ def select_features(model, bodies, contacts):
             first = count
             if nb + 1 == B:
                 # A body that lands on one end may come down twice as fast with the other.
-                margin = model.margin + h * (2.0 * speed_A + hit)
+                margin = model.margin + h * (2.0 * speed_A + hit) + max(bodies.offset[pair], 0.0)
                 count = collide_floor(
-                    model.table, A, bodies.R[A], bodies.p[A], model.floor_height, margin, contacts.rows, count
+                    model.table,
+                    A,
+                    bodies.spread[A],
+                    bodies.R[A],
+                    bodies.place[A],
+                    model.floor_height,
+                    margin,
+                    contacts.rows,
+                    count,
                 )
             else:
                 speed_B = _speed_bound(model, bodies, B) + (fall if nb > B else 0.0)
-                margin = model.margin + h * (speed_A + speed_B)
+                margin = model.margin + h * (speed_A + speed_B) + max(bodies.offset[pair], 0.0)
                 count = collide_bodies(
                     model.table,
                     A,
                     bodies.R[A],
-                    bodies.p[A],
+                    bodies.place[A],
                     B,
                     bodies.R[B],
-                    bodies.p[B],
+                    bodies.place[B],
                     margin,
                     contacts.rows,
                     count,
@@ -70,6 +87,10 @@ def select_features(model, bodies, contacts):
                 contacts.dynamic[c, 0] = A
                 contacts.dynamic[c, 1] = B if nb > B else -1
                 contacts.pair[c] = pair
+                # From the pieces' frame to B, whose origin is the centre of mass.
+                for i in range(3):
+                    contacts.rows[c, 1 + i] -= bodies.center[A, i]
+                    contacts.rows[c, 9 + i] -= bodies.center[B, i]
     contacts.number[0] = count
 
 
@@ -113,6 +134,7 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
         gap = contact_from_features(
             contacts.rows[c], bodies.R[A], bodies.p[A], bodies.R[B], bodies.p[B], frame[0], a, b
         )
+        gap -= bodies.offset[contacts.pair[c]]
         contacts.gap[c] = gap
         t1x, t1y, t1z, t2x, t2y, t2z = tangents(frame[0, 0], frame[0, 1], frame[0, 2])
         frame[1, 0], frame[1, 1], frame[1, 2] = t1x, t1y, t1z

@@ -14,6 +14,7 @@ from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_flo
 from pinwm_drake.geometry.features import contact_from_features
 from pinwm_drake.jit import kernel, large_kernel, part_of_kernel
 from pinwm_drake.physics.kernels.cone import OPEN
+from pinwm_drake.physics.kernels.detect import place_pieces
 from pinwm_drake.physics.kernels.dynamics import integrate_quaternion, rotation_from_quaternion
 
 # Bodies that were nearer than this before the step, m, were in contact, whatever they do.
@@ -29,7 +30,7 @@ _OPEN = 1.0
 
 @large_kernel
 def _move(model, bodies, solver, sweep, share):
-    """Poses of all bodies after a share of the step, by the velocities found."""
+    """Poses of all pieces' frames after a share of the step, by the velocities found."""
     nb, h = model.num_bodies, share * bodies.time_step[0]
     for b in range(nb + model.num_kinematic):
         V = sweep.V[b]
@@ -42,17 +43,20 @@ def _move(model, bodies, solver, sweep, share):
         rotation_from_quaternion(q, sweep.R[b])
         for i in range(3):
             sweep.p[b, i] = bodies.p[b, i] + h * V[3 + i]
+    place_pieces(model, bodies.center, sweep.R, sweep.p, sweep.p)
 
 
 @large_kernel
-def _nearest(model, sweep, A, B):
+def _nearest(model, bodies, sweep, A, B):
     """Smallest gap of two bodies at the poses of the sweep, m; TOUCHING where they are farther apart."""
+    offset = bodies.offset[model.pair_index[A, B]]
+    near = TOUCHING + max(offset, 0.0)
     if model.num_bodies + 1 == B:
-        found = collide_floor(model.table, A, sweep.R[A], sweep.p[A], model.floor_height, TOUCHING, sweep.rows, 0)
-    else:
-        found = collide_bodies(
-            model.table, A, sweep.R[A], sweep.p[A], B, sweep.R[B], sweep.p[B], TOUCHING, sweep.rows, 0
+        found = collide_floor(
+            model.table, A, bodies.spread[A], sweep.R[A], sweep.p[A], model.floor_height, near, sweep.rows, 0
         )
+    else:
+        found = collide_bodies(model.table, A, sweep.R[A], sweep.p[A], B, sweep.R[B], sweep.p[B], near, sweep.rows, 0)
     least = TOUCHING
     for c in range(found):
         gap = contact_from_features(
@@ -65,7 +69,7 @@ def _nearest(model, sweep, A, B):
             sweep.point[1],
             sweep.point[2],
         )
-        least = min(least, gap)
+        least = min(least, gap - offset)
     return least
 
 
@@ -77,7 +81,7 @@ def gap_after(model, bodies, solver, sweep):
     for A in range(model.num_bodies):
         for B in range(A + 1, model.num_bodies + 2):
             if model.pair_index[A, B] >= 0:
-                least = min(least, _nearest(model, sweep, A, B))
+                least = min(least, _nearest(model, bodies, sweep, A, B))
     return least
 
 
@@ -99,7 +103,7 @@ def leave_out_ghosts(model, bodies, contacts, solver, sweep):
         if not moved:
             _move(model, bodies, solver, sweep, 1.0)
             moved = True
-        if _nearest(model, sweep, A, B) >= TOUCHING:
+        if _nearest(model, bodies, sweep, A, B) >= TOUCHING:
             sweep.out[c] = 1
             number += 1
     if number > 0:
@@ -129,7 +133,8 @@ def take_back_hits(model, bodies, contacts, solver, sweep):
     for look in range(1, looks + 1):
         _move(model, bodies, solver, sweep, look / looks)
         for c in range(contacts.number[0]):
-            if sweep.out[c] != 0 and _nearest(model, sweep, contacts.body[c, 0], contacts.body[c, 1]) < -TOUCHING:
+            A, B = contacts.body[c, 0], contacts.body[c, 1]
+            if sweep.out[c] != 0 and _nearest(model, bodies, sweep, A, B) < -TOUCHING:
                 sweep.out[c] = 0
                 number += 1
     return number

@@ -7,7 +7,7 @@ from pinwm_drake.physics.kernels.workspace import make_workspace
 
 
 @entry_point
-def inspect_step(model, mass, inertia, friction, restitution, q, p, V, q_P, p_P, V_P, limit):
+def inspect_step(model, mass, inertia, friction, restitution, center, spread, offset, q, p, V, q_P, p_P, V_P, limit):
     """Builds and solves one step from a state of one world; see `diagnose.inspect`.
 
     Returns:
@@ -15,7 +15,10 @@ def inspect_step(model, mass, inertia, friction, restitution, q, p, V, q_P, p_P,
     """
     bodies, contacts, system, solver, sweep = make_workspace(model, limit)
     nb = model.num_bodies
+    bodies.offset[:] = offset
     for b in range(nb):
+        bodies.center[b] = center[b]
+        bodies.spread[b] = spread[b]
         bodies.q[b] = q[b]
         bodies.p[b] = p[b]
         bodies.V[b] = V[b]

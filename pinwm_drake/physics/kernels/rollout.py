@@ -51,6 +51,17 @@ def _store(bodies, nb, has_pusher, states, t, w):
 
 
 @kernel
+def _load_geometry(model, bodies, parameters, w):
+    """Geometry of world w: centres of mass, spreads of pressure and offsets."""
+    for b in range(model.num_bodies):
+        for i in range(3):
+            bodies.center[b, i] = parameters[4][w, b, i]
+            bodies.spread[b, i] = parameters[5][w, b, i]
+    for k in range(model.num_pairs):
+        bodies.offset[k] = parameters[6][w, k]
+
+
+@kernel
 def _drive(bodies, nb, V_P, t, w):
     for i in range(6):
         bodies.V[nb, i] = V_P[t, w, i]
@@ -84,14 +95,14 @@ def _load_solution(bodies, contacts, solver, nb, states, saved, s, w):
 
 @kernel
 def _forward_world(w, model, parameters, V_P, record_every, frames, saved, work):
-    mass, inertia, friction, restitution = parameters
-    mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
+    mass, inertia, friction, restitution = parameters[0][w], parameters[1][w], parameters[2][w], parameters[3][w]
     status, jams, lagged = frames[5][0], frames[5][1], frames[5][2]
     states, saved_states = frames[:5], saved[:5]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
     slots, limit = saved[5].shape[0], saved[5].shape[2]
     bodies, contacts, system, solver, sweep = work
+    _load_geometry(model, bodies, parameters, w)
     _load(bodies, nb, has_pusher, states, 0, w)
     total, slot = 0, 0
     for t in range(V_P.shape[0]):
@@ -181,17 +192,16 @@ def _quaternion_gradient(theta_bar, q, q_bar):
 
 @kernel
 def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars, work, adjoint):
-    mass, inertia, friction, restitution = parameters
-    mass, inertia, friction, restitution = mass[w], inertia[w], friction[w], restitution[w]
+    mass, inertia, friction, restitution = parameters[0][w], parameters[1][w], parameters[2][w], parameters[3][w]
     status, steps, slots = frames[5][0], saved[8], saved[9]
     states, saved_states = frames[:5], saved[:5]
     q, q_P = frames[0], frames[3]
-    mass_bar, inertia_bar, friction_bar, restitution_bar, q0_bar, p0_bar, V0_bar, q_P0_bar, p_P0_bar, V_P_bar = bars
-    mass_bar, inertia_bar = mass_bar[w], inertia_bar[w]
-    friction_bar, restitution_bar = friction_bar[w], restitution_bar[w]
+    mass_bar, inertia_bar, friction_bar, restitution_bar = bars[0][w], bars[1][w], bars[2][w], bars[3][w]
+    q0_bar, p0_bar, V0_bar, q_P0_bar, p_P0_bar, V_P_bar = bars[7:]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
     bodies, contacts, system, solver, _ = work
+    _load_geometry(model, bodies, parameters, w)
     after = V_P.shape[0]
     for s in range(slots[w] - 1, -1, -1):
         t = steps[s, w]
@@ -224,7 +234,12 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
         if has_pusher:
             _take_pusher_gradient(adjoint, nb, V_P_bar, t, w)
     _frame_gradient(adjoint, nb, has_pusher, states, frame_bars, 0, w)
+    for k in range(model.num_pairs):
+        bars[6][w, k] = adjoint.offset[k]
     for b in range(nb):
+        for i in range(3):
+            bars[4][w, b, i] = adjoint.center[b, i]
+            bars[5][w, b, i] = adjoint.spread[b, i]
         _quaternion_gradient(adjoint.pose[b], q[0, w, b], q0_bar[w, b])
         for i in range(3):
             p0_bar[w, b, i] = adjoint.pose[b, 3 + i]
@@ -242,7 +257,8 @@ def rollout_forward(model, parameters, V_P, record_every, frames, saved, first, 
 
     Args:
         model: ModelArrays.
-        parameters: mass (W, nb), inertia (W, nb, 3, 3), friction and restitution (W, num_pairs).
+        parameters: mass (W, nb), inertia (W, nb, 3, 3), friction and restitution (W, num_pairs), center and spread
+            (W, nb, 3), offset (W, num_pairs).
         V_P: (T, W, 6), pusher velocities.
         record_every: steps between frames.
         frames: from `allocate_frames`, written from frame 1 on.

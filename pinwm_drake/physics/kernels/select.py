@@ -9,11 +9,12 @@ from pinwm_drake.physics.kernels.workspace import make_workspace
 
 
 @entry_point
-def select_worlds(model, q, p, V, q_P, p_P, V_P, limit):
+def select_worlds(model, center, spread, offset, q, p, V, q_P, p_P, V_P, limit):
     """Feature pairs of all worlds, padded to `limit` contacts.
 
     Args:
         model: ModelArrays.
+        center, spread, offset: (W, nb, 3), (W, nb, 3), (W, num_pairs), as in `Parameters`.
         q, p, V: (W, nb, 4 | 3 | 6), states.
         q_P, p_P, V_P: (W, 4 | 3 | 6), the pusher.
         limit: contacts of a world at the most.
@@ -29,7 +30,10 @@ def select_worlds(model, q, p, V, q_P, p_P, V_P, limit):
     pair = np.zeros((W, limit), np.int64)
     bodies, contacts, _, _, _ = make_workspace(model, limit)
     for w in range(W):
+        bodies.offset[:] = offset[w]
         for b in range(nb):
+            bodies.center[b] = center[w, b]
+            bodies.spread[b] = spread[w, b]
             bodies.p[b] = p[w, b]
             bodies.V[b] = V[w, b]
             rotation_from_quaternion(q[w, b], bodies.R[b])

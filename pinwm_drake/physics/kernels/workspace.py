@@ -18,6 +18,10 @@ class BodyWork(NamedTuple):
         V: (N, 6), V_WB, [rad/s; m/s].
         V_body: (nb, 3), angular velocity after the gyroscopic step, body frame, rad/s.
         time_step: (1,), s, the model's, or a part of it; see `step.py`.
+        center: (N, 3), centre of mass B in the frame of the pieces, m; 0 for the pusher and the world.
+        place: (N, 3), origin of that frame, world frame, m.
+        spread: (nb, 3), factors of the pressure's spread along the axes of B.
+        offset: (num_pairs,), gap at which a pair touches, m.
     """
 
     q: np.ndarray
@@ -26,6 +30,10 @@ class BodyWork(NamedTuple):
     V: np.ndarray
     V_body: np.ndarray
     time_step: np.ndarray
+    center: np.ndarray
+    place: np.ndarray
+    spread: np.ndarray
+    offset: np.ndarray
 
 
 class ContactWork(NamedTuple):
@@ -167,6 +175,8 @@ class AdjointWork(NamedTuple):
         energy: (1,), adjoint z of that gain; see `adjoint._share_adjoint`.
         frame: (3, 3), lever: (2, 3), scratch of one contact.
         J_e: (nr, 6 nb), bias_e: (nr,), error_e: (nr,), joint rows.
+        center: (nb, 3), spread: (nb, 3), offset: (num_pairs,), with respect to these of BodyWork.
+        moved: (2, 3), scratch: what a contact's geometry adds to the gradient by the places of its two bodies.
     """
 
     pose: np.ndarray
@@ -182,6 +192,10 @@ class AdjointWork(NamedTuple):
     J_e: np.ndarray
     bias_e: np.ndarray
     error_e: np.ndarray
+    center: np.ndarray
+    spread: np.ndarray
+    offset: np.ndarray
+    moved: np.ndarray
 
 
 @allocating_kernel
@@ -203,6 +217,10 @@ def make_adjoint_work(model):
         np.zeros((nr, 6 * nb)),
         np.zeros(nr),
         np.zeros(nr),
+        np.zeros((nb, 3)),
+        np.zeros((nb, 3)),
+        np.zeros(model.num_pairs),
+        np.zeros((2, 3)),
     )
 
 
@@ -221,6 +239,10 @@ def make_workspace(model, max_contacts):
         np.zeros((total, 6)),
         np.zeros((nb, 3)),
         np.full(1, model.time_step),
+        np.zeros((total, 3)),
+        np.zeros((total, 3)),
+        np.ones((nb, 3)),
+        np.zeros(model.num_pairs),
     )
     bodies.q[:, 0] = 1.0
     for b in range(total):

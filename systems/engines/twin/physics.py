@@ -19,7 +19,7 @@ class WorldPhysics:
     """Physics of W worlds of a twin; without state of its own, so that the same input gives the same output.
 
     An object's state (13) is q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s] at O, in the world frame; pushers do not
-    turn. `theta` is mass (W, 1), inertia (W, 1, 3, 3), friction (W, 2) and restitution (W, 2), float64, checked.
+    turn. `theta` are the tensors of `Parameters` as arrays, float64, checked.
 
     Attributes:
         scene: The twin's physics model.
@@ -44,7 +44,6 @@ class WorldPhysics:
         self.retries = 0
         self._nominal = twin_parameters(twin, self.scene)
         self._p_OB = self.scene.p_OB.numpy()
-        self._offset = bool(np.abs(self._p_OB).max() > 1e-12)
         self._steppers = [Stepper(self.scene.model, num_threads=num_threads)]
 
     def parameters(self, num_worlds: int) -> Parameters:
@@ -77,7 +76,7 @@ class WorldPhysics:
         V_WP = np.zeros((self.steps << halving, len(state), 6))
         V_WP[:, :, 3:] = v_WP
         try:
-            q, p, V, _, p_P = self._stepper(halving).advance(theta, self._at_B(state, p_WP), V_WP)
+            q, p, V, _, p_P = self._stepper(halving).advance(theta, self._at_B(theta[4], state, p_WP), V_WP)
         except SolverError as error:
             if halving == _HALVINGS:
                 raise
@@ -95,12 +94,16 @@ class WorldPhysics:
                         raise SolverError(f"{last} (worlds {worlds} of all)", worlds=worlds) from last
             return after, p_WP_after
         after = np.concatenate([q[:, 0], p[:, 0], V[:, 0]], axis=1)
-        return (_moved(after, -self._p_OB) if self._offset else after), p_P
+        return self._moved(after, theta[4], -1.0), p_P
 
-    def _at_B(self, state: np.ndarray, p_WP: np.ndarray) -> Arrays:
+    def _moved(self, state: np.ndarray, center: np.ndarray, way: float) -> np.ndarray:
+        """States (W, 13) at the centre of mass B instead of O (way 1), or back (way -1); `center` of `Parameters`."""
+        p_OB = self._p_OB + center[:, 0]
+        return _moved(state, way * p_OB) if np.abs(p_OB).max() > 1e-12 else state
+
+    def _at_B(self, center: np.ndarray, state: np.ndarray, p_WP: np.ndarray) -> Arrays:
         """Arrays of `physics.State`, whose bodies have their origin at the centre of mass B."""
-        if self._offset:
-            state = _moved(state, self._p_OB)
+        state = self._moved(state, center, 1.0)
         q_WP = np.zeros((len(state), 4))
         q_WP[:, 0] = 1.0
         return state[:, None, :4], state[:, None, 4:7], state[:, None, 7:], q_WP, p_WP
@@ -132,7 +135,7 @@ class WorldPhysics:
         """
         V_WP = torch.zeros(len(state), 6, dtype=torch.float64)
         V_WP[:, 3:] = torch.from_numpy(v_WP.copy())
-        arrays = (torch.from_numpy(values.copy()) for values in self._at_B(state, p_WP))
+        arrays = (torch.from_numpy(values.copy()) for values in self._at_B(parameters.center.numpy(), state, p_WP))
         state_B = State(*arrays)
         for halving in range(_HALVINGS + 1):
             model = self._stepper(halving).model
@@ -148,7 +151,7 @@ class WorldPhysics:
 
 
 def _moved(state: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """States (W, 13) at another point of each body, p (3,) m away in the body's frame."""
+    """States (W, 13) at another point of each body, p (W, 3) m away in the body's frame."""
     u, w = state[:, 1:4], state[:, :1]
     t = 2.0 * np.cross(u, p)
     arm = p + w * t + np.cross(u, t)

@@ -1,5 +1,6 @@
 """World model W = R(g(x, a, theta), alpha) as a LeafSystem: the contact step, and surfels behind its images."""
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -19,7 +20,7 @@ from pinwm_drake.systems.engines.twin.physics import WorldPhysics
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 
-_FIELDS = ("mass", "inertia", "friction", "restitution")
+_FIELDS = tuple(item.name for item in dataclasses.fields(Parameters))
 
 
 class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
@@ -40,8 +41,9 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
 
     Theta and the colours of the surfels are parameters of the Context, so that a cousin is a Context: numeric ones
     `mass` (W) [kg], `inertia` (9 W) [kg m^2], about the centre of mass, `friction` and `restitution` (2 W; floor,
-    pusher), and an abstract one, the spherical harmonics (N, K, 3) or (W, N, K, 3). Everything that changes is in the
-    Context: a clone, or a copy of state and parameters, goes on bit by bit as the original does.
+    pusher), `center` (3 W) [m], `spread` (3 W) and `offset` (2 W) [m] of `Parameters`, and an abstract one, the
+    spherical harmonics (N, K, 3) or (W, N, K, 3). Everything that changes is in the Context: a clone, or a copy of
+    state and parameters, goes on bit by bit as the original does.
     """
 
     def __init__(self, setup: Setup, *, num_threads: int | None = None) -> None:
@@ -69,7 +71,8 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
             num_threads,
         )
         nominal = self.physics.parameters(W)
-        numbers = [getattr(nominal, name).reshape(-1).numpy() for name in _FIELDS]
+        numbers = [values.reshape(-1).numpy() for values in nominal.tensors()]
+        self._shapes = [values.shape for values in nominal.tensors()]
         self._theta = [self.DeclareNumericParameter(BasicVector(values)) for values in numbers]
         self._sh = self.DeclareAbstractParameter(AbstractValue.Make(twin.surfels.sh))
         place = StartDistribution(setup).middle()
@@ -220,14 +223,13 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         values.set_value(self._pusher, np.concatenate([p_WP, v_WP], axis=1).ravel())
 
     def _CalcTheta(self, context: Context, value: AbstractValue) -> None:
-        shapes = ((-1, 1), (-1, 1, 3, 3), (-1, 2), (-1, 2))
         tensors = (
             torch.from_numpy(context.get_numeric_parameter(index).CopyToVector().reshape(shape))
-            for index, shape in zip(self._theta, shapes, strict=True)
+            for index, shape in zip(self._theta, self._shapes, strict=True)
         )
         parameters = Parameters(*tensors)
         parameters.check(self.physics.scene.model)
-        value.set_value((parameters, tuple(getattr(parameters, name).numpy() for name in _FIELDS)))
+        value.set_value((parameters, tuple(values.numpy() for values in parameters.tensors())))
 
     def _CalcImages(self, worlds: int, context: Context, value: AbstractValue) -> None:
         value.set_value(self.TakePictures(context, np.arange(worlds)))

@@ -228,17 +228,14 @@ def test_states_at_another_point_than_the_centre_of_mass(one, monkeypatch):
     physics = one.physics
     p_OB = np.array([0.01, -0.02, 0.005])
     monkeypatch.setattr(physics, "_p_OB", p_OB)
-    monkeypatch.setattr(physics, "_offset", True)
     X_WO = RigidTransform(RollPitchYaw(0.3, -0.2, 0.7), [0.1, 0.2, 0.3])
     V_WO = np.array([0.5, -1.0, 2.0, 0.1, 0.2, -0.3])
     state = rest_state(X_WO, V_WO)[None]
-    _, p_WB, V_WB, _, _ = physics._at_B(state, np.zeros((1, 3)))
+    _, p_WB, V_WB, _, _ = physics._at_B(np.zeros((1, 1, 3)), state, np.zeros((1, 3)))
     assert np.allclose(p_WB[0, 0], X_WO @ p_OB, atol=1e-15)
     assert np.allclose(V_WB[0, 0, 3:], V_WO[3:] + np.cross(V_WO[:3], X_WO.rotation() @ p_OB), atol=1e-15)
     # In free fall the centre of mass flies straight, and O around it.
-    theta = tuple(
-        getattr(physics.parameters(1), name).numpy().copy() for name in ("mass", "inertia", "friction", "restitution")
-    )
+    theta = tuple(values.numpy().copy() for values in physics.parameters(1).tensors())
     after, _ = physics.advance(theta, state, np.array([[0.0, 0, 10]]), np.zeros((1, 3)))
     R_WO = RigidTransform(Quaternion(after[0, :4]), after[0, 4:7]).rotation()
     moved = after[0, 4:7] + R_WO @ p_OB - X_WO @ p_OB
