@@ -178,23 +178,37 @@ def pusher_motion(trajectory: PusherTrajectory, start: float, steps: int, time_s
     Returns:
         The motion, which passes through the recorded line at the end of every step.
     """
-    times = start + time_step * np.arange(steps + 1)
+    motion = pusher_motions(trajectory, np.array([start]), steps, time_step)
+    return PusherMotion(motion.q_WP[0], motion.p_WP[0], motion.V_WP[:, 0])
+
+
+def pusher_motions(trajectory: PusherTrajectory, starts: np.ndarray, steps: int, time_step: float) -> PusherMotion:
+    """Cuts a recorded motion into steps from W times on (W,) [s]; see `pusher_motion`.
+
+    Returns:
+        The motions: q_WP (W, 4), p_WP (W, 3), V_WP (T, W, 6).
+    """
+    times = starts[:, None] + time_step * np.arange(steps + 1)
     p_WP = np.stack([np.interp(times, trajectory.t, trajectory.p_WP[:, axis]) for axis in range(3)], -1)
     q_WP, omega = _turns(trajectory, times, time_step)
-    V_WP = np.concatenate([omega, np.diff(p_WP, axis=0) / time_step], -1)
-    return PusherMotion(torch.from_numpy(q_WP), torch.from_numpy(p_WP[0]), torch.from_numpy(V_WP))
+    V_WP = np.concatenate([omega, np.diff(p_WP, axis=1) / time_step], -1).swapaxes(0, 1)
+    return PusherMotion(
+        torch.from_numpy(q_WP), torch.from_numpy(p_WP[:, 0].copy()), torch.from_numpy(np.ascontiguousarray(V_WP))
+    )
 
 
 def _turns(trajectory: PusherTrajectory, times: np.ndarray, time_step: float) -> tuple[np.ndarray, np.ndarray]:
-    """The pusher's orientation (4,) at the first time, and its angular velocity (T, 3) [rad/s] between times."""
+    """Orientations (W, 4) of the pusher at first times, and angular velocities (W, T, 3) [rad/s] between times."""
     from scipy.spatial.transform import Rotation, Slerp
 
+    W, T = times.shape
     if np.ptp(trajectory.q_WP, axis=0).max() == 0.0:
-        return trajectory.q_WP[0].copy(), np.zeros((len(times) - 1, 3))
+        return np.tile(trajectory.q_WP[0], (W, 1)), np.zeros((W, T - 1, 3))
     turns = Slerp(trajectory.t, Rotation.from_quat(trajectory.q_WP, scalar_first=True))
-    rotations = turns(np.clip(times, trajectory.t[0], trajectory.t[-1]))
-    omega = (rotations[1:] * rotations[:-1].inv()).as_rotvec() / time_step
-    return rotations[0].as_quat(scalar_first=True), omega
+    q = turns(np.clip(times, trajectory.t[0], trajectory.t[-1]).ravel()).as_quat(scalar_first=True).reshape(W, T, 4)
+    after, before = (Rotation.from_quat(part.reshape(-1, 4), scalar_first=True) for part in (q[:, 1:], q[:, :-1]))
+    omega = (after * before.inv()).as_rotvec() / time_step
+    return q[:, 0], omega.reshape(W, T - 1, 3)
 
 
 def rollout_poses(

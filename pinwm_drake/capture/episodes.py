@@ -1,6 +1,7 @@
 """Episode of one push: camera, images, the pusher's log and, where they are known, the object's poses."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -27,18 +28,40 @@ __all__ = [
     "Episode",
     "ObjectPoses",
     "PusherTrajectory",
+    "View",
     "pose_at",
     "read_episode",
     "read_episode_folder",
     "read_frames",
 ]
 
-CAMERA_FILE = "camera.json"
+CAMERA_FILE, CAMERAS = "camera.json", "cameras"
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What one camera saw of a push; it stands still.
+
+    Attributes:
+        name: Name of the camera's folder; "" for the camera of the episode's folder itself.
+        folder: Folder of its files.
+        camera: Size and intrinsics (4,).
+        X_WC: Pose of the camera in the world, OpenCV axes; q (4,), p (3,) [m].
+        file_names: The n images, as written in `frames.csv`: paths that count from `folder`.
+        t: (n,) [s], when they were taken; the clock is that of the trajectory.
+    """
+
+    name: str
+    folder: Path
+    camera: Camera
+    X_WC: Pose
+    file_names: list[str]
+    t: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One push of the object, seen by a camera that stands still.
+    """One push of the object, seen by a camera that stands still, and maybe by others.
 
     Attributes:
         name: Name of its folder.
@@ -49,6 +72,7 @@ class Episode:
         t: (n,) [s], when they were taken; the clock is that of the trajectory.
         trajectory: Poses of the pusher, from the first image to the last or longer.
         object_poses: Poses of the object; to score, never to fit. None where they are not known.
+        others: Further cameras, `cameras/<name>` of the folder, in the order of their names.
     """
 
     name: str
@@ -59,6 +83,17 @@ class Episode:
     t: np.ndarray
     trajectory: PusherTrajectory
     object_poses: ObjectPoses | None
+    others: tuple[View, ...] = ()
+
+    @cached_property
+    def views(self) -> tuple[View, ...]:
+        """All cameras: that of the episode's own folder first."""
+        return (View("", self.folder, self.camera, self.X_WC, self.file_names, self.t), *self.others)
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times [s] of the images of all cameras, camera by camera."""
+        return np.concatenate([view.t for view in self.views])
 
     def pusher_pose(self, time: float) -> Pose:
         """Pose X_WP of the pusher at a time [s]; see `pose_at`."""
@@ -109,7 +144,14 @@ def read_episode(capture: Capture, name: str) -> Episode:
     camera, X_WC = read_fixed_camera(folder)
     trajectory = read_trajectory(folder)
     file_names, t = read_frame_table(folder, trajectory.t)
-    return Episode(name, folder, camera, X_WC, file_names, t, trajectory, read_object_poses(folder))
+    others = tuple(_read_view(path, trajectory.t) for path in sorted((folder / CAMERAS).glob("*")) if path.is_dir())
+    return Episode(name, folder, camera, X_WC, file_names, t, trajectory, read_object_poses(folder), others)
+
+
+def _read_view(folder: Path, trajectory: np.ndarray) -> View:
+    """A further camera of an episode, from its folder; `trajectory` has the times of the pusher's log."""
+    camera, X_WC = read_fixed_camera(folder)
+    return View(folder.name, folder, camera, X_WC, *read_frame_table(folder, trajectory))
 
 
 def read_episode_folder(folder: Path) -> tuple[Capture, Episode]:

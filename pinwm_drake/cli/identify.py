@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 def identify(
     capture: Annotated[Path, typer.Argument(metavar="CAPTURE", help="A capture: images of an object and of a push.")],
     twin: Annotated[Path, typer.Argument(metavar="TWIN", help="Folder of the twin; surfels that are in it are used.")],
-    episode: Annotated[str | None, typer.Option(help="Which push.", show_default="the first of the capture")] = None,
+    episode: Annotated[
+        list[str] | None,
+        typer.Option(help="Which push; repeat it for several at once.", show_default="the first of the capture"),
+    ] = None,
     free: Annotated[
         list[str] | None,
         typer.Option(help="A physical unknown to look for, instead of the four below; repeat it."),
@@ -31,25 +34,30 @@ def identify(
     without: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Switch a nuisance off, such as time_offset; repeat it.")
     ] = None,
-    support: Annotated[str, typer.Option(help="How the floor carries the object: auto, corners or patch.")] = "auto",
+    support: Annotated[
+        str,
+        typer.Option(
+            help="How the pressure on the floor is spread: auto looks for it, patch holds it even, corners at the rim."
+        ),
+    ] = "auto",
     directions: Annotated[
         int, typer.Option(help="No effect: the friction cone is round. Kept for scripts from when it was a polyhedron.")
     ] = 32,
-    starts: Annotated[int, typer.Option(help="Random starts of the optimiser, for each support.")] = 4,
+    starts: Annotated[int, typer.Option(help="Random starts of the optimiser.")] = 4,
     seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
     threads: Annotated[int | None, typer.Option(help="Threads.", show_default="one on each core")] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where an interrupted run with the same input ended.")
     ] = False,
 ) -> None:
-    """Finds friction and horizontal moments of a twin that reproduces the video of one push.
+    """Finds friction and horizontal moments of a twin that reproduces the video of one push, or of several.
 
     By default friction_floor, friction_pusher, moment_xx, moment_yy and the nuisances are looked for; mass, moment_zz
     and restitution, of which a push in the plane tells little, are held unless --free names them.
     """
     from rich.console import Console
 
-    from pinwm_drake.experiments.twins import has_surfels, read_push, twin_from_capture
+    from pinwm_drake.experiments.twins import has_surfels, read_pushes, twin_from_capture
     from pinwm_drake.files import prepare_folder
     from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
     from pinwm_drake.identification.options import IdentifyOptions
@@ -66,7 +74,7 @@ def identify(
         seed=seed,
         num_threads=threads,
     )
-    _, push = read_push(capture, episode)
+    _, pushes = read_pushes(capture, episode or ())
     prepare_folder(twin)
     if not has_surfels(twin):
         say(f"no surfels in {twin}: aligning first")
@@ -76,15 +84,16 @@ def identify(
     try:
         with stages_bar() as progress:
             result = twin_from_capture(
-                capture, twin, episode=episode, options=options, resume=resume, progress=progress
+                capture, twin, episodes=episode or (), options=options, resume=resume, progress=progress
             )
     except KeyboardInterrupt:
         say("interrupted" + ("; go on with --resume" if (twin / CHECKPOINT_FILE).exists() else ""))
         raise SystemExit(1) from None
     Console().print(_summary(result))
-    errors = None if push.object_poses is None else pose_errors(result.poses, push.object_poses)
-    if errors is not None:
-        say(f"score against object_poses.csv, which was not used: {errors.words()}")
+    for push, poses in zip(pushes, result.poses, strict=True):
+        errors = None if push.object_poses is None else pose_errors(poses, push.object_poses)
+        if errors is not None:
+            say(f"episode {push.name}: score against object_poses.csv, which was not used: {errors.words()}")
     say(f"wrote {twin / 'twin.yaml'}; look at it with: pinwm report {twin}")
 
 
@@ -135,9 +144,8 @@ def _summary(result: "Identification") -> "Table":
     table = Table("", "value", "95 % interval", "identifiable", title=f"Twin of {twin.name}")
     for name, estimate in {**twin.theta, **twin.nuisance}.items():
         table.add_row(name, *_row(estimate))
-    losses = ", ".join(f"{support} {loss:.5f}" for support, loss in result.found.coarse_losses.items())
-    loss = f"loss {result.found.loss:.5f}"
-    table.caption = f"support: {twin.support} (coarse loss: {losses}); {loss}; {result.found.seconds:.0f} s"
+    losses = ", ".join(f"{loss:.5f}" for loss in result.found.coarse_losses)
+    table.caption = f"coarse losses {losses}; loss {result.found.loss:.5f}; {result.found.seconds:.0f} s"
     return table
 
 

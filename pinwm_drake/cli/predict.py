@@ -30,7 +30,7 @@ def predict(
     from pinwm_drake.capture.write import write_pose_table
     from pinwm_drake.report.twin.prediction_film import write_prediction_film
     from pinwm_drake.twin import read_twin
-    from pinwm_drake.twin.origin import is_identified_episode
+    from pinwm_drake.twin.origin import identified_push
     from pinwm_drake.twin.predict import mismatches, predict_poses
 
     require("--video", video, video is None or video.suffix.lower() == ".mp4", "a name that ends in .mp4")
@@ -42,17 +42,15 @@ def predict(
     errors = Console(stderr=True, soft_wrap=True)
     for warning in mismatches(found, capture):
         errors.print(f"warning: {warning}", highlight=False, markup=False)
-    identified = is_identified_episode(found, capture, push)
-    poses = predict_poses(found, capture, push, identified=identified)
+    number = identified_push(found, capture, push)
+    poses = predict_poses(found, capture, push, number)
     write_pose_table(out, poses)
     for line in _summary(poses, capture, push):
         say(line)
     say(f"wrote {out}")
     if video is not None:
         with stages_bar(transient=True) as show:
-            write_prediction_film(
-                video, found, push, poses, identified=identified, report=lambda share: show("filming", share, "")
-            )
+            write_prediction_film(video, found, push, poses, number, report=lambda share: show("filming", share, ""))
         say(f"wrote {video}")
 
 

@@ -77,12 +77,12 @@ def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
         story = read_story(out / _TWIN)
         write_twin_report(out / _TWIN / "report.html", story, lambda share: report(share, ""))
     with stages.stage("predict") as report:
-        predicted = predict_poses(twin, capture, episodes[1], identified=False)
+        predicted = predict_poses(twin, capture, episodes[1], None)
         prepare_folder(out / _PREDICTION)
         write_pose_table(out / _PREDICTION / f"{episodes[1].name}.csv", predicted)
         pushes = (
-            _compare(twin, episodes[0], poses, True, lambda share, words: report(0.5 * share, words)),
-            _compare(twin, episodes[1], predicted, False, lambda share, words: report(0.5 + 0.5 * share, words)),
+            _compare(twin, episodes[0], poses, 0, lambda share, words: report(0.5 * share, words)),
+            _compare(twin, episodes[1], predicted, None, lambda share, words: report(0.5 + 0.5 * share, words)),
         )
     with stages.stage("policy, twin"):
         performances = [_act(str(out / _TWIN), "twin", options), in_plant]
@@ -129,7 +129,7 @@ def _identify(out: Path, options: DemoOptions, report: Report) -> tuple[Twin, Ob
     """The twin, written to its folder beside the surfels, and its poses at the frames of the first episode."""
     told = partial(_tell, report, {"identifying": (0.0, 1.0)})
     found = twin_from_capture(options.capture, out / _TWIN, options=options.identify, progress=told)
-    return found.twin, found.poses
+    return found.twin, found.poses[0]
 
 
 def _tell(report: Report, parts: dict[str, tuple[float, float]], stage: str, done: float, words: str) -> None:
@@ -138,9 +138,9 @@ def _tell(report: Report, parts: dict[str, tuple[float, float]], stage: str, don
     report(low + (high - low) * done, words)
 
 
-def _compare(twin: Twin, episode: Episode, poses: ObjectPoses, identified: bool, report: Report) -> Push:
+def _compare(twin: Twin, episode: Episode, poses: ObjectPoses, push: int | None, report: Report) -> Push:
     """A push with its frames and, where the truth is known, its errors."""
-    cast, truth = Cast.of(twin, identified=identified), episode.object_poses
+    cast, truth = Cast.of(twin, push), episode.object_poses
     number = len(episode.t)
     shots = draw_shots(
         episode, poses, cast, size=_PANEL, most=number, report=lambda share: report(share, f"episode {episode.name}")

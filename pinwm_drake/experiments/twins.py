@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,18 +31,18 @@ def twin_from_capture(
     path: Path,
     out: Path,
     *,
-    episode: str | None = None,
+    episodes: Sequence[str] = (),
     options: IdentifyOptions | None = None,
     fit_options: FitOptions | None = None,
     resume: bool = False,
     progress: Progress = silent,
 ) -> Identification:
-    """Makes a twin from a capture and writes it: surfels where `out` has none yet, then the parameters of one push.
+    """Makes a twin from a capture and writes it: surfels where `out` has none yet, then theta of one push or more.
 
     Args:
         path: The capture.
         out: The twin's folder; made if need be.
-        episode: Name of the push; None for the first.
+        episodes: Names of the pushes; none for the first.
         options: Options of the identification; None for the default ones.
         fit_options: Options of the surfels' fit; None for the default ones.
         resume: Flag: fit and identification go on from checkpoints in `out`.
@@ -53,7 +54,7 @@ def twin_from_capture(
     Raises:
         PinwmError: An input was refused, the physics found no solution, or a file cannot be written.
     """
-    capture, push = read_push(path, episode)
+    capture, pushes = read_pushes(path, episodes)
     prepare_folder(out)
     if not has_surfels(out):
         align(path, out, options=fit_options, resume=resume, progress=progress)
@@ -61,27 +62,33 @@ def twin_from_capture(
 
     def searched(step: SearchProgress) -> None:
         theta = "  ".join(f"{word} {step.values[name]:.3g}" for name, word in _SHOWN.items() if name in step.values)
-        progress("identifying", step.done, f"{step.stage} ({step.support})  loss {step.loss:.5f}  {theta}")
+        progress(
+            "identifying",
+            step.done,
+            f"{step.stage}  "
+            + (f"loss {step.loss:.5f}  {theta}" if step.stage != "sample" else "draws from the posterior"),
+        )
 
     progress("identifying", 0.0, "getting ready (the first run compiles for minutes)")
     options = IdentifyOptions() if options is None else options
-    result = identify(capture, push, surfels, offset, options, folder=out, resume=resume, report=searched)
+    result = identify(capture, pushes, surfels, offset, options, folder=out, resume=resume, report=searched)
     twin = replace(result.twin, provenance={**result.twin.provenance, **_provenance()})
     result = replace(result, twin=twin)
     write_history(out / HISTORY_FILE, result.found)
     prepare_folder(out / "episodes")
-    write_pose_table(out / "episodes" / f"{push.name}.csv", result.poses)
+    for push, poses in zip(pushes, result.poses, strict=True):
+        write_pose_table(out / "episodes" / f"{push.name}.csv", poses)
     write_twin(out, twin)
     (out / CHECKPOINT_FILE).unlink(missing_ok=True)
     return result
 
 
-def read_push(path: Path, episode: str | None = None) -> tuple[Capture, Episode]:
-    """A capture and one of its pushes.
+def read_pushes(path: Path, episodes: Sequence[str] = ()) -> tuple[Capture, list[Episode]]:
+    """A capture and some of its pushes.
 
     Args:
         path: The capture.
-        episode: Name of the push; None for the first.
+        episodes: Names of the pushes; none for the first.
 
     Raises:
         InputError: There is no push, or a file cannot be used.
@@ -89,7 +96,7 @@ def read_push(path: Path, episode: str | None = None) -> tuple[Capture, Episode]
     capture = read_capture(path)
     if not capture.episode_names:
         raise InputError(path, value="no folder in episodes/", allowed="a capture with one push or more")
-    return capture, read_episode(capture, episode or capture.episode_names[0])
+    return capture, [read_episode(capture, name) for name in episodes or capture.episode_names[:1]]
 
 
 def has_surfels(folder: Path) -> bool:

@@ -198,3 +198,27 @@ def _outermost(points: np.ndarray, R_WO: np.ndarray) -> np.ndarray:
     angles = 2.0 * np.pi * (np.arange(_OUTLINE) + 0.5) / _OUTLINE
     directions = np.stack([np.cos(angles), np.sin(angles)], -1) @ R_WO[:2]
     return np.unique(np.argmax(points @ directions.T, axis=0))
+
+
+def corner_spread(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> tuple[float, float, float]:
+    """Factors by which the points of `face_points` are to be spread to slide as the corners of the face's outline do.
+
+    They are ratios of root mean squares along the axes of O, about the foot of the centre of mass.
+
+    Args:
+        mesh: Watertight, m, frame O.
+        R_WO: (3, 3), orientation at rest; z of W is up.
+
+    Returns:
+        Along x, y and z; 1 along an axis that the face does not extend in, and where there is no flat face.
+    """
+    points = face_points(mesh, R_WO)
+    if points is None:
+        return 1.0, 1.0, 1.0
+    hull = np.asarray(trimesh.convex.convex_hull(mesh.vertices).vertices)
+    low = hull[hull @ R_WO[2] < float((hull @ R_WO[2]).min()) + _CHAMFER]
+    foot = mass_properties(mesh, mass=1.0).p_com
+    level = np.eye(3) - np.outer(R_WO[2], R_WO[2])
+    wide, even = (np.sqrt((((corners - foot) @ level) ** 2).mean(axis=0)) for corners in (low, points))
+    x, y, z = np.where(even > 1e-3 * even.max(), wide / np.maximum(even, 1e-12), 1.0)
+    return float(x), float(y), float(z)

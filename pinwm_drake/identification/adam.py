@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from pinwm_drake.identification.pictures import Pictures
 from pinwm_drake.identification.problem import Problem
 
 _BETAS, _EPSILON = (0.8, 0.97), 1e-12
@@ -49,7 +48,6 @@ class AdamState:
 
 def descend(
     problem: Problem,
-    pictures: Pictures,
     state: AdamState,
     *,
     iterations: int,
@@ -61,8 +59,7 @@ def descend(
     """Goes on from a state to the last iteration.
 
     Args:
-        problem: The episode to explain.
-        pictures: The pictures to explain; n frames.
+        problem: The pushes to explain.
         state: State to begin with; changed in place.
         iterations: Steps in all.
         rate: Learning rate at first, in units of z.
@@ -74,13 +71,17 @@ def descend(
     Returns:
         The state after the last step.
     """
-    n = len(pictures.color)
+    counts = [push.num_frames for push in problem.pushes]
+    # The outline has no gradient here: its scale stays as it is, and its prior does not pull it away.
+    moving = torch.tensor([unknown.name != "outline" for unknown in problem.coordinates.free])
     while state.iteration < iterations:
         done = state.iteration / iterations
-        horizon = n if grow <= 0.0 else min(n, n * (0.25 + 0.75 * done / grow))
-        weights = (horizon - torch.arange(n, dtype=torch.float64)).clamp(0.0, 1.0)[:, None]
+        shown = 1.0 if grow <= 0.0 else min(1.0, 0.25 + 0.75 * done / grow)
+        weights = torch.cat([(shown * n - torch.arange(n, dtype=torch.float64)).clamp(0.0, 1.0) for n in counts])[
+            :, None
+        ]
         z = state.z.clone().requires_grad_()
-        frames = problem.frame_losses(pictures, z, blocks)
+        frames = torch.cat(problem.frame_losses(z, blocks))
         losses = frames.detach().mean(0)
         if state.scale == 0.0:
             state.scale = float(losses.min())
@@ -89,8 +90,9 @@ def descend(
         state.best_z = torch.where(better[:, None], state.z, state.best_z)
         weighted = (weights * frames).sum(0) / weights.sum() / state.scale
         alive = torch.isfinite(losses)
-        total = weighted[alive].sum() + problem.coordinates.penalty(z).sum() * (2.0 / (MEASUREMENTS * n))
+        total = weighted[alive].sum() + problem.coordinates.penalty(z).sum() * (2.0 / (MEASUREMENTS * sum(counts)))
         (gradient,) = torch.autograd.grad(total, z)
+        gradient = torch.where(moving, gradient, 0.0)
         state.iteration += 1
         state.first = _BETAS[0] * state.first + (1.0 - _BETAS[0]) * gradient
         state.second = _BETAS[1] * state.second + (1.0 - _BETAS[1]) * gradient**2

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.identification.adam import AdamState
-from pinwm_drake.identification.gauss_newton import NewtonState
 from pinwm_drake.identification.progress import Log
+from pinwm_drake.identification.refine import RefineState
 
 CHECKPOINT_FILE = "identify_checkpoint.npz"
 
@@ -72,21 +72,16 @@ class Checkpoint:
         tensors = {name: torch.from_numpy(array) for name, array in found.items() if array.ndim}
         return AdamState(iteration=int(found["iteration"]), scale=float(found["scale"]), **tensors)
 
-    def save_newton(self, phase: str, state: NewtonState) -> None:
-        """Keeps the state of a phase of Levenberg-Marquardt."""
-        self._save(phase, state)
+    def end_refined(self, phase: str, state: RefineState) -> None:
+        """Keeps the result of a refinement."""
+        self.end(phase, {"z": state.z, "corrections": state.corrections, "loss": state.loss})
 
-    def load_newton(self, phase: str) -> NewtonState | None:
-        """State in which a phase of Levenberg-Marquardt was interrupted."""
-        found = self._stored(phase)
-        if found is None:
-            return None
-        numbers = {name: float(found[name]) for name in ("damping", "weight", "loss")}
-        return NewtonState(
-            iteration=int(found["iteration"]), z=torch.from_numpy(found["z"]), done=bool(found["done"]), **numbers
-        )
+    def refined(self, phase: str) -> RefineState:
+        """Result of a refinement that ended."""
+        z, corrections = (torch.from_numpy(self.done[f"{phase}.{name}"]) for name in ("z", "corrections"))
+        return RefineState(0, z, corrections, float(self.done[f"{phase}.loss"]), True)
 
-    def _save(self, phase: str, state: AdamState | NewtonState) -> None:
+    def _save(self, phase: str, state: AdamState) -> None:
         self._write({f"now.{phase}.{name}": np.asarray(value) for name, value in vars(state).items()})
 
     def _stored(self, phase: str) -> dict[str, np.ndarray] | None:

@@ -12,7 +12,7 @@ from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.scene import (
     PusherMotion,
     Scene,
-    pusher_motion,
+    pusher_motions,
     resting_height,
     rollout_poses,
     scaled_inertia,
@@ -50,7 +50,7 @@ class Forward:
     @property
     def times(self) -> np.ndarray:
         """Times (n,) [s] of the wanted frames."""
-        return self.episode.t if self.chosen is None else self.episode.t[self.chosen.numpy()]
+        return self.episode.times if self.chosen is None else self.episode.times[self.chosen.numpy()]
 
     def poses(self, values: dict[str, Tensor]) -> tuple[Pose, Tensor]:
         """Poses of the object in the frames.
@@ -86,6 +86,9 @@ class Forward:
             restitution=torch.stack(
                 [values["restitution_floor"].clamp(0.0, 1.0), values["restitution_pusher"].clamp(0.0, 1.0)], -1
             ),
+            center=torch.stack([values[f"center_{axis}"] for axis in "xyz"], -1)[:, None],
+            spread=torch.stack([values[f"support_{axis}"] for axis in "xyz"], -1)[:, None],
+            offset=torch.stack([torch.zeros_like(values["mass"]), values["contact_offset"]], -1),
         )
 
     def _rollout(self, values: dict[str, Tensor]) -> Pose:
@@ -99,7 +102,7 @@ class Forward:
         up = torch.stack([z, z, raised], -1)
         motion = self._motion(values["time_offset"])
         motion = PusherMotion(motion.q_WP, motion.p_WP - up, motion.V_WP)
-        after = torch.from_numpy(self.times - self.episode.t[0])
+        after = torch.from_numpy(self.times - self.episode.times.min())
         X_WO = rollout_poses(
             self.scene, self.parameters(values), Pose(q_WO, p_WO), motion, after, num_threads=self.num_threads
         )
@@ -108,25 +111,25 @@ class Forward:
     def _motion(self, offset: Tensor) -> PusherMotion:
         """The pusher's motion (T, W, 6), each world's shifted in time by its offset (W,) [s]; differentiable."""
         h = self.scene.model.time_step
-        t = self.episode.t
-        steps = step_count(t[-1] - t[0], h)
+        t = self.episode.times
+        first, steps = float(t.min()), step_count(t.max() - t.min(), h)
+
+        shifts = offset.detach().numpy()
+        same = len(np.unique(shifts)) == 1
 
         def at(shift: float) -> PusherMotion:
-            return pusher_motion(self.episode.trajectory, float(t[0]) + shift, steps, h)
+            times = first + shift + (shifts[:1] if same else shifts)
+            return pusher_motions(self.episode.trajectory, times, steps, h)
 
-        shifts = offset.detach().tolist()
-        same = len(set(shifts)) == 1
-        motions = [at(shift) for shift in (shifts[:1] if same else shifts)]
-        q = torch.stack([motion.q_WP for motion in motions]).expand(len(shifts), 4)
-        p = torch.stack([motion.p_WP for motion in motions]).expand(len(shifts), 3)
-        V = torch.stack([motion.V_WP for motion in motions], 1).expand(steps, len(shifts), 6)
+        motion, W = at(0.0), len(shifts)
+        motion = PusherMotion(motion.q_WP.expand(W, 4), motion.p_WP.expand(W, 3), motion.V_WP.expand(steps, W, 6))
         if not offset.requires_grad:
-            return PusherMotion(q, p, V)
+            return motion
         moved = (offset - offset.detach())[:, None]
-        pairs = [(at(shift - _TIME_STEP), at(shift + _TIME_STEP)) for shift in (shifts[:1] if same else shifts)]
-        rate_p = torch.stack([(b.p_WP - a.p_WP) / (2.0 * _TIME_STEP) for a, b in pairs])
-        rate_V = torch.stack([(b.V_WP - a.V_WP) / (2.0 * _TIME_STEP) for a, b in pairs], 1)
-        return PusherMotion(q, p + moved * rate_p, V + moved * rate_V)
+        before, after = at(-_TIME_STEP), at(_TIME_STEP)
+        rate_p = (after.p_WP - before.p_WP) / (2.0 * _TIME_STEP)
+        rate_V = (after.V_WP - before.V_WP) / (2.0 * _TIME_STEP)
+        return PusherMotion(motion.q_WP, motion.p_WP + moved * rate_p, motion.V_WP + moved * rate_V)
 
 
 def inertia(scene: Scene, mass: float, values: dict[str, Tensor]) -> Tensor:

@@ -1,26 +1,28 @@
-"""Identification of a twin from one push and an appearance: theta with intervals, by gradient through the images."""
+"""Identification of a twin from one push or more and an appearance: theta with intervals, through the images."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
 
-from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_frames
+from pinwm_drake.capture.episodes import Episode, ObjectPoses
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import Capture
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.patch import corner_spread
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.options import IdentifyOptions
-from pinwm_drake.identification.pictures import make_footage
-from pinwm_drake.identification.problem import Problem
+from pinwm_drake.identification.pictures import read_footage
+from pinwm_drake.identification.posterior import estimates, kept_draws
 from pinwm_drake.identification.progress import Progress
-from pinwm_drake.identification.search import Search
+from pinwm_drake.identification.search import Search, Task
 from pinwm_drake.identification.search_result import Found
-from pinwm_drake.identification.uncertainty import estimates
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.rendering.surfels import Surfels
-from pinwm_drake.scene import Scene, Support, make_scene, resting_height
+from pinwm_drake.scene import Scene, make_scene, resting_height
+from pinwm_drake.spatial.rotations import quaternion_to_matrix
 from pinwm_drake.twin.origin import Origin
 from pinwm_drake.twin.plain_data import to_plain
 from pinwm_drake.twin.twin import Estimate, Twin
@@ -28,6 +30,7 @@ from pinwm_drake.twin.twin import Estimate, Twin
 # Options that a continued search may have otherwise; threads count with the number that is used.
 _MAY_CHANGE = ("checkpoint_every", "num_threads")
 _NOMINAL_MASS = 1.0  # kg, where none was measured
+_SUPPORT = ("support_x", "support_y", "support_z")
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,17 +40,17 @@ class Identification:
     Attributes:
         twin: The twin; its provenance lacks entries that only the caller knows, such as the command.
         found: The search.
-        poses: Poses of the object in the frames.
+        poses: Poses of the object in the frames of each push, by the twin.
     """
 
     twin: Twin
     found: Found
-    poses: ObjectPoses
+    poses: list[ObjectPoses]
 
 
 def identify(
     capture: Capture,
-    episode: Episode,
+    episodes: Episode | Sequence[Episode],
     surfels: Surfels,
     camera_offset: tuple[float, float],
     options: IdentifyOptions | None = None,
@@ -56,15 +59,16 @@ def identify(
     resume: bool = False,
     report: Callable[[Progress], None] = lambda _: None,
 ) -> Identification:
-    """Finds theta such that physics and renderer reproduce the video of a push.
+    """Finds theta such that physics and renderer reproduce the videos of one push or several.
 
-    No pose is used: of the episode, camera, images, times and the pusher's trajectory.
+    No pose is used: of the episodes, cameras, images, times and the pusher's trajectory. Theta and the nuisances of the
+    object are shared by all pushes; start pose, clock and outline are of each its own.
 
     Args:
         capture: Object, pusher, floor, gravity.
-        episode: The push.
+        episodes: The push, or the pushes.
         surfels: The object's appearance, frame O.
-        camera_offset: px, added to the principal point of the episode's camera.
+        camera_offset: px, added to the principal points of the episodes' cameras.
         options: Options of the search.
         folder: Folder of the checkpoints; None for none.
         resume: Whether to go on from a checkpoint in `folder`.
@@ -75,50 +79,57 @@ def identify(
 
     Raises:
         InputError: Images or meshes cannot be used, or a checkpoint is of another identification.
+        ParameterError: There is no episode, or one comes twice.
         SolverError: The physics found no solution.
 
-    Source: PIN-WM (Li et al., 2025), eq. 8; deviations in `image_loss.py` and `search.py`.
+    Source: PIN-WM (Li et al., 2025), eq. 8; deviations in `image_loss.py`, `discrepancy.py` and `search.py`.
     """
     options = options or IdentifyOptions()
-    origin = Origin.of(capture, episode)
+    pushes = (episodes,) if isinstance(episodes, Episode) else tuple(episodes)
+    names = [episode.name for episode in pushes]
+    if not names or len(set(names)) < len(names):
+        raise ParameterError(f"episodes are {names}; allowed: one or more, each once")
+    origin = Origin.of(capture, pushes)
     number = options.threads
     mass = options.held.get("mass", capture.object.mass or _NOMINAL_MASS)
-    coordinates = Coordinates(options.free, {"mass": mass, **options.held})
-    images, masks = read_frames(episode)
-    footage = make_footage(episode, images, masks, pusher_surface(capture.pusher), camera_offset)
-    X_WO = capture.object.X_WO
-    problems = {}
-    for support in options.supports:
-        forward = Forward(capture_scene(capture, options, support), episode, X_WO, mass, number)
-        problems[support] = Problem(forward, surfels, coordinates, number)
-    about = {
-        "capture": origin.sha256,
-        "episode": episode.name,
-        "camera_offset": list(camera_offset),
-        "surfels": _digest(surfels),
-        "num_threads": number,
-        **to_plain({name: value for name, value in asdict(options).items() if name not in _MAY_CHANGE}),
-    }
     # The kernels bring their own threads, with which torch's, spinning between its calls, would compete.
     wide = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        search = Search(problems, footage, options, folder=folder, about=about, resume=resume, report=report)
-        found = search.run()
+        scene = capture_scene(capture, options)
+        coordinates = _coordinates(capture, options, scene, mass, len(pushes))
+        task = Task(
+            [read_footage(episode, pusher_surface(capture.pusher), camera_offset) for episode in pushes],
+            [Forward(scene, episode, capture.object.X_WO, mass, number) for episode in pushes],
+            surfels,
+            coordinates,
+            number,
+        )
+        about = {
+            "capture": origin.sha256,
+            "episodes": names,
+            "camera_offset": list(camera_offset),
+            "surfels": _digest(surfels),
+            "num_threads": number,
+            **to_plain({name: value for name, value in asdict(options).items() if name not in _MAY_CHANGE}),
+        }
+        found = Search(task, options, folder=folder, about=about, resume=resume, report=report).run()
     finally:
         torch.set_num_threads(wide)
-    twin = _twin(capture, origin, surfels, camera_offset, options, coordinates, found, mass)
-    q_WO, p_WO = found.poses
-    return Identification(twin, found, ObjectPoses(episode.t, p_WO.numpy(), q_WO.numpy()))
+    twin = _twin(capture, origin, surfels, camera_offset, options, coordinates, found, scene, mass)
+    poses = [
+        ObjectPoses(episode.t, X_WO.p[: len(episode.t)].numpy(), X_WO.q[: len(episode.t)].numpy())
+        for episode, X_WO in zip(pushes, found.poses, strict=True)
+    ]
+    return Identification(twin, found, poses)
 
 
-def capture_scene(capture: Capture, options: IdentifyOptions, support: Support) -> Scene:
+def capture_scene(capture: Capture, options: IdentifyOptions) -> Scene:
     """Object, floor and pusher of a capture as the physics model of an identification.
 
     Args:
         capture: The capture; its object lies as at the start of an episode.
-        options: Time step and friction directions.
-        support: Way in which the floor carries the object.
+        options: Time step.
 
     Raises:
         InputError: A mesh cannot be used.
@@ -130,9 +141,19 @@ def capture_scene(capture: Capture, options: IdentifyOptions, support: Support) 
         gravity=capture.gravity,
         floor_height=capture.floor_height,
         time_step=options.time_step,
-        friction_directions=options.friction_directions,
-        support=support,
+        support="patch",
     )
+
+
+def _coordinates(capture: Capture, options: IdentifyOptions, scene: Scene, mass: float, pushes: int) -> Coordinates:
+    """The unknowns, with the spread of the pressure held where the support is chosen."""
+    free, held = options.free, {"mass": mass, **options.held}
+    if options.support != "auto":
+        free = tuple(name for name in free if name not in _SUPPORT)
+        R_WO = quaternion_to_matrix(capture.object.X_WO.q).numpy()
+        spread = corner_spread(scene.mesh, R_WO) if options.support == "corners" else (1.0, 1.0, 1.0)
+        held |= dict(zip(_SUPPORT, spread, strict=True))
+    return Coordinates(free, held, pushes)
 
 
 def _twin(
@@ -143,10 +164,10 @@ def _twin(
     options: IdentifyOptions,
     coordinates: Coordinates,
     found: Found,
+    scene: Scene,
     mass: float,
 ) -> Twin:
     """Twin from the result of a search."""
-    scene = found.problem.forward.scene
     known = capture.object.mass is not None and "mass" not in options.held
     theta, nuisance = estimates(coordinates, found.posterior, scene, mass, known, options.seed)
     # The lift is told against the floor; the search counts it from where the capture has the object.
@@ -162,7 +183,7 @@ def _twin(
         floor_height=capture.floor_height + nuisance["lift"].value,
         time_step=options.time_step,
         friction_directions=options.friction_directions,
-        support=found.support,
+        support="patch",
         theta=theta,
         nuisance=nuisance,
         camera_offset=camera_offset,
@@ -171,11 +192,11 @@ def _twin(
             **origin.to_provenance(),
             "seed": options.seed,
             "loss": found.loss,
-            "losses_by_support": {"coarse": found.coarse_losses, "final": found.losses},
-            "dispersion": found.posterior.dispersion,
+            "coarse_losses": found.coarse_losses,
             "seconds": round(found.seconds, 2),
             "options": to_plain(asdict(options)),
         },
+        draws=kept_draws(coordinates, found.posterior, scene, mass),
     )
 
 

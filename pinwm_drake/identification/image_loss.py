@@ -34,7 +34,8 @@ def difference(
         (n, W, H, W, 4) float32: differences of red, green, blue and opacity, 0 where the pusher may hide the object.
     """
     n, W = X_WO.p.shape[:2]
-    X_CO = compose(Pose(pictures.X_CW.q.expand(n, W, 4), pictures.X_CW.p.expand(n, W, 3)), X_WO)
+    X_CW = pictures.X_CW
+    X_CO = compose(Pose(X_CW.q[:, None].expand(n, W, 4), X_CW.p[:, None].expand(n, W, 3)), X_WO)
     intrinsics = zoomed(pictures.camera.intrinsics[:, None], outline[None].detach(), pictures.middle[:, None])
     width, height = pictures.camera.width, pictures.camera.height
     shown = render(

@@ -19,15 +19,16 @@ class IdentifyOptions:
     Attributes:
         free: Names of the free unknowns; see `unknowns.UNKNOWNS`.
         held: Physical values of unknowns that are held, or at which free ones begin.
-        support: Points that carry the object's weight; "auto" tries both and keeps those that explain the video better.
+        support: How the pressure on the face that the object rests on is spread: "auto" looks for it, "patch" holds it
+            even, "corners" holds it as if the corners alone carried.
         seed: Seed of the random starts.
         screened: Number of random guesses that are evaluated.
         starts: Number of the best of them, from which Adam descends.
         coarse_iterations: Steps of Adam on small, blurred pictures, for every start.
-        fine_iterations: Steps of Adam on larger pictures, for the best start of every support that is not far behind.
-        polish_iterations: Steps of Levenberg-Marquardt at the end.
+        fine_iterations: Expansions of larger pictures at the most, for each of the best starts, in each of two rounds.
+        moves: Moves of each walker that draws from the posterior.
         coarse_size, fine_size: Longer side of the object in the pictures, px.
-        coarse_frames: Frames that the coarse stage looks at, evenly spaced.
+        coarse_frames, fine_frames: Frames of each push that the stages look at, evenly spaced.
         time_step: Time step of the physics, s.
         friction_directions: Has no effect: the friction cone is round. Kept for calls from when it was a polyhedron.
         num_threads: Threads; None for one on each core.
@@ -41,11 +42,12 @@ class IdentifyOptions:
     screened: int = 64
     starts: int = 4
     coarse_iterations: int = 50
-    fine_iterations: int = 25
-    polish_iterations: int = 18
+    fine_iterations: int = 8
+    moves: int = 60
     coarse_size: float = 40.0
     fine_size: float = 130.0
     coarse_frames: int = 12
+    fine_frames: int = 40
     time_step: float = 1.0 / 240.0
     friction_directions: int = 32
     num_threads: int | None = None
@@ -60,8 +62,9 @@ class IdentifyOptions:
             ("starts", 1, 1000),
             ("coarse_iterations", 0, 100_000),
             ("fine_iterations", 0, 100_000),
-            ("polish_iterations", 0, 100_000),
+            ("moves", 2, 100_000),
             ("coarse_frames", 2, 100_000),
+            ("fine_frames", 2, 100_000),
             ("friction_directions", 4, MOST_FRICTION_DIRECTIONS),
             ("checkpoint_every", 1, 100_000),
         )
@@ -84,8 +87,3 @@ class IdentifyOptions:
     def threads(self) -> int:
         """Threads of physics and renderer."""
         return self.num_threads or available()
-
-    @property
-    def supports(self) -> tuple[Support, ...]:
-        """Supports that are tried."""
-        return ("corners", "patch") if self.support == "auto" else (self.support,)

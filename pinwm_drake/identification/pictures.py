@@ -1,19 +1,21 @@
 """Pictures of a push at one resolution, and the pixels on which they can be compared with a rendering."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 import trimesh
 from torch import Tensor
 
-from pinwm_drake.capture.episodes import Episode
+from pinwm_drake.capture.episodes import Episode, View, read_episode_image
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.spatial.poses import Pose, compose, inverse
 
-# A small pixel counts where the pusher covers none of it.
-_HIDDEN = 1e-3
+# Free space around the object in a picture, on each side, as a share of its longer side.
+_MARGIN = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +28,7 @@ class Pictures:
         alpha: (n, H, W) float32, the share of a pixel that shows the object.
         weight: (n, H, W) float32, 0 where the pusher may hide the object, else 1.
         middle: (n, 2), float64: middle of the object in the image, px; about it outlines are scaled.
-        X_CW: Pose of the world in the camera, OpenCV axes; q (4,), p (3,) [m].
+        X_CW: Poses of the world in the frames' cameras, OpenCV axes; q (n, 4), p (n, 3) [m].
     """
 
     camera: Camera
@@ -45,110 +47,173 @@ class Pictures:
             alpha=self.alpha[chosen],
             weight=self.weight[chosen],
             middle=self.middle[chosen],
+            X_CW=Pose(self.X_CW.q[chosen], self.X_CW.p[chosen]),
         )
 
 
 @dataclass(frozen=True, eq=False)
+class Frame:
+    """Part of an image that shows the object.
+
+    Attributes:
+        view: Camera that took it.
+        t: When it was taken, s.
+        x, y: First column and row.
+        pixels: (h, w, 4) uint8: red, green, blue over white, and 255 on the object; empty where there is none.
+    """
+
+    view: View
+    t: float
+    x: int
+    y: int
+    pixels: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Footage:
-    """All frames of an episode as they were read.
+    """Frames of a push, of all of its cameras, as far as they show the object.
 
     Attributes:
         episode: Episode that the frames are of.
-        camera: Camera with the offset that the static views revealed.
-        images: (n, H, W, 3) float32.
-        masks: (n, H, W) bool.
-        hidden: (n, H, W) float32, 1 where the pusher may hide the object.
+        frames: The n frames, in the order of `episode.t`.
+        offset: px, to be added to the principal points, as the static views revealed.
+        pusher: Surface of the pusher, frame P, m.
     """
 
     episode: Episode
-    camera: Camera
-    images: Tensor
-    masks: Tensor
-    hidden: Tensor
+    frames: list[Frame]
+    offset: tuple[float, float]
+    pusher: trimesh.Trimesh
+
+    @property
+    def longest(self) -> int:
+        """Longest side of the object in any frame, px."""
+        return max(max(frame.pixels.shape[:2]) for frame in self.frames)
 
 
-def make_footage(
-    episode: Episode, images: Tensor, masks: Tensor, pusher: trimesh.Trimesh, offset: tuple[float, float]
-) -> Footage:
-    """Prepares frames: corrects the camera and marks the pusher.
+def read_footage(episode: Episode, pusher: trimesh.Trimesh, offset: tuple[float, float]) -> Footage:
+    """Reads the images of an episode, one at a time: of each, the part that shows the object is kept.
 
     Args:
-        episode: Camera, times, and the pusher's trajectory.
-        images: (n, H, W, 3) float32.
-        masks: (n, H, W) bool.
+        episode: Cameras, times, and the pusher's trajectory.
         pusher: Surface of the pusher, frame P, m.
-        offset: px, added to the principal point.
+        offset: px, added to the principal points.
 
     Raises:
-        InputError: No frame shows the object.
+        InputError: An image cannot be read, or none shows the object.
     """
-    if not bool(masks.any()):
+    frames = [
+        _cut(view, t, *read_episode_image(view.folder, name, view.camera))
+        for view in episode.views
+        for name, t in zip(view.file_names, view.t.tolist(), strict=True)
+    ]
+    if not any(frame.pixels.size for frame in frames):
         raise InputError(episode.folder, value="no frame that shows the object", allowed="a video of the object")
-    camera, X_CW = episode.camera.shifted(offset), inverse(episode.X_WC)
-    hidden = torch.zeros(masks.shape)
-    for k, t in enumerate(episode.t.tolist()):
-        pixels = silhouette(pusher, camera, compose(X_CW, episode.pusher_pose(t)))
-        if pixels is not None:
-            hidden[k] = torch.from_numpy(pixels)
-    return Footage(episode, camera, images, masks, hidden)
+    return Footage(episode, frames, offset, pusher)
 
 
-def make_pictures(footage: Footage, size: float, *, together: bool, margin: float = 0.2) -> Pictures:
-    """Scales the frames down and cuts the object out.
+def _cut(view: View, t: float, image: np.ndarray, mask: np.ndarray) -> Frame:
+    """Frame from an image (H, W, 3) float32 and its mask (H, W) bool."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    if not len(rows):
+        return Frame(view, t, 0, 0, np.zeros((0, 0, 4), np.uint8))
+    part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    color = np.where(mask[part][..., None], image[part], 1.0)
+    pixels = np.concatenate([np.rint(255.0 * color), 255.0 * mask[part][..., None]], -1).astype(np.uint8)
+    return Frame(view, t, int(columns[0]), int(rows[0]), pixels)
+
+
+def make_pictures(footage: Footage, size: float, *, together: bool, late: float = 0.0) -> Pictures:
+    """Pictures of one resolution, in which the object is cut out.
 
     Args:
         footage: The frames.
         size: px, of the object's longer side in the result, at the most; images are never enlarged.
-        together: Whether all frames share one box, around everything that the object swept; else each has its own.
-        margin: Free space around the object on each side, as a share of its longer side.
+        together: Whether all frames of a camera share one box, around everything that the object swept; else each has
+            its own.
+        late: By how much the frames' clock is behind that of the pusher's log, s, for where the pusher hides pixels.
 
     Returns:
-        The pictures.
+        The pictures, all of one size.
     """
-    boxes = torch.tensor([_box(mask) for mask in footage.masks if bool(mask.any())], dtype=torch.float64)
-    longest = float((boxes[:, 2:] - boxes[:, :2]).max())
-    factor = min(size / longest, 1.0)
-    camera = footage.camera.scaled(factor)
-    stack = torch.cat([footage.images, footage.masks[..., None].float(), footage.hidden[..., None]], -1)
-    if camera.width != footage.camera.width:
-        planes = stack.permute(0, 3, 1, 2)
-        stack = torch.nn.functional.interpolate(planes, (camera.height, camera.width), mode="area").permute(0, 2, 3, 1)
-    scaled = boxes * factor
-    room = margin * longest * factor
-    if together:
-        whole = torch.cat([scaled[:, :2].amin(0), scaled[:, 2:].amax(0)])
-        scaled = whole[None].expand(len(footage.masks), 4)
-        room *= 2.0
-    extent = (scaled[:, 2:] - scaled[:, :2]).amax(0) + 2.0 * room
-    width, height = min(int(extent[0]) + 1, camera.width), min(int(extent[1]) + 1, camera.height)
-    cuts, intrinsics, middles = [], [], []
-    last = -1
-    for k, mask in enumerate(footage.masks):
-        # A frame without the object is looked at where it was last seen.
-        last += int(mask.any())
-        box = scaled[k if together else max(last, 0)]
-        centre = 0.5 * (box[:2] + box[2:])
-        x = min(max(round(float(centre[0]) - 0.5 * width), 0), camera.width - width)
-        y = min(max(round(float(centre[1]) - 0.5 * height), 0), camera.height - height)
-        cut = stack[k, y : y + height, x : x + width]
-        cuts.append(cut)
-        intrinsics.append(camera.cropped(x, y, width, height).intrinsics)
-        middles.append(_middle(cut[..., 3]))
-    cut = torch.stack(cuts)
+    factor = min(size / footage.longest, 1.0)
+    boxes = [_scaled_boxes(footage, view, factor, together) for view in footage.episode.views]
+    width, height = (int(max(extent[axis] for _, extent in boxes)) + 1 for axis in range(2))
+    corners = [box for found, _ in boxes for box in found]
+    parts = [
+        _picture(footage, frame, box, (width, height), factor, late)
+        for frame, box in zip(footage.frames, corners, strict=True)
+    ]
+    cut, hidden, intrinsics = (torch.stack(part) for part in zip(*parts, strict=True))
+    X_CW = [inverse(frame.view.X_WC) for frame in footage.frames]
     return Pictures(
-        camera=Camera(width, height, torch.stack(intrinsics)),
+        camera=Camera(width, height, intrinsics),
         color=cut[..., :3].contiguous(),
         alpha=cut[..., 3].contiguous(),
-        weight=(cut[..., 4] < _HIDDEN).float(),
-        middle=torch.stack(middles),
-        X_CW=inverse(footage.episode.X_WC),
+        weight=1.0 - hidden,
+        middle=torch.stack([_middle(picture[..., 3]) for picture in cut]),
+        X_CW=Pose(torch.stack([X.q for X in X_CW]), torch.stack([X.p for X in X_CW])),
     )
 
 
-def _box(mask: Tensor) -> list[int]:
-    """First column and row of the object, and those after its last."""
-    rows, columns = torch.nonzero(mask, as_tuple=True)
-    return [int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1]
+def _scaled_boxes(footage: Footage, view: View, factor: float, together: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Middles (n, 2) of the boxes of a camera's frames in the scaled image, and their extent (2,), px."""
+    frames = [frame for frame in footage.frames if frame.view is view]
+    seen = [k for k, frame in enumerate(frames) if frame.pixels.size]
+    if not seen:
+        centre = 0.5 * factor * np.array([view.camera.width, view.camera.height])
+        return np.tile(centre, (len(frames), 1)), np.full(2, factor * footage.longest)
+    low = np.array([[frames[k].x, frames[k].y] for k in seen], float)
+    high = low + np.array([frames[k].pixels.shape[1::-1] for k in seen])
+    room = _MARGIN * footage.longest * factor
+    if together:
+        low, high = low.min(0, keepdims=True), high.max(0, keepdims=True)
+        extent = factor * (high - low)[0] + 4.0 * room
+        return np.tile(0.5 * factor * (low + high), (len(frames), 1)), extent
+    # A frame without the object is looked at where it was last seen.
+    last = np.maximum(np.searchsorted(seen, np.arange(len(frames)), side="right") - 1, 0)
+    return 0.5 * factor * (low + high)[last], factor * (high - low).max(0) + 2.0 * room
+
+
+def _picture(
+    footage: Footage, frame: Frame, middle: np.ndarray, size: tuple[int, int], factor: float, late: float
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Picture (H, W, 4) of a frame, hidden pixels (H, W) float32, and intrinsics (4,)."""
+    width, height = size
+    x, y = round(middle[0] - 0.5 * width), round(middle[1] - 0.5 * height)
+    lens = frame.view.camera.shifted(footage.offset).intrinsics * factor
+    camera = Camera(width, height, lens - lens.new_tensor([0.0, 0.0, x, y]))
+    cut = np.ones((height, width, 4), np.float32)
+    cut[..., 3] = 0.0
+    if frame.pixels.size:
+        rows = _overlap(height, y, factor, frame.y, frame.pixels.shape[0])
+        columns = _overlap(width, x, factor, frame.x, frame.pixels.shape[1])
+        pixels = frame.pixels.astype(np.float32) / 255.0
+        pixels[..., :3] -= 1.0  # what is outside of the part is white
+        cut += np.einsum("ir,rck,jc->ijk", rows, pixels, columns, optimize=True)
+    X_CP = compose(inverse(frame.view.X_WC), footage.episode.pusher_pose(frame.t + late))
+    covered = silhouette(footage.pusher, camera, X_CP)
+    hidden = np.zeros((height, width), bool) if covered is None else _grown(covered)
+    return torch.from_numpy(cut), torch.from_numpy(hidden.astype(np.float32)), camera.intrinsics
+
+
+def _overlap(number: int, first: int, factor: float, start: int, count: int) -> np.ndarray:
+    """Share (number, count) of each large pixel that small pixels cover, along one axis.
+
+    Large pixel i covers [first + i, first + i + 1) / factor, small pixel j [start + j, start + j + 1).
+    """
+    low = (first + np.arange(number)[:, None]) / factor
+    small = start + np.arange(count)[None]
+    covered = np.minimum(low + 1.0 / factor, small + 1.0) - np.maximum(low, small)
+    return np.asarray(np.clip(covered, 0.0, None) * factor, np.float32)
+
+
+def _grown(mask: np.ndarray) -> np.ndarray:
+    """Mask (H, W) with the pixels around it: a centre that is not covered may be near what is."""
+    padded = np.pad(mask, 1)
+    shifts: Iterable[tuple[int, int]] = ((i, j) for i in range(3) for j in range(3))
+    height, width = mask.shape
+    return np.logical_or.reduce([padded[i : i + height, j : j + width] for i, j in shifts])
 
 
 def _middle(alpha: Tensor) -> Tensor:

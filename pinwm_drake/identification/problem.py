@@ -1,4 +1,4 @@
-"""The loss of W guesses of the unknowns: physics, rendering and comparison put together."""
+"""The loss of W guesses of the unknowns: physics, rendering and comparison put together, for one push or several."""
 
 from dataclasses import dataclass, replace
 
@@ -17,64 +17,94 @@ _TOGETHER = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """Model that is to explain an episode: unknowns, physics and renderer.
+class Push:
+    """One push: the physics that is to explain its pictures.
 
     Attributes:
-        forward: The physics, with one kind of support.
+        forward: The physics, with poses in the frames of the pictures.
+        pictures: The pictures; n frames.
+    """
+
+    forward: Forward
+    pictures: Pictures
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames n."""
+        return len(self.pictures.color)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Model that is to explain one or more pushes of an object: unknowns, physics and renderer.
+
+    Attributes:
+        pushes: The pushes, in the order of the unknowns' columns.
         surfels: The object's appearance, frame O.
         coordinates: The unknowns.
         num_threads: Threads of the renderer.
     """
 
-    forward: Forward
+    pushes: tuple[Push, ...]
     surfels: Surfels
     coordinates: Coordinates
     num_threads: int
 
-    def frame_losses(self, pictures: Pictures, z: Tensor, blocks: tuple[int, ...]) -> Tensor:
+    @property
+    def radius(self) -> float:
+        """Radius of the object [m]: half the diagonal of its mesh's box."""
+        return 0.5 * float((self.pushes[0].forward.scene.mesh.extents ** 2).sum() ** 0.5)
+
+    def frame_losses(self, z: Tensor, blocks: tuple[int, ...]) -> list[Tensor]:
         """Mean squares of every frame for W guesses.
 
         Args:
-            pictures: The pictures to explain; n frames.
             z: (W, p).
             blocks: Sides of the blocks of pixels, px, as for `image_loss.squares`.
 
         Returns:
-            (n, W), differentiable in z but for `outline`; infinite where the physics found no solution.
+            For each push (n, W), differentiable in z but for `outline`; infinite where the physics found no solution.
         """
-        values = self.coordinates.values(z)
-        X_WO, alive = self.forward.poses(values)
-        parts = []
-        for first in range(0, len(z), _TOGETHER):
-            some = slice(first, first + _TOGETHER)
-            outline = values["outline"][some].detach()
-            X = Pose(X_WO.q[:, some], X_WO.p[:, some])
-            parts.append(squares(difference(pictures, self.surfels, X, outline, num_threads=self.num_threads), blocks))
-        losses = torch.cat(parts, -1)
-        return torch.where(alive, losses, torch.inf)
+        found = []
+        for number, push in enumerate(self.pushes):
+            values = self.coordinates.values(z, number)
+            X_WO, alive = push.forward.poses(values)
+            parts = []
+            for first in range(0, len(z), _TOGETHER):
+                some = slice(first, first + _TOGETHER)
+                X = Pose(X_WO.q[:, some], X_WO.p[:, some])
+                outline = values["outline"][some].detach()
+                images = difference(push.pictures, self.surfels, X, outline, num_threads=self.num_threads)
+                parts.append(squares(images, blocks))
+            found.append(torch.where(alive, torch.cat(parts, -1), torch.inf))
+        return found
 
-    def thinned(self, chosen: Tensor) -> "Problem":
-        """Copy of the problem with poses at some frames only, by their indices (m,)."""
-        return replace(self, forward=replace(self.forward, chosen=chosen))
+    def thinned(self, chosen: tuple[Tensor, ...]) -> "Problem":
+        """Copy of the problem with some frames of each push only, by their indices (m,)."""
+        pushes = [
+            Push(replace(push.forward, chosen=some), push.pictures.some(some))
+            for push, some in zip(self.pushes, chosen, strict=True)
+        ]
+        return replace(self, pushes=tuple(pushes))
 
     @torch.no_grad()
-    def fit_outline(self, pictures: Pictures, z: Tensor, blocks: tuple[int, ...]) -> Tensor:
-        """Unknowns z with the outline's scale that suits the first frame best, where that is free.
+    def fit_outline(self, z: Tensor, blocks: tuple[int, ...]) -> Tensor:
+        """Unknowns z with the outlines' scales that suit the first frames best, where these are free.
 
         The renderer widens what is small, so that each resolution has a scale of its own.
         """
-        if "outline" not in self.coordinates.names:
-            return z
-        column = self.coordinates.names.index("outline")
-        first = pictures.some(torch.zeros(1, dtype=torch.long))
-        X_WO = self.forward.X_WO
-        guesses = torch.linspace(-25.0, 10.0, 36, dtype=torch.float64)
-        trial = z[:1].expand(len(guesses), -1).clone()
-        trial[:, column] = guesses
-        outlines = self.coordinates.values(trial)["outline"]
-        X = Pose(X_WO.q.expand(1, len(guesses), 4), X_WO.p.expand(1, len(guesses), 3))
-        losses = squares(difference(first, self.surfels, X, outlines, num_threads=self.num_threads), blocks)[0]
         z = z.clone()
-        z[:, column] = guesses[int(losses.argmin())]
+        for number, push in enumerate(self.pushes):
+            columns = [k for k in self.coordinates.columns(number) if self.coordinates.free[k].name == "outline"]
+            if not columns:
+                continue
+            first = push.pictures.some(torch.zeros(1, dtype=torch.long))
+            X_WO = push.forward.X_WO
+            guesses = torch.linspace(-25.0, 10.0, 36, dtype=torch.float64)
+            trial = z[:1].expand(len(guesses), -1).clone()
+            trial[:, columns[0]] = guesses
+            outlines = self.coordinates.values(trial, number)["outline"]
+            X = Pose(X_WO.q.expand(1, len(guesses), 4), X_WO.p.expand(1, len(guesses), 3))
+            losses = squares(difference(first, self.surfels, X, outlines, num_threads=self.num_threads), blocks)[0]
+            z[:, columns[0]] = guesses[int(losses.argmin())]
         return self.coordinates.clamp(z)

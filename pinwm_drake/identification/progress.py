@@ -12,15 +12,13 @@ class Progress:
 
     Attributes:
         done: Share of the work, 0 to 1.
-        stage: "screen", "coarse", "fine" or "polish".
-        support: The support that is tried.
-        loss: Mean square of the stage's pictures for the best guess.
+        stage: "screen", "coarse", "fine" or "sample".
+        loss: Mean square of the stage's pictures for the best guess; not a number while draws are taken.
         values: Physical values of the free unknowns of that guess.
     """
 
     done: float
     stage: str
-    support: str
     loss: float
     values: Mapping[str, float]
 

@@ -1,45 +1,90 @@
-"""The search for the unknowns: random guesses, Adam from the best of them, Levenberg-Marquardt at the end.
+"""The search for the unknowns: random guesses, Adam from the best of them, refinement, draws from the posterior.
 
 Every phase ends with arrays that the next one begins with, and every few steps the phase at hand leaves its state in
 the checkpoint too; so an interrupted search goes on where it was, and comes to the same result.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from pinwm_drake.errors import SolverError
 from pinwm_drake.identification.adam import AdamState, descend
 from pinwm_drake.identification.checkpoint import Checkpoint
-from pinwm_drake.identification.gauss_newton import NewtonState, expand, polish, weight_for
+from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.image_loss import BLOCKS
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import Footage, make_pictures
-from pinwm_drake.identification.problem import Problem
+from pinwm_drake.identification.posterior import Posterior
+from pinwm_drake.identification.problem import Problem, Push
 from pinwm_drake.identification.progress import Progress
+from pinwm_drake.identification.refine import RefineState, Surrogate, joint_loss, refine, surrogate_at, weights_of
+from pinwm_drake.identification.sampling import sample
 from pinwm_drake.identification.search_result import Found
-from pinwm_drake.identification.uncertainty import laplace, profile
-from pinwm_drake.scene import Support
+from pinwm_drake.identification.unknowns import Coordinates
+from pinwm_drake.rendering.surfels import Surfels
 
-_COARSE_RATE, _FINE_RATE = 0.5, 0.15
+_COARSE_RATE = 0.5
 # Share of the coarse steps during which the frames that count grow.
 _GROW = 0.6
-# A support whose loss is within this factor of the best one goes on to the next stage.
-_CLOSE = 1.6
-# Polishing is done again, with the images weighted by what the first time revealed of their noise.
+# A start whose coarse loss is within this factor of the best one is refined, and at most so many of them.
+_CLOSE, _REFINED = 1.5, 2
+# Pictures are made anew with the clock that a first refinement found: it tells where the pusher hides the object.
 _ROUNDS = 2
+# Shares of the work that the stages take.
+_SHARES = {"screen": (0.0, 0.0), "coarse": (0.0, 0.4), "fine": (0.4, 0.3), "sample": (0.7, 0.3)}
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """All that a search is given.
+
+    Attributes:
+        footages: Frames of each push.
+        forwards: Physics of each push.
+        surfels: The object's appearance, frame O.
+        coordinates: The unknowns.
+        num_threads: Threads of the renderer.
+    """
+
+    footages: Sequence[Footage]
+    forwards: Sequence[Forward]
+    surfels: Surfels
+    coordinates: Coordinates
+    num_threads: int
+
+    def problem(self, size: float, most: int, z: Tensor | None) -> Problem:
+        """The problem with at most so many frames of each push.
+
+        Args:
+            size: Longer side of the object in the pictures, px.
+            most: Frames of each push, evenly spaced.
+            z: (p,), whose clocks tell where the pusher hides the object, for pictures with boxes of their own; None for
+                pictures that share a box, with clocks as they were written.
+        """
+        pushes = []
+        for number, (footage, forward) in enumerate(zip(self.footages, self.forwards, strict=True)):
+            late = 0.0 if z is None else float(self.coordinates.values(z, number)["time_offset"])
+            chosen = spaced(len(footage.frames), most)
+            pictures = make_pictures(footage, size, together=z is None, late=late).some(chosen)
+            pushes.append(Push(replace(forward, chosen=chosen), pictures))
+        return Problem(tuple(pushes), self.surfels, self.coordinates, self.num_threads)
+
+
+def spaced(number: int, most: int) -> Tensor:
+    """Indices of at most so many of a number of frames, evenly spaced."""
+    return torch.linspace(0, number - 1, min(most, number)).round().long()
 
 
 class Search:
-    """Search for the unknowns of one episode; see the module's text."""
+    """Search for the unknowns of one push or several; see the module's text."""
 
     def __init__(
         self,
-        problems: Mapping[Support, Problem],
-        footage: Footage,
+        task: Task,
         options: IdentifyOptions,
         *,
         folder: Path | None = None,
@@ -47,11 +92,10 @@ class Search:
         resume: bool = False,
         report: Callable[[Progress], None] = lambda _: None,
     ) -> None:
-        """Prepares the pictures and, to go on, reads the checkpoint.
+        """Reads the checkpoint, to go on.
 
         Args:
-            problems: Problems to solve, one for each support.
-            footage: The frames.
+            task: Frames, physics, appearance and unknowns.
             options: Options of the search.
             folder: Folder of the checkpoints; None for none.
             about: Inputs that the search depends on; a checkpoint of another search is refused.
@@ -61,12 +105,8 @@ class Search:
         Raises:
             InputError: The checkpoint is of another search, or cannot be read.
         """
-        self.problems, self.options, self.report = problems, options, report
-        coarse = make_pictures(footage, options.coarse_size, together=True)
-        n = len(footage.images)
-        self.chosen = torch.linspace(0, n - 1, min(options.coarse_frames, n)).round().long()
-        self.coarse = coarse.some(self.chosen)
-        self.fine = make_pictures(footage, options.fine_size, together=False)
+        self.task, self.options, self.report = task, options, report
+        self.coordinates = task.coordinates
         self.kept = Checkpoint(folder, about or {}, resume=resume, every=options.checkpoint_every)
 
     def run(self) -> Found:
@@ -75,49 +115,43 @@ class Search:
         Raises:
             SolverError: The physics found no solution for any guess.
         """
-        for number, support in enumerate(self.problems):
-            self._coarse(number, support)
-        coarse = {support: float(self.kept.done[f"coarse.{support}.loss"]) for support in self.problems}
-        hopeful = [support for support in self.problems if coarse[support] <= _CLOSE * min(coarse.values())]
-        for support in hopeful:
-            self._fine(list(self.problems).index(support), support)
-        losses = {support: float(self.kept.done[f"fine.{support}.loss"]) for support in hopeful}
-        best = min(losses.values(), default=np.inf)
-        if not np.isfinite(best):
+        self._coarse()
+        starts, losses = (torch.from_numpy(self.kept.done[f"coarse.{name}"]) for name in ("z", "loss"))
+        if not bool(torch.isfinite(losses).any()):
             raise SolverError("the physics found no solution for any guess; allowed: other starts (seed) or time_step")
-        near = [support for support in hopeful if losses[support] <= _CLOSE * best]
-        for support in near:
-            losses[support] = self._polish(list(self.problems).index(support), support, near)
-        winner = min(near, key=lambda support: losses[support])
-        return self._finish(winner, losses, coarse)
+        order = torch.argsort(losses, stable=True)
+        chosen = [int(k) for k in order[:_REFINED] if float(losses[k]) <= _CLOSE * float(losses.min())]
+        found = [self._fine(starts[k], k, place / len(chosen), len(chosen)) for place, k in enumerate(chosen)]
+        surrogate, state, start = _best(list(zip(*zip(*found, strict=True), chosen, strict=True)))
+        draws, energies = self._sample(surrogate, state.z)
+        return self._found(surrogate, state, start, draws, energies)
 
-    def _coarse(self, number: int, support: Support) -> None:
-        """Screens random guesses and descends from the best."""
-        key, problem, options = f"coarse.{support}", self.problems[support], self.options
-        if f"{key}.z" in self.kept.done:
+    def _coarse(self) -> None:
+        """Screens random guesses and descends from the best, on small pictures."""
+        options = self.options
+        if "coarse.z" in self.kept.done:
             return
-        problem = problem.thinned(self.chosen)
-        state = self.kept.load_adam(key)
+        problem = self.task.problem(options.coarse_size, options.coarse_frames, None)
+        state = self.kept.load_adam("coarse")
         if state is None:
-            guesses = problem.coordinates.draw(options.screened, torch.Generator().manual_seed(options.seed))
-            guesses = problem.fit_outline(self.coarse, guesses, (1,))
+            guesses = self.coordinates.draw(options.screened, torch.Generator().manual_seed(options.seed))
+            guesses = problem.fit_outline(guesses, (1,))
             with torch.no_grad():
-                losses = problem.frame_losses(self.coarse, guesses, BLOCKS).mean(0)
+                losses = torch.cat(problem.frame_losses(guesses, BLOCKS)).mean(0)
             order = torch.argsort(losses, stable=True)[: options.starts]
-            self._show("screen", number, support, float(losses[order[0]]), guesses[order[0]], 0.0)
+            self._show("screen", float(losses[order[0]]), guesses[order[0]], 0.0)
             state = AdamState.at(guesses[order])
 
         def report(state: AdamState, losses: Tensor) -> None:
             for start, loss in enumerate(losses.tolist()):
-                self._note("coarse", number * options.starts + start, loss, state.z[start], support)
+                self._note("coarse", start, loss, state.z[start])
             best = int(state.best_loss.argmin())
             share = state.iteration / max(options.coarse_iterations, 1)
-            self._show("coarse", number, support, float(state.best_loss[best]), state.best_z[best], share)
-            self.kept.save_adam(key, state)
+            self._show("coarse", float(state.best_loss[best]), state.best_z[best], share)
+            self.kept.save_adam("coarse", state)
 
         state = descend(
             problem,
-            self.coarse,
             state,
             iterations=options.coarse_iterations,
             rate=_COARSE_RATE,
@@ -125,104 +159,104 @@ class Search:
             grow=_GROW,
             report=report,
         )
-        losses = state.best_loss if options.coarse_iterations else torch.zeros(len(state.z))
-        best = int(losses.argmin())
-        start = np.array(number * options.starts + best)
-        self.kept.end(key, {"z": state.best_z[best], "start": start, "loss": losses[best]})
+        losses = state.best_loss if options.coarse_iterations else torch.zeros(len(state.z), dtype=torch.float64)
+        self.kept.end("coarse", {"z": state.best_z, "loss": losses})
 
-    def _fine(self, number: int, support: Support) -> None:
-        """Descends once more, on larger pictures."""
-        key, problem, options = f"fine.{support}", self.problems[support], self.options
-        if f"{key}.z" in self.kept.done:
-            return
-        start = int(self.kept.done[f"coarse.{support}.start"])
-        state = self.kept.load_adam(key)
-        if state is None:
-            z = torch.from_numpy(self.kept.done[f"coarse.{support}.z"])[None]
-            state = AdamState.at(problem.fit_outline(self.fine, z, (1,)))
-
-        def report(state: AdamState, losses: Tensor) -> None:
-            self._note("fine", start, float(losses[0]), state.z[0], support)
-            share = state.iteration / max(options.fine_iterations, 1)
-            self._show("fine", number, support, float(state.best_loss[0]), state.best_z[0], share)
-            self.kept.save_adam(key, state)
-
-        # One step more, so that the last move is judged too.
-        state = descend(
-            problem,
-            self.fine,
-            state,
-            iterations=options.fine_iterations + 1,
-            rate=_FINE_RATE,
-            blocks=(1,),
-            grow=0.0,
-            report=report,
-        )
-        self.kept.end(key, {"z": state.best_z[0], "loss": state.best_loss[0]})
-
-    def _polish(self, number: int, support: Support, near: list[Support]) -> float:
-        """Levenberg-Marquardt, twice: the second time images and prior are in balance. The loss at the end."""
-        problem, options = self.problems[support], self.options
-        start = int(self.kept.done[f"coarse.{support}.start"])
-        z, loss = torch.from_numpy(self.kept.done[f"fine.{support}.z"]), float(self.kept.done[f"fine.{support}.loss"])
-        weight = weight_for(loss)
+    def _fine(self, z: Tensor, start: int, place: float, count: int) -> tuple[Surrogate | None, RefineState]:
+        """Refines a start on larger pictures."""
+        options = self.options
+        state = None
         for turn in range(_ROUNDS):
-            key = f"polish{turn}.{support}"
-            if f"{key}.z" not in self.kept.done:
-                state = self.kept.load_newton(key) or NewtonState(0, z, 1e-2, weight, loss, False)
+            key = f"fine{turn}.{start}"
+            problem = self.task.problem(options.fine_size, options.fine_frames, z if state is None else state.z)
+            if f"{key}.z" in self.kept.done:
+                state = self.kept.refined(key)
+                continue
+            if state is None:
+                state = RefineState.at(problem, problem.fit_outline(z[None], (1,))[0])
+            state = replace(state, iteration=0, done=False)
 
-                def report(state: NewtonState, turn: int = turn, key: str = key) -> None:
-                    self._note("polish", start, state.loss, state.z, support)
-                    share = (
-                        near.index(support) + (turn + state.iteration / options.polish_iterations) / _ROUNDS
-                    ) / len(near)
-                    self._show("polish", number, support, state.loss, state.z, share)
-                    self.kept.save_newton(key, state)
+            def report(state: RefineState, turn: int = turn) -> None:
+                self._note("fine", start, state.loss, state.z)
+                done = (turn + state.iteration / max(options.fine_iterations, 1)) / _ROUNDS
+                self._show("fine", state.loss, state.z, place + done / count)
 
-                state = polish(problem, self.fine, state, iterations=options.polish_iterations, report=report)
-                model = expand(problem, self.fine, state.z)
-                dispersion = 1.0 if model is None else laplace(problem.coordinates, model, state.z, weight).dispersion
-                self.kept.end(key, {"z": state.z, "loss": state.loss, "weight": weight / dispersion})
-            z, loss = torch.from_numpy(self.kept.done[f"{key}.z"]), float(self.kept.done[f"{key}.loss"])
-            weight = float(self.kept.done[f"{key}.weight"])
-        return loss
+            state, surrogate = refine(problem, state, iterations=options.fine_iterations, report=report)
+            self.kept.end_refined(key, state)
+            if turn == _ROUNDS - 1:
+                return surrogate, state
+        assert state is not None
+        return surrogate_at(problem, state.z, state.corrections), state
 
-    def _finish(self, support: Support, losses: dict[Support, float], coarse_losses: dict[Support, float]) -> Found:
-        """Evaluates the optimum once more, and gathers the result."""
-        problem = self.problems[support]
-        last = f"polish{_ROUNDS - 1}.{support}"
-        z, weight = torch.from_numpy(self.kept.done[f"{last}.z"]), float(self.kept.done[f"{last}.weight"])
-        model = expand(problem, self.fine, z)
-        if model is None:
-            raise SolverError("the physics found no solution at the optimum; allowed: another seed or time_step")
-        posterior = laplace(problem.coordinates, model, z, weight)
-        n = len(self.fine.color)
-        thinned, some = problem.thinned(self.chosen), self.fine.some(self.chosen)
-        share = n / len(self.chosen) * weight / posterior.dispersion
-        posterior = profile(thinned, some, posterior, share)
+    def _sample(self, surrogate: Surrogate, z: Tensor) -> tuple[Tensor, Tensor]:
+        """Draws (N, p) from the posterior, and their objectives (N,)."""
+        if "sample.z" not in self.kept.done:
+            A, _ = surrogate.quadratic(z)
+            found = sample(
+                surrogate.objective,
+                z,
+                torch.linalg.inv(A),
+                self.coordinates.clamp,
+                torch.Generator().manual_seed(self.options.seed),
+                moves=self.options.moves,
+                report=lambda share: self._show("sample", float("nan"), z, share),
+            )
+            self.kept.end("sample", {"z": found[0], "objective": found[1]})
+        return torch.from_numpy(self.kept.done["sample.z"]), torch.from_numpy(self.kept.done["sample.objective"])
+
+    def _found(self, surrogate: Surrogate, state: RefineState, start: int, draws: Tensor, energies: Tensor) -> Found:
+        """Gathers the result."""
+        z = representative(surrogate, state.z, draws, energies)
+        poses = []
+        for number, forward in enumerate(self.task.forwards):
+            X_WO, alive = forward.poses(self.coordinates.values(z[None], number))
+            if not bool(alive[0]):
+                raise SolverError("the physics found no solution at the optimum; allowed: another seed or time_step")
+            poses.append(X_WO)
         return Found(
-            support=support,
-            problem=problem,
-            posterior=posterior,
-            loss=float(model.loss.mean()),
-            poses=model.poses,
-            losses=losses,
-            coarse_losses=coarse_losses,
+            problem=surrogate.problem,
+            posterior=Posterior(z, draws),
+            loss=state.loss,
+            poses=[type(X)(X.q[:, 0], X.p[:, 0]) for X in poses],
+            corrections=surrogate.corrections(z),
+            coarse_losses=[float(loss) for loss in self.kept.done["coarse.loss"]],
+            start=start,
             log=self.kept.log,
             seconds=self.kept.seconds,
         )
 
-    def _note(self, stage: str, start: int, loss: float, z: Tensor, support: Support) -> None:
-        self.kept.log.add(f"{stage} {support}", start, loss, list(self._free(support, z).values()))
+    def _note(self, stage: str, start: int, loss: float, z: Tensor) -> None:
+        self.kept.log.add(stage, start, loss, list(self._free(z).values()))
 
-    def _show(self, stage: str, number: int, support: Support, loss: float, z: Tensor, share: float) -> None:
-        """Reports progress; the stages take about 45, 20 and 35 % of the time."""
-        count = len(self.problems)
-        first, width = {"screen": (0.0, 0.0), "coarse": (0.0, 0.45), "fine": (0.45, 0.2), "polish": (0.65, 0.35)}[stage]
-        place = share if stage == "polish" else (number + share) / count
-        self.report(Progress(min(first + width * place, 1.0), stage, support, loss, self._free(support, z)))
+    def _show(self, stage: str, loss: float, z: Tensor, share: float) -> None:
+        """Reports progress."""
+        first, width = _SHARES[stage]
+        self.report(Progress(min(first + width * share, 1.0), stage, loss, self._free(z)))
 
-    def _free(self, support: Support, z: Tensor) -> dict[str, float]:
+    def _free(self, z: Tensor) -> dict[str, float]:
         """Physical values of the free unknowns, in their order."""
-        values = self.problems[support].coordinates.values(z)
-        return {name: float(values[name]) for name in self.problems[support].coordinates.names}
+        return self.coordinates.named(z)
+
+
+def _best(candidates: list[tuple[Surrogate | None, RefineState, int]]) -> tuple[Surrogate, RefineState, int]:
+    """The candidate that explains images best, all with the same weights; raises SolverError where there is none."""
+    alive = [(surrogate, state, start) for surrogate, state, start in candidates if surrogate is not None]
+    if not alive:
+        raise SolverError("the physics found no solution at the optimum; allowed: another seed or time_step")
+    weights = weights_of(min((surrogate.expansions for surrogate, *_ in alive), key=_median_loss))
+    return min(
+        alive, key=lambda one: joint_loss(one[0].problem, one[1].z, one[1].corrections, one[0].expansions, weights)
+    )
+
+
+def _median_loss(expansions: Sequence) -> float:
+    return float(torch.cat([expansion.loss for expansion in expansions]).median())
+
+
+def representative(surrogate: Surrogate, z: Tensor, draws: Tensor, energies: Tensor) -> Tensor:
+    """Unknowns (p,) that stand for a posterior: its mean where that is as likely as its draws, else the likeliest."""
+    mean = draws.mean(0)
+    if float(surrogate.objective(mean[None])[0]) <= float(energies.median()):
+        return mean
+    best = int(energies.argmin())
+    return draws[best] if float(energies[best]) < float(surrogate.objective(z[None])[0]) else z

@@ -1,7 +1,8 @@
 """Unknowns of an identification: physical parameters theta, and nuisances that every real video has.
 
 Each unknown is held as a number z of order one: its physical value is `nominal + scale z`, or `nominal exp(scale z)`
-for one that is positive. A Gaussian prior of zero mean keeps what the images say nothing about where it was.
+for one that is positive. A Gaussian prior of zero mean keeps what the images say nothing about where it was. Theta and
+some nuisances belong to the object, and are shared by all pushes; the others are of one push, and come once for each.
 """
 
 import math
@@ -27,7 +28,8 @@ class Unknown:
         prior: Standard deviation of the value (of its logarithm), before any image is seen.
         spread: Half the range (of the logarithm) from which random starts are drawn; 0 for nominal.
         low, high: Bounds of the value.
-        physical: Whether it belongs to theta; a nuisance is of one video only.
+        physical: Whether it belongs to theta; else it is a nuisance.
+        shared: Whether it belongs to the object; else to a push.
     """
 
     name: str
@@ -40,24 +42,35 @@ class Unknown:
     low: float = -math.inf
     high: float = math.inf
     physical: bool = True
+    shared: bool = True
 
 
 def _friction(name: str) -> Unknown:
-    return Unknown(name, "1", True, 0.1, 0.3, 2.0, spread=math.log(7.0), low=1e-4, high=5.0)
+    return Unknown(name, "1", True, 0.2, 0.2, 1.0, spread=math.log(6.0), low=1e-4, high=5.0)
 
 
 def _moment(name: str) -> Unknown:
-    return Unknown(name, "1", True, 1.0, 0.2, 0.2, low=0.05, high=20.0)
+    return Unknown(name, "1", True, 1.0, 0.1, 0.1, low=0.05, high=20.0)
 
 
 def _restitution(name: str) -> Unknown:
     return Unknown(name, "1", False, 0.0, 0.1, 0.5, low=0.0, high=1.0)
 
 
+def _support(name: str) -> Unknown:
+    return Unknown(name, "1", True, 1.0, 0.2, 0.9, low=0.15, high=3.0, physical=False)
+
+
+def _center(name: str) -> Unknown:
+    return Unknown(name, "m", False, 0.0, 1e-3, 2e-3, low=-0.2, high=0.2, physical=False)
+
+
 _DEGREE = math.pi / 180.0
 
 # moment_* multiply the second moments of mass of a uniform solid along the axes of O, which covers only inertias of
-# real bodies; lift raises object and floor over what the capture says; outline scales the object in the images about
+# real bodies; support_* spread the pressure on the face that the object rests on along them, against a uniform one;
+# center_* move the centre of mass; contact_offset is by how much larger object and pusher act together than their
+# meshes; lift raises object and floor over what the capture says; outline scales the object in the images about
 # its middle there, as segmentation and anti-aliasing do, which else would be taken for a distance.
 UNKNOWNS: dict[str, Unknown] = {
     unknown.name: unknown
@@ -70,30 +83,47 @@ UNKNOWNS: dict[str, Unknown] = {
         _friction("friction_pusher"),
         _restitution("restitution_floor"),
         _restitution("restitution_pusher"),
-        Unknown("start_x", "m", False, 0.0, 2e-3, 3e-3, physical=False),
-        Unknown("start_y", "m", False, 0.0, 2e-3, 3e-3, physical=False),
-        Unknown("start_yaw", "rad", False, 0.0, _DEGREE, 2.0 * _DEGREE, physical=False),
+        _support("support_x"),
+        _support("support_y"),
+        _support("support_z"),
+        _center("center_x"),
+        _center("center_y"),
+        _center("center_z"),
+        Unknown("contact_offset", "m", False, 0.0, 5e-4, 1e-3, low=-0.02, high=0.02, physical=False),
         Unknown("lift", "m", False, 0.0, 1e-3, 3e-3, physical=False),
-        Unknown("time_offset", "s", False, 0.0, 5e-3, 2e-2, low=-0.2, high=0.2, physical=False),
-        Unknown("outline", "1", True, 1.0, 0.01, 0.1, low=0.5, high=2.0, physical=False),
+        Unknown("start_x", "m", False, 0.0, 2e-3, 3e-3, physical=False, shared=False),
+        Unknown("start_y", "m", False, 0.0, 2e-3, 3e-3, physical=False, shared=False),
+        Unknown("start_yaw", "rad", False, 0.0, _DEGREE, 2.0 * _DEGREE, physical=False, shared=False),
+        Unknown("time_offset", "s", False, 0.0, 5e-3, 2e-2, low=-0.2, high=0.2, physical=False, shared=False),
+        Unknown("outline", "1", True, 1.0, 0.01, 0.1, low=0.5, high=2.0, physical=False, shared=False),
     )
 }
-# The object's own surface takes part in both contacts, so that, before any image is seen, its two frictions are alike:
-# the standard deviation of the logarithm of their ratio.
-_ALIKE = ("friction_pusher", "friction_floor", 0.7)
+# Pairs whose logarithms are alike before any image is seen, and the standard deviation of their ratio's logarithm: the
+# object's own surface takes part in both contacts, and a face that carries at its rim does so all around.
+_ALIKE = (
+    ("friction_pusher", "friction_floor", 1.5),
+    ("support_x", "support_y", 0.15),
+    ("support_y", "support_z", 0.15),
+    ("support_z", "support_x", 0.15),
+)
 NUISANCES = tuple(name for name, unknown in UNKNOWNS.items() if not unknown.physical)
 DEFAULT_FREE = ("friction_floor", "friction_pusher", "moment_xx", "moment_yy", *NUISANCES)
 
 
 class Coordinates:
-    """The free unknowns as a vector z, and the held ones as constants."""
+    """The free unknowns as a vector z, and the held ones as constants.
 
-    def __init__(self, free: Sequence[str], held: Mapping[str, float]) -> None:
+    The columns of z are the free unknowns of the object in the order of `UNKNOWNS`, then those of the first push, of
+    the second, and so on.
+    """
+
+    def __init__(self, free: Sequence[str], held: Mapping[str, float], pushes: int = 1) -> None:
         """Chooses the free unknowns and the values of the held ones.
 
         Args:
             free: Names of the free unknowns, each once.
             held: Physical values of others, by name; for a free one, the value at z = 0.
+            pushes: Number of pushes.
 
         Raises:
             ParameterError: An unknown name, none at all, one twice, or a value out of its bounds.
@@ -108,12 +138,20 @@ class Coordinates:
             low = max(unknown.low, 0.0) if unknown.positive else unknown.low
             if not (math.isfinite(value) and low <= value <= unknown.high) or (unknown.positive and value == 0.0):
                 raise ParameterError(f"{name} is held at {value}; allowed: {low:g} to {unknown.high:g} {unknown.unit}")
-        self.free = [UNKNOWNS[name] for name in UNKNOWNS if name in free]
-        self.names = [unknown.name for unknown in self.free]
+        self.pushes = pushes
+        common = [UNKNOWNS[name] for name in UNKNOWNS if name in free and UNKNOWNS[name].shared]
+        own = [UNKNOWNS[name] for name in UNKNOWNS if name in free and not UNKNOWNS[name].shared]
+        self.free = common + own * pushes
+        self.push = [-1] * len(common) + [push for push in range(pushes) for _ in own]
+        self.names = [
+            unknown.name if push < 0 or pushes == 1 else f"{unknown.name}.{push}"
+            for unknown, push in zip(self.free, self.push, strict=True)
+        ]
         self.centre = {name: float(held.get(name, unknown.nominal)) for name, unknown in UNKNOWNS.items()}
         prior = [unknown.prior / unknown.scale for unknown in self.free]
         self.precision = torch.diag(torch.tensor([1.0 / value**2 for value in prior], dtype=torch.float64))
-        self._couple(*_ALIKE)
+        for first, second, deviation in _ALIKE:
+            self._couple(first, second, deviation)
         bounds = [self._bounds(unknown) for unknown in self.free]
         self.low, self.high = torch.tensor(bounds, dtype=torch.float64).unbind(-1)
 
@@ -139,24 +177,36 @@ class Coordinates:
         )
 
     def __len__(self) -> int:
-        """Number of free unknowns."""
+        """Number of free unknowns, with those of every push."""
         return len(self.free)
 
-    def values(self, z: Tensor) -> dict[str, Tensor]:
-        """Physical values of all unknowns, free and held.
+    def columns(self, push: int) -> list[int]:
+        """Columns of z that a push depends on."""
+        return [column for column, of in enumerate(self.push) if of in (-1, push)]
+
+    def values(self, z: Tensor, push: int = 0) -> dict[str, Tensor]:
+        """Physical values of all unknowns, free and held, for one push.
 
         Args:
             z: (..., p).
+            push: Number of the push.
 
         Returns:
             (...) for each name; differentiable in z.
         """
         values = {name: z.new_full(z.shape[:-1], centre) for name, centre in self.centre.items()}
-        for column, unknown in enumerate(self.free):
+        for column in self.columns(push):
+            unknown = self.free[column]
             change = unknown.scale * z[..., column]
             centre = self.centre[unknown.name]
             values[unknown.name] = centre * change.exp() if unknown.positive else centre + change
         return values
+
+    def named(self, z: Tensor) -> dict[str, float]:
+        """Physical values of the free unknowns of z (p,), by `names`."""
+        values = [self.values(z, push) for push in range(self.pushes)]
+        of = zip(self.names, self.free, self.push, strict=True)
+        return {name: float(values[max(push, 0)][unknown.name]) for name, unknown, push in of}
 
     def clamp(self, z: Tensor) -> Tensor:
         """The nearest z within the bounds."""

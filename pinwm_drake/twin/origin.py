@@ -1,7 +1,7 @@
-"""Origin of a twin: the episode that it was identified from, and the start of that episode."""
+"""Origin of a twin: the episodes that it was identified from, and how they start."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,45 +23,50 @@ _LEFT_OUT = (POSES_FILE, GROUND_TRUTH_FILE)
 
 @dataclass(frozen=True)
 class Origin:
-    """Capture and episode that a twin was identified from.
+    """Capture and episodes that a twin was identified from.
 
     Attributes:
         path: Folder of the capture at that time.
         sha256: Hash of the capture, as `hash_capture` gives it.
-        episode: The name of the episode.
+        episodes: The names of the episodes.
     """
 
     path: Path
     sha256: str
-    episode: str
+    episodes: tuple[str, ...]
 
     @staticmethod
-    def of(capture: Capture, episode: Episode) -> "Origin":
+    def of(capture: Capture, episodes: Sequence[Episode]) -> "Origin":
         """The origin of a twin that is identified now; raises InputError where a file cannot be read."""
-        return Origin(capture.folder.resolve(), hash_capture(capture.folder, episode.name), episode.name)
+        names = tuple(episode.name for episode in episodes)
+        return Origin(capture.folder.resolve(), hash_capture(capture.folder, names), names)
 
     @staticmethod
     def read(twin: Twin) -> "Origin | None":
         """Origin from the provenance of a twin; None where that does not say all of it."""
-        found = [twin.provenance.get(key) for key in ("capture", "capture_sha256", "episode")]
-        if not all(isinstance(value, str) and value for value in found):
+        path, sha256 = (twin.provenance.get(key) for key in ("capture", "capture_sha256"))
+        # Twins of one episode name it by itself, as those of older releases do.
+        names = twin.provenance.get("episodes", [twin.provenance.get("episode")])
+        if not isinstance(names, list) or not names:
             return None
-        path, sha256, episode = map(str, found)
-        return Origin(Path(path), sha256, episode)
+        if not all(isinstance(value, str) and value for value in (path, sha256, *names)):
+            return None
+        return Origin(Path(str(path)), str(sha256), tuple(names))
 
     def to_provenance(self) -> dict[str, Any]:
         """The entries of a twin's provenance that `read` looks for."""
-        return {"capture": str(self.path), "capture_sha256": self.sha256, "episode": self.episode}
+        of = {"episode": self.episodes[0]} if len(self.episodes) == 1 else {"episodes": list(self.episodes)}
+        return {"capture": str(self.path), "capture_sha256": self.sha256, **of}
 
 
-def hash_capture(folder: Path, episode: str) -> str:
+def hash_capture(folder: Path, episodes: Sequence[str]) -> str:
     """SHA-256 of all files of a capture that a twin is made from: names and contents, in the order of the names.
 
     Ground truth and other episodes do not count.
 
     Args:
         folder: The capture.
-        episode: The name of the episode.
+        episodes: The names of the episodes.
 
     Returns:
         64 hexadecimal digits.
@@ -70,7 +75,7 @@ def hash_capture(folder: Path, episode: str) -> str:
         InputError: A file cannot be read.
     """
     digest = hashlib.sha256()
-    for path in sorted(_files(folder, episode)):
+    for path in sorted(_files(folder, episodes)):
         try:
             contents = hashlib.sha256(path.read_bytes()).hexdigest()
         except OSError as error:
@@ -79,60 +84,62 @@ def hash_capture(folder: Path, episode: str) -> str:
     return digest.hexdigest()
 
 
-def _files(folder: Path, episode: str) -> Iterator[Path]:
+def _files(folder: Path, episodes: Sequence[str]) -> Iterator[Path]:
     yield folder / "capture.yaml"
-    for part in ("meshes", "static", f"episodes/{episode}"):
+    for part in ("meshes", "static", *(f"episodes/{episode}" for episode in episodes)):
         for path in (folder / part).rglob("*"):
             hidden = any(name.startswith(".") for name in path.relative_to(folder).parts)
             if path.is_file() and not hidden and path.name not in _LEFT_OUT:
                 yield path
 
 
-def is_identified_episode(twin: Twin, capture: Capture, episode: Episode) -> bool:
-    """Flag: a twin was identified from this very episode, same name and same files, all of which are read.
+def identified_push(twin: Twin, capture: Capture, episode: Episode) -> int | None:
+    """Number of the push that an episode was in a twin's identification; None where it was none of these very files.
 
     Raises:
         InputError: A file of the capture cannot be read.
     """
     origin = Origin.read(twin)
-    return (
-        origin is not None
-        and origin.episode == episode.name
-        and origin.sha256 == hash_capture(capture.folder, episode.name)
-    )
+    if origin is None or episode.name not in origin.episodes:
+        return None
+    known = all(name in capture.episode_names for name in origin.episodes)
+    same = known and origin.sha256 == hash_capture(capture.folder, origin.episodes)
+    return origin.episodes.index(episode.name) if same else None
 
 
-def start_pose(twin: Twin, capture: Capture, *, identified: bool) -> Pose:
+def start_pose(twin: Twin, capture: Capture, push: int | None) -> Pose:
     """Pose of the object at the start of an episode.
 
-    The offsets start_x, start_y [m] and start_yaw [rad], which were estimated, belong to the episode that the twin was
+    The offsets start_x, start_y [m] and start_yaw [rad], which were estimated, belong to a push that the twin was
     identified from, and are used for it only.
 
     Args:
         twin: The twin.
         capture: The capture of the episode.
-        identified: Whether the twin was identified from that episode; see `is_identified_episode`.
+        push: Number of the identified push, see `identified_push`; None for another one.
 
     Returns:
         X_WO; q (4,), p (3,) [m].
     """
     X_WO = capture.object.X_WO
-    if not identified:
+    if push is None:
         return X_WO
-    x, y, yaw = (_nuisance(twin, key) for key in ("start_x", "start_y", "start_yaw"))
+    x, y, yaw = (of_push(twin, key, push, 0.0) for key in ("start_x", "start_y", "start_yaw"))
     turn = quaternion_exp(torch.tensor([0.0, 0.0, yaw], dtype=torch.float64))
     return Pose(quaternion_multiply(turn, X_WO.q), X_WO.p + torch.tensor([x, y, 0.0], dtype=torch.float64))
 
 
-def time_offset(twin: Twin, *, identified: bool) -> float:
+def time_offset(twin: Twin, push: int | None) -> float:
     """Delay of an episode's frames against the robot's clock [s]; 0 where it is not known.
 
     Args:
         twin: The twin.
-        identified: Whether the episode is the one that the twin was identified from.
+        push: Number of the identified push; None for another one.
     """
-    return _nuisance(twin, "time_offset") if identified else 0.0
+    return 0.0 if push is None else of_push(twin, "time_offset", push, 0.0)
 
 
-def _nuisance(twin: Twin, key: str) -> float:
-    return twin.nuisance[key].value if key in twin.nuisance else 0.0
+def of_push(twin: Twin, name: str, push: int, otherwise: float) -> float:
+    """Value of a nuisance of one identified push, by its name, or with the push's number after it."""
+    found = twin.nuisance.get(f"{name}.{push}", twin.nuisance.get(name))
+    return otherwise if found is None else found.value

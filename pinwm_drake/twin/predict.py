@@ -15,14 +15,14 @@ from pinwm_drake.twin.twin import Twin
 _SAME_GRAVITY, _SAME_FLOOR = 1e-3, 1e-3
 
 
-def predict_poses(twin: Twin, capture: Capture, episode: Episode, *, identified: bool) -> ObjectPoses:
+def predict_poses(twin: Twin, capture: Capture, episode: Episode, push: int | None) -> ObjectPoses:
     """The poses of the object that a twin predicts for the frames of an episode.
 
     Args:
         twin: The twin.
         capture: The capture of the episode, which says where the object starts.
         episode: The episode; of it, the pusher's log and the times of the frames are used.
-        identified: Whether it is the episode that the twin was identified from.
+        push: Number of the identified push that it is, see `origin.identified_push`; None for another one.
 
     Returns:
         The poses at `episode.t`.
@@ -30,7 +30,7 @@ def predict_poses(twin: Twin, capture: Capture, episode: Episode, *, identified:
     Raises:
         PinwmError: A mesh cannot be used, or the physics found no solution.
     """
-    start, late = start_pose(twin, capture, identified=identified), time_offset(twin, identified=identified)
+    start, late = start_pose(twin, capture, push), time_offset(twin, push)
     found = rollout(_in_place_of(twin, capture), start, episode.trajectory, episode.t + late)
     return ObjectPoses(episode.t, found.p_WO, found.q_WO)
 

@@ -10,7 +10,8 @@ from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.twin.document import read_document
-from pinwm_drake.twin.twin import SURFELS_FILE, TWIN_FILE, Twin
+from pinwm_drake.twin.draws import read_draws
+from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Twin
 
 
 def read_twin(folder: Path) -> Twin:
@@ -35,11 +36,16 @@ def read_twin(folder: Path) -> Twin:
     pusher = document.pusher_mesh
     if pusher is not None:
         paths[pusher.text()] = _locate(folder, pusher)
-    _check_hashes(paths, entry["sha256"])
+    hashes = entry["sha256"]
+    has_draws = isinstance(hashes.value, dict) and DRAWS_FILE in hashes.value
+    if has_draws:
+        paths[DRAWS_FILE] = folder / DRAWS_FILE
+    _check_hashes(paths, hashes)
     return Twin(
         mesh_path=paths[document.mesh.text()],
         pusher=PusherGeometry(None if pusher is None else paths[pusher.text()], document.pusher_shape),
         surfels=read_ply(folder / SURFELS_FILE),
+        draws=read_draws(folder / DRAWS_FILE) if has_draws else None,
         **document.values,
     )
 

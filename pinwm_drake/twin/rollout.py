@@ -1,5 +1,6 @@
 """Prediction by a twin: its physics along a pusher's motion."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,10 @@ from pinwm_drake.twin.twin import Twin
 _RESTS = 5e-3
 # Where the contacts of a step have no solution that the solvers find, smaller steps meet others.
 _HALVINGS = 4
+# Nuisances that have a part in the physics, and their values without effect.
+_NO_EFFECT = {f"{name}_{axis}": value for name, value in (("center", 0.0), ("support", 1.0)) for axis in "xyz"} | {
+    "contact_offset": 0.0
+}
 
 
 def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
@@ -45,19 +50,45 @@ def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
 
 
 def twin_parameters(twin: Twin, scene: Scene) -> Parameters:
-    """Parameters theta of one world. Products of inertia are those of the mesh, scaled like the moments."""
-    theta = {key: estimate.value for key, estimate in twin.theta.items()}
+    """Parameters of one world. Products of inertia are those of the mesh, scaled like the moments."""
+    estimates = twin.theta | twin.nuisance
+    return physical_parameters({name: [estimate.value] for name, estimate in estimates.items()}, scene)
+
+
+def drawn_parameters(twin: Twin, scene: Scene, rows: np.ndarray) -> Parameters:
+    """Parameters of W worlds by draws from the posterior of a twin, by their rows (W,)."""
+    known = {name: [estimate.value] * len(rows) for name, estimate in (twin.theta | twin.nuisance).items()}
+    drawn = {} if twin.draws is None else {name: twin.draws.column(name)[rows].tolist() for name in twin.draws.names}
+    return physical_parameters(known | drawn, scene)
+
+
+def physical_parameters(values: Mapping[str, Sequence[float]], scene: Scene) -> Parameters:
+    """Parameters of W worlds.
+
+    Args:
+        values: W values for each of `THETA`, and for those nuisances that have a part in the physics; one that is
+            missing has no effect.
+        scene: Scene of the object.
+    """
+    theta = {name: [plain] * len(values["mass"]) for name, plain in _NO_EFFECT.items()} | dict(values)
     solid = torch.as_tensor(scene.model.bodies[0].inertia, dtype=torch.float64).diagonal()
-    moments = torch.tensor([theta["inertia_xx"], theta["inertia_yy"], theta["inertia_zz"]], dtype=torch.float64)
+    moments = _stacked(theta, "inertia_xx", "inertia_yy", "inertia_zz")
     # Second moments of mass along the axes: they scale independently, moments of inertia do not.
-    second, wanted = (0.5 * diagonal.sum() - diagonal for diagonal in (solid, moments))
+    second, wanted = (0.5 * diagonal.sum(-1, keepdim=True) - diagonal for diagonal in (solid, moments))
     factors = wanted.clamp_min(0.0) / second.clamp_min(1e-300)
     return Parameters(
-        mass=torch.tensor([[theta["mass"]]], dtype=torch.float64),
-        inertia=scaled_inertia(scene, 1.0, factors)[None, None],
-        friction=torch.tensor([[theta["friction_floor"], theta["friction_pusher"]]], dtype=torch.float64),
-        restitution=torch.tensor([[theta["restitution_floor"], theta["restitution_pusher"]]], dtype=torch.float64),
+        mass=torch.tensor(theta["mass"], dtype=torch.float64)[:, None],
+        inertia=scaled_inertia(scene, 1.0, factors)[:, None],
+        friction=_stacked(theta, "friction_floor", "friction_pusher"),
+        restitution=_stacked(theta, "restitution_floor", "restitution_pusher"),
+        center=_stacked(theta, "center_x", "center_y", "center_z")[:, None],
+        spread=_stacked(theta, "support_x", "support_y", "support_z")[:, None],
+        offset=torch.nn.functional.pad(_stacked(theta, "contact_offset"), (1, 0)),
     )
+
+
+def _stacked(values: Mapping[str, Sequence[float]], *names: str) -> torch.Tensor:
+    return torch.tensor([values[name] for name in names], dtype=torch.float64).T
 
 
 def rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> ObjectPoses:

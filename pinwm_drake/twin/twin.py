@@ -2,18 +2,18 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Support
 
-if TYPE_CHECKING:
-    pass
-
 SCHEMA_VERSION = 1
 TWIN_FILE = "twin.yaml"
 SURFELS_FILE = "surfels.ply"
+DRAWS_FILE = "draws.npz"
 MOST_FRICTION_DIRECTIONS = 64
 
 # The physical parameters of a twin, and their units. The moments of inertia are about the centre of mass, along the
@@ -50,6 +50,23 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False)
+class Draws:
+    """Draws from the joint posterior of what belongs to an object: theta, and the nuisances that are not of one push.
+
+    Attributes:
+        names: Names of the p quantities, in the units of the estimates of these names.
+        values: (N, p).
+    """
+
+    names: list[str]
+    values: np.ndarray
+
+    def column(self, name: str) -> np.ndarray:
+        """Values (N,) of a quantity."""
+        return np.asarray(self.values[:, self.names.index(name)])
+
+
+@dataclass(frozen=True, eq=False)
 class Twin:
     """A calibrated twin of one object and of the pusher that pushed it.
 
@@ -64,10 +81,12 @@ class Twin:
             even, 4 to 64.
         support: Points that touch the floor: the mesh's corners, or points of its patch.
         theta: The physical parameters; exactly the keys of `THETA`.
-        nuisance: Other estimates, which are of the identified episode only (except the lift).
+        nuisance: Other estimates. Spread of the pressure, centre of mass, contact offset and lift are of the object,
+            start poses, clocks and outlines of the identified pushes.
         camera_offset: Offset to add to cx and cy of the capture's cameras [px].
         surfels: Appearance of the object, frame O.
-        provenance: Plain data: capture, its SHA-256, episode, versions, seeds, losses, timings, options.
+        provenance: Plain data: capture, its SHA-256, episodes, versions, seeds, losses, timings, options.
+        draws: Draws from the posterior; None where there are none.
     """
 
     name: str
@@ -83,3 +102,4 @@ class Twin:
     camera_offset: tuple[float, float]
     surfels: Surfels
     provenance: dict[str, Any]
+    draws: Draws | None = None

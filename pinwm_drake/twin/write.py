@@ -12,7 +12,8 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.rendering.ply import write_ply
 from pinwm_drake.twin.document import read_document, to_document
-from pinwm_drake.twin.twin import SURFELS_FILE, TWIN_FILE, Twin
+from pinwm_drake.twin.draws import write_draws
+from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Twin
 
 _MESHES = "meshes"
 
@@ -60,6 +61,9 @@ def write_twin(folder: Path, twin: Twin) -> None:
         with replacing(folder / name) as temporary:
             temporary.write_bytes(contents)
     files[SURFELS_FILE] = _read(folder / SURFELS_FILE)
+    if twin.draws is not None:
+        write_draws(folder / DRAWS_FILE, twin.draws)
+        files[DRAWS_FILE] = _read(folder / DRAWS_FILE)
     document["sha256"] = {name: hashlib.sha256(contents).hexdigest() for name, contents in sorted(files.items())}
     with replacing(path) as temporary:
         text = yaml.dump(

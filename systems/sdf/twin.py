@@ -81,7 +81,8 @@ def twin_solid(twin: Twin) -> Solid:
     # Of the scene, theta takes no more than the uniform solid's inertia.
     body = Body("object", [sphere(1.0)], 1.0, 0.5 * (about.inertia + about.inertia.T))
     theta = twin_parameters(twin, Scene(Model([body]), torch.from_numpy(about.p_com), mesh))
-    return Solid(float(theta.mass[0, 0]), about.p_com, theta.inertia[0, 0].numpy())
+    p_com = about.p_com + theta.center[0, 0].numpy()
+    return Solid(float(theta.mass[0, 0]), p_com, theta.inertia[0, 0].numpy())
 
 
 def object_text(

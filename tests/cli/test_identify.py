@@ -97,7 +97,7 @@ def test_ctrl_c_keeps_what_was_done(pinwm, capture, tmp_path, monkeypatch):
     write_appearance(tmp_path)
     original = Search._fine
 
-    def interrupted(self, number, support):
+    def interrupted(self, *arguments):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Search, "_fine", interrupted)

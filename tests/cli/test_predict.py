@@ -9,7 +9,7 @@ from pinwm_drake.capture.episode_tables import read_pose_table
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.scene import PusherGeometry, read_capture
 from pinwm_drake.twin import Estimate, origin, read_twin
-from pinwm_drake.twin.origin import hash_capture, is_identified_episode, start_pose, time_offset
+from pinwm_drake.twin.origin import hash_capture, identified_push, start_pose, time_offset
 from tests.capture.cube import SIDE
 from tests.report.samples import GAP, SPEED, write_identified, write_push
 from tests.twin.samples import estimates
@@ -85,18 +85,18 @@ def test_the_start_that_was_estimated_is_that_of_its_episode_only(folder):
     write_identified(folder / "offset", folder / "capture", nuisance=nuisance)
     twin, capture = read_twin(folder / "offset"), read_capture(folder / "capture")
     first, second = (read_episode(capture, name) for name in ("0000", "second"))
-    assert is_identified_episode(twin, capture, first)
-    assert not is_identified_episode(twin, capture, second)
-    start = start_pose(twin, capture, identified=True)
+    assert identified_push(twin, capture, first) == 0
+    assert identified_push(twin, capture, second) is None
+    start = start_pose(twin, capture, 0)
     np.testing.assert_allclose(start.p, [1e-3, -2e-3, SIDE / 2], rtol=0, atol=1e-15)
     np.testing.assert_allclose(start.q, [np.cos(0.1), 0, 0, np.sin(0.1)], rtol=0, atol=1e-15)
-    assert time_offset(twin, identified=True) == 0.01
-    assert time_offset(twin, identified=False) == 0.0
-    assert start_pose(twin, capture, identified=False) is capture.object.X_WO
+    assert time_offset(twin, 0) == 0.01
+    assert time_offset(twin, None) == 0.0
+    assert start_pose(twin, capture, None) is capture.object.X_WO
     # An episode of the same name in another capture is another episode.
     path = write_push(folder / "other", frames=FRAMES + 1)
     other = read_capture(path)
-    assert not is_identified_episode(twin, other, read_episode(other, "0000"))
+    assert identified_push(twin, other, read_episode(other, "0000")) is None
 
 
 @pytest.mark.parametrize(("name", "expected"), [("0000", 0.02), ("second", 0.0)])

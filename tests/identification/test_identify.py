@@ -1,21 +1,24 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
-from pinwm_drake.capture.episodes import read_episode, read_frames
+from pinwm_drake.capture.episodes import read_episode, read_episode_image
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.identification import IdentifyOptions, identify
 from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
+from pinwm_drake.identification.expansion import corrected, expand
 from pinwm_drake.identification.forward import Forward, inertia
-from pinwm_drake.identification.gauss_newton import expand
 from pinwm_drake.identification.image_loss import BLOCKS
-from pinwm_drake.identification.pictures import make_footage, make_pictures
-from pinwm_drake.identification.problem import Problem
+from pinwm_drake.identification.pictures import make_pictures, read_footage
+from pinwm_drake.identification.problem import Problem, Push
 from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates
 from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.scene import make_scene
+from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS
 from tests.identification.samples import DIRECTIONS, LEVEL, TRUTH, surfels, write_capture
 
@@ -24,8 +27,8 @@ QUICK = {
     "screened": 12,
     "starts": 2,
     "coarse_iterations": 15,
-    "fine_iterations": 5,
-    "polish_iterations": 8,
+    "fine_iterations": 6,
+    "moves": 20,
     "coarse_size": 20.0,
     "fine_size": 40.0,
     "num_threads": 2,
@@ -40,31 +43,28 @@ def pushed(tmp_path_factory):
     return capture, read_episode(capture, "0000")
 
 
-def problem_of(pushed, free=DEFAULT_FREE, held=None, support="patch"):
+def footage_of(pushed):
     capture, episode = pushed
-    scene = make_scene(
-        capture.object.mesh_path,
-        capture.pusher,
-        q_WO=LEVEL,
-        gravity=9.81,
-        support=support,
-        friction_directions=DIRECTIONS,
-    )
-    forward = Forward(scene, episode, capture.object.X_WO, 1.0, 2)
-    return Problem(forward, surfels(), Coordinates(free, TRUTH if held is None else held), 2)
+    return read_footage(episode, pusher_surface(capture.pusher), (0.0, 0.0))
 
 
 def pictures_of(pushed, size=40.0, together=False):
+    return make_pictures(footage_of(pushed), size, together=together)
+
+
+def problem_of(pushed, free=DEFAULT_FREE, held=None, **options):
     capture, episode = pushed
-    footage = make_footage(episode, *read_frames(episode), pusher_surface(capture.pusher), (0.0, 0.0))
-    return make_pictures(footage, size, together=together)
+    scene = make_scene(capture.object.mesh_path, capture.pusher, q_WO=LEVEL, gravity=9.81, support="patch")
+    forward = Forward(scene, episode, capture.object.X_WO, 1.0, 2)
+    push = Push(forward, pictures_of(pushed, **options))
+    return Problem((push,), surfels(), Coordinates(free, TRUTH if held is None else held), 2)
 
 
 def test_the_truth_explains_the_video(pushed):
-    problem, pictures = problem_of(pushed), pictures_of(pushed)
+    problem = problem_of(pushed)
     z = torch.zeros(2, len(problem.coordinates), dtype=torch.float64)
-    z[1, problem.coordinates.names.index("friction_floor")] = 1.0
-    losses = problem.frame_losses(pictures, z, (1,)).mean(0)
+    z[1, problem.coordinates.names.index("friction_floor")] = 1.5
+    losses = problem.frame_losses(z, (1,))[0].mean(0)
     # What is left is alpha, which is all or nothing in the images, and the pixels that are halved.
     assert float(losses[0]) < 0.01
     assert float(losses[1]) > 1.5 * float(losses[0])
@@ -72,44 +72,47 @@ def test_the_truth_explains_the_video(pushed):
 
 def test_poses_at_the_truth_are_the_truth(pushed):
     problem = problem_of(pushed)
-    X_WO, alive = problem.forward.poses(problem.coordinates.values(torch.zeros(1, len(DEFAULT_FREE)).double()))
+    z = torch.zeros(1, len(DEFAULT_FREE)).double()
+    X_WO, alive = problem.pushes[0].forward.poses(problem.coordinates.values(z))
     assert bool(alive.all())
     assert np.allclose(X_WO.p[:, 0], pushed[1].object_poses.p_WO, atol=1e-5)
 
 
 def test_gradient_of_the_loss_is_that_of_differences(pushed):
-    problem, pictures = problem_of(pushed), pictures_of(pushed, together=True)
+    problem = problem_of(pushed, together=True)
     names = problem.coordinates.names
-    z = 0.3 * torch.randn(1, len(names), generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    z = 0.3 * torch.randn(1, len(names), generator=torch.Generator().manual_seed(6), dtype=torch.float64)
     z[:, names.index("outline")] = 0.0
     moving = z.clone().requires_grad_()
-    problem.frame_losses(pictures, moving, BLOCKS).mean().backward()
+    problem.frame_losses(moving, BLOCKS)[0].mean().backward()
     # Steps that are large against the noise of float32 images and small against the kinks of contact.
-    step = 0.02
-    for name in ("friction_floor", "start_x", "start_y", "start_yaw", "lift", "time_offset"):
+    step = 0.03
+    moved = ("friction_floor", "start_x", "start_y", "start_yaw", "lift", "time_offset", "support_x", "contact_offset")
+    for name in moved:
         column = names.index(name)
         pair = z.repeat(2, 1)
         pair[:, column] += torch.tensor([step, -step])
         with torch.no_grad():
-            up, down = problem.frame_losses(pictures, pair, BLOCKS).mean(0).tolist()
+            up, down = problem.frame_losses(pair, BLOCKS)[0].mean(0).tolist()
         difference = (up - down) / (2 * step)
-        assert float(moving.grad[0, column]) == pytest.approx(difference, rel=0.1, abs=2e-5), name
+        assert float(moving.grad[0, column]) == pytest.approx(difference, rel=0.15, abs=2e-5), name
 
 
 def test_quadratic_model_predicts_the_loss(pushed):
-    problem, pictures = problem_of(pushed), pictures_of(pushed)
-    names = problem.coordinates.names
-    z = torch.zeros(len(names), dtype=torch.float64)
-    model = expand(problem, pictures, z)
-    d = torch.zeros_like(z)
-    d[names.index("start_x")], d[names.index("friction_floor")] = 0.1, 0.07
-    after = float(problem.frame_losses(pictures, (z + d)[None], (1,)).sum())
-    rise = 2.0 * float(model.gradient.sum(0) @ d) + float(d @ model.curvature.sum(0) @ d)
-    assert rise == pytest.approx(after - float(model.loss.sum()), rel=0.3)
+    capture, episode = pushed
+    pictures, truth = pictures_of(pushed), episode.object_poses
+    X_WO = Pose(torch.from_numpy(truth.q_WO), torch.from_numpy(truth.p_WO))
+    one = torch.ones((), dtype=torch.float64)
+    model = expand(pictures, surfels(), X_WO, one, 0.05)
+    d = torch.tensor([0.01, -0.005, 0.01, 4e-4, -3e-4, 2e-4], dtype=torch.float64).expand(len(truth.t), 6)
+    after = expand(pictures, surfels(), corrected(X_WO, d), one, 0.05).loss
+    d = torch.nn.functional.pad(d, (0, 1))
+    rise = 2.0 * (model.gradient * d).sum(-1) + (d[:, None] @ model.curvature @ d[..., None])[:, 0, 0]
+    assert float(rise.sum()) == pytest.approx(float((after - model.loss).sum()), rel=0.3)
 
 
 def test_inertia_is_that_of_a_body_for_any_moments(pushed):
-    scene = problem_of(pushed).forward.scene
+    scene = problem_of(pushed).pushes[0].forward.scene
     values = {name: torch.tensor([0.05, 20.0, 1.0]).double() for name in ("moment_xx", "moment_yy")}
     values["moment_zz"] = torch.tensor([20.0, 0.05, 1.0]).double()
     moments = torch.linalg.eigvalsh(inertia(scene, 2.0, values))
@@ -119,15 +122,25 @@ def test_inertia_is_that_of_a_body_for_any_moments(pushed):
 
 
 def test_the_pusher_hides_pixels_that_do_not_count(pushed):
-    pictures = pictures_of(pushed, together=True)
+    problem = problem_of(pushed, together=True)
+    pictures = problem.pushes[0].pictures
     hidden = pictures.weight == 0
     assert 0.001 < float(hidden.float().mean()) < 0.3
     # Where the pusher is, opacity is no evidence: changing it there changes nothing.
-    problem = problem_of(pushed)
     z = torch.zeros(1, len(problem.coordinates), dtype=torch.float64)
-    before = problem.frame_losses(pictures, z, (1,))
+    before = problem.frame_losses(z, (1,))[0]
     pictures.alpha[hidden] = 0.37
-    assert torch.equal(problem.frame_losses(pictures, z, (1,)), before)
+    assert torch.equal(problem.frame_losses(z, (1,))[0], before)
+
+
+def test_hidden_pixels_follow_the_clock(pushed):
+    footage = footage_of(pushed)
+    early, late = (make_pictures(footage, 40.0, together=True, late=late).weight == 0 for late in (0.0, 0.06))
+    middle = len(early) // 3
+    columns = torch.arange(early.shape[2]).float()
+    first, second = ((hidden[middle].float().sum(0) * columns).sum() / hidden[middle].sum() for hidden in (early, late))
+    # The pusher goes 18 mm along x in 0.06 s, to the right of the image.
+    assert float(second - first) > 1.0
 
 
 def test_friction_is_found_from_images_alone(pushed):
@@ -142,15 +155,19 @@ def test_friction_is_found_from_images_alone(pushed):
     assert not theta["mass"].identifiable
     assert abs(nuisance["time_offset"].value) < 4e-3
     assert abs(nuisance["lift"].value) < 1.5e-3
-    errors = pose_errors(found.poses, episode.object_poses)
+    errors = pose_errors(found.poses[0], episode.object_poses)
     assert errors.position.mean() < 1.5e-3
-    assert found.twin.support == "patch"
-    assert found.found.coarse_losses["patch"] < found.found.coarse_losses["corners"]
+    # Uniform pressure: the spread is one.
+    low, high = nuisance["support_x"].interval
+    assert low < 1.0 < high
+    draws = found.twin.draws
+    assert draws.values.shape == (400, len(draws.names))
+    assert np.quantile(draws.column("friction_floor"), 0.5) == pytest.approx(TRUTH["friction_floor"], rel=0.1)
 
 
 def test_interrupted_search_comes_to_the_same_result(pushed, tmp_path):
     capture, episode = pushed
-    options = IdentifyOptions(**{**QUICK, "support": "patch", "coarse_iterations": 7, "polish_iterations": 3})
+    options = IdentifyOptions(**{**QUICK, "support": "patch", "coarse_iterations": 7, "fine_iterations": 2, "moves": 4})
     whole = identify(capture, episode, surfels(), (0.0, 0.0), options)
 
     class Stop(Exception):
@@ -169,7 +186,7 @@ def test_interrupted_search_comes_to_the_same_result(pushed, tmp_path):
     again = identify(capture, episode, surfels(), (0.0, 0.0), options, folder=tmp_path, resume=True)
     assert again.twin.theta == whole.twin.theta
     assert again.twin.nuisance == whole.twin.nuisance
-    assert np.array_equal(again.poses.p_WO, whole.poses.p_WO)
+    assert np.array_equal(again.poses[0].p_WO, whole.poses[0].p_WO)
     assert again.found.log.arrays()["loss"].tolist() == whole.found.log.arrays()["loss"].tolist()
     # A search with other options does not go on from it.
     with pytest.raises(InputError, match="seed = 0"):
@@ -200,19 +217,37 @@ def test_what_the_video_does_not_show_is_not_identifiable(pushed):
 
 
 def test_a_frame_without_the_object_is_looked_at_where_it_was_last_seen(pushed):
-    capture, episode = pushed
-    images, masks = read_frames(episode)
-    masks[[0, 2, 3]] = False  # not those that show it largest, which set the scale
-    footage = make_footage(episode, images, masks, pusher_surface(capture.pusher), (0.0, 0.0))
-    found, whole = make_pictures(footage, 40.0, together=False), pictures_of(pushed)
+    footage = footage_of(pushed)
+    empty = np.zeros((0, 0, 4), np.uint8)
+    gone = [0, 2, 3]  # not those that show it largest, which set the scale
+    frames = [replace(frame, pixels=empty) if k in gone else frame for k, frame in enumerate(footage.frames)]
+    found, whole = make_pictures(replace(footage, frames=frames), 40.0, together=False), pictures_of(pushed)
     for k, seen in ((0, 1), (2, 1), (3, 1), (7, 7)):
         assert torch.equal(found.camera.intrinsics[k], whole.camera.intrinsics[seen])
     assert not torch.equal(whole.camera.intrinsics[1], whole.camera.intrinsics[3])
+    assert float(found.alpha[2].max()) == 0.0
+
+
+def test_pictures_are_averages_over_their_pixels(pushed):
+    # At a third of the size every pixel is the mean of nine.
+    footage = footage_of(pushed)
+    pictures = make_pictures(footage, footage.longest / 3, together=False)
+    camera = pushed[1].camera.intrinsics
+    image, mask = read_episode_image(pushed[1].folder, pushed[1].file_names[4], pushed[1].camera)
+    x, y = (3 * (camera[2:] / 3 - pictures.camera.intrinsics[4, 2:])).round().int().tolist()
+    height, width = pictures.alpha.shape[1:]
+    rows, columns = slice(max(y, 0), y + 3 * height), slice(max(x, 0), x + 3 * width)
+    assert min(x, y) >= 0
+    mean = mask[rows, columns].reshape(height, 3, width, 3).mean((1, 3))
+    assert np.allclose(pictures.alpha[4], mean, atol=1e-6)
+    color = np.where(mask[..., None], image, 1.0)[rows, columns].reshape(height, 3, width, 3, 3).mean((1, 3))
+    assert np.allclose(pictures.color[4], color, atol=3e-3)
 
 
 def test_some_of_the_pictures_are_those_frames(pushed):
     pictures, chosen = pictures_of(pushed), torch.tensor([0, 7])
     found = pictures.some(chosen)
+    assert torch.equal(found.X_CW.p, pictures.X_CW.p[chosen])
     for name in ("color", "alpha", "weight", "middle"):
         assert torch.equal(getattr(found, name), getattr(pictures, name)[chosen])
     assert torch.equal(found.camera.intrinsics, pictures.camera.intrinsics[chosen])

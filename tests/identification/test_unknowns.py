@@ -21,7 +21,7 @@ def test_zero_is_nominal_or_held():
 def test_one_is_the_scale():
     coordinates = Coordinates(("friction_floor", "start_x"), {})
     values = coordinates.values(torch.ones(1, 2, dtype=torch.float64))
-    assert float(values["friction_floor"][0]) == pytest.approx(0.1 * math.exp(0.3))
+    assert float(values["friction_floor"][0]) == pytest.approx(0.2 * math.exp(0.2))
     assert float(values["start_x"][0]) == pytest.approx(2e-3)
 
 
@@ -39,7 +39,7 @@ def test_draws_are_seeded_and_begin_with_the_centre():
     assert torch.equal(first, second)
     assert (first[0] == 0).all()
     floor = coordinates.values(first)["friction_floor"]
-    assert float(floor.min()) < 0.03
+    assert float(floor.min()) < 0.05
     assert float(floor.max()) > 0.3
     assert (coordinates.values(first)["lift"] == 0).all()
 
@@ -64,9 +64,21 @@ def test_nonsense_is_refused(free, held, words):
 def test_frictions_are_alike_before_any_image_is_seen():
     coordinates = Coordinates(("friction_floor", "friction_pusher"), {})
     together, apart = torch.tensor([[2.0, 2.0], [2.0, -2.0]], dtype=torch.float64)
-    # In logarithms: 0.6 each with a deviation of 2, and a difference of 1.2 with one of 0.7.
-    assert float(coordinates.penalty(together)) == pytest.approx(0.5 * 2 * (0.6 / 2) ** 2)
-    assert float(coordinates.penalty(apart)) == pytest.approx(0.5 * (2 * (0.6 / 2) ** 2 + (1.2 / 0.7) ** 2))
+    # In logarithms: 0.4 each with a deviation of 1, and a difference of 0.8 with one of 1.5.
+    assert float(coordinates.penalty(together)) == pytest.approx(0.5 * 2 * 0.4**2)
+    assert float(coordinates.penalty(apart)) == pytest.approx(0.5 * (2 * 0.4**2 + (0.8 / 1.5) ** 2))
     # One alone has its own prior only.
     alone = Coordinates(("friction_floor",), {})
-    assert float(alone.penalty(torch.tensor([2.0], dtype=torch.float64))) == pytest.approx(0.5 * (0.6 / 2) ** 2)
+    assert float(alone.penalty(torch.tensor([2.0], dtype=torch.float64))) == pytest.approx(0.5 * 0.4**2)
+
+
+def test_pushes_share_the_object_and_have_starts_of_their_own():
+    coordinates = Coordinates(("start_x", "friction_floor", "lift"), {}, pushes=3)
+    assert coordinates.names == ["friction_floor", "lift", "start_x.0", "start_x.1", "start_x.2"]
+    assert coordinates.columns(1) == [0, 1, 3]
+    z = torch.tensor([1.0, 2.0, 3.0, 4.0, 5.0], dtype=torch.float64)
+    values = [coordinates.values(z, push) for push in range(3)]
+    assert [float(value["start_x"]) for value in values] == pytest.approx([6e-3, 8e-3, 10e-3])
+    assert len({float(value["friction_floor"]) for value in values}) == 1
+    assert list(coordinates.named(z)) == coordinates.names
+    assert coordinates.named(z)["start_x.2"] == pytest.approx(10e-3)

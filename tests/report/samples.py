@@ -109,7 +109,7 @@ def picture(shown: Surfels, lens: Camera, X_CO: Pose) -> Image.Image:
 def write_identified(folder: Path, capture: Path, *, name: str = "0000", by: float = 0.0, **fields) -> Twin:
     """Writes a twin as `pinwm identify` does, `by` m beside the truth."""
     read = read_capture(capture)
-    origin = Origin.of(read, read_episode(read, name))
+    origin = Origin.of(read, [read_episode(read, name)])
     given = {"pusher": PusherGeometry(None, SHAPE), "surfels": surfels(), "camera_offset": (0.0, 0.0), "nuisance": {}}
     about = {"command": "pinwm identify", "timings": {"align": 1.5, "identify": 3.25}, "losses": {"0": 0.5}}
     twin = cube_twin(folder.parent / "source", **(given | {"provenance": origin.to_provenance() | about} | fields))

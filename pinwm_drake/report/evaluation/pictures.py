@@ -15,6 +15,7 @@ from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
 from pinwm_drake.twin import Twin
+from pinwm_drake.twin.origin import of_push, time_offset
 
 _COVERED = 0.5  # alpha from which on a pixel of a rendering shows the object
 _NEAR = 1e-3  # m; a mesh closer to the camera, or behind it, is not drawn
@@ -43,22 +44,21 @@ class Cast:
     outline: float = 1.0
 
     @staticmethod
-    def of(twin: Twin, *, identified: bool) -> "Cast":
+    def of(twin: Twin, push: int | None) -> "Cast":
         """Cast of a twin; raises InputError where a mesh cannot be used.
 
         Args:
             twin: The twin.
-            identified: Whether the episode is the one that the twin was identified from, for which its time offset
-                was estimated.
+            push: Number of the identified push that the episode is, whose clock was estimated; None for another.
         """
-        late, outline = (twin.nuisance.get(key) for key in ("time_offset", "outline"))
+        outline = of_push(twin, "outline", push or 0, 1.0)
         return Cast(
             mesh=load_mesh(twin.mesh_path),
             surfels=twin.surfels,
             pusher=pusher_surface(twin.pusher),
             camera_offset=twin.camera_offset,
-            time_offset=late.value if identified and late is not None else 0.0,
-            outline=outline.value if outline is not None and outline.value > 0 else 1.0,
+            time_offset=time_offset(twin, push),
+            outline=outline if outline > 0 else 1.0,
         )
 
 

@@ -93,9 +93,9 @@ def _read_poses(folder: Path, origin: Origin | None) -> ObjectPoses:
     """Identified poses: those of the episode that the provenance names, else the only ones there are."""
     found = sorted((folder / "episodes").glob("*.csv"))
     if origin is not None:
-        found = [path for path in found if path.stem == origin.episode]
+        found = [path for path in found if path.stem == origin.episodes[0]]
     if len(found) != 1:
-        name = "one table" if origin is None else f"{origin.episode}.csv"
+        name = "one table" if origin is None else f"{origin.episodes[0]}.csv"
         raise InputError(folder / "episodes", value=f"{len(found)} such tables", allowed=f"{name} of identified poses")
     return read_pose_table(found[0])
 
@@ -103,14 +103,14 @@ def _read_poses(folder: Path, origin: Origin | None) -> ObjectPoses:
 def _read_episode(story: Story, capture: Capture) -> None:
     """Reads episode and truth into the story; notes where they are not those of the twin."""
     origin = story.origin
-    name = origin.episode if origin is not None else next(iter(capture.episode_names), "")
+    name = origin.episodes[0] if origin is not None else next(iter(capture.episode_names), "")
     story.episode = story.attempt(lambda: read_episode(capture, name), "So there are no pictures here.")
     path = capture.folder / GROUND_TRUTH_FILE
     if path.is_file():
         story.truth = story.attempt(lambda: read_ground_truth(path), "True parameters are left out.") or {}
     if story.episode is None:
         return
-    if origin is not None and hash_capture(capture.folder, name) != origin.sha256:
+    if origin is not None and hash_capture(capture.folder, origin.episodes) != origin.sha256:
         differs = f"{capture.folder} is not, or no longer, what the twin was identified from: its SHA-256 differs."
         story.notices.append(differs)
     poses, t = story.poses, story.episode.t

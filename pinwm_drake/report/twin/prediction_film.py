@@ -21,8 +21,8 @@ def write_prediction_film(
     twin: Twin,
     episode: Episode,
     poses: ObjectPoses,
+    push: int | None,
     *,
-    identified: bool,
     report: Callable[[float], None] = lambda share: None,
 ) -> None:
     """Films a prediction, in real time where the rate allows it.
@@ -32,13 +32,13 @@ def write_prediction_film(
         twin: The twin.
         episode: The episode, with its images.
         poses: Of the object, as predicted.
-        identified: Whether it is the episode that the twin was identified from.
+        push: Number of the identified push that it is; None for another one.
         report: Called with the share of the frames that are drawn.
 
     Raises:
         InputError: An image cannot be read, or the file cannot be written.
     """
-    cast = Cast.of(twin, identified=identified)
+    cast = Cast.of(twin, push)
     shots = draw_shots(episode, poses, cast, size=_PANEL, most=len(episode.t), report=report)
     seconds = float(episode.t[-1] - episode.t[0])
     rate = float(np.clip((len(episode.t) - 1) / seconds if seconds > 0 else _RATES[0], *_RATES))

@@ -55,7 +55,7 @@ def _draw(story: Story, report: Callable[[float], None]) -> list[Shot]:
     """The frames of the identified episode; none where it is not at hand."""
     if story.episode is None or story.poses is None:
         return []
-    cast = Cast.of(story.twin, identified=True)
+    cast = Cast.of(story.twin, 0)
     return draw_shots(story.episode, story.poses, cast, size=_PANEL, most=_MOST_SHOTS, report=report)
 
 
@@ -67,7 +67,9 @@ def _errors(story: Story) -> PoseErrors | None:
 def _about(story: Story) -> str:
     if story.origin is None:
         return "The twin does not say what it was identified from."
-    return f"Identified from episode {text(story.origin.episode)} of {text(story.origin.path)}"
+    names = story.origin.episodes
+    word = "episode" if len(names) == 1 else "episodes"
+    return f"Identified from {word} {text(', '.join(names))} of {text(story.origin.path)}"
 
 
 def _verdict(verdict: Verdict) -> str:
@@ -95,7 +97,7 @@ def _parameters(story: Story) -> str:
         )
     )
     if twin.nuisance:
-        contents.append("<h3>Of this recording only</h3>" + estimates_table(twin.nuisance, {}))
+        contents.append("<h3>Nuisances</h3>" + estimates_table(twin.nuisance, {}))
     physics = {
         "gravity": f"{twin.gravity:g} m/s²",
         "floor": f"{1e3 * twin.floor_height:.3f} mm high",

@@ -285,7 +285,7 @@ def test_errors_of_poses():
 def test_renderings_at_the_true_poses_are_the_images(folder):
     capture = read_capture(folder / "capture")
     episode = read_episode(capture, "0000")
-    cast = Cast.of(write_identified(folder / "exact", folder / "capture"), identified=True)
+    cast = Cast.of(write_identified(folder / "exact", folder / "capture"), 0)
     for k, poses in ((0, moved(4)), (3, moved(4))):
         picture = draw_frame(episode, k, poses, cast)
         # 8 bits a channel; where alpha is cut off at 1/2, a pixel can be white in the image.

@@ -1,0 +1,97 @@
+"""Discrepancy of the physics: what a real push does that no parameters of the model can make it do.
+
+Contact laws of engines and of the world differ, and their difference lasts: it pushes the object aside a little in
+every moment, so that the pose drifts away from the model's as in a random walk, from the first touch on. A renderer's
+and a segmentation's mistakes last for many frames too. So the pose in frame k is that of the model with a correction
+
+    e ~ N(0, K),   K(t, t') = a² min(τ, τ') + b² exp(-|t - t'| / c),
+
+for each of its six components, τ being the time since the touch. The corrections are integrated out, which leaves the
+images less to say about parameters that only a long drift would tell.
+
+Source: Kennedy and O'Hagan, "Bayesian calibration of computer models", JRSS B 63(3), 2001, section 4.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+# a: of a position, m / sqrt(s); of an angle it is this over the object's radius. Less of it out of the floor's plane.
+WALK, OUT_OF_PLANE = 2e-3, 0.1
+# b and c: m, s.
+LASTING, LASTS = 3e-4, 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Discrepancy:
+    """Prior of the corrections of n poses.
+
+    Attributes:
+        root: (6n, 6n), lower triangular, K = root root'; frame by frame rotation vector [rad], then position [m].
+    """
+
+    root: Tensor
+
+    @staticmethod
+    def of(times: Tensor, touch: float, radius: float) -> "Discrepancy":
+        """The prior for frames at `times` (n,) [s], a first touch [s], and an object's radius [m]."""
+        since = (times - touch).clamp_min(0.0)
+        walk = torch.minimum(since[:, None], since[None])
+        lasting = torch.exp(-(times[:, None] - times[None]).abs() / LASTS)
+        share = torch.tensor([OUT_OF_PLANE, OUT_OF_PLANE, 1.0, 1.0, 1.0, OUT_OF_PLANE], dtype=torch.float64)
+        unit = torch.tensor([1.0 / radius] * 3 + [1.0] * 3, dtype=torch.float64)
+        n = len(times)
+        K = torch.zeros(n, 6, n, 6, dtype=torch.float64)
+        for axis in range(6):
+            a, b = WALK * share[axis] * unit[axis], LASTING * unit[axis]
+            K[:, axis, :, axis] = a**2 * walk + b**2 * (lasting + 1e-6 * torch.eye(n, dtype=torch.float64))
+        return Discrepancy(torch.linalg.cholesky(K.reshape(6 * n, 6 * n)))
+
+
+@dataclass(frozen=True, eq=False)
+class Marginal:
+    """Quadratic loss of one push, u' A u / 2 + b' u, with the corrections integrated out.
+
+    Its argument u holds the deviations of the model's poses (6n) from those of an expansion, frame by frame rotation
+    vector [rad] and position [m], and that of the outline's logarithm.
+
+    Attributes:
+        A: (6n + 1, 6n + 1).
+        b: (6n + 1,).
+        pull: (6n, 6n + 1), and
+        shift: (6n,): the likeliest corrections are -(pull u + shift).
+    """
+
+    A: Tensor
+    b: Tensor
+    pull: Tensor
+    shift: Tensor
+
+    @staticmethod
+    def of(gradient: Tensor, curvature: Tensor, discrepancy: Discrepancy) -> "Marginal":
+        """The marginal loss from the images' gradient (n, 7) and curvature (n, 7, 7), weighted, by pose and outline."""
+        n = len(gradient)
+        H = torch.block_diag(*curvature[:, :6, :6])
+        cross, outline = curvature[:, :6, 6].reshape(6 * n), curvature[:, 6, 6].sum()
+        g = gradient[:, :6].reshape(6 * n)
+        L = discrepancy.root
+        inner = torch.eye(6 * n, dtype=torch.float64) + L.T @ H @ L
+        # (H + K^-1)^-1
+        M = L @ torch.cholesky_solve(L.T, torch.linalg.cholesky(inner))
+        full = torch.cat([H, cross[:, None]], -1)
+        pull = M @ full
+        A = torch.zeros(6 * n + 1, 6 * n + 1, dtype=torch.float64)
+        A[:-1, :-1], A[:-1, -1], A[-1, :-1], A[-1, -1] = H, cross, cross, outline
+        A = A - full.T @ pull
+        shift = M @ g
+        b = torch.cat([g, gradient[:, 6].sum()[None]]) - full.T @ shift
+        return Marginal(0.5 * (A + A.T), b, pull, shift)
+
+    def loss(self, u: Tensor) -> Tensor:
+        """Losses (W,) of deviations u (W, 6n + 1)."""
+        return 0.5 * (u * (u @ self.A)).sum(-1) + u @ self.b
+
+    def corrections(self, u: Tensor) -> Tensor:
+        """The likeliest corrections (n, 6) where the model deviates by u (6n + 1,)."""
+        return -(self.pull @ u + self.shift).reshape(-1, 6)

@@ -1,0 +1,101 @@
+"""Losses of images around given poses, as quadratic functions of pose and outline in each frame.
+
+Derivatives of the images are central differences, which average over the kinks of pixels. Source: Nocedal and Wright,
+Numerical Optimization, section 10.3 (Gauss-Newton).
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from pinwm_drake.identification.image_loss import difference
+from pinwm_drake.identification.pictures import Pictures
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.spatial.poses import Pose, inverse
+from pinwm_drake.spatial.rotations import quaternion_conjugate, quaternion_exp, quaternion_log, quaternion_multiply
+
+# Steps of the differences: in the image, px, and of the outline's logarithm.
+_STEP_PIXELS, _STEP_OUTLINE = 0.25, 2e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """Mean squares L of n frames around poses: L = loss + 2 gradient . d + d' curvature d.
+
+    The argument d is rotation vector [rad], position [m], both in the world's axes, and the outline's logarithm.
+
+    Attributes:
+        X_WO: The poses: q (n, 4), p (n, 3) [m].
+        outline: The outline's scale, ().
+        loss: (n,).
+        gradient: (n, 7).
+        curvature: (n, 7, 7).
+    """
+
+    X_WO: Pose
+    outline: Tensor
+    loss: Tensor
+    gradient: Tensor
+    curvature: Tensor
+
+
+@torch.no_grad()
+def expand(
+    pictures: Pictures, surfels: Surfels, X_WO: Pose, outline: Tensor, radius: float, *, num_threads: int | None = None
+) -> Expansion:
+    """Quadratic model of the frames' losses at poses q (n, 4), p (n, 3) and an outline's scale ().
+
+    Args:
+        pictures: The pictures to explain; n frames.
+        surfels: The object's appearance, frame O.
+        X_WO: The poses, m.
+        outline: The outline's scale.
+        radius: Of the object, m.
+        num_threads: Threads of the renderer.
+    """
+    n = len(X_WO.p)
+    steps = _image_steps(pictures, X_WO, radius)
+
+    def residual(X_WO: Pose, outline: Tensor) -> Tensor:
+        X_WO = Pose(X_WO.q[:, None], X_WO.p[:, None])
+        return difference(pictures, surfels, X_WO, outline[None], num_threads=num_threads).reshape(n, -1)
+
+    r = residual(X_WO, outline)
+    columns = []
+    for axis in range(7):
+        step = steps[axis // 3]
+        sides = []
+        for sign in (1.0, -1.0):
+            d = torch.zeros(n, 6, dtype=torch.float64)
+            if axis < 6:
+                d[:, axis] = sign * step
+            scale = torch.exp(torch.tensor(sign * step, dtype=torch.float64)) if axis == 6 else 1.0
+            sides.append(residual(corrected(X_WO, d), outline * scale))
+        columns.append((sides[0] - sides[1]) / (2.0 * step))
+    J, M = torch.stack(columns, -1), r.shape[1]
+    return Expansion(
+        X_WO=X_WO,
+        outline=outline,
+        loss=(r * r).mean(-1).double(),
+        gradient=(J.mT @ r[..., None]).double()[..., 0] / M,
+        curvature=(J.mT @ J).double() / M,
+    )
+
+
+def _image_steps(pictures: Pictures, X_WO: Pose, radius: float) -> tuple[float, float, float]:
+    """Steps of rotation [rad] and position [m] that move the image by about `_STEP_PIXELS`, and of the outline."""
+    away = (X_WO.p[0] - inverse(Pose(pictures.X_CW.q[0], pictures.X_CW.p[0])).p).norm()
+    step = _STEP_PIXELS * float(away) / float(pictures.camera.intrinsics[0, 0])
+    return step / radius, step, _STEP_OUTLINE
+
+
+def corrected(X_WO: Pose, d: Tensor) -> Pose:
+    """Poses moved by rotation vectors [rad] and positions [m], (..., 6), in the world's axes."""
+    return Pose(quaternion_multiply(quaternion_exp(d[..., :3]), X_WO.q), X_WO.p + d[..., 3:])
+
+
+def deviation(X_WO: Pose, reference: Pose) -> Tensor:
+    """Rotation vectors [rad] and positions [m], (..., 6), that lead from reference poses to others; see `corrected`."""
+    turn = quaternion_log(quaternion_multiply(X_WO.q, quaternion_conjugate(reference.q.expand_as(X_WO.q))))
+    return torch.cat([turn, X_WO.p - reference.p], -1)

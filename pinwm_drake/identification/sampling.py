@@ -1,0 +1,85 @@
+"""Draws from a posterior whose density is cheap: an ensemble of walkers that begins with a Gaussian's draws.
+
+Source: ter Braak and Vrugt, "Differential evolution Markov chain with snooker updater and fewer chains", Statistics and
+    Computing 18, 2008; Nelson, Ford and Payne, "RUN DMC", ApJS 210, 2014, for its moves by halves of the ensemble.
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+# Walkers; half of them move at once, along differences of the others.
+WALKERS = 96
+# Draws of the Gaussian of which the walkers are chosen, for each of them, and its degrees of freedom as a Student's t.
+_CHOICE, _DEGREES = 4, 6.0
+# Relative spread of a move's length, and every how many moves a long one goes from mode to mode.
+_JITTER, _JUMP = 0.2, 10
+
+
+@torch.no_grad()
+def sample(
+    objective: Callable[[Tensor], Tensor],
+    mean: Tensor,
+    covariance: Tensor,
+    clamp: Callable[[Tensor], Tensor],
+    generator: torch.Generator,
+    *,
+    moves: int,
+    report: Callable[[float], None] = lambda share: None,
+) -> tuple[Tensor, Tensor]:
+    """Draws from a density exp(-objective).
+
+    Args:
+        objective: Function of (W, p), minus the logarithm of the density (W,), infinite where it is zero.
+        mean: (p,), of a Gaussian that is near the density.
+        covariance: (p, p), of it.
+        clamp: Function that brings (W, p) within bounds.
+        generator: Source of randomness.
+        moves: Moves of every walker; those of the second half are kept.
+        report: Called after each move with the share of them that is done.
+
+    Returns:
+        (N, p) draws, and their objectives (N,).
+    """
+    p = len(mean)
+    values, vectors = torch.linalg.eigh(covariance)
+    root = vectors * values.clamp_min(1e-16).sqrt()
+    number = _CHOICE * WALKERS
+    normal = torch.randn(number, p, generator=generator, dtype=torch.float64)
+    chi = torch.randn(number, int(_DEGREES), generator=generator, dtype=torch.float64).square().sum(-1) / _DEGREES
+    normal = normal / chi.sqrt()[:, None]
+    drawn = clamp(mean + normal @ root.T)
+    drawn[0] = mean
+    found = objective(drawn)
+    proposal = -0.5 * (_DEGREES + p) * torch.log1p(normal.square().sum(-1) / _DEGREES)
+    weight = torch.softmax(torch.nan_to_num(-found - proposal, nan=-1e9, posinf=-1e9, neginf=-1e9).clamp(-1e9), 0)
+    # The weights are evened out: few draws with all of the weight are no start for walkers.
+    weight = weight.sqrt() + 1e-12 * torch.isfinite(found)
+    chosen = torch.multinomial(weight, WALKERS, replacement=True, generator=generator)
+    z, energy = drawn[chosen], found[chosen]
+    z = clamp(z + 0.05 * torch.randn(WALKERS, p, generator=generator, dtype=torch.float64) @ root.T)
+    energy = torch.where(torch.isfinite(energy), objective(z), energy)
+    kept, energies = [], []
+    half = WALKERS // 2
+    length = 2.38 / (2.0 * p) ** 0.5
+    for move in range(moves):
+        for first in (0, half):
+            moving, others = torch.arange(first, first + half), torch.arange(half - first, 2 * half - first)
+            pick = torch.rand(half, half, generator=generator).argsort(-1)[:, :2]
+            way = z[others[pick[:, 0]]] - z[others[pick[:, 1]]]
+            scale = length * (1.0 + _JITTER * torch.randn(half, 1, generator=generator, dtype=torch.float64))
+            if move % _JUMP == _JUMP - 1:
+                scale = torch.ones_like(scale)
+            noise = 1e-3 * torch.randn(half, p, generator=generator, dtype=torch.float64) @ root.T
+            trial = z[moving] + scale * way + noise
+            allowed = (clamp(trial) == trial).all(-1)
+            there = torch.where(allowed, objective(clamp(trial)), torch.inf)
+            accept = torch.rand(half, generator=generator, dtype=torch.float64).log() < energy[moving] - there
+            z[moving] = torch.where(accept[:, None], trial, z[moving])
+            energy[moving] = torch.where(accept, there, energy[moving])
+        if move >= moves // 2:
+            kept.append(z.clone())
+            energies.append(energy.clone())
+        report((move + 1) / moves)
+    return torch.cat(kept), torch.cat(energies)
