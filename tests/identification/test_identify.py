@@ -99,7 +99,7 @@ def test_gradient_of_the_loss_is_that_of_differences(pushed):
 
 
 def test_quadratic_model_predicts_the_loss(pushed):
-    capture, episode = pushed
+    episode = pushed[1]
     pictures, truth = pictures_of(pushed), episode.object_poses
     X_WO = Pose(torch.from_numpy(truth.q_WO), torch.from_numpy(truth.p_WO))
     one = torch.ones((), dtype=torch.float64)
