@@ -1,13 +1,13 @@
 """Discrepancy of the physics: what a real push does that no parameters of the model can make it do.
 
-Contact laws of engines and of the world differ, and their difference lasts: it pushes the object aside a little in
-every moment, so that the pose drifts away from the model's as in a random walk, from the first touch on. A renderer's
-and a segmentation's mistakes last for many frames too. So the pose in frame k is that of the model with a correction
+Contact laws of engines and of the world differ, and their difference lasts: it turns the object aside a little on
+every millimetre of its way, so that the pose drifts away from the model's as in a random walk. A renderer's and a
+segmentation's mistakes last for many frames too. So the pose in frame k is that of the model with a correction
 
-    e ~ N(0, K),   K(t, t') = a² min(τ, τ') + b² exp(-|t - t'| / c),
+    e ~ N(0, K),  K(k, l) = a² min(s_k, s_l) + b² exp(-|t_k - t_l| / c),
 
-for each of its six components, τ being the time since the touch. The corrections are integrated out, which leaves the
-images less to say about parameters that only a long drift would tell.
+for each of its six components, s being the way that the object has made and a that of `twin/drift.py`. The corrections
+are integrated out, which leaves the images less to say about parameters that only a long drift would tell.
 
 Source: Kennedy and O'Hagan, "Bayesian calibration of computer models", JRSS B 63(3), 2001, section 4.
 """
@@ -17,8 +17,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-# a: of a position, m / sqrt(s); of an angle it is this over the object's radius. Less of it out of the floor's plane.
-WALK, OUT_OF_PLANE = 2e-3, 0.1
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.twin.drift import drift, per_radius, way
+
 # b and c: m, s.
 LASTING, LASTS = 3e-4, 0.3
 
@@ -34,18 +35,16 @@ class Discrepancy:
     root: Tensor
 
     @staticmethod
-    def of(times: Tensor, touch: float, radius: float) -> "Discrepancy":
-        """The prior for frames at `times` (n,) [s], a first touch [s], and an object's radius [m]."""
-        since = (times - touch).clamp_min(0.0)
-        walk = torch.minimum(since[:, None], since[None])
-        lasting = torch.exp(-(times[:, None] - times[None]).abs() / LASTS)
-        share = torch.tensor([OUT_OF_PLANE, OUT_OF_PLANE, 1.0, 1.0, 1.0, OUT_OF_PLANE], dtype=torch.float64)
-        unit = torch.tensor([1.0 / radius] * 3 + [1.0] * 3, dtype=torch.float64)
-        n = len(times)
+    def of(X_WO: Pose, times: Tensor, radius: float) -> "Discrepancy":
+        """The prior for frames at `times` (n,) [s] with poses q (n, 4), p (n, 3) [m], and an object's radius [m]."""
+        made, n = way(X_WO, times, radius), len(times)
+        walk = torch.minimum(made[:, None], made[None])
+        lasting = torch.exp(-(times[:, None] - times[None]).abs() / LASTS) + 1e-6 * torch.eye(n, dtype=torch.float64)
         K = torch.zeros(n, 6, n, 6, dtype=torch.float64)
-        for axis in range(6):
-            a, b = WALK * share[axis] * unit[axis], LASTING * unit[axis]
-            K[:, axis, :, axis] = a**2 * walk + b**2 * (lasting + 1e-6 * torch.eye(n, dtype=torch.float64))
+        for axis, (a, b) in enumerate(
+            zip(drift(radius).tolist(), (LASTING * per_radius(radius)).tolist(), strict=True)
+        ):
+            K[:, axis, :, axis] = a**2 * walk + b**2 * lasting
         return Discrepancy(torch.linalg.cholesky(K.reshape(6 * n, 6 * n)))
 
 

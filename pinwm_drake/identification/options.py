@@ -25,7 +25,7 @@ class IdentifyOptions:
         screened: Number of random guesses that are evaluated.
         starts: Number of the best of them, from which Adam descends.
         coarse_iterations: Steps of Adam on small, blurred pictures, for every start.
-        fine_iterations: Expansions of larger pictures at the most, for each of the best starts, in each of two rounds.
+        fine_iterations: Expansions of larger pictures at the most, for each of the best starts and each of two sizes.
         moves: Moves of each walker that draws from the posterior.
         coarse_size, fine_size: Longer side of the object in the pictures, px.
         coarse_frames, fine_frames: Frames of each push that the stages look at, evenly spaced.
@@ -43,7 +43,7 @@ class IdentifyOptions:
     starts: int = 4
     coarse_iterations: int = 50
     fine_iterations: int = 8
-    moves: int = 60
+    moves: int = 50
     coarse_size: float = 40.0
     fine_size: float = 130.0
     coarse_frames: int = 12

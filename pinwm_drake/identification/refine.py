@@ -32,8 +32,6 @@ _DEGREES = 4.0
 _RIDGE, _LEAST_NOISE = 0.01, 0.05
 # Shares of a step that are tried until the images agree that it is one forward.
 _SHARES = (1.0, 0.5, 0.2)
-# Motion of the object that tells that it was touched: m, for its radius, of which it may turn.
-_TOUCHED = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,22 +162,12 @@ def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate 
             )
         )
         times = torch.from_numpy(push.forward.times)
-        priors.append(Discrepancy.of(times, first_touch(X_WO, times, problem.radius), problem.radius))
+        priors.append(Discrepancy.of(X_WO, times, problem.radius))
     marginals = [
         Marginal.of(weight[:, None] * expansion.gradient, weight[:, None, None] * expansion.curvature, prior)
         for expansion, prior, weight in zip(expansions, priors, weights_of(expansions), strict=True)
     ]
     return Surrogate(problem, expansions, marginals)
-
-
-def first_touch(X_WO: Pose, times: Tensor, radius: float) -> float:
-    """Time [s] of the last frame in which an object was where it is in the earliest; poses (n), times (n,)."""
-    order = torch.argsort(times)
-    d = deviation(Pose(X_WO.q[order], X_WO.p[order]), Pose(X_WO.q[order[0]], X_WO.p[order[0]]))
-    moved = (d[:, 3:].norm(dim=-1) > _TOUCHED) | (d[:, :3].norm(dim=-1) > _TOUCHED / radius)
-    if not bool(moved.any()):
-        return float(times.max())
-    return float(times[order[max(int(moved.float().argmax()) - 1, 0)]])
 
 
 def refine(
@@ -236,7 +224,7 @@ def joint_loss(
     total = float(problem.coordinates.penalty(z))
     for push, expansion, weight, d in zip(problem.pushes, expansions, weights, corrections.split(counts), strict=True):
         times = torch.from_numpy(push.forward.times)
-        root = Discrepancy.of(times, first_touch(expansion.X_WO, times, problem.radius), problem.radius).root
+        root = Discrepancy.of(expansion.X_WO, times, problem.radius).root
         white = torch.linalg.solve_triangular(root, d.reshape(-1, 1), upper=False)
         total += 0.5 * float((weight * expansion.loss).sum()) + 0.5 * float((white * white).sum())
     return total

@@ -32,8 +32,9 @@ _COARSE_RATE = 0.5
 _GROW = 0.6
 # A start whose coarse loss is within this factor of the best one is refined, and at most so many of them.
 _CLOSE, _REFINED = 1.5, 2
-# Pictures are made anew with the clock that a first refinement found: it tells where the pusher hides the object.
-_ROUNDS = 2
+# A start is refined on pictures of these shares of the fine size, one after the other: the images are quadratic over a
+# pixel or two only. The later ones are made with the clock that was found, which tells where the pusher hides pixels.
+_SIZES = (0.5, 1.0)
 # Shares of the work that the stages take.
 _SHARES = {"screen": (0.0, 0.0), "coarse": (0.0, 0.4), "fine": (0.4, 0.3), "sample": (0.7, 0.3)}
 
@@ -166,24 +167,23 @@ class Search:
         """Refines a start on larger pictures."""
         options = self.options
         state = None
-        for turn in range(_ROUNDS):
+        for turn, share in enumerate(_SIZES):
             key = f"fine{turn}.{start}"
-            problem = self.task.problem(options.fine_size, options.fine_frames, z if state is None else state.z)
+            problem = self.task.problem(share * options.fine_size, options.fine_frames, z if state is None else state.z)
             if f"{key}.z" in self.kept.done:
                 state = self.kept.refined(key)
                 continue
-            if state is None:
-                state = RefineState.at(problem, problem.fit_outline(z[None], (1,))[0])
-            state = replace(state, iteration=0, done=False)
+            state = RefineState.at(problem, z) if state is None else replace(state, iteration=0, done=False)
+            state.z = problem.fit_outline(state.z[None], (1,))[0]
 
             def report(state: RefineState, turn: int = turn) -> None:
                 self._note("fine", start, state.loss, state.z)
-                done = (turn + state.iteration / max(options.fine_iterations, 1)) / _ROUNDS
+                done = (turn + state.iteration / max(options.fine_iterations, 1)) / len(_SIZES)
                 self._show("fine", state.loss, state.z, place + done / count)
 
             state, surrogate = refine(problem, state, iterations=options.fine_iterations, report=report)
             self.kept.end_refined(key, state)
-            if turn == _ROUNDS - 1:
+            if turn == len(_SIZES) - 1:
                 return surrogate, state
         assert state is not None
         return surrogate_at(problem, state.z, state.corrections), state

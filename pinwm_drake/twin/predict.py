@@ -1,18 +1,26 @@
 """Predictions of a twin for the pusher's log of an episode, of its own capture or of another one."""
 
 import hashlib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
+import torch
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
 from pinwm_drake.capture.scene import Capture, PusherGeometry
 from pinwm_drake.errors import InputError
+from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rotations import quaternion_conjugate, quaternion_log, quaternion_multiply
+from pinwm_drake.twin.drift import drift, way
 from pinwm_drake.twin.origin import start_pose, time_offset
-from pinwm_drake.twin.rollout import rollout
+from pinwm_drake.twin.rollout import rollout, rollout_draws
 from pinwm_drake.twin.twin import Twin
 
 # Differences that are taken for rounding: of gravity [m/s^2], and of a floor on which the object was said to rest [m].
 _SAME_GRAVITY, _SAME_FLOOR = 1e-3, 1e-3
+_WORLDS = 64  # draws of a spread
 
 
 def predict_poses(twin: Twin, capture: Capture, episode: Episode, push: int | None) -> ObjectPoses:
@@ -33,6 +41,59 @@ def predict_poses(twin: Twin, capture: Capture, episode: Episode, push: int | No
     start, late = start_pose(twin, capture, push), time_offset(twin, push)
     found = rollout(_in_place_of(twin, capture), start, episode.trajectory, episode.t + late)
     return ObjectPoses(episode.t, found.p_WO, found.q_WO)
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Standard deviations of a prediction in n frames.
+
+    Attributes:
+        x, y: Of the position of O in the world, (n,) [m].
+        yaw: Of the rotation about z, (n,) [rad].
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    yaw: np.ndarray
+
+    @property
+    def position(self) -> np.ndarray:
+        """Root mean square distance in the plane (n,) [m]."""
+        return np.hypot(self.x, self.y)
+
+
+def predict_spread(
+    twin: Twin, capture: Capture, episode: Episode, push: int | None, *, number: int = _WORLDS
+) -> Spread | None:
+    """Spread of `predict_poses`: of the physics by the twin's draws, and of what no physics of the twin's could tell.
+
+    Args:
+        twin, capture, episode, push: As for `predict_poses`.
+        number: Number of draws that are rolled out.
+
+    Returns:
+        The spread; None for a twin without draws.
+
+    Raises:
+        PinwmError: A mesh cannot be used, or the physics found no solution.
+    """
+    if twin.draws is None:
+        return None
+    start, late = start_pose(twin, capture, push), time_offset(twin, push)
+    rows = np.linspace(0, len(twin.draws.values) - 1, min(number, len(twin.draws.values))).round().astype(int)
+    placed = _in_place_of(twin, capture)
+    return spread_of(rollout_draws(placed, start, episode.trajectory, episode.t + late, rows), episode.t, twin)
+
+
+def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin) -> Spread:
+    """Spread of rollouts q (n, W, 4), p (n, W, 3) at times t (n,), with the drift that every push has."""
+    radius = 0.5 * float(np.linalg.norm(load_mesh(twin.mesh_path).extents))
+    made = way(Pose(X_WO.q.swapaxes(0, 1), X_WO.p.swapaxes(0, 1)), torch.from_numpy(t), radius).mean(0).numpy()
+    turned = quaternion_log(quaternion_multiply(X_WO.q, quaternion_conjugate(X_WO.q[:, :1].expand_as(X_WO.q))))
+    parts = torch.cat([turned[..., 2:], X_WO.p[..., :2]], -1).var(1, correction=0).numpy()
+    sigma = drift(radius).numpy()[[2, 3, 4]]
+    yaw, x, y = np.sqrt(parts + made[:, None] * sigma**2).T
+    return Spread(x, y, yaw)
 
 
 def mismatches(twin: Twin, capture: Capture) -> list[str]:

@@ -116,21 +116,42 @@ def rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray)
     raise failure
 
 
+def rollout_draws(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray, rows: np.ndarray) -> Pose:
+    """Poses of the object along a motion of the pusher, by draws from the posterior of a twin.
+
+    Args:
+        twin: Geometry, and draws; the same W times without draws.
+        X_WO: Pose at t[0], as for `rollout`.
+        trajectory: Motion of the pusher.
+        t: (n,) [s], not decreasing.
+        rows: (W,), rows of the draws.
+
+    Returns:
+        q (n, W, 4), p (n, W, 3) [m].
+
+    Raises:
+        InputError: A mesh cannot be used.
+        SolverError: The physics found no solution.
+    """
+    scene = twin_scene(twin, X_WO.q)
+    return _roll(scene, drawn_parameters(twin, scene, rows), X_WO, trajectory, np.asarray(t, float))
+
+
 def _rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> ObjectPoses:
     """Rollout at the twin's own time step; arguments as for `rollout`."""
     scene = twin_scene(twin, X_WO.q)
-    rest = resting_height(scene, X_WO.q)
+    found = _roll(scene, twin_parameters(twin, scene), X_WO, trajectory, t)
+    return ObjectPoses(t=t, p_WO=found.p[:, 0].numpy(), q_WO=found.q[:, 0].numpy())
+
+
+def _roll(scene: Scene, parameters: Parameters, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> Pose:
+    """Poses (n, W) of worlds that start alike."""
+    rest, W = resting_height(scene, X_WO.q), parameters.num_worlds
     p_WO = X_WO.p.clone()
     if abs(float(p_WO[2]) - rest) < _RESTS:
         p_WO[2] = rest
     h = scene.model.time_step
     motion = pusher_motion(trajectory, float(t[0]), step_count(t[-1] - t[0], h), h)
+    start = Pose(X_WO.q.expand(W, 4), p_WO.expand(W, 3))
     with torch.no_grad():
-        found = rollout_poses(
-            scene,
-            twin_parameters(twin, scene),
-            Pose(X_WO.q[None], p_WO[None]),
-            motion,
-            torch.from_numpy(t - t[0]),
-        )
-    return ObjectPoses(t=t, p_WO=found.p[:, 0].numpy(), q_WO=found.q[:, 0].numpy())
+        return rollout_poses(scene, parameters, start, motion, torch.from_numpy(t - t[0]))
