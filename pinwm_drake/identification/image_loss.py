@@ -5,12 +5,14 @@ pixels that the pusher may hide do not count, the object's outline may be scaled
 are also compared after averaging over blocks of pixels, so that a rendering that is far off still has a gradient.
 """
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
 from pinwm_drake.identification.pictures import Pictures
 from pinwm_drake.rendering.camera import Camera, zoomed
-from pinwm_drake.rendering.render import render
+from pinwm_drake.rendering.render import Rendering, render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, compose
 
@@ -18,10 +20,10 @@ from pinwm_drake.spatial.poses import Pose, compose
 BLOCKS = (1, 4, 8, 16)
 
 
-def difference(
+def rendered(
     pictures: Pictures, surfels: Surfels, X_WO: Pose, outline: Tensor, *, num_threads: int | None = None
-) -> Tensor:
-    """Difference of rendering and picture on the pixels where they can be compared.
+) -> Rendering:
+    """Renderings of the object as the pictures' cameras see it.
 
     Args:
         pictures: n frames.
@@ -31,7 +33,7 @@ def difference(
         num_threads: Threads of the renderer.
 
     Returns:
-        (n, W, H, W, 4) float32: differences of red, green, blue and opacity, 0 where the pusher may hide the object.
+        color (n, W, H, W, 3) and alpha (n, W, H, W), float32.
     """
     n, W = X_WO.p.shape[:2]
     X_CW = pictures.X_CW
@@ -45,8 +47,21 @@ def difference(
         full=False,
         num_threads=num_threads,
     )
-    color = shown.color.reshape(n, W, height, width, 3) - pictures.color[:, None]
-    alpha = shown.alpha.reshape(n, W, height, width, 1) - pictures.alpha[:, None, ..., None]
+    color, alpha = shown.color.reshape(n, W, height, width, 3), shown.alpha.reshape(n, W, height, width)
+    return replace(shown, color=color, alpha=alpha)
+
+
+def difference(
+    pictures: Pictures, surfels: Surfels, X_WO: Pose, outline: Tensor, *, num_threads: int | None = None
+) -> Tensor:
+    """Difference of rendering and picture on the pixels where they can be compared; arguments as for `rendered`.
+
+    Returns:
+        (n, W, H, W, 4) float32: differences of red, green, blue and opacity, 0 where the pusher may hide the object.
+    """
+    shown = rendered(pictures, surfels, X_WO, outline, num_threads=num_threads)
+    color = shown.color - pictures.color[:, None]
+    alpha = (shown.alpha - pictures.alpha[:, None])[..., None]
     return torch.cat([color, alpha], -1) * pictures.weight[:, None, ..., None]
 
 

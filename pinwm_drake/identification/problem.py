@@ -23,10 +23,12 @@ class Push:
     Attributes:
         forward: The physics, with poses in the frames of the pictures.
         pictures: The pictures; n frames.
+        surfels: The object's appearance in their light, frame O.
     """
 
     forward: Forward
     pictures: Pictures
+    surfels: Surfels
 
     @property
     def num_frames(self) -> int:
@@ -40,13 +42,11 @@ class Problem:
 
     Attributes:
         pushes: The pushes, in the order of the unknowns' columns.
-        surfels: The object's appearance, frame O.
         coordinates: The unknowns.
         num_threads: Threads of the renderer.
     """
 
     pushes: tuple[Push, ...]
-    surfels: Surfels
     coordinates: Coordinates
     num_threads: int
 
@@ -74,7 +74,7 @@ class Problem:
                 some = slice(first, first + _TOGETHER)
                 X = Pose(X_WO.q[:, some], X_WO.p[:, some])
                 outline = values["outline"][some].detach()
-                images = difference(push.pictures, self.surfels, X, outline, num_threads=self.num_threads)
+                images = difference(push.pictures, push.surfels, X, outline, num_threads=self.num_threads)
                 parts.append(squares(images, blocks))
             found.append(torch.where(alive, torch.cat(parts, -1), torch.inf))
         return found
@@ -82,7 +82,7 @@ class Problem:
     def thinned(self, chosen: tuple[Tensor, ...]) -> "Problem":
         """Copy of the problem with some frames of each push only, by their indices (m,)."""
         pushes = [
-            Push(replace(push.forward, chosen=some), push.pictures.some(some))
+            Push(replace(push.forward, chosen=some), push.pictures.some(some), push.surfels)
             for push, some in zip(self.pushes, chosen, strict=True)
         ]
         return replace(self, pushes=tuple(pushes))
@@ -105,6 +105,6 @@ class Problem:
             trial[:, columns[0]] = guesses
             outlines = self.coordinates.values(trial, number)["outline"]
             X = Pose(X_WO.q.expand(1, len(guesses), 4), X_WO.p.expand(1, len(guesses), 3))
-            losses = squares(difference(first, self.surfels, X, outlines, num_threads=self.num_threads), blocks)[0]
+            losses = squares(difference(first, push.surfels, X, outlines, num_threads=self.num_threads), blocks)[0]
             z[:, columns[0]] = guesses[int(losses.argmin())]
         return self.coordinates.clamp(z)

@@ -154,7 +154,7 @@ def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate 
         expansions.append(
             expand(
                 push.pictures,
-                problem.surfels,
+                push.surfels,
                 corrected(X_WO, d),
                 values["outline"][0],
                 problem.radius,

@@ -16,8 +16,9 @@ from pinwm_drake.identification.adam import AdamState, descend
 from pinwm_drake.identification.checkpoint import Checkpoint
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.image_loss import BLOCKS
+from pinwm_drake.identification.lighting import lit
 from pinwm_drake.identification.options import IdentifyOptions
-from pinwm_drake.identification.pictures import Footage, make_pictures
+from pinwm_drake.identification.pictures import Footage, Pictures, make_pictures
 from pinwm_drake.identification.posterior import Posterior
 from pinwm_drake.identification.problem import Problem, Push
 from pinwm_drake.identification.progress import Progress
@@ -26,6 +27,7 @@ from pinwm_drake.identification.sampling import sample
 from pinwm_drake.identification.search_result import Found
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.spatial.poses import Pose
 
 _COARSE_RATE = 0.5
 # Share of the coarse steps during which the frames that count grow.
@@ -68,11 +70,26 @@ class Task:
         """
         pushes = []
         for number, (footage, forward) in enumerate(zip(self.footages, self.forwards, strict=True)):
-            late = 0.0 if z is None else float(self.coordinates.values(z, number)["time_offset"])
             chosen = spaced(len(footage.frames), most)
+            forward = replace(forward, chosen=chosen)
+            values = None if z is None else self.coordinates.values(z[None], number)
+            late = 0.0 if values is None else float(values["time_offset"])
             pictures = make_pictures(footage, size, together=z is None, late=late).some(chosen)
-            pushes.append(Push(replace(forward, chosen=chosen), pictures))
-        return Problem(tuple(pushes), self.surfels, self.coordinates, self.num_threads)
+            surfels = self._lit(pictures, forward, values)
+            pushes.append(Push(forward, pictures, surfels))
+        return Problem(tuple(pushes), self.coordinates, self.num_threads)
+
+    def _lit(self, pictures: Pictures, forward: Forward, values: dict[str, Tensor] | None) -> Surfels:
+        """Surfels in the light of pictures, by the first of them where no motion is known."""
+        if values is None:
+            first = pictures.some(torch.zeros(1, dtype=torch.long))
+            start = Pose(forward.X_WO.q[None], forward.X_WO.p[None])
+            return lit(first, self.surfels, start, num_threads=self.num_threads)
+        with torch.no_grad():
+            X_WO, alive = forward.poses(values)
+        if not bool(alive[0]):
+            return self.surfels
+        return lit(pictures, self.surfels, Pose(X_WO.q[:, 0], X_WO.p[:, 0]), num_threads=self.num_threads)
 
 
 def spaced(number: int, most: int) -> Tensor:
@@ -217,7 +234,7 @@ class Search:
             problem=surrogate.problem,
             posterior=Posterior(z, draws),
             loss=state.loss,
-            poses=[type(X)(X.q[:, 0], X.p[:, 0]) for X in poses],
+            poses=[Pose(X.q[:, 0], X.p[:, 0]) for X in poses],
             corrections=surrogate.corrections(z),
             coarse_losses=[float(loss) for loss in self.kept.done["coarse.loss"]],
             start=start,

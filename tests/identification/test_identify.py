@@ -56,8 +56,8 @@ def problem_of(pushed, free=DEFAULT_FREE, held=None, **options):
     capture, episode = pushed
     scene = make_scene(capture.object.mesh_path, capture.pusher, q_WO=LEVEL, gravity=9.81, support="patch")
     forward = Forward(scene, episode, capture.object.X_WO, 1.0, 2)
-    push = Push(forward, pictures_of(pushed, **options))
-    return Problem((push,), surfels(), Coordinates(free, TRUTH if held is None else held), 2)
+    push = Push(forward, pictures_of(pushed, **options), surfels())
+    return Problem((push,), Coordinates(free, TRUTH if held is None else held), 2)
 
 
 def test_the_truth_explains_the_video(pushed):
