@@ -55,9 +55,13 @@ def collide_floor(table, body, spread, R_WB, p_WB, floor_height, margin, rows, c
     cx, cy, cz = xyz(table.body_spheres, body)
     if dot(ux, uy, uz, cx, cy, cz) + lift - table.body_spheres[body, 3] >= margin:
         return count
+    # The points of a face carry it together, none of them can stand for others.
+    for i in range(table.bodies[body, 1], table.bodies[body + 1, 1]):
+        if table.floor_owners[i] == IF_FLAT and _gap(table, i, spread, ux, uy, uz, lift) < margin:
+            count = _append_point(table, i, spread, floor_height, rows, count)
     first = count
     for i in range(table.bodies[body, 1], table.bodies[body + 1, 1]):
-        if _gap(table, i, spread, ux, uy, uz, lift) < margin:
+        if table.floor_owners[i] != IF_FLAT and _gap(table, i, spread, ux, uy, uz, lift) < margin:
             if count - first == MAX_FLOOR_POINTS:
                 count = _reduce(table, body, spread, ux, uy, uz, lift, floor_height, margin, rows, first)
                 break
@@ -128,7 +132,7 @@ def _append_point(table, i, spread, floor_height, rows, count):
 
 @internal_kernel
 def _reduce(table, body, spread, ux, uy, uz, lift, floor_height, margin, rows, count):
-    """Appends the points that are lowest when the body tilts towards eight directions, and the deepest.
+    """Appends, of the points of no face, those lowest when the body tilts in eight directions, and the deepest.
 
     It tilts by as much as takes it through the margin, so that the points that a step may bring to the floor are among
     them; of a face that lies flat they are the outermost ones. The directions lie in the coordinate plane of the body
@@ -149,7 +153,7 @@ def _reduce(table, body, spread, ux, uy, uz, lift, floor_height, margin, rows, c
         rows[first + k, 0], rows[first + k, 1] = -1.0, math.inf
     deepest, depth = -1, math.inf
     for i in range(start, end):
-        gap = _gap(table, i, spread, ux, uy, uz, lift)
+        gap = math.inf if table.floor_owners[i] == IF_FLAT else _gap(table, i, spread, ux, uy, uz, lift)
         if gap >= margin:
             continue
         if gap < depth - _SAME_DEPTH:

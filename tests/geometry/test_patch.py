@@ -6,9 +6,12 @@ import torch
 import trimesh
 
 from pinwm_drake.errors import GeometryError
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.geometry.patch import PROTRUSION, resting_points, supporting_points
-from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, UNLESS_FLAT
+from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, MAX_FLOOR_POINTS, UNLESS_FLAT
 from pinwm_drake.geometry.shapes import box, convex_hull
+from pinwm_drake.geometry.stored_pieces import mesh_pieces
+from pinwm_drake.models import object_model
 from pinwm_drake.physics import Body, Model, Parameters, State, Stepper
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_to_matrix
 
@@ -141,3 +144,29 @@ def test_a_floor_point_that_counts_at_no_known_time_is_refused():
     body = Body("cube", [box((0.06,) * 3)], 0.5, 3e-4 * np.eye(3), floor_points=points)
     with pytest.raises(GeometryError, match="floor point 3 counts when 5"):
         Model(bodies=[body]).arrays  # noqa: B018
+
+
+def test_more_points_than_are_kept_of_corners_leave_the_patch_whole():
+    # The T-block's corners and the points of its face are more than are kept of corners alone. Its spin is to meet the
+    # torque of uniform pressure on the T all the same.
+    model = object_model("t_block")
+    mesh = load_mesh(model.mesh_path)
+    points = supporting_points(mesh, UPRIGHT)
+    low = points[:, 2] < mesh.vertices[:, 2].min() + 1e-6
+    own = (points[:, 3] != IF_FLAT) | (points[:, 6] < -0.5)
+    assert (low & own).sum() > MAX_FLOOR_POINTS
+    below = np.flatnonzero(mesh.face_normals[:, 2] < -0.999)
+    bottom = trimesh.Trimesh(mesh.vertices, mesh.faces[below], process=False)
+    samples = np.asarray(trimesh.sample.sample_surface(bottom, 40000, seed=0)[0])[:, :2]
+    moment, mu, w = 1e-3, 0.3, 10.0
+    body = Body("t", mesh_pieces(model.mesh_path), 0.5, moment * np.eye(3), floor_points=points)
+    scene = Model(bodies=[body], time_step=1.0 / 960.0)
+    state = State.at_rest(
+        scene,
+        p_WB=(0.0, 0.0, 0.025 + PROTRUSION),
+        V_WB=torch.tensor([[[0.0, 0.0, w, 0.0, 0.0, 0.0]]], dtype=torch.float64),
+    )
+    theta = Parameters.nominal(scene, friction_floor=mu)
+    rolled = Stepper(scene).rollout(theta, state, torch.zeros(24, 1, 6, dtype=torch.float64))
+    torque = mu * 0.5 * 9.81 * float(np.linalg.norm(samples, axis=1).mean())
+    assert w - float(rolled.V_WB[-1, 0, 0, 2]) == pytest.approx(torque / moment * 24 / 960, rel=0.02)
