@@ -151,7 +151,9 @@ def test_more_points_than_are_kept_of_corners_leave_the_patch_whole():
     # torque of uniform pressure on the T all the same.
     model = object_model("t_block")
     mesh = load_mesh(model.mesh_path)
-    points = supporting_points(mesh, UPRIGHT)
+    # The yaw decides which corners are the outermost.
+    q_WO = quaternion_exp(torch.tensor([0.0, 0.0, -2.5], dtype=torch.float64))
+    points = supporting_points(mesh, quaternion_to_matrix(q_WO).numpy())
     low = points[:, 2] < mesh.vertices[:, 2].min() + 1e-6
     own = (points[:, 3] != IF_FLAT) | (points[:, 6] < -0.5)
     assert (low & own).sum() > MAX_FLOOR_POINTS
@@ -163,6 +165,7 @@ def test_more_points_than_are_kept_of_corners_leave_the_patch_whole():
     scene = Model(bodies=[body], time_step=1.0 / 960.0)
     state = State.at_rest(
         scene,
+        q_WB=q_WO.expand(1, 1, 4),
         p_WB=(0.0, 0.0, 0.025 + PROTRUSION),
         V_WB=torch.tensor([[[0.0, 0.0, w, 0.0, 0.0, 0.0]]], dtype=torch.float64),
     )
