@@ -16,11 +16,11 @@ from torch import Tensor
 
 from pinwm_drake.cousins.colours import ColourDraw
 from pinwm_drake.cousins.ranges import theta_ranges
-from pinwm_drake.cousins.theta import KEYS, draw_theta
+from pinwm_drake.cousins.theta import KEYS, draw_theta, drawn_theta
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.scene import Scene
-from pinwm_drake.twin.rollout import twin_parameters, twin_scene
+from pinwm_drake.twin.rollout import NO_EFFECT, twin_parameters, twin_scene
 from pinwm_drake.twin.twin import Estimate, Twin
 
 _MOST = 1 << 31  # cousins, and their numbers
@@ -35,12 +35,14 @@ class Cousin:
         of: The twin.
         number: Number of the cousin, 0 or more; with seed and settings of the draw it tells the cousin.
         theta: Values of `THETA`'s parameters, SI units.
+        shape: Values of the nuisances that have a part in the physics (`rollout.NO_EFFECT`), SI units.
         looks: Gives `sh` and `moved`; called once, when one of them is asked for.
     """
 
     of: Twin
     number: int
     theta: dict[str, float]
+    shape: dict[str, float]
     looks: Callable[[], tuple[Tensor, float]]
 
     @cached_property
@@ -60,7 +62,7 @@ class Cousin:
     def twin(self) -> Twin:
         """The cousin as a twin of its own, for everything that takes one."""
         surfels = dataclasses.replace(self.of.surfels, sh=self.sh)
-        return dataclasses.replace(self.of, theta=self._estimates(), surfels=surfels)
+        return dataclasses.replace(self._physical(), surfels=surfels)
 
     def parameters(self, scene: Scene) -> Parameters:
         """Parameters theta of the cousin, one world.
@@ -68,10 +70,14 @@ class Cousin:
         Args:
             scene: The twin's scene, of any orientation.
         """
-        return twin_parameters(dataclasses.replace(self.of, theta=self._estimates()), scene)
+        return twin_parameters(self._physical(), scene)
 
-    def _estimates(self) -> dict[str, Estimate]:
-        return {key: Estimate(self.theta[key], None, False, one.unit, _NOTE) for key, one in self.of.theta.items()}
+    def _physical(self) -> Twin:
+        """The twin with the cousin's physics."""
+        theta = {key: Estimate(self.theta[key], None, False, one.unit, _NOTE) for key, one in self.of.theta.items()}
+        units = {key: "m" if key.startswith(("center", "contact")) else "1" for key in self.shape}
+        shape = {key: Estimate(value, None, False, units[key], _NOTE) for key, value in self.shape.items()}
+        return dataclasses.replace(self.of, theta=theta, nuisance=self.of.nuisance | shape, draws=None)
 
 
 class CousinDraw:
@@ -89,7 +95,8 @@ class CousinDraw:
         Args:
             twin: The twin.
             delta: Relative half-width of the ranges, 0 or more, less than 1.
-            from_intervals: Flag: theta is drawn from the identified 95 % intervals, where there are any.
+            from_intervals: Flag: what was identified is drawn from the posterior of the twin, all of it together; from
+                the identified 95 % intervals where a twin has no draws.
             seed: Seed of the draw, 0 or more.
 
         Raises:
@@ -114,13 +121,19 @@ class CousinDraw:
         physics, looks = (
             np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(number, part))) for part in (0, 1)
         )
-        theta = draw_theta(physics, self._values, self.ranges)
-        return Cousin(
-            self.twin,
-            number,
-            dict(zip(KEYS, theta.tolist(), strict=True)),
-            lambda: self._colours.draw(looks, self.delta),
-        )
+        theta = dict(zip(KEYS, draw_theta(physics, self._values, self.ranges).tolist(), strict=True))
+        shape = twin_shape(self.twin)
+        if self.from_intervals and self.twin.draws is not None:
+            row = int(physics.integers(len(self.twin.draws.values)))
+            drawn = dict(zip(self.twin.draws.names, self.twin.draws.values[row].tolist(), strict=True))
+            theta = drawn_theta(self.twin, theta, drawn)
+            shape |= {key: value for key, value in drawn.items() if key in shape}
+        return Cousin(self.twin, number, theta, shape, lambda: self._colours.draw(looks, self.delta))
+
+
+def twin_shape(twin: Twin) -> dict[str, float]:
+    """Values of the nuisances of a twin that have a part in its physics, by name."""
+    return {key: twin.nuisance[key].value if key in twin.nuisance else value for key, value in NO_EFFECT.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,14 +11,15 @@ import numpy as np
 import torch
 
 from pinwm_drake.checkpoints import write_arrays
-from pinwm_drake.cousins.cousin import Cousin, CousinDraw, Cousins
+from pinwm_drake.cousins.cousin import Cousin, CousinDraw, Cousins, twin_shape
 from pinwm_drake.cousins.theta import KEYS
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.twin.rollout import NO_EFFECT
 from pinwm_drake.twin.twin import Twin
 
-_VERSION = 1
+_VERSION = 2
 _KEYS = ("version", "twin", "delta", "from_intervals", "seed", "ranges", "theta_keys", "sha256")
-_ARRAYS = ("theta", "sh", "moved")
+_ARRAYS = ("theta", "shape", "sh", "moved")
 # Errors that broken archives, members and texts lead to.
 _UNREADABLE = (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile)
 _ALLOWED = "cousins, as `pinwm cousins` writes them"
@@ -37,6 +38,7 @@ def write_cousins(path: Path, cousins: Cousins) -> None:
     draw = cousins.draw
     arrays = {
         "theta": np.array([[cousin.theta[key] for key in KEYS] for cousin in cousins.members]),
+        "shape": np.array([[cousin.shape[key] for key in NO_EFFECT] for cousin in cousins.members]),
         "sh": cousins.sh().numpy(),
         "moved": np.array([cousin.moved for cousin in cousins.members]),
     }
@@ -81,12 +83,13 @@ def read_cousins(path: Path, twin: Twin) -> Cousins:
     except (ParameterError, TypeError) as error:
         raise InputError(path, value=str(error), allowed=_ALLOWED) from error
     thetas = [dict(zip(KEYS, row, strict=True)) for row in found["theta"].tolist()]
+    shapes = [dict(zip(NO_EFFECT, row, strict=True)) for row in found["shape"].tolist()]
     looks = zip(torch.from_numpy(found["sh"]), found["moved"].tolist(), strict=True)
     return Cousins(
         draw,
         tuple(
-            Cousin(twin, number, theta, partial(tuple, own))
-            for number, (theta, own) in enumerate(zip(thetas, looks, strict=True))
+            Cousin(twin, number, theta, shape, partial(tuple, own))
+            for number, (theta, shape, own) in enumerate(zip(thetas, shapes, looks, strict=True))
         ),
     )
 
@@ -104,8 +107,8 @@ def _check(path: Path, about: dict[str, Any], arrays: dict[str, np.ndarray], twi
             value=f"cousins of the twin {str(about['twin'])[:12]}...",
             allowed=f"of {expected[:12]}..., the one at hand ({twin.name})",
         )
-    n, wanted = arrays["moved"].size, {"theta": np.float64, "sh": np.float32, "moved": np.float64}
-    shapes = {"theta": (n, len(KEYS)), "sh": (n, *twin.surfels.sh.shape), "moved": (n,)}
+    n, wanted = arrays["moved"].size, dict.fromkeys(_ARRAYS, np.float64) | {"sh": np.float32}
+    shapes = {"theta": (n, len(KEYS)), "shape": (n, len(NO_EFFECT)), "sh": (n, *twin.surfels.sh.shape), "moved": (n,)}
     for name, array in arrays.items():
         if n == 0 or array.shape != shapes[name] or array.dtype != wanted[name] or not np.isfinite(array).all():
             allowed = f"finite {np.dtype(wanted[name])} of shape {shapes[name]}, 1 cousin or more"
@@ -113,7 +116,7 @@ def _check(path: Path, about: dict[str, Any], arrays: dict[str, np.ndarray], twi
 
 
 def hash_twin(twin: Twin) -> str:
-    """SHA-256 of all that a twin's motion and looks depend on: not of its name, nuisances, provenance or place on disk.
+    """SHA-256 of all that a twin's motion and looks depend on: not of its name, provenance or place on disk.
 
     Args:
         twin: The twin, read or in memory; writing and reading does not change its hash.
@@ -136,6 +139,8 @@ def hash_twin(twin: Twin) -> str:
             key: [float(one.value), None if one.interval is None else [float(end) for end in one.interval]]
             for key, one in twin.theta.items()
         },
+        "shape": twin_shape(twin),
+        "draws": None if twin.draws is None else [twin.draws.names, twin.draws.values.tolist()],
     }
     digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
     meshes = [twin.mesh_path]

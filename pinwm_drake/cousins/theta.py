@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pinwm_drake.cousins.ranges import MOMENTS, Range
-from pinwm_drake.twin.twin import THETA
+from pinwm_drake.twin.twin import THETA, Twin
 
 KEYS = tuple(THETA)
 _MASS, _AT = KEYS.index("mass"), [KEYS.index(key) for key in MOMENTS]
@@ -37,6 +37,26 @@ def draw_theta(generator: np.random.Generator, twin: np.ndarray, ranges: Mapping
     if all(ranges[key].source != "delta" for key in ("mass", *MOMENTS)):
         theta[_AT] *= theta[_MASS] / twin[_MASS]
     return theta
+
+
+def drawn_theta(twin: Twin, theta: Mapping[str, float], drawn: Mapping[str, float]) -> dict[str, float]:
+    """Parameters by a draw from a twin's posterior where they were identified, else as they are.
+
+    Args:
+        twin: The twin, whose intervals tell what was identified.
+        theta: Values of `THETA`'s parameters.
+        drawn: Values of one draw, by name; moments of inertia are for the twin's mass, and are scaled to that of the
+            result: a video shows their ratio.
+
+    Returns:
+        Values of `THETA`'s parameters.
+    """
+    known = {key: drawn[key] for key, one in twin.theta.items() if one.interval is not None and key in drawn}
+    found = dict(theta) | known
+    if any(key in known for key in MOMENTS):
+        scale = found["mass"] / drawn["mass"]
+        found |= {key: drawn[key] * scale for key in MOMENTS}
+    return found
 
 
 def _between(low: np.ndarray, high: np.ndarray, share: np.ndarray) -> np.ndarray:

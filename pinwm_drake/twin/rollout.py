@@ -26,7 +26,7 @@ _RESTS = 5e-3
 # Where the contacts of a step have no solution that the solvers find, smaller steps meet others.
 _HALVINGS = 4
 # Nuisances that have a part in the physics, and their values without effect.
-_NO_EFFECT = {f"{name}_{axis}": value for name, value in (("center", 0.0), ("support", 1.0)) for axis in "xyz"} | {
+NO_EFFECT = {f"{name}_{axis}": value for name, value in (("center", 0.0), ("support", 1.0)) for axis in "xyz"} | {
     "contact_offset": 0.0
 }
 
@@ -70,7 +70,7 @@ def physical_parameters(values: Mapping[str, Sequence[float]], scene: Scene) -> 
             missing has no effect.
         scene: Scene of the object.
     """
-    theta = {name: [plain] * len(values["mass"]) for name, plain in _NO_EFFECT.items()} | dict(values)
+    theta = {name: [plain] * len(values["mass"]) for name, plain in NO_EFFECT.items()} | dict(values)
     solid = torch.as_tensor(scene.model.bodies[0].inertia, dtype=torch.float64).diagonal()
     moments = _stacked(theta, "inertia_xx", "inertia_yy", "inertia_zz")
     # Second moments of mass along the axes: they scale independently, moments of inertia do not.

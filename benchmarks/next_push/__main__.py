@@ -1,0 +1,103 @@
+"""Command line of the benchmark.
+
+    python -m benchmarks.next_push captures OUT [--only NAME ...] [--poses-only] [--realistic]
+    python -m benchmarks.next_push evaluate OUT [--only NAME ...] [--split SPLIT] [--kind KIND] [--methods ...]
+
+Clean captures come to OUT/clean/NAME, their poses to OUT/poses/NAME.npz; realistic ones to OUT/realistic/NAME, with
+OUT/realistic_poses/NAME.npz and what is wrong with them in OUT/realistic_poses/NAME.json.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.next_push.captures import write_capture
+from benchmarks.next_push.evaluate import METHODS, evaluate, summary, table
+from benchmarks.next_push.objects import OBJECTS, Thing, make_thing
+from benchmarks.next_push.poses import pose_capture, read_poses, write_poses
+from benchmarks.next_push.realistic_captures import write_realistic_capture
+from benchmarks.next_push.specification import CAPTURES, CaptureSpec
+from benchmarks.next_push.uneven import uneven
+from pinwm_drake.files import replacing
+
+
+def main() -> None:
+    """Runs the command."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.next_push")
+    commands = parser.add_subparsers(required=True)
+    captures = commands.add_parser("captures", help="make the captures; those that are there stay")
+    captures.add_argument("out", type=Path)
+    captures.add_argument("--only", nargs="+", metavar="NAME", help="names of captures; all of them by default")
+    captures.add_argument("--poses-only", action="store_true", help="no pictures")
+    captures.add_argument("--realistic", action="store_true", help="as a lab has them, instead of clean")
+    captures.set_defaults(run=_captures)
+    tables = commands.add_parser("evaluate", help="twins and predictions, and the table of them; what is there stays")
+    tables.add_argument("out", type=Path)
+    tables.add_argument("--only", nargs="+", metavar="NAME", help="names of captures; all of them by default")
+    tables.add_argument("--split", choices=("tuning", "unseen"), help="only these captures")
+    tables.add_argument("--kind", choices=("clean", "realistic"), default="clean")
+    tables.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
+    tables.add_argument("--pushes", nargs="+", type=int, choices=(1, 2, 3), default=[1, 2, 3])
+    tables.set_defaults(run=_evaluate)
+    arguments = parser.parse_args()
+    arguments.run(arguments)
+
+
+def _evaluate(arguments: argparse.Namespace) -> None:
+    results = []
+    for spec in CAPTURES:
+        if (arguments.only and spec.name not in arguments.only) or arguments.split not in (None, spec.split):
+            continue
+        for method in arguments.methods:
+            for number in {"ours": arguments.pushes, "pin-wm": [1]}.get(method, [0]):
+                began = time.perf_counter()
+                found = list(evaluate(arguments.out, arguments.kind, spec, method, number))
+                results += found
+                _say(spec, f"{method} {number or ''}: {summary(found)}", began)
+    print("\n".join(table(results)))
+
+
+def _captures(arguments: argparse.Namespace) -> None:
+    names = [spec.name for spec in CAPTURES]
+    for name in arguments.only or ():
+        if name not in names:
+            raise SystemExit(f"--only: got {name!r}; allowed: {', '.join(names)}")
+    things = {name: make_thing(name, arguments.out / "objects") for name in OBJECTS}
+    make = _realistic if arguments.realistic else _clean
+    for spec in CAPTURES:
+        if not arguments.only or spec.name in arguments.only:
+            make(arguments.out, spec, things[spec.thing], poses_only=arguments.poses_only)
+
+
+def _clean(out: Path, spec: CaptureSpec, thing: Thing, *, poses_only: bool) -> None:
+    path, folder, began = out / "poses" / f"{spec.name}.npz", out / "clean" / spec.name, time.perf_counter()
+    if not path.exists():
+        write_poses(path, spec, thing, pose_capture(spec, thing))
+        _say(spec, "poses", began)
+    if not poses_only and not folder.exists():
+        write_capture(folder, spec, thing, read_poses(path))
+        _say(spec, "capture", began)
+
+
+def _realistic(out: Path, spec: CaptureSpec, thing: Thing, *, poses_only: bool) -> None:
+    path, folder = out / "realistic_poses" / f"{spec.name}.npz", out / "realistic" / spec.name
+    began = time.perf_counter()
+    if not path.exists():
+        theta = uneven(thing, spec.theta(thing), np.random.default_rng([spec.seed, 6]))
+        write_poses(path, spec, thing, pose_capture(spec, thing, theta))
+        _say(spec, "realistic poses", began)
+    if not poses_only and not folder.exists():
+        mistakes = write_realistic_capture(folder, spec, thing, read_poses(path))
+        with replacing(path.with_suffix(".json")) as temporary:
+            temporary.write_text(json.dumps(mistakes, indent=1) + "\n", encoding="utf-8")
+        _say(spec, "realistic capture", began)
+
+
+def _say(spec: CaptureSpec, what: str, began: float) -> None:
+    print(f"{spec.name}: {what}, {time.perf_counter() - began:.0f} s", flush=True)
+
+
+main()

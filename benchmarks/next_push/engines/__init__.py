@@ -1,0 +1,1 @@
+"""Engines that push objects: MuJoCo, Bullet, and Drake's two contact models."""

@@ -1,0 +1,141 @@
+"""Bullet as an engine: PyBullet without a window, its own solver, margins as they are.
+
+An object is a compound of convex hulls, read from one OBJ file as `createCollisionShape` does it, each with Bullet's
+margin of 1 mm around it: this is what makes Bullet's objects larger than their meshes. The pusher is a body of a tonne
+whose velocity is set before every step. Bullet multiplies the frictions of a pair: the object has the floor's.
+"""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pybullet  # type: ignore[import-not-found]
+import trimesh
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RotationMatrix
+
+from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, Rollout, Theta
+from benchmarks.next_push.objects import Thing
+from benchmarks.next_push.pushes import Push
+
+_STEPS_PER_LOG = 8  # 1/1920 s
+_ITERATIONS = 200
+_PUSHER_MASS = 1e3  # kg
+_STILL = {"restitution": 0.0, "linearDamping": 0.0, "angularDamping": 0.0, "rollingFriction": 0.0}
+
+
+def roll_out(thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None, t: np.ndarray) -> Rollout:
+    """Rolls out a push.
+
+    Args:
+        thing: The object.
+        theta: The truth about it.
+        X_WO: Its pose at first, at rest.
+        push: What the pusher does; None for no pusher.
+        t: (n,) s, increasing from 0, multiples of 1 / `LOG_RATE`.
+    """
+    client = pybullet.connect(pybullet.DIRECT)
+    try:
+        return _Scene(client, thing, theta, X_WO, push).run(np.asarray(t))
+    finally:
+        pybullet.disconnect(client)
+
+
+class _Scene:
+    """Floor, object and pusher in a physics server."""
+
+    def __init__(self, client: int, thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None) -> None:
+        self.on = {"physicsClientId": client}
+        self.dt, self.push = 1 / (LOG_RATE * _STEPS_PER_LOG), push
+        pybullet.setGravity(0, 0, -GRAVITY, **self.on)
+        pybullet.setPhysicsEngineParameter(
+            fixedTimeStep=self.dt, numSolverIterations=_ITERATIONS, solverResidualThreshold=0.0, **self.on
+        )
+        plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, **self.on)
+        floor = pybullet.createMultiBody(0, plane, **self.on)
+        pybullet.changeDynamics(floor, -1, lateralFriction=1.0, **_STILL, **self.on)
+        self.object, self.X_OI = self._add_object(thing, theta)
+        self._place(self.object, X_WO @ self.X_OI)
+        if push is not None:
+            shape = push.shape
+            kind = pybullet.GEOM_SPHERE if shape.kind == "sphere" else pybullet.GEOM_CAPSULE
+            tip = pybullet.createCollisionShape(kind, radius=shape.radius, height=shape.length, **self.on)
+            start = push.motion.p_WP.tolist()
+            self.pusher = pybullet.createMultiBody(_PUSHER_MASS, tip, basePosition=start, **self.on)
+            share = theta.friction_pusher / theta.friction_floor
+            pybullet.changeDynamics(self.pusher, -1, lateralFriction=share, **_STILL, **self.on)
+            pybullet.setCollisionFilterPair(floor, self.pusher, -1, -1, 0, **self.on)
+
+    def _add_object(self, thing: Thing, theta: Theta) -> tuple[int, RigidTransform]:
+        """The object, and the pose X_OI of its principal axes in O."""
+        moments, R_OI = np.linalg.eigh(theta.inertia)
+        R_OI[:, 2] *= np.sign(np.linalg.det(R_OI))
+        X_OI = RigidTransform(RotationMatrix(R_OI), theta.p_com)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{thing.name}.obj"
+            path.write_text(_hulls_obj(thing, theta), encoding="utf-8")
+            shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(path), **self.on)
+        body = pybullet.createMultiBody(
+            theta.mass,
+            shape,
+            baseInertialFramePosition=X_OI.translation().tolist(),
+            baseInertialFrameOrientation=_xyzw(X_OI),
+            **self.on,
+        )
+        pybullet.changeDynamics(
+            body,
+            -1,
+            lateralFriction=theta.friction_floor,
+            localInertiaDiagonal=moments.tolist(),
+            **_STILL,
+            **self.on,
+        )
+        return body, X_OI
+
+    def _place(self, body: int, X_WI: RigidTransform) -> None:
+        pybullet.resetBasePositionAndOrientation(body, X_WI.translation().tolist(), _xyzw(X_WI), **self.on)
+        pybullet.resetBaseVelocity(body, [0.0] * 3, [0.0] * 3, **self.on)
+
+    def _pose(self) -> RigidTransform:
+        p, (x, y, z, w) = pybullet.getBasePositionAndOrientation(self.object, **self.on)
+        q = np.array([w, x, y, z])
+        return RigidTransform(RotationMatrix(Quaternion(wxyz=q / np.linalg.norm(q))), p) @ self.X_OI.inverse()
+
+    def _pusher_place(self) -> np.ndarray:
+        if self.push is None:
+            return np.zeros(3)
+        return np.array(pybullet.getBasePositionAndOrientation(self.pusher, **self.on)[0])
+
+    def run(self, t: np.ndarray) -> Rollout:
+        """Steps through the times t (n,) s."""
+        poses, places, step = [], [], 0
+        for time in t:
+            for _ in range(round(time / self.dt) - step):
+                if self.push is not None:
+                    # Upwards: what gravity adds within the step.
+                    velocity = self.push.motion.average_velocity(step, self.dt) + np.array(
+                        [0.0, 0.0, GRAVITY * self.dt]
+                    )
+                    pybullet.resetBaseVelocity(self.pusher, velocity.tolist(), [0.0] * 3, **self.on)
+                pybullet.stepSimulation(**self.on)
+                step += 1
+            poses.append(self._pose())
+            places.append(self._pusher_place())
+        return Rollout(t, poses, np.array(places))
+
+
+def _hulls_obj(thing: Thing, theta: Theta) -> str:
+    """OBJ file of an object's convex pieces, and of small octahedra around its feet, each an object of its own."""
+    lines, count = [], 0
+    feet = [foot + np.array([0, 0, 1e-3]) + 1e-3 * np.vstack([np.eye(3), -np.eye(3)]) for foot in theta.feet]
+    for k, points in enumerate([*thing.hulls, *feet]):
+        hull = trimesh.convex.convex_hull(points)
+        lines += [f"o piece_{k}", *(f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in hull.vertices)]
+        lines += [f"f {a} {b} {c}" for a, b, c in hull.faces + 1 + count]
+        count += len(hull.vertices)
+    return "\n".join(lines) + "\n"
+
+
+def _xyzw(X: RigidTransform) -> list[float]:
+    w, x, y, z = X.rotation().ToQuaternion().wxyz()
+    return [x, y, z, w]

@@ -1,0 +1,51 @@
+"""Truth that all engines take, and the recording that they give: where object and pusher have been."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+GRAVITY = 9.81  # m/s^2
+FLOOR_HEIGHT = 0.0  # m
+LOG_RATE = 240  # Hz, of the pusher's log
+
+
+@dataclass(frozen=True, eq=False)
+class Theta:
+    """Truth about an object, which an engine is given.
+
+    Attributes:
+        mass: kg.
+        friction_floor: Coulomb coefficient of the pair object and floor.
+        friction_pusher: Coulomb coefficient of the pair object and pusher.
+        p_com: (3,) m, centre of mass, frame O.
+        inertia: (3, 3) kg m^2, about the centre of mass, axes of O.
+        feet: (n, 3) m, frame O: points that stand out of the face below and carry the object; (0, 3) for an even face.
+    """
+
+    mass: float
+    friction_floor: float
+    friction_pusher: float
+    p_com: np.ndarray
+    inertia: np.ndarray
+    feet: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """Recording of an engine.
+
+    Attributes:
+        t: (n,) s.
+        X_WO: n poses of the object, at these times.
+        p_WP: (n, 3) m, the pusher's middle, world, at these times.
+    """
+
+    t: np.ndarray
+    X_WO: list[RigidTransform]
+    p_WP: np.ndarray
+
+
+def log_times(frames: int, frame_rate: int) -> np.ndarray:
+    """Times (n,) s of a log of `LOG_RATE` from the first of `frames` pictures to the last."""
+    return np.arange((frames - 1) * (LOG_RATE // frame_rate) + 1) / LOG_RATE

@@ -1,0 +1,91 @@
+"""One lamp instead of light from all sides: shadows, highlights, and colours that change as an object turns."""
+
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from pydrake.geometry import LightParameter, MakeRenderEngineVtk, RenderEngineVtkParams, Rgba
+
+from pinwm_drake.systems.runs.recorder import PushRecorder
+
+_RENDERER = "vtk"  # the name that `cameras.object_camera` gives
+_ROUGHNESS = 0.4
+_SHADOW_MAP = 2048  # px, of the lamp's cone
+_HEIGHTS = (0.6, 0.85)  # sine of the lamp's height above the horizon
+_LAMP, _ROOM = 1.8, 0.35  # intensities
+_AWAY, _CONE = 1.2, 25.0  # m, from the world's origin; degrees, to each side
+_ROOM_LIGHTS, _ROOM_AWAY = 4, 2.0  # m
+
+
+def glossy_model(visual_path: Path, folder: Path) -> Path:
+    """A coloured mesh as a glTF file of glossy materials.
+
+    Args:
+        visual_path: OBJ file whose faces have materials with a Kd, m.
+        folder: Folder of the file.
+
+    Returns:
+        The file; its y is the object's z, as Drake expects of a glTF.
+    """
+    scene = trimesh.Scene()
+    for name, colour, triangles in _by_colour(visual_path):
+        corners = triangles.reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1]
+        across = np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3])
+        normals = np.repeat(across / np.linalg.norm(across, axis=1, keepdims=True), 3, axis=0)
+        numbers = np.arange(len(corners)).reshape(-1, 3)
+        material = trimesh.visual.material.PBRMaterial(
+            name=name, baseColorFactor=[*colour, 1.0], metallicFactor=0.0, roughnessFactor=_ROUGHNESS
+        )
+        visual = trimesh.visual.TextureVisuals(material=material)
+        part = trimesh.Trimesh(corners, numbers, vertex_normals=normals, visual=visual, process=False)
+        scene.add_geometry(part, geom_name=name, node_name=name)
+    path = folder / f"{visual_path.stem}.gltf"
+    for name, content in scene.export(file_type="gltf", include_normals=True).items():
+        (folder / (path.name if name.endswith(".gltf") else name)).write_bytes(content)
+    return path
+
+
+def _by_colour(visual_path: Path) -> list[tuple[str, list[float], np.ndarray]]:
+    """Name and colour of each material of an OBJ file, and its triangles (n, 3, 3) m."""
+    colours: dict[str, list[float]] = {}
+    faces: dict[str, list[list[int]]] = {}
+    corners, current = [], ""
+    for line in visual_path.with_suffix(".mtl").read_text(encoding="utf-8").splitlines():
+        words = line.split()
+        if words[:1] == ["newmtl"]:
+            current = words[1]
+        elif words[:1] == ["Kd"]:
+            colours[current] = [float(value) for value in words[1:4]]
+    for line in visual_path.read_text(encoding="utf-8").splitlines():
+        words = line.split()
+        if words[:1] == ["v"]:
+            corners.append([float(value) for value in words[1:4]])
+        elif words[:1] == ["usemtl"]:
+            current = words[1]
+        elif words[:1] == ["f"]:
+            faces.setdefault(current, []).append([int(word.split("/")[0]) - 1 for word in words[1:4]])
+    points = np.array(corners)
+    return [(name, colours[name], points[np.array(triangles)]) for name, triangles in faces.items()]
+
+
+def light_by_lamp(recorder: PushRecorder, generator: np.random.Generator) -> None:
+    """Lights the scene of a recorder by one lamp, in a direction drawn at random, and a little by the room."""
+    angle, height = generator.uniform(-np.pi, np.pi), generator.uniform(*_HEIGHTS)
+    flat = np.sqrt(1 - height**2)
+    place = _AWAY * np.array([flat * np.cos(angle), flat * np.sin(angle), height])
+    white = Rgba(1, 1, 1)
+    lamp = LightParameter(
+        type="spot", color=white, frame="world", intensity=_LAMP, position=place, direction=-place, cone_angle=_CONE
+    )
+    lights = [lamp]
+    for k in range(_ROOM_LIGHTS):
+        turn = 2 * np.pi * (k + 0.5) / _ROOM_LIGHTS
+        place = _ROOM_AWAY * np.array([np.cos(turn), np.sin(turn), 0.5])
+        # Points cast no shadows.
+        lights.append(LightParameter(type="point", color=white, frame="world", intensity=_ROOM, position=place))
+    params = RenderEngineVtkParams(
+        default_clear_color=np.ones(3), lights=lights, cast_shadows=True, shadow_map_size=_SHADOW_MAP
+    )
+    scene_graph = recorder.station.engine.scene_graph
+    scene_graph.RemoveRenderer(_RENDERER)
+    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
