@@ -16,6 +16,7 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.rendering.harmonics import Y0, harmonics
 from pinwm_drake.twin import THETA, Estimate, read_twin, write_twin
 from pinwm_drake.twin.rollout import twin_parameters, twin_scene
+from pinwm_drake.twin.twin import Draws
 from tests.rendering.scenes import cloud
 from tests.twin.samples import cube_twin
 
@@ -326,3 +327,48 @@ def test_options_out_of_range_are_refused(twin):
             draw_cousins(twin, **options)
     with pytest.raises(ParameterError, match="number: got -1"):
         CousinDraw(twin).cousin(-1)
+
+
+def with_draws(twin, seed=0, number=300):
+    """The twin with draws in which friction and spread of the pressure go up and down together."""
+    z = np.random.default_rng(seed).normal(size=(number, 2))
+    values = {key: np.full(number, one.value) for key, one in twin.theta.items()}
+    values["friction_floor"] = 0.2 * np.exp(0.3 * z[:, 0])
+    values["support_x"] = np.exp(0.3 * z[:, 0] + 0.03 * z[:, 1])
+    for key in MOMENTS:
+        values[key] = values[key] * np.exp(0.1 * z[:, 1])
+    estimates = {
+        key: (twin.theta[key].value, tuple(np.quantile(values[key], [0.025, 0.975])))
+        for key in ("friction_floor", *MOMENTS)
+    }
+    draws = Draws(list(values), np.stack(list(values.values()), -1))
+    return dataclasses.replace(with_theta(twin, **estimates, mass=(twin.theta["mass"].value, None)), draws=draws)
+
+
+def test_what_was_identified_is_drawn_together(twin, scene):
+    known = with_draws(twin)
+    cousins = draw_cousins(known, 400, 0.1, from_intervals=True)
+    friction, spread = drawn(cousins, "friction_floor"), np.array([cousin.shape["support_x"] for cousin in cousins])
+    assert np.corrcoef(np.log(friction), np.log(spread))[0, 1] > 0.98
+    assert set(friction) <= set(known.draws.column("friction_floor"))
+    # A mass that was not identified moves by delta, and takes the moments with it: only their ratio was seen.
+    mass, moment = drawn(cousins, "mass"), drawn(cousins, "inertia_zz")
+    assert np.ptp(mass) > 0.15 * known.theta["mass"].value
+    ratios = known.draws.column("inertia_zz") / known.theta["mass"].value
+    assert np.abs((moment / mass)[:, None] - ratios).min(axis=1).max() < 1e-12
+    parameters = cousins.parameters(scene)
+    assert torch.equal(parameters.spread[:, 0, 0], torch.from_numpy(spread))
+    # Without the flag nothing of it is drawn, and the nuisances are the twin's.
+    plain = draw_cousins(known, 5)
+    assert {cousin.shape["support_x"] for cousin in plain} == {1.0}
+
+
+def test_cousins_from_draws_go_to_a_file_and_back(twin, tmp_path):
+    known = with_draws(twin)
+    cousins = draw_cousins(known, 3, from_intervals=True)
+    write_cousins(tmp_path / "c.npz", cousins)
+    again = read_cousins(tmp_path / "c.npz", known)
+    assert [cousin.shape for cousin in again] == [cousin.shape for cousin in cousins]
+    assert [cousin.theta for cousin in again] == [cousin.theta for cousin in cousins]
+    with pytest.raises(InputError, match="cousins of the twin"):
+        read_cousins(tmp_path / "c.npz", with_draws(twin, seed=1))

@@ -1,0 +1,75 @@
+"""Draws of a twin: their file, and the spread of predictions that follows from them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from pinwm_drake.errors import InputError
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rotations import quaternion_exp
+from pinwm_drake.twin import read_twin, write_twin
+from pinwm_drake.twin.drift import WALK, drift, way
+from pinwm_drake.twin.draws import read_draws, write_draws
+from pinwm_drake.twin.predict import spread_of
+from pinwm_drake.twin.twin import DRAWS_FILE, Draws
+from tests.twin.samples import cube_twin
+
+
+def draws():
+    return Draws(["friction_floor", "support_x"], np.array([[0.1, 1.0], [0.2, 1.5], [0.3, 0.7]]))
+
+
+def test_draws_go_to_a_twin_and_back(tmp_path):
+    twin = dataclasses.replace(cube_twin(tmp_path / "first"), draws=draws())
+    write_twin(tmp_path / "second", twin)
+    again = read_twin(tmp_path / "second").draws
+    assert again.names == draws().names
+    assert np.array_equal(again.values, draws().values)
+    assert again.column("support_x").tolist() == [1.0, 1.5, 0.7]
+    # They belong to the twin as its meshes do.
+    write_draws(tmp_path / "second" / DRAWS_FILE, Draws(["mass"], np.ones((2, 1))))
+    with pytest.raises(InputError, match=r"draws\.npz: got SHA-256"):
+        read_twin(tmp_path / "second")
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"names": np.array(["a"])}, "unreadable contents"),
+        ({"names": np.array(["a"]), "values": np.ones((3, 2))}, r"names \(1,\), values \(3, 2\)"),
+        ({"names": np.array(["a"]), "values": np.ones((0, 1))}, "N > 0"),
+        ({"names": np.array(["a", "b"]), "values": np.array([[1.0, 2.0], [1.0, np.nan]])}, "nan in row 1 of b"),
+    ],
+)
+def test_broken_draws_are_refused(tmp_path, arrays, message):
+    np.savez(tmp_path / "draws.npz", **arrays)
+    with pytest.raises(InputError, match=message):
+        read_draws(tmp_path / "draws.npz")
+
+
+def test_way_counts_turns_by_the_rim_and_times_in_any_order():
+    angle = torch.tensor([0.0, 0.2, 0.5], dtype=torch.float64)
+    q = quaternion_exp(torch.stack([0 * angle, 0 * angle, angle], -1))
+    p = torch.tensor([[0.0, 0.0, 0.0], [0.03, 0.04, 0.0], [0.03, 0.04, 0.0]], dtype=torch.float64)
+    times, order = torch.tensor([0.0, 1.0, 2.0]), torch.tensor([2, 0, 1])
+    expected = torch.tensor([0.0, 0.05 + 0.1 * 0.2, 0.05 + 0.1 * 0.5], dtype=torch.float64)
+    torch.testing.assert_close(way(Pose(q, p), times, 0.1), expected)
+    torch.testing.assert_close(way(Pose(q[order], p[order]), times[order], 0.1), expected[order])
+
+
+def test_spread_is_that_of_the_draws_and_of_the_drift(tmp_path):
+    twin = cube_twin(tmp_path)
+    W, n = 4000, 3
+    generator = np.random.default_rng(0)
+    x = np.array([0.0, 0.05, 0.1])[:, None] * (1.0 + 0.1 * generator.normal(size=W))
+    p = np.stack([x, np.zeros((n, W)), np.zeros((n, W))], -1)
+    q = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64).expand(n, W, 4)
+    spread = spread_of(Pose(q, torch.from_numpy(p)), np.array([0.0, 0.5, 1.0]), twin)
+    walked = WALK * np.sqrt(np.array([0.0, 0.05, 0.1]))
+    assert spread.y == pytest.approx(walked, rel=0.02)
+    assert spread.x == pytest.approx(np.hypot(walked, [0.0, 0.005, 0.01]), rel=0.05)
+    radius = float(WALK / drift(0.05)[2])
+    assert radius == pytest.approx(0.05)
+    assert spread.position[-1] == pytest.approx(np.hypot(spread.x[-1], spread.y[-1]))
