@@ -40,7 +40,7 @@ CAMERA_FILE, CAMERAS = "camera.json", "cameras"
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What one camera saw of a push; it stands still.
+    """Pictures of a push by one camera, which stands still.
 
     Attributes:
         name: Name of the camera's folder; "" for the camera of the episode's folder itself.

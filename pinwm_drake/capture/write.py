@@ -139,14 +139,23 @@ def write_episode_tables(
     )
     rows = [[k, name, float(time)] for k, (name, time) in enumerate(zip(file_names, t, strict=True))]
     _write_table(folder / FRAMES_FILE, FRAME_COLUMNS, rows)
-    force = trajectory.force_W
-    columns = ("t", *POSITION, *QUATERNION, *VELOCITY, *(FORCE if force is not None else ()))
-    parts = [trajectory.t[:, None], trajectory.p_WP, trajectory.q_WP, trajectory.v_WP]
-    _write_table(folder / TRAJECTORY_FILE, columns, np.hstack(parts if force is None else [*parts, force]).tolist())
+    write_trajectory(folder / TRAJECTORY_FILE, trajectory)
     if object_poses is None:
         (folder / POSES_FILE).unlink(missing_ok=True)
     else:
         write_pose_table(folder / POSES_FILE, object_poses)
+
+
+def write_trajectory(path: Path, trajectory: PusherTrajectory) -> None:
+    """Writes a motion of the pusher with the columns of `trajectory.csv`.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    force = trajectory.force_W
+    columns = ("t", *POSITION, *QUATERNION, *VELOCITY, *(FORCE if force is not None else ()))
+    parts = [trajectory.t[:, None], trajectory.p_WP, trajectory.q_WP, trajectory.v_WP]
+    _write_table(path, columns, np.hstack(parts if force is None else [*parts, force]).tolist())
 
 
 def write_pose_table(path: Path, poses: ObjectPoses) -> None:

@@ -23,6 +23,7 @@ from pinwm_drake.cli.evaluate import evaluate
 from pinwm_drake.cli.export import export
 from pinwm_drake.cli.identify import identify
 from pinwm_drake.cli.model import model
+from pinwm_drake.cli.next_push import next_push
 from pinwm_drake.cli.predict import predict
 from pinwm_drake.cli.rehearse import rehearse
 from pinwm_drake.cli.report import report
@@ -51,6 +52,9 @@ app.command(epilog="Example: pinwm evaluate out/policy --engine hydroelastic -o 
 app.command(epilog="Example: pinwm export runs/push/best out/bundle --max-speed 0.1")(export)
 app.command(epilog="Example: pinwm identify capture out/twin; then: pinwm report out/twin")(identify)
 app.command(epilog="Example: pinwm model out/twin out/model")(model)
+app.command("next-push", epilog="Example: pinwm next-push out/twin -o out/next --low -0.3 -0.3 --high 0.3 0.3")(
+    next_push
+)
 app.command(epilog="Example: pinwm predict out/twin capture/episodes/0001 -o out/poses.csv")(predict)
 app.command(epilog="Example: pinwm rehearse push_t --faults --moments 5 -o out/rehearsal")(rehearse)
 app.command(epilog="Example: pinwm report out/twin -o out/report.html")(report)

@@ -13,6 +13,7 @@ from pinwm_drake.files import prepare_folder
 if TYPE_CHECKING:
     from pinwm_drake.capture.episodes import Episode, ObjectPoses
     from pinwm_drake.capture.scene import Capture
+    from pinwm_drake.twin.predict import Spread
 
 
 def predict(
@@ -31,7 +32,7 @@ def predict(
     from pinwm_drake.report.twin.prediction_film import write_prediction_film
     from pinwm_drake.twin import read_twin
     from pinwm_drake.twin.origin import identified_push
-    from pinwm_drake.twin.predict import mismatches, predict_poses
+    from pinwm_drake.twin.predict import mismatches, predict_poses, predict_spread
 
     require("--video", video, video is None or video.suffix.lower() == ".mp4", "a name that ends in .mp4")
     found = read_twin(twin)
@@ -44,13 +45,16 @@ def predict(
         errors.print(f"warning: {warning}", highlight=False, markup=False)
     number = identified_push(found, capture, push)
     poses = predict_poses(found, capture, push, number)
+    spread = predict_spread(found, capture, push, number)
     write_pose_table(out, poses)
-    for line in _summary(poses, capture, push):
+    for line in _summary(poses, capture, push, spread):
         say(line)
     say(f"wrote {out}")
     if video is not None:
         with stages_bar(transient=True) as show:
-            write_prediction_film(video, found, push, poses, number, report=lambda share: show("filming", share, ""))
+            write_prediction_film(
+                video, found, push, poses, number, spread=spread, report=lambda share: show("filming", share, "")
+            )
         say(f"wrote {video}")
 
 
@@ -63,11 +67,12 @@ def _require_free(path: Path, episode: "Episode") -> None:
     prepare_folder(path.parent)
 
 
-def _summary(poses: "ObjectPoses", capture: "Capture", episode: "Episode") -> list[str]:
+def _summary(poses: "ObjectPoses", capture: "Capture", episode: "Episode", spread: "Spread | None") -> list[str]:
     """Lines on the predicted motion and, where the truth is known, its error."""
     import numpy as np
 
     from pinwm_drake.report.twin.score import pose_errors
+    from pinwm_drake.twin.predict import TWO_SIDED
 
     moved = 1e3 * float(np.linalg.norm(poses.p_WO[-1] - poses.p_WO[0]))
     share = min(float(np.abs(poses.q_WO[-1] @ poses.q_WO[0])), 1.0)
@@ -77,6 +82,10 @@ def _summary(poses: "ObjectPoses", capture: "Capture", episode: "Episode") -> li
     lines = [
         f"{capture.object.name}, episode {episode.name}: {frames}; moves by {moved:.1f} mm, turns by {turned:.1f}°"
     ]
+    if spread is not None:
+        x, y = (1e3 * TWO_SIDED * float(values[-1]) for values in (spread.x, spread.y))
+        turn = TWO_SIDED * float(np.degrees(spread.yaw[-1]))
+        lines.append(f"95 % of such pushes end within ±{x:.1f} mm in x, ±{y:.1f} mm in y and ±{turn:.1f}° of that")
     errors = None if episode.object_poses is None else pose_errors(poses, episode.object_poses)
     if errors is None:
         lines.append("score: none, as the episode has no object_poses.csv for these times")

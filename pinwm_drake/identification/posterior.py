@@ -36,7 +36,7 @@ class Posterior:
     draws: Tensor
 
     def some(self, number: int) -> Tensor:
-        """At most so many of the draws (m, p), evenly spaced."""
+        """Selection of at most so many of the draws (m, p), evenly spaced."""
         return self.draws[torch.linspace(0, len(self.draws) - 1, min(number, len(self.draws))).round().long()]
 
 

@@ -246,7 +246,7 @@ class Search:
         self.kept.log.add(stage, start, loss, list(self._free(z).values()))
 
     def _show(self, stage: str, loss: float, z: Tensor, share: float) -> None:
-        """Reports progress."""
+        """Reports the progress of a stage."""
         first, width = _SHARES[stage]
         self.report(Progress(min(first + width * share, 1.0), stage, loss, self._free(z)))
 

@@ -11,7 +11,7 @@ from pinwm_drake.twin.twin import Draws
 
 
 def write_draws(path: Path, draws: Draws) -> None:
-    """Writes draws.
+    """Writes the draws of a twin.
 
     Raises:
         InputError: The file cannot be written.
@@ -21,7 +21,7 @@ def write_draws(path: Path, draws: Draws) -> None:
 
 
 def read_draws(path: Path) -> Draws:
-    """Reads draws.
+    """Reads the draws of a twin.
 
     Raises:
         InputError: The file is missing, unreadable, or its arrays are no table of finite numbers with a name for each

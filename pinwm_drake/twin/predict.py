@@ -21,6 +21,7 @@ from pinwm_drake.twin.twin import Twin
 # Differences that are taken for rounding: of gravity [m/s^2], and of a floor on which the object was said to rest [m].
 _SAME_GRAVITY, _SAME_FLOOR = 1e-3, 1e-3
 _WORLDS = 64  # draws of a spread
+TWO_SIDED = 1.96  # standard deviations within which are 95 % of a normal distribution
 
 
 def predict_poses(twin: Twin, capture: Capture, episode: Episode, push: int | None) -> ObjectPoses:

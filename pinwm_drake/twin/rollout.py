@@ -134,18 +134,32 @@ def rollout_draws(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.nd
         SolverError: The physics found no solution.
     """
     scene = twin_scene(twin, X_WO.q)
-    return _roll(scene, drawn_parameters(twin, scene, rows), X_WO, trajectory, np.asarray(t, float))
+    return roll(scene, drawn_parameters(twin, scene, rows), X_WO, trajectory, np.asarray(t, float))
 
 
 def _rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> ObjectPoses:
     """Rollout at the twin's own time step; arguments as for `rollout`."""
     scene = twin_scene(twin, X_WO.q)
-    found = _roll(scene, twin_parameters(twin, scene), X_WO, trajectory, t)
+    found = roll(scene, twin_parameters(twin, scene), X_WO, trajectory, t)
     return ObjectPoses(t=t, p_WO=found.p[:, 0].numpy(), q_WO=found.q[:, 0].numpy())
 
 
-def _roll(scene: Scene, parameters: Parameters, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> Pose:
-    """Poses (n, W) of worlds that start alike."""
+def roll(scene: Scene, parameters: Parameters, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> Pose:
+    """Poses of W worlds that start alike.
+
+    Args:
+        scene: Physics.
+        parameters: Of W worlds.
+        X_WO: Pose at t[0], as for `rollout`.
+        trajectory: Motion of the pusher.
+        t: (n,) [s], not decreasing.
+
+    Returns:
+        q (n, W, 4), p (n, W, 3) [m].
+
+    Raises:
+        SolverError: The physics found no solution.
+    """
     rest, W = resting_height(scene, X_WO.q), parameters.num_worlds
     p_WO = X_WO.p.clone()
     if abs(float(p_WO[2]) - rest) < _RESTS:

@@ -11,6 +11,7 @@ from pinwm_drake.report.evaluation.pictures import Cast
 from pinwm_drake.report.twin.comparison_frames import PANELS, Shot, draw_shots
 from pinwm_drake.report.video import write_video
 from pinwm_drake.twin import Twin
+from pinwm_drake.twin.predict import TWO_SIDED, Spread
 
 _PANEL = 480  # px
 _RATES = (4.0, 60.0)  # 1/s, of a film; real time where the frames allow it
@@ -23,6 +24,7 @@ def write_prediction_film(
     poses: ObjectPoses,
     push: int | None,
     *,
+    spread: Spread | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> None:
     """Films a prediction, in real time where the rate allows it.
@@ -33,6 +35,7 @@ def write_prediction_film(
         episode: The episode, with its images.
         poses: Of the object, as predicted.
         push: Number of the identified push that it is; None for another one.
+        spread: Standard deviations of the prediction, which are written on the film; None for none.
         report: Called with the share of the frames that are drawn.
 
     Raises:
@@ -43,11 +46,15 @@ def write_prediction_film(
     seconds = float(episode.t[-1] - episode.t[0])
     rate = float(np.clip((len(episode.t) - 1) / seconds if seconds > 0 else _RATES[0], *_RATES))
     height, width = shots[0].joined().shape[:2]
-    write_video(path, _frames(shots), rate=rate, size=(width, height))
+    write_video(path, _frames(shots, spread), rate=rate, size=(width, height))
 
 
-def _frames(shots: list[Shot]) -> Iterator[np.ndarray]:
-    for shot in shots:
+def _frames(shots: list[Shot], spread: Spread | None) -> Iterator[np.ndarray]:
+    for k, shot in enumerate(shots):
         frame = shot.joined().copy()
-        write_panel_captions(frame, [f"{PANELS[0]}  t = {shot.t:.2f} s", *PANELS[1:]])
+        twin = PANELS[1]
+        if spread is not None:
+            position, yaw = (TWO_SIDED * float(values[k]) for values in (spread.position, spread.yaw))
+            twin += f"  +-{1e3 * position:.1f} mm, {np.degrees(yaw):.1f} deg (95 %)"
+        write_panel_captions(frame, [f"{PANELS[0]}  t = {shot.t:.2f} s", twin, *PANELS[2:]])
         yield frame

@@ -1,0 +1,268 @@
+"""Choice of the next push: the one of many that would tell most about what a twin does not know yet.
+
+Under the draws of a twin the poses that a push would be seen in have a covariance C, and those that would be seen of
+one object a noise K: that of the drift and of the images. The video is expected to tell
+
+    I = ln det(1 + K^-1 C) / 2
+
+of theta, as for Gaussians. What the draws differ by where the object comes to rest, for the whole set of random pushes,
+tells whether there is still a need.
+
+Source: Chaloner and Verdinelli, "Bayesian experimental design: a review", Statistical Science 10(3), 1995, section 2.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+import trimesh
+
+from pinwm_drake.capture.episodes import PusherTrajectory
+from pinwm_drake.capture.pusher import pushing_height, upright_shape
+from pinwm_drake.capture.scene import PusherShape, read_capture
+from pinwm_drake.errors import ParameterError, PinwmError, SolverError, require
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.identification.discrepancy import Discrepancy
+from pinwm_drake.identification.expansion import deviation
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.scene import Scene, resting_height
+from pinwm_drake.spatial.poses import Pose, pose_to_matrix
+from pinwm_drake.systems.pusher.choice import choose_push
+from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.twin.origin import Origin
+from pinwm_drake.twin.rollout import drawn_parameters, roll, twin_scene
+from pinwm_drake.twin.twin import Twin
+
+_SPEEDS, _DISTANCES = (0.05, 0.3), (0.06, 0.11)  # m/s, drawn evenly by their logarithm; m, after the touch
+_LONGEST = 2.0  # s, of a motion
+_AFTERWARDS = 0.4  # s, of video after the pusher stops
+_FRAME_RATE, _LOG_RATE = 24.0, 240.0  # Hz
+_ATTEMPTS = 20  # for each candidate that is to stay in the box
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A push that could be next.
+
+    Attributes:
+        motion: Motion of the pusher.
+        information: Information that a video of it is expected to give, nats.
+        position, yaw: Standard deviations by the draws where the object comes to rest, m (in the plane) and rad.
+        X_WO: Poses of the object by the draws at the end: q (W, 4), p (W, 3) [m].
+    """
+
+    motion: StraightPush
+    information: float
+    position: float
+    yaw: float
+    X_WO: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """Pushes that could be next, and how much a twin still does not know.
+
+    Attributes:
+        candidates: The pushes, those first that would tell most.
+        X_WO: Pose of the object before a push, q (4,), p (3,) [m].
+        tolerance: Spread that is good enough: m, rad.
+    """
+
+    candidates: list[Candidate]
+    X_WO: Pose
+    tolerance: tuple[float, float]
+
+    @property
+    def spread(self) -> tuple[float, float]:
+        """Standard deviations that nine of ten random pushes stay below: m, rad."""
+        values = np.array([[one.position, one.yaw] for one in self.candidates])
+        position, yaw = np.quantile(values, 0.9, axis=0)
+        return float(position), float(yaw)
+
+    @property
+    def is_good_enough(self) -> bool:
+        """Flag: the spread is within the tolerance, so that a further push would hardly change predictions."""
+        return all(found <= allowed for found, allowed in zip(self.spread, self.tolerance, strict=True))
+
+
+def propose_push(
+    twin: Twin,
+    *,
+    X_WO: Pose | None = None,
+    low: tuple[float, float] = (-math.inf, -math.inf),
+    high: tuple[float, float] = (math.inf, math.inf),
+    number: int = 48,
+    draws: int = 32,
+    tolerance: tuple[float, float] = (2e-3, math.radians(2.0)),
+    seed: int = 0,
+    report: Callable[[float], None] = lambda share: None,
+) -> Proposal:
+    """Proposes the push that would tell most about a twin.
+
+    Args:
+        twin: A twin with draws.
+        X_WO: Pose of the object before the push, q (4,), p (3,) [m]; None for that of the capture that the twin is from
+            where that is at hand, else upright at the origin.
+        low, high: Corners of the pusher's box in the world's x and y, m.
+        number: Number of random pushes that are looked at.
+        draws: Number of the twin's draws that each is rolled out with.
+        tolerance: Spread of nine of ten random pushes that is good enough, m and rad.
+        seed: Seed of the pushes.
+        report: Called with the share of the pushes that are done.
+
+    Returns:
+        The pushes, those first that would tell most.
+
+    Raises:
+        ParameterError: The twin has no draws, a number is out of range, or no push stays in the box.
+        PinwmError: A mesh cannot be used.
+    """
+    require("number", number, 1 <= number <= 10000, "1 to 10000")
+    require("draws", draws, 2 <= draws <= 1000, "2 to 1000")
+    if twin.draws is None:
+        raise ParameterError(f"{twin.name} has no draws; allowed: a twin of `pinwm identify` of this release")
+    X_WO = X_WO or start_of(twin)
+    scene = twin_scene(twin, X_WO.q)
+    mesh_W = load_mesh(twin.mesh_path)
+    radius = 0.5 * float(np.linalg.norm(mesh_W.extents))
+    X_WO = Pose(X_WO.q, torch.cat([X_WO.p[:2], torch.tensor([resting_height(scene, X_WO.q)], dtype=torch.float64)]))
+    mesh_W.apply_transform(pose_to_matrix(X_WO).numpy())
+    rows = np.linspace(0, len(twin.draws.values) - 1, draws).round().astype(int)
+    parameters = drawn_parameters(twin, scene, rows)
+    generator = np.random.default_rng(seed)
+    shape, p_com = upright_shape(twin.pusher), mass_properties(mesh_W, mass=1.0).p_com
+    candidates = []
+    for k in range(number):
+        motion = _draw(mesh_W, p_com, shape, generator, twin.floor_height, (low, high))
+        try:
+            candidates.append(_look(scene, parameters, X_WO, motion, radius))
+        except SolverError:
+            continue  # a push whose physics fails is none to propose
+        report((k + 1) / number)
+    if not candidates:
+        raise SolverError("the physics found no solution for any push; allowed: a smaller time step of the twin")
+    return Proposal(sorted(candidates, key=lambda one: -one.information), X_WO, tolerance)
+
+
+def start_of(twin: Twin) -> Pose:
+    """Pose in which the capture of a twin has the object, where that capture is at hand; else upright at the origin."""
+    origin = Origin.read(twin)
+    if origin is not None:
+        try:
+            return read_capture(origin.path).object.X_WO
+        except PinwmError:
+            pass  # it has been moved
+    one = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
+    return Pose(one, torch.zeros(3, dtype=torch.float64))
+
+
+def trajectory_of(motion: StraightPush) -> PusherTrajectory:
+    """Log of a pusher that makes a motion, from its start until the object has had time to rest."""
+    t = np.arange(math.ceil((motion.end_time + _AFTERWARDS) * _LOG_RATE) + 1) / _LOG_RATE
+    travels = np.array([motion.travel(float(time)) for time in t])
+    p_WP = motion.p_WP + travels[:, :1] * motion.direction_W
+    return PusherTrajectory(
+        t, p_WP, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), travels[:, 1:] * motion.direction_W, None
+    )
+
+
+def _draw(
+    mesh_W: trimesh.Trimesh,
+    p_com: np.ndarray,
+    shape: PusherShape,
+    generator: np.random.Generator,
+    floor_height: float,
+    box: tuple[tuple[float, float], tuple[float, float]],
+) -> StraightPush:
+    """Draws a push within a box."""
+    for _ in range(_ATTEMPTS):
+        speed = math.exp(generator.uniform(*np.log(_SPEEDS)))
+        distance = min(generator.uniform(*_DISTANCES), speed * _LONGEST)
+        wanted = floor_height + generator.uniform(0.4, 1.0) * (p_com[2] - floor_height)
+        height = pushing_height(shape, floor_height, wanted)
+        motion = choose_push(mesh_W, p_com, shape, generator, height=height, speed=speed, distance=distance)
+        ends = np.stack([motion.p_WP, motion.p_WP + motion.distance * motion.direction_W])[:, :2]
+        if (ends >= box[0]).all() and (ends <= box[1]).all():
+            return motion
+    raise ParameterError(f"low, high: got {box[0]} and {box[1]} m; allowed: a box with room to push the object")
+
+
+def _look(scene: Scene, parameters: Parameters, X_WO: Pose, motion: StraightPush, radius: float) -> Candidate:
+    """Information and spread of a push."""
+    trajectory = trajectory_of(motion)
+    t = np.arange(0.0, trajectory.t[-1], 1.0 / _FRAME_RATE)
+    found = roll(scene, parameters, X_WO, trajectory, t)
+    middle = Pose(found.q[:, 0], found.p.mean(1))
+    d = deviation(found, Pose(middle.q[:, None], middle.p[:, None]))
+    d = d - d.mean(1, keepdim=True)
+    n, W, _ = d.shape
+    root = Discrepancy.of(middle, torch.from_numpy(t), radius).root
+    white = torch.linalg.solve_triangular(root, d.permute(0, 2, 1).reshape(6 * n, W), upper=False)
+    share = torch.linalg.eigvalsh(white.T @ white / (W - 1)).clamp_min(0.0)
+    last = d[-1].std(0)
+    return Candidate(
+        motion=motion,
+        information=0.5 * float(torch.log1p(share).sum()),
+        position=float(last[3:5].norm()),
+        yaw=float(last[2]),
+        X_WO=Pose(found.q[-1], found.p[-1]),
+    )
+
+
+def write_proposal(folder: Path, twin: Twin, proposal: Proposal) -> list[Path]:
+    """Writes the best push: `push.yaml`, the pusher's `trajectory.csv`, and a picture, `next_push.png`.
+
+    Args:
+        folder: Folder that is there.
+        twin: The twin.
+        proposal: The pushes.
+
+    Returns:
+        The files.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    import yaml
+
+    from pinwm_drake.capture.write import write_trajectory
+    from pinwm_drake.files import replacing
+    from pinwm_drake.report.figures.next_push import PushPicture, next_push_figure
+
+    best = proposal.candidates[0]
+    motion, (position, yaw) = best.motion, proposal.spread
+    document = {
+        "push": {
+            "start": [float(x) for x in motion.p_WP],
+            "direction": [float(x) for x in motion.direction_W],
+            "speed": float(motion.speed),
+            "distance": float(motion.distance),
+            "units": "m, m/s, world frame",
+        },
+        "information": {"nats": best.information, "median_of_candidates": _median(proposal)},
+        "spread": {"position": position, "yaw": yaw, "of": "nine of ten random pushes, standard deviation, m and rad"},
+        "good_enough": proposal.is_good_enough,
+    }
+    path = folder / "push.yaml"
+    with replacing(path) as temporary:
+        temporary.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    write_trajectory(folder / "trajectory.csv", trajectory_of(motion))
+    motions = [one.motion for one in proposal.candidates]
+    picture = PushPicture(
+        mesh=load_mesh(twin.mesh_path),
+        X_WO=proposal.X_WO,
+        starts=np.array([motion.p_WP[:2] for motion in motions]),
+        ends=np.array([(motion.p_WP + motion.distance * motion.direction_W)[:2] for motion in motions]),
+        informations=np.array([one.information for one in proposal.candidates]),
+        spreads=np.array([one.position for one in proposal.candidates]),
+        X_WO_after=best.X_WO,
+    )
+    next_push_figure(folder / "next_push.png", picture)
+    return [path, folder / "trajectory.csv", folder / "next_push.png"]
+
+
+def _median(proposal: Proposal) -> float:
+    return float(np.median([one.information for one in proposal.candidates]))

@@ -1,0 +1,88 @@
+"""The choice of the next push, on a cube whose friction two of the draws disagree on."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from pinwm_drake.capture.episode_tables import read_trajectory
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.experiments.next_push import propose_push, trajectory_of, write_proposal
+from pinwm_drake.twin.twin import Draws
+from tests.twin.samples import cube_twin
+
+NUMBER = 6
+
+
+def unsure(twin, spread, number=16):
+    """The twin with draws in which the logarithm of the floor's friction has this standard deviation."""
+    z = np.linspace(-1.5, 1.5, number)
+    values = {key: np.full(number, one.value) for key, one in twin.theta.items()}
+    values["friction_floor"] = 0.2 * np.exp(spread * z)
+    return dataclasses.replace(twin, draws=Draws(list(values), np.stack(list(values.values()), -1)))
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory):
+    return cube_twin(tmp_path_factory.mktemp("next"))
+
+
+@pytest.fixture(scope="module")
+def proposal(twin):
+    return propose_push(unsure(twin, 0.5), number=NUMBER, draws=8)
+
+
+def test_the_push_that_tells_most_comes_first(proposal):
+    informations = [one.information for one in proposal.candidates]
+    assert len(informations) == NUMBER
+    assert informations == sorted(informations, reverse=True)
+    assert informations[0] > 0.5
+    # Friction is seen where the object coasts: more, the faster it is.
+    speeds = np.array([one.motion.speed for one in proposal.candidates])
+    assert np.corrcoef(speeds, informations)[0, 1] > 0.3
+
+
+def test_what_is_known_asks_for_no_further_push(twin, proposal):
+    known = propose_push(unsure(twin, 1e-4), number=NUMBER, draws=8)
+    assert known.is_good_enough
+    assert known.candidates[0].information < 0.05 * proposal.candidates[0].information
+    assert known.spread[0] < 0.1 * proposal.spread[0]
+    strict = dataclasses.replace(known, tolerance=(1e-9, 1e-9))
+    assert not strict.is_good_enough
+
+
+def test_the_same_seed_proposes_the_same_push(twin, proposal):
+    again = propose_push(unsure(twin, 0.5), number=NUMBER, draws=8)
+    assert [one.information for one in again.candidates] == [one.information for one in proposal.candidates]
+
+
+def test_pushes_stay_in_the_box(twin):
+    low, high = (-0.2, -0.06), (0.2, 0.06)
+    found = propose_push(unsure(twin, 0.5), number=3, draws=4, low=low, high=high)
+    for one in found.candidates:
+        ends = [one.motion.p_WP, one.motion.p_WP + one.motion.distance * one.motion.direction_W]
+        assert all((low <= end[:2]).all() and (end[:2] <= high).all() for end in ends)
+    with pytest.raises(ParameterError, match="a box with room"):
+        propose_push(unsure(twin, 0.5), number=1, draws=2, low=(0.0, 0.0), high=(0.01, 0.01))
+
+
+def test_a_twin_without_draws_is_refused(twin):
+    with pytest.raises(ParameterError, match="has no draws"):
+        propose_push(twin)
+
+
+def test_files_tell_the_push_to_a_robot(twin, proposal, tmp_path):
+    files = write_proposal(tmp_path, unsure(twin, 0.5), proposal)
+    assert [path.name for path in files] == ["push.yaml", "trajectory.csv", "next_push.png"]
+    motion = proposal.candidates[0].motion
+    document = yaml.safe_load(files[0].read_text())
+    assert document["push"]["start"] == pytest.approx(motion.p_WP.tolist())
+    assert math.hypot(*document["push"]["direction"][:2]) == pytest.approx(1.0)
+    read = read_trajectory(tmp_path)
+    expected = trajectory_of(motion)
+    assert read.p_WP == pytest.approx(expected.p_WP, abs=1e-9)
+    assert np.linalg.norm(read.v_WP, axis=1).max() == pytest.approx(motion.speed)
+    assert np.linalg.norm(read.p_WP[-1] - read.p_WP[0]) == pytest.approx(motion.distance)
+    assert files[2].stat().st_size > 10_000
