@@ -68,7 +68,7 @@ def camera() -> tuple[Camera, Pose]:
     return lens, inverse(look_at((0.05, -0.2, 0.25), (0.05, 0.0, 0.02)))
 
 
-def true_poses(mesh: Path, support="patch", **theta) -> ObjectPoses:
+def true_poses(mesh: Path, support="patch", offset=0.012, **theta) -> ObjectPoses:
     """Where physics with 8 friction directions has the cube in the frames."""
     scene = make_scene(
         mesh, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81, support=support, friction_directions=DIRECTIONS
@@ -77,7 +77,7 @@ def true_poses(mesh: Path, support="patch", **theta) -> ObjectPoses:
     parameters = Parameters.nominal(scene.model, **values)
     t = np.arange(FRAMES) / 20
     start = Pose(LEVEL[None], torch.tensor([[0.0, 0.0, resting_height(scene, LEVEL)]], dtype=torch.float64))
-    motion = pusher_motion(trajectory(), 0.0, round(t[-1] * 240), 1 / 240)
+    motion = pusher_motion(trajectory(offset), 0.0, round(t[-1] * 240), 1 / 240)
     X_WO = rollout_poses(scene, parameters, start, motion, torch.from_numpy(t))
     return ObjectPoses(t, X_WO.p[:, 0].numpy(), X_WO.q[:, 0].numpy())
 
@@ -87,7 +87,6 @@ def write_capture(folder: Path, *, time_shift=0.0, support="patch", **theta) -> 
     (folder / "meshes").mkdir(parents=True)
     mesh = folder / "meshes/object.obj"
     trimesh.creation.box((SIDE, SIDE, SIDE)).export(mesh)
-    poses = true_poses(mesh, support, **theta)
     write_capture_yaml(
         folder,
         name="cube",
@@ -99,14 +98,20 @@ def write_capture(folder: Path, *, time_shift=0.0, support="patch", **theta) -> 
         floor_height=0.0,
         gravity=9.81,
     )
-    episode, (lens, X_WC), shown = folder / "episodes/0000", camera(), surfels()
+    write_episode(folder, folder / "episodes/0000", time_shift=time_shift, support=support, **theta)
+    return folder
+
+
+def write_episode(folder: Path, episode: Path, *, time_shift=0.0, support="patch", offset=0.012, **theta) -> None:
+    """Writes a push of the capture's cube beside its middle by `offset` (m)."""
+    poses = true_poses(folder / "meshes/object.obj", support, offset, **theta)
+    (lens, X_WC), shown = camera(), surfels()
     names = [f"rgb/{k:05}.png" for k in range(FRAMES)]
-    write_episode_tables(episode, lens, X_WC, names, poses.t, trajectory(time_shift=time_shift), poses)
+    write_episode_tables(episode, lens, X_WC, names, poses.t, trajectory(offset, time_shift), poses)
     (episode / "rgb").mkdir(exist_ok=True)
     for k, name in enumerate(names):
         X_WO = Pose(torch.from_numpy(poses.q_WO[k]), torch.from_numpy(poses.p_WO[k]))
         picture(shown, lens, compose(inverse(X_WC), X_WO)).save(episode / name)
-    return folder
 
 
 def write_appearance(twin: Path) -> None:

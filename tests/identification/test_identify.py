@@ -1,3 +1,4 @@
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -12,15 +13,17 @@ from pinwm_drake.identification import IdentifyOptions, identify
 from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
 from pinwm_drake.identification.expansion import corrected, expand
 from pinwm_drake.identification.forward import Forward, inertia
-from pinwm_drake.identification.image_loss import BLOCKS
+from pinwm_drake.identification.image_loss import BLOCKS, rendered
+from pinwm_drake.identification.lighting import brightened, lit
 from pinwm_drake.identification.pictures import make_pictures, read_footage
 from pinwm_drake.identification.problem import Problem, Push
 from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates
 from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.scene import make_scene
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.twin.origin import identified_push
 from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS
-from tests.identification.samples import DIRECTIONS, LEVEL, TRUTH, surfels, write_capture
+from tests.identification.samples import DIRECTIONS, LEVEL, TRUTH, surfels, write_capture, write_episode
 
 QUICK = {
     "friction_directions": DIRECTIONS,
@@ -257,3 +260,53 @@ def test_a_twin_may_have_as_many_friction_directions_as_an_identification():
     assert IdentifyOptions(friction_directions=MOST_FRICTION_DIRECTIONS).friction_directions == MOST_FRICTION_DIRECTIONS
     with pytest.raises(ParameterError, match=f"friction_directions is 66; allowed: 4 to {MOST_FRICTION_DIRECTIONS}"):
         IdentifyOptions(friction_directions=66)
+
+
+@pytest.fixture(scope="module")
+def pushed_twice(tmp_path_factory):
+    """Two pushes at other sides, the second of which two cameras see."""
+    folder = write_capture(tmp_path_factory.mktemp("twice") / "capture")
+    second = folder / "episodes/0001"
+    write_episode(folder, second, offset=-0.01)
+    (second / "cameras/again").mkdir(parents=True)
+    for name in ("camera.json", "frames.csv"):
+        shutil.copyfile(second / name, second / "cameras/again" / name)
+    shutil.copytree(second / "rgb", second / "cameras/again/rgb")
+    capture = read_capture(folder)
+    return capture, [read_episode(capture, name) for name in ("0000", "0001")]
+
+
+def test_pushes_and_cameras_are_explained_together(pushed_twice):
+    capture, episodes = pushed_twice
+    assert [view.name for view in episodes[1].views] == ["", "again"]
+    found = identify(capture, episodes, surfels(), (0.0, 0.0), IdentifyOptions(**QUICK))
+    theta, nuisance = found.twin.theta, found.twin.nuisance
+    assert theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.05)
+    assert {"start_x.0", "start_x.1", "support_x", "lift"} <= set(nuisance)
+    for episode, poses in zip(episodes, found.poses, strict=True):
+        assert len(poses.t) == len(episode.t)
+        assert pose_errors(poses, episode.object_poses).position.mean() < 1.5e-3
+    counts = [push.num_frames for push in found.found.problem.pushes]
+    assert counts == [12, 24]
+    assert found.twin.provenance["episodes"] == ["0000", "0001"]
+    assert identified_push(found.twin, capture, episodes[1]) == 1
+    with pytest.raises(ParameterError, match="each once"):
+        identify(capture, [episodes[0], episodes[0]], surfels(), (0.0, 0.0))
+
+
+def test_light_of_the_video_is_found(pushed):
+    # All faces darker, and the top one more: the gains bring the rendering back to the picture.
+    problem = problem_of(pushed, together=True)
+    pictures, truth = problem.pushes[0].pictures, pushed[1].object_poses
+    X_WO = Pose(torch.from_numpy(truth.q_WO), torch.from_numpy(truth.p_WO))
+    first = surfels()
+    up = (first.p_OS[:, 2] > 0.49 * 0.06).float()[:, None]
+    dark = brightened(first, 0.8 - 0.3 * up)
+    one = torch.ones(1, dtype=torch.float64)
+    images = rendered(pictures, dark, Pose(X_WO.q[:, None], X_WO.p[:, None]), one)
+    given = replace(pictures, color=images.color[:, 0], alpha=images.alpha[:, 0])
+    found = lit(given, first, X_WO)
+    again = rendered(given, found, Pose(X_WO.q[:, None], X_WO.p[:, None]), one)
+    plain = rendered(given, first, Pose(X_WO.q[:, None], X_WO.p[:, None]), one)
+    errors = [float((image.color[:, 0] - given.color).square().mean()) for image in (plain, again)]
+    assert errors[1] < 0.15 * errors[0]
