@@ -223,7 +223,7 @@ class Search:
 
     def _found(self, surrogate: Surrogate, state: RefineState, start: int, draws: Tensor, energies: Tensor) -> Found:
         """Gathers the result."""
-        z = representative(surrogate, state.z, draws, energies)
+        z = representative(surrogate, draws, energies)
         poses = []
         for number, forward in enumerate(self.task.forwards):
             X_WO, alive = forward.poses(self.coordinates.values(z[None], number))
@@ -270,10 +270,22 @@ def _median_loss(expansions: Sequence) -> float:
     return float(torch.cat([expansion.loss for expansion in expansions]).median())
 
 
-def representative(surrogate: Surrogate, z: Tensor, draws: Tensor, energies: Tensor) -> Tensor:
-    """Unknowns (p,) that stand for a posterior: its mean where that is as likely as its draws, else the likeliest."""
+def representative(surrogate: Surrogate, draws: Tensor, energies: Tensor) -> Tensor:
+    """Unknowns (p,) that stand for a posterior.
+
+    They are its mean where that is as likely as its draws are. Where the posterior is bent, the mean is not; then it is
+    the draw nearest to the mean, in units of the draws' covariance, of the likelier half.
+
+    Args:
+        surrogate: The objective.
+        draws: (N, p).
+        energies: (N,), their objectives.
+    """
     mean = draws.mean(0)
-    if float(surrogate.objective(mean[None])[0]) <= float(energies.median()):
+    usual = float(energies.median())
+    if float(surrogate.objective(mean[None])[0]) <= usual:
         return mean
-    best = int(energies.argmin())
-    return draws[best] if float(energies[best]) < float(surrogate.objective(z[None])[0]) else z
+    likely = draws[energies <= usual]
+    covariance = torch.cov(draws.T) + 1e-9 * torch.eye(draws.shape[1], dtype=torch.float64)
+    away = likely - mean
+    return likely[int((away * torch.linalg.solve(covariance, away.T).T).sum(-1).argmin())]
