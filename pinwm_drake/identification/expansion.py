@@ -17,6 +17,8 @@ from pinwm_drake.spatial.rotations import quaternion_conjugate, quaternion_exp, 
 
 # Steps of the differences: in the image, px, and of the outline's logarithm.
 _STEP_PIXELS, _STEP_OUTLINE = 0.25, 2e-3
+# Frames whose derivatives are held in memory at once.
+_TOGETHER = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +56,25 @@ def expand(
         radius: Of the object, m.
         num_threads: Threads of the renderer.
     """
-    n = len(X_WO.p)
     steps = _image_steps(pictures, X_WO, radius)
+    parts = [
+        _expand(pictures.some(some), surfels, Pose(X_WO.q[some], X_WO.p[some]), outline, steps, num_threads)
+        for some in torch.arange(len(X_WO.p)).split(_TOGETHER)
+    ]
+    loss, gradient, curvature = (torch.cat(part) for part in zip(*parts, strict=True))
+    return Expansion(X_WO, outline, loss, gradient, curvature)
+
+
+def _expand(
+    pictures: Pictures,
+    surfels: Surfels,
+    X_WO: Pose,
+    outline: Tensor,
+    steps: tuple[float, float, float],
+    num_threads: int | None,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Losses (n,), gradients (n, 7) and curvatures (n, 7, 7) of some frames."""
+    n = len(X_WO.p)
 
     def residual(X_WO: Pose, outline: Tensor) -> Tensor:
         X_WO = Pose(X_WO.q[:, None], X_WO.p[:, None])
@@ -74,13 +93,7 @@ def expand(
             sides.append(residual(corrected(X_WO, d), outline * scale))
         columns.append((sides[0] - sides[1]) / (2.0 * step))
     J, M = torch.stack(columns, -1), r.shape[1]
-    return Expansion(
-        X_WO=X_WO,
-        outline=outline,
-        loss=(r * r).mean(-1).double(),
-        gradient=(J.mT @ r[..., None]).double()[..., 0] / M,
-        curvature=(J.mT @ J).double() / M,
-    )
+    return (r * r).mean(-1).double(), (J.mT @ r[..., None]).double()[..., 0] / M, (J.mT @ J).double() / M
 
 
 def _image_steps(pictures: Pictures, X_WO: Pose, radius: float) -> tuple[float, float, float]:
