@@ -26,9 +26,7 @@ from pinwm_drake.twin.twin import Estimate
 
 METHODS = ("ours", "pin-wm", "truth", "still")
 # The paper's way: frictions and moments alone, of one push, with an even pressure and everything as it was written.
-_PIN_WM = IdentifyOptions(
-    free=("friction_floor", "friction_pusher", "moment_xx", "moment_yy"), support="patch", fine_iterations=8
-)
+_PIN_WM = IdentifyOptions(free=("friction_floor", "friction_pusher", "moment_xx", "moment_yy"), support="patch")
 _SETS: dict[int, tuple[tuple[int, ...], ...]] = {
     1: ((0,), (1,), (2,), (3,)),
     2: ((0, 1), (2, 3)),
@@ -152,7 +150,7 @@ def table(results: list[_Errors]) -> list[str]:
     ]
 
     def key(one: _Errors) -> tuple[str, int]:
-        return METHODS[METHODS.index(one["method"])], len(one["pushes"])
+        return one["method"], len(one["pushes"])
 
     for (method, number), group in itertools.groupby(sorted(results, key=key), key=key):
         scores = [score for one in group for score in one["predictions"]]

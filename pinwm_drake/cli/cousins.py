@@ -28,7 +28,7 @@ def cousins(
         bool,
         typer.Option(
             "--from-intervals",
-            help="Draw the physical parameters from their identified 95 % intervals; delta where there is none.",
+            help="Draw what was identified from the twin's posterior, all of it together; delta for the rest.",
         ),
     ] = False,
     seed: Annotated[int, typer.Option(help="Of the draws, 0 or more.")] = 0,

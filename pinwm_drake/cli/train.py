@@ -34,7 +34,8 @@ def train(
     ] = "distil",
     delta: Annotated[float, typer.Option(help="Of the cousins; 0 trains in the twin alone.")] = 0.1,
     from_intervals: Annotated[
-        bool, typer.Option("--from-intervals", help="Draw the cousins' θ from the identified 95 % intervals.")
+        bool,
+        typer.Option("--from-intervals", help="Draw what was identified from the twin's posterior."),
     ] = False,
     yaw: Annotated[
         float | None, typer.Option(help="rad, by which the object is turned at the start, at most.", show_default="π/2")

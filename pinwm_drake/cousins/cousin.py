@@ -181,7 +181,7 @@ def draw_cousins(twin: Twin, n: int, delta: float = 0.1, *, seed: int = 0, from_
         n: Number of cousins, 1 or more.
         delta: Relative half-width of the ranges, 0 or more, less than 1; with 0, all are the twin.
         seed: Seed of the draw, 0 or more.
-        from_intervals: Flag: theta is drawn from the identified 95 % intervals, where there are any.
+        from_intervals: Flag: what was identified is drawn from the twin's posterior; see `CousinDraw`.
 
     Raises:
         ParameterError: n, delta or seed is out of range.

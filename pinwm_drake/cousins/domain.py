@@ -50,7 +50,7 @@ class CousinDomains:
     Attributes:
         delta: Relative half-width of the ranges, 0 or more, less than 1; with 0, and without intervals, all worlds are
             the twin.
-        from_intervals: Flag: theta is drawn from the identified 95 % intervals, where there are any.
+        from_intervals: Flag: what was identified is drawn from the twin's posterior; see `CousinDraw`.
         seed: Seed of the draws, 0 or more.
     """
 

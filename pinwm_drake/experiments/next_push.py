@@ -24,7 +24,7 @@ from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.pusher import pushing_height, upright_shape
 from pinwm_drake.capture.scene import PusherShape, read_capture
 from pinwm_drake.errors import ParameterError, PinwmError, SolverError, require
-from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.geometry.meshes import half_diagonal, load_mesh, mass_properties
 from pinwm_drake.identification.discrepancy import Discrepancy
 from pinwm_drake.identification.expansion import deviation
 from pinwm_drake.physics.parameters import Parameters
@@ -33,7 +33,7 @@ from pinwm_drake.spatial.poses import Pose, pose_to_matrix
 from pinwm_drake.systems.pusher.choice import choose_push
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.twin.origin import Origin
-from pinwm_drake.twin.rollout import drawn_parameters, roll, twin_scene
+from pinwm_drake.twin.rollout import drawn_parameters, rollout_worlds, twin_scene
 from pinwm_drake.twin.twin import Twin
 
 _SPEEDS, _DISTANCES = (0.05, 0.3), (0.06, 0.11)  # m/s, drawn evenly by their logarithm; m, after the touch
@@ -108,7 +108,7 @@ def propose_push(
             where that is at hand, else upright at the origin.
         low, high: Corners of the pusher's box in the world's x and y, m.
         number: Number of random pushes that are looked at.
-        draws: Number of the twin's draws that each is rolled out with.
+        draws: Number of the twin's draws that each is rolled out with, at the most.
         tolerance: Spread of nine of ten random pushes that is good enough, m and rad.
         seed: Seed of the pushes.
         report: Called with the share of the pushes that are done.
@@ -127,10 +127,10 @@ def propose_push(
     X_WO = X_WO or start_of(twin)
     scene = twin_scene(twin, X_WO.q)
     mesh_W = load_mesh(twin.mesh_path)
-    radius = 0.5 * float(np.linalg.norm(mesh_W.extents))
+    radius = half_diagonal(mesh_W)
     X_WO = Pose(X_WO.q, torch.cat([X_WO.p[:2], torch.tensor([resting_height(scene, X_WO.q)], dtype=torch.float64)]))
     mesh_W.apply_transform(pose_to_matrix(X_WO).numpy())
-    rows = np.linspace(0, len(twin.draws.values) - 1, draws).round().astype(int)
+    rows = twin.draws.rows(draws)
     parameters = drawn_parameters(twin, scene, rows)
     generator = np.random.default_rng(seed)
     shape, p_com = upright_shape(twin.pusher), mass_properties(mesh_W, mass=1.0).p_com
@@ -194,7 +194,7 @@ def _look(scene: Scene, parameters: Parameters, X_WO: Pose, motion: StraightPush
     """Information and spread of a push."""
     trajectory = trajectory_of(motion)
     t = np.arange(0.0, trajectory.t[-1], 1.0 / _FRAME_RATE)
-    found = roll(scene, parameters, X_WO, trajectory, t)
+    found = rollout_worlds(scene, parameters, X_WO, trajectory, t)
     middle = Pose(found.q[:, 0], found.p.mean(1))
     d = deviation(found, Pose(middle.q[:, None], middle.p[:, None]))
     d = d - d.mean(1, keepdim=True)

@@ -118,6 +118,11 @@ def mass_properties(
     )
 
 
+def half_diagonal(mesh: trimesh.Trimesh) -> float:
+    """Half the diagonal of a mesh's box along its axes [m]: by how much a turn moves its rim, at the most."""
+    return 0.5 * float(np.linalg.norm(mesh.extents))
+
+
 def recentre(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, np.ndarray]:
     """Moves a mesh so that the origin of its frame is its centre of mass.
 

@@ -77,9 +77,8 @@ def descend(
     while state.iteration < iterations:
         done = state.iteration / iterations
         shown = 1.0 if grow <= 0.0 else min(1.0, 0.25 + 0.75 * done / grow)
-        weights = torch.cat([(shown * n - torch.arange(n, dtype=torch.float64)).clamp(0.0, 1.0) for n in counts])[
-            :, None
-        ]
+        parts = [(shown * n - torch.arange(n, dtype=torch.float64)).clamp(0.0, 1.0) for n in counts]
+        weights = torch.cat(parts)[:, None]
         z = state.z.clone().requires_grad_()
         frames = torch.cat(problem.frame_losses(z, blocks))
         losses = frames.detach().mean(0)

@@ -13,7 +13,7 @@ from pinwm_drake.identification.image_loss import difference
 from pinwm_drake.identification.pictures import Pictures
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, inverse
-from pinwm_drake.spatial.rotations import quaternion_conjugate, quaternion_exp, quaternion_log, quaternion_multiply
+from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply, turn_between
 
 # Steps of the differences: in the image, px, and of the outline's logarithm.
 _STEP_PIXELS, _STEP_OUTLINE = 0.25, 2e-3
@@ -110,5 +110,4 @@ def corrected(X_WO: Pose, d: Tensor) -> Pose:
 
 def deviation(X_WO: Pose, reference: Pose) -> Tensor:
     """Rotation vectors [rad] and positions [m], (..., 6), that lead from reference poses to others; see `corrected`."""
-    turn = quaternion_log(quaternion_multiply(X_WO.q, quaternion_conjugate(reference.q.expand_as(X_WO.q))))
-    return torch.cat([turn, X_WO.p - reference.p], -1)
+    return torch.cat([turn_between(reference.q, X_WO.q), X_WO.p - reference.p], -1)

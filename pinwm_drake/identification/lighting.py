@@ -17,6 +17,7 @@ from torch import Tensor
 
 from pinwm_drake.identification.image_loss import rendered
 from pinwm_drake.identification.pictures import Pictures
+from pinwm_drake.identification.spacing import spaced
 from pinwm_drake.rendering.harmonics import Y0, harmonics
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
@@ -44,7 +45,7 @@ def lit(pictures: Pictures, surfels: Surfels, X_WO: Pose, *, num_threads: int | 
     Returns:
         The surfels with other harmonics; as they are where too little of the object is seen.
     """
-    chosen = torch.linspace(0, len(X_WO.p) - 1, min(FRAMES, len(X_WO.p))).round().long()
+    chosen = spaced(len(X_WO.p), FRAMES)
     pictures, X = pictures.some(chosen), Pose(X_WO.q[chosen, None], X_WO.p[chosen, None])
     basis = harmonics(_normals(surfels), _DEGREE).to(surfels.sh) / Y0
     one = torch.ones(1, dtype=torch.float64)

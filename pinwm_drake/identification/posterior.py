@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.identification.forward import inertia
+from pinwm_drake.identification.spacing import spaced
 from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
 from pinwm_drake.scene import Scene
 from pinwm_drake.twin.twin import THETA, Draws, Estimate
@@ -37,7 +38,7 @@ class Posterior:
 
     def some(self, number: int) -> Tensor:
         """Selection of at most so many of the draws (m, p), evenly spaced."""
-        return self.draws[torch.linspace(0, len(self.draws) - 1, min(number, len(self.draws))).round().long()]
+        return self.draws[spaced(len(self.draws), number)]
 
 
 def estimates(

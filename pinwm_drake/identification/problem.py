@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.image_loss import difference, squares
 from pinwm_drake.identification.pictures import Pictures
@@ -53,7 +54,7 @@ class Problem:
     @property
     def radius(self) -> float:
         """Radius of the object [m]: half the diagonal of its mesh's box."""
-        return 0.5 * float((self.pushes[0].forward.scene.mesh.extents ** 2).sum() ** 0.5)
+        return half_diagonal(self.pushes[0].forward.scene.mesh)
 
     def frame_losses(self, z: Tensor, blocks: tuple[int, ...]) -> list[Tensor]:
         """Mean squares of every frame for W guesses.

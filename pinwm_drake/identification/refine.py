@@ -48,6 +48,11 @@ class Surrogate:
     expansions: list[Expansion]
     marginals: list[Marginal]
 
+    @property
+    def loss(self) -> float:
+        """Mean squares of the images at the expansions' poses, mean over frames."""
+        return float(torch.cat([expansion.loss for expansion in self.expansions]).mean())
+
     def deviations(self, z: Tensor, push: int) -> tuple[Tensor, Tensor]:
         """Deviations (W, 6n + 1) of guesses z (W, p) from the expansion of a push, and (W,) bool: solved."""
         values, expansion = self.problem.coordinates.values(z, push), self.expansions[push]
@@ -187,7 +192,7 @@ def refine(
     surrogate = surrogate_at(problem, state.z, state.corrections)
     while surrogate is not None and not state.done and state.iteration < iterations:
         state.iteration += 1
-        state.loss = float(torch.cat([expansion.loss for expansion in surrogate.expansions]).mean())
+        state.loss = surrogate.loss
         before = float(surrogate.objective(state.z[None])[0])
         goal = surrogate.minimise(state.z)
         gain = before - float(surrogate.objective(goal[None])[0])
@@ -205,6 +210,8 @@ def refine(
                 state.done = gain < _LEAST_GAIN and share == 1.0
                 break
         report(state)
+    if surrogate is not None:
+        state.loss = surrogate.loss
     return state, surrogate
 
 

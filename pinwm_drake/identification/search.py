@@ -1,7 +1,8 @@
 """The search for the unknowns: random guesses, Adam from the best of them, refinement, draws from the posterior.
 
-Every phase ends with arrays that the next one begins with, and every few steps the phase at hand leaves its state in
-the checkpoint too; so an interrupted search goes on where it was, and comes to the same result.
+Every phase ends with arrays that the next one begins with, and every few steps Adam leaves its state in the checkpoint
+too; the refinement of a start at one size, and the draws, take some ten seconds each and begin anew. So an interrupted
+search goes on where it was, and comes to the same result.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,6 +26,7 @@ from pinwm_drake.identification.progress import Progress
 from pinwm_drake.identification.refine import RefineState, Surrogate, joint_loss, refine, surrogate_at, weights_of
 from pinwm_drake.identification.sampling import sample
 from pinwm_drake.identification.search_result import Found
+from pinwm_drake.identification.spacing import spaced
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
@@ -90,11 +92,6 @@ class Task:
         if not bool(alive[0]):
             return self.surfels
         return lit(pictures, self.surfels, Pose(X_WO.q[:, 0], X_WO.p[:, 0]), num_threads=self.num_threads)
-
-
-def spaced(number: int, most: int) -> Tensor:
-    """Indices of at most so many of a number of frames, evenly spaced."""
-    return torch.linspace(0, number - 1, min(most, number)).round().long()
 
 
 class Search:

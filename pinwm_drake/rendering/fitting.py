@@ -12,6 +12,7 @@ import trimesh
 from torch import Tensor
 
 from pinwm_drake.errors import InputError, RenderingError
+from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.checkpoint import describe, read_checkpoint, write_checkpoint
 from pinwm_drake.rendering.densify import densify
@@ -141,7 +142,7 @@ class _Fit:
         self.train, self.test, self.mesh, self.options = train, test, mesh, options
         self.threads, self.folder, self.about = threads, folder, about
         corners = self.corners = torch.from_numpy(np.array(mesh.vertices))
-        self.radius = 0.5 * float(np.linalg.norm(mesh.extents))
+        self.radius = half_diagonal(mesh)
         margin = options.margin
         self.targets = {
             factor: [_Target(view, corners, margin, factor) for view in train]

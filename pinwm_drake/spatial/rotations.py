@@ -197,6 +197,22 @@ def quaternion_log(q_AB: torch.Tensor) -> torch.Tensor:
     return 2 * torch.where(small, series, torch.atan2(sine, w) / sine) * u
 
 
+def turn_between(q_AB: torch.Tensor, q_AC: torch.Tensor) -> torch.Tensor:
+    """Rotation vector, in A, that turns B into C the shorter way: exp(θ) q_AB = ± q_AC.
+
+    Args:
+        q_AB: (..., 4), wxyz; the norm does not matter.
+        q_AC: (..., 4), wxyz.
+
+    Returns:
+        theta_A: (..., 3) [rad].
+
+    Raises:
+        StateError: When a last axis is not of length 4.
+    """
+    return quaternion_log(quaternion_multiply(q_AC, quaternion_conjugate(q_AB)))
+
+
 def angle_between(q_AB: torch.Tensor, q_AC: torch.Tensor) -> torch.Tensor:
     """The angle of the rotation from B to C, the shorter way round.
 

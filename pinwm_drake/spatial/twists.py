@@ -6,10 +6,9 @@ from pinwm_drake.spatial.checks import require_last_axis
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import (
     normalize_quaternion,
-    quaternion_conjugate,
     quaternion_exp,
-    quaternion_log,
     quaternion_multiply,
+    turn_between,
 )
 
 
@@ -70,5 +69,5 @@ def velocity_between(X_WB: Pose, X_WB_later: Pose, duration: float | torch.Tenso
     """
     require_last_axis(X_WB.p, 3, "p_WB")
     require_last_axis(X_WB_later.p, 3, "p_WB_later")
-    turn = quaternion_log(quaternion_multiply(X_WB_later.q, quaternion_conjugate(X_WB.q)))
+    turn = turn_between(X_WB.q, X_WB_later.q)
     return torch.cat((turn, X_WB_later.p - X_WB.p), dim=-1) / duration

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.spatial.rotations import quaternion_conjugate, quaternion_log, quaternion_multiply
+from pinwm_drake.spatial.rotations import turn_between
 
 # Standard deviation of a position after a way of one metre, m; an angle's is this over the object's radius. Out of the
 # floor's plane this share of it. From pushes of MuJoCo, Bullet and Drake: see docs/results.md.
@@ -23,7 +23,7 @@ def way(X_WO: Pose, times: Tensor, radius: float) -> Tensor:
     """
     order = torch.argsort(times)
     q, p = X_WO.q[..., order, :], X_WO.p[..., order, :]
-    turned = quaternion_log(quaternion_multiply(q[..., 1:, :], quaternion_conjugate(q[..., :-1, :]))).norm(dim=-1)
+    turned = turn_between(q[..., :-1, :], q[..., 1:, :]).norm(dim=-1)
     step = (p[..., 1:, :] - p[..., :-1, :]).norm(dim=-1) + radius * turned
     made = torch.nn.functional.pad(step, (1, 0)).cumsum(-1)
     return torch.empty_like(made).index_copy(-1, order, made)

@@ -10,9 +10,9 @@ import torch
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
 from pinwm_drake.capture.scene import Capture, PusherGeometry
 from pinwm_drake.errors import InputError
-from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.spatial.rotations import quaternion_conjugate, quaternion_log, quaternion_multiply
+from pinwm_drake.spatial.rotations import turn_between
 from pinwm_drake.twin.drift import drift, way
 from pinwm_drake.twin.origin import start_pose, time_offset
 from pinwm_drake.twin.rollout import rollout, rollout_draws
@@ -81,16 +81,16 @@ def predict_spread(
     if twin.draws is None:
         return None
     start, late = start_pose(twin, capture, push), time_offset(twin, push)
-    rows = np.linspace(0, len(twin.draws.values) - 1, min(number, len(twin.draws.values))).round().astype(int)
+    rows = twin.draws.rows(number)
     placed = _in_place_of(twin, capture)
     return spread_of(rollout_draws(placed, start, episode.trajectory, episode.t + late, rows), episode.t, twin)
 
 
 def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin) -> Spread:
     """Spread of rollouts q (n, W, 4), p (n, W, 3) at times t (n,), with the drift that every push has."""
-    radius = 0.5 * float(np.linalg.norm(load_mesh(twin.mesh_path).extents))
+    radius = half_diagonal(load_mesh(twin.mesh_path))
     made = way(Pose(X_WO.q.swapaxes(0, 1), X_WO.p.swapaxes(0, 1)), torch.from_numpy(t), radius).mean(0).numpy()
-    turned = quaternion_log(quaternion_multiply(X_WO.q, quaternion_conjugate(X_WO.q[:, :1].expand_as(X_WO.q))))
+    turned = turn_between(X_WO.q[:, :1], X_WO.q)
     parts = torch.cat([turned[..., 2:], X_WO.p[..., :2]], -1).var(1, correction=0).numpy()
     sigma = drift(radius).numpy()[[2, 3, 4]]
     yaw, x, y = np.sqrt(parts + made[:, None] * sigma**2).T

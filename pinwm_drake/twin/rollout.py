@@ -134,17 +134,19 @@ def rollout_draws(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.nd
         SolverError: The physics found no solution.
     """
     scene = twin_scene(twin, X_WO.q)
-    return roll(scene, drawn_parameters(twin, scene, rows), X_WO, trajectory, np.asarray(t, float))
+    return rollout_worlds(scene, drawn_parameters(twin, scene, rows), X_WO, trajectory, np.asarray(t, float))
 
 
 def _rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> ObjectPoses:
     """Rollout at the twin's own time step; arguments as for `rollout`."""
     scene = twin_scene(twin, X_WO.q)
-    found = roll(scene, twin_parameters(twin, scene), X_WO, trajectory, t)
+    found = rollout_worlds(scene, twin_parameters(twin, scene), X_WO, trajectory, t)
     return ObjectPoses(t=t, p_WO=found.p[:, 0].numpy(), q_WO=found.q[:, 0].numpy())
 
 
-def roll(scene: Scene, parameters: Parameters, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> Pose:
+def rollout_worlds(
+    scene: Scene, parameters: Parameters, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray
+) -> Pose:
     """Poses of W worlds that start alike.
 
     Args:

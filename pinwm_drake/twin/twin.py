@@ -65,6 +65,10 @@ class Draws:
         """Values (N,) of a quantity."""
         return np.asarray(self.values[:, self.names.index(name)])
 
+    def rows(self, number: int) -> np.ndarray:
+        """Rows (m,) of at most so many draws, evenly spaced."""
+        return np.linspace(0, len(self.values) - 1, min(number, len(self.values))).round().astype(int)
+
 
 @dataclass(frozen=True, eq=False)
 class Twin:

@@ -7,7 +7,7 @@ import trimesh
 
 from pinwm_drake.errors import GeometryError
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.geometry.patch import PROTRUSION, resting_points, supporting_points
+from pinwm_drake.geometry.patch import PROTRUSION, corner_spread, resting_points, supporting_points
 from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, MAX_FLOOR_POINTS, UNLESS_FLAT
 from pinwm_drake.geometry.shapes import box, convex_hull
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
@@ -173,3 +173,11 @@ def test_more_points_than_are_kept_of_corners_leave_the_patch_whole():
     rolled = Stepper(scene).rollout(theta, state, torch.zeros(24, 1, 6, dtype=torch.float64))
     torque = mu * 0.5 * 9.81 * float(np.linalg.norm(samples, axis=1).mean())
     assert w - float(rolled.V_WB[-1, 0, 0, 2]) == pytest.approx(torque / moment * 24 / 960, rel=0.02)
+
+
+def test_corners_are_spread_as_far_as_the_closed_form_says():
+    # Root mean squares along a side a: a / 2 at the corners, a / sqrt(12) on an even face.
+    x, y, z = corner_spread(trimesh.creation.box((0.06, 0.1, 0.04)), UPRIGHT)
+    assert (x, y) == pytest.approx((math.sqrt(3), math.sqrt(3)), rel=0.05)
+    assert z == 1.0
+    assert corner_spread(trimesh.creation.icosphere(radius=0.05), UPRIGHT) == (1.0, 1.0, 1.0)

@@ -154,3 +154,16 @@ def test_wrong_shapes_are_named():
         quaternion_exp(torch.tensor(1.0))
     with pytest.raises(StateError, match="R_AB"):
         matrix_to_quaternion(torch.zeros(2, 3))
+
+
+def test_a_turn_leads_from_one_orientation_to_the_other():
+    from pinwm_drake.spatial.rotations import turn_between
+
+    generator = torch.Generator().manual_seed(4)
+    q_AB = torch.randn(50, 4, generator=generator, dtype=torch.float64)
+    q_AB = q_AB / q_AB.norm(dim=-1, keepdim=True)
+    turn = torch.randn(50, 3, generator=generator, dtype=torch.float64)
+    turn = turn * (3.0 / turn.norm(dim=-1, keepdim=True)).clamp_max(1.0)
+    q_AC = quaternion_multiply(quaternion_exp(turn), q_AB)
+    torch.testing.assert_close(turn_between(q_AB, q_AC), turn, rtol=0.0, atol=1e-12)
+    torch.testing.assert_close(turn_between(q_AB[:1], q_AC)[0], turn[0], rtol=0.0, atol=1e-12)
