@@ -26,7 +26,7 @@ def align(
         typer.Argument(metavar="OUT", help="Folder for surfels.ply, align.json, align.png, turntable.mp4, view.html."),
     ],
     mesh: Annotated[Path | None, typer.Option(help="The object's mesh, in metres; a capture names its own.")] = None,
-    iterations: Annotated[int, typer.Option(help="Steps of the optimiser, one view each.")] = 4000,
+    iterations: Annotated[int, typer.Option(help="Steps of the optimiser, one view each.")] = 2500,
     max_surfels: Annotated[int, typer.Option(help="How many surfels there may be in the end.")] = 5000,
     sh_degree: Annotated[int, typer.Option(help="Degree of the spherical harmonics, 0 to 3.")] = 3,
     held_out: Annotated[int, typer.Option(help="Keep every so many-th view for testing only; 0 keeps none.")] = 4,

@@ -52,12 +52,12 @@ class FitOptions:
         ParameterError: a value is out of range; the message names it.
     """
 
-    iterations: int = 4000
+    iterations: int = 2500
     max_surfels: int = 5000
     first_surfels: int | None = None
     crease_share: float = 0.7
     sh_degree: int = 3
-    sh_every: int = 1000
+    sh_every: int = 700
     held_out: int = 4
     photometric: Literal["l1", "l2"] = "l1"
     dssim: float = 0.2

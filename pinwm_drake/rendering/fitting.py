@@ -113,7 +113,7 @@ def _one_torch_thread() -> Iterator[None]:
 class _Target:
     """The box around the object in a view, at one size, and what the loss needs of it."""
 
-    def __init__(self, view: View, corners: Tensor, margin: int, factor: float) -> None:
+    def __init__(self, view: View, corners: Tensor, margin: int, factor: float, num_threads: int) -> None:
         box = view.object_box(corners, margin)
         self.view = view.cropped(*box)
         # Outside its box an image is taken to be met exactly, which matters for the PSNR on the way only.
@@ -123,7 +123,7 @@ class _Target:
         self.factor, self.camera = factor, view.camera
         self.R_CO = quaternion_to_matrix(view.X_CO.q).float()
         self.p_CO = view.X_CO.p.float()
-        self.ssim = SsimTarget(self.view.image)
+        self.ssim = SsimTarget(self.view.image, num_threads)
 
 
 class _Fit:
@@ -145,7 +145,7 @@ class _Fit:
         self.radius = half_diagonal(mesh)
         margin = options.margin
         self.targets = {
-            factor: [_Target(view, corners, margin, factor) for view in train]
+            factor: [_Target(view, corners, margin, factor, threads) for view in train]
             for factor in ((1.0, 0.5) if options.coarse > 0.0 else (1.0,))
         }
         middles = [view.project(corners)[1].mean() / view.camera.intrinsics[0] for view in train]

@@ -15,6 +15,7 @@ from pinwm_drake.errors import RenderingError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.kernels import ssim as ssim_kernels
 from pinwm_drake.rendering.render import Rendering
+from pinwm_drake.threads import share
 
 WINDOW, SIGMA = 11, 1.5  # px
 C1, C2 = np.float32(0.01**2), np.float32(0.03**2)
@@ -33,15 +34,15 @@ def window() -> np.ndarray:
 class SsimTarget:
     """An image to compare others with; what SSIM needs of it is computed once."""
 
-    def __init__(self, image: Tensor) -> None:
-        """Keeps `image` (H, W, 3), colours from 0 to 1.
+    def __init__(self, image: Tensor, num_threads: int = 1) -> None:
+        """Keeps `image` (H, W, 3), colours from 0 to 1, and the number of threads that compare others with it.
 
         Raises:
             RenderingError: Another shape.
         """
         if image.ndim != 3 or image.shape[-1] != 3 or image.numel() == 0:
             raise RenderingError(f"an image is {tuple(image.shape)}; allowed: (H, W, 3)")
-        self.image = image.detach()
+        self.image, self.num_threads = image.detach(), num_threads
         self.array = _rows(image)
         self.mean, self.square = np.empty_like(self.array), np.empty_like(self.array)
         ssim_kernels.blur(self.array, window(), 3, self.mean)
@@ -181,18 +182,19 @@ class _Ssim(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, image: Tensor, target: SsimTarget) -> Tensor:
         a, b = _rows(image), target.array
-        grads, squares = np.empty((3, *a.shape), np.float32), np.empty((2, *a.shape), np.float32)
-        total = ssim_kernels.compare(a, b, window(), 3, target.mean, target.square, C1, C2, grads, squares)
-        ctx.saved = (a, b, grads)
+        grads, sums = np.empty((3, *a.shape), np.float32), np.empty(len(a))
+        given = (a, b, window(), 3, target.mean, target.square, C1, C2, grads, sums)
+        share(ssim_kernels.compare, given, len(a), target.num_threads)
+        ctx.saved = (a, b, grads, target.num_threads)
         ctx.save_for_backward(image)
-        return image.new_tensor(total / a.size)
+        return image.new_tensor(float(sums.sum()) / a.size)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
         (image,) = ctx.saved_tensors
-        a, b, grads = ctx.saved
+        a, b, grads, num_threads = ctx.saved
         a_bar = np.empty_like(a)
         scale = np.float32(gradient.item() / a.size)
-        ssim_kernels.compare_adjoint(a, b, window(), 3, grads, scale, a_bar)
+        share(ssim_kernels.compare_adjoint, (a, b, window(), 3, grads, scale, a_bar), len(a), num_threads)
         return torch.from_numpy(a_bar).reshape(image.shape).to(image), None

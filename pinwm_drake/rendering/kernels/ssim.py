@@ -38,29 +38,32 @@ def blur(source, weights, channels, target):
 
 
 @entry_point
-def compare(a, b, weights, channels, mean_b, square_b, c1, c2, grads, squares):
-    """The sum of SSIM over all entries, and its derivatives by the blurred a, a^2 and a b.
+def compare(a, b, weights, channels, mean_b, square_b, c1, c2, grads, sums, first, last):
+    """SSIM of the entries of some rows, summed over each, and its derivatives by the blurred a, a^2 and a b.
 
     Args:
         a, b: (H, W C), the images.
         mean_b, square_b: blurred b and b^2.
         c1, c2: the constants of SSIM.
         grads: (3, H, W C), receives the derivatives by the blurred a, a^2 and a b.
-        squares: (2, H, W C), work: a^2 and a b.
+        sums: (H,), receives the sums.
+        first, last: the rows, the last not included.
     """
     height, width = a.shape
+    radius = weights.shape[0] // 2
     across = np.zeros(width + (weights.shape[0] - 1) * channels, np.float32)
     mean, square, product = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
     two = np.float32(2.0)
-    for row in range(height):
+    low, high = max(first - radius, 0), min(last + radius, height)
+    squares = np.empty((2, high - low, width), np.float32)
+    for row in range(low, high):
         for i in range(width):
-            squares[0, row, i] = a[row, i] * a[row, i]
-            squares[1, row, i] = a[row, i] * b[row, i]
-    total = 0.0
-    for row in range(height):
+            squares[0, row - low, i] = a[row, i] * a[row, i]
+            squares[1, row - low, i] = a[row, i] * b[row, i]
+    for row in range(first, last):
         _blur_row(a, row, weights, channels, across, mean)
-        _blur_row(squares[0], row, weights, channels, across, square)
-        _blur_row(squares[1], row, weights, channels, across, product)
+        _blur_row(squares[0], row - low, weights, channels, across, square)
+        _blur_row(squares[1], row - low, weights, channels, across, product)
         part = np.float32(0.0)
         for i in range(width):
             ma, mb = mean[i], mean_b[row, i]
@@ -78,14 +81,13 @@ def compare(a, b, weights, channels, mean_b, square_b, c1, c2, grads, squares):
             grads[0, row, i] = (
                 two * mb * top2 * scale - value * two * ma / low1 - two * ma * by_square - mb * by_product
             )
-        total += float(part)
-    return total
+        sums[row] = part
 
 
 @entry_point
-def compare_adjoint(a, b, weights, channels, grads, scale, a_bar):
-    """Writes a_bar, scale times the derivative of `compare` by a."""
-    height, width = a.shape
+def compare_adjoint(a, b, weights, channels, grads, scale, a_bar, first, last):
+    """Writes some rows of a_bar, scale times the derivative of the sum of `compare` over all rows by a."""
+    width = a.shape[1]
     across = np.zeros(width + (weights.shape[0] - 1) * channels, np.float32)
     by_mean, by_square, by_product = (
         np.empty(width, np.float32),
@@ -93,7 +95,7 @@ def compare_adjoint(a, b, weights, channels, grads, scale, a_bar):
         np.empty(width, np.float32),
     )
     two = np.float32(2.0)
-    for row in range(height):
+    for row in range(first, last):
         _blur_row(grads[0], row, weights, channels, across, by_mean)
         _blur_row(grads[1], row, weights, channels, across, by_square)
         _blur_row(grads[2], row, weights, channels, across, by_product)
