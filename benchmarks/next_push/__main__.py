@@ -2,12 +2,14 @@
 
     python -m benchmarks.next_push captures OUT [--only NAME ...] [--poses-only] [--realistic]
     python -m benchmarks.next_push evaluate OUT [--only NAME ...] [--split SPLIT] [--kind KIND] [--methods ...]
+        [--pushes ...] [--sets N] [--existing]
 
 Clean captures come to OUT/clean/NAME, their poses to OUT/poses/NAME.npz; realistic ones to OUT/realistic/NAME, with
 OUT/realistic_poses/NAME.npz and what is wrong with them in OUT/realistic_poses/NAME.json.
 """
 
 import argparse
+import itertools
 import json
 import time
 from pathlib import Path
@@ -15,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.next_push.captures import write_capture
-from benchmarks.next_push.evaluate import METHODS, evaluate, summary, table
+from benchmarks.next_push.evaluate import METHODS, SETS, evaluate, result_path, summary, table
 from benchmarks.next_push.objects import OBJECTS, Thing, make_thing
 from benchmarks.next_push.poses import pose_capture, read_poses, write_poses
 from benchmarks.next_push.realistic_captures import write_realistic_capture
@@ -41,6 +43,8 @@ def main() -> None:
     tables.add_argument("--kind", choices=("clean", "realistic"), default="clean")
     tables.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
     tables.add_argument("--pushes", nargs="+", type=int, choices=(1, 2, 3), default=[1, 2, 3])
+    tables.add_argument("--sets", type=int, default=4, help="sets of each number of pushes, at the most")
+    tables.add_argument("--existing", action="store_true", help="nothing new, only the table of what is there")
     tables.set_defaults(run=_evaluate)
     arguments = parser.parse_args()
     arguments.run(arguments)
@@ -48,15 +52,18 @@ def main() -> None:
 
 def _evaluate(arguments: argparse.Namespace) -> None:
     results = []
-    for spec in CAPTURES:
+    for spec, method, number, place in itertools.product(CAPTURES, arguments.methods, range(4), range(4)):
+        asked = {"ours": arguments.pushes, "pin-wm": [1]}.get(method, [0])
         if (arguments.only and spec.name not in arguments.only) or arguments.split not in (None, spec.split):
             continue
-        for method in arguments.methods:
-            for number in {"ours": arguments.pushes, "pin-wm": [1]}.get(method, [0]):
-                began = time.perf_counter()
-                found = list(evaluate(arguments.out, arguments.kind, spec, method, number))
-                results += found
-                _say(spec, f"{method} {number or ''}: {summary(found)}", began)
+        if number not in asked or place >= min(len(SETS[number]), arguments.sets):
+            continue
+        began, chosen = time.perf_counter(), SETS[number][place]
+        if arguments.existing and not result_path(arguments.out, arguments.kind, spec, method, chosen).exists():
+            continue
+        found = evaluate(arguments.out, arguments.kind, spec, method, chosen)
+        results.append(found)
+        _say(spec, f"{method} {' and '.join(map(str, chosen))}: {summary([found])}", began)
     print("\n".join(table(results)))
 
 

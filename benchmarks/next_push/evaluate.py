@@ -2,7 +2,6 @@
 
 import itertools
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from pinwm_drake.capture.scene import Capture, read_capture
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.files import replacing
 from pinwm_drake.identification import IdentifyOptions, identify
+from pinwm_drake.identification.locate import locate
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset
@@ -27,7 +27,8 @@ from pinwm_drake.twin.twin import Estimate
 METHODS = ("ours", "pin-wm", "truth", "still")
 # The paper's way: frictions and moments alone, of one push, with an even pressure and everything as it was written.
 _PIN_WM = IdentifyOptions(free=("friction_floor", "friction_pusher", "moment_xx", "moment_yy"), support="patch")
-_SETS: dict[int, tuple[tuple[int, ...], ...]] = {
+SETS: dict[int, tuple[tuple[int, ...], ...]] = {
+    0: ((),),
     1: ((0,), (1,), (2,), (3,)),
     2: ((0, 1), (2, 3)),
     3: ((0, 1, 2), (1, 2, 3)),
@@ -35,23 +36,29 @@ _SETS: dict[int, tuple[tuple[int, ...], ...]] = {
 _Errors = dict[str, Any]
 
 
-def evaluate(out: Path, kind: str, spec: CaptureSpec, method: str, pushes: int) -> Iterator[_Errors]:
-    """Results of a capture, which are kept in `OUT/results/KIND/NAME.METHOD.PUSHES.json`.
+def evaluate(out: Path, kind: str, spec: CaptureSpec, method: str, chosen: tuple[int, ...]) -> _Errors:
+    """Result of a capture, which is kept in `OUT/results/KIND/NAME.METHOD.PUSHES.json`.
 
     Args:
         out: Folder of the benchmark, with its captures.
         kind: Either "clean" or "realistic".
         spec: The capture.
         method: One of `METHODS`.
-        pushes: Number of pushes that each twin is identified from; 0 for methods that need none.
+        chosen: Pushes that the twin is identified from; none for methods that need none.
     """
-    path = out / "results" / kind / f"{spec.name}.{method}.{pushes}.json"
+    path = result_path(out, kind, spec, method, chosen)
     if not path.exists():
-        found = [_evaluate(out, kind, spec, method, chosen) for chosen in (_SETS[pushes] if pushes else ((),))]
+        found = _evaluate(out, kind, spec, method, chosen)
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
             temporary.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    yield from json.loads(path.read_text(encoding="utf-8"))
+    return dict(json.loads(path.read_text(encoding="utf-8")))
+
+
+def result_path(out: Path, kind: str, spec: CaptureSpec, method: str, chosen: tuple[int, ...]) -> Path:
+    """File of a result."""
+    pushes = "-".join(str(push) for push in chosen) or "none"
+    return out / "results" / kind / f"{spec.name}.{method}.{pushes}.json"
 
 
 def _evaluate(out: Path, kind: str, spec: CaptureSpec, method: str, chosen: tuple[int, ...]) -> _Errors:
@@ -76,7 +83,7 @@ def _evaluate(out: Path, kind: str, spec: CaptureSpec, method: str, chosen: tupl
             "truth": truth,
         }
     others = [one for k, one in enumerate(episodes) if k not in chosen]
-    return result | {"predictions": [_prediction(twin, capture, one) for one in others]}
+    return result | {"predictions": [_prediction(twin, capture, one, located=kind == "realistic") for one in others]}
 
 
 def appearance(out: Path, kind: str, spec: CaptureSpec) -> tuple[Surfels, tuple[float, float]]:
@@ -99,9 +106,11 @@ def _true_twin(
     return replace(twin, theta=theta, nuisance=twin.nuisance | {"lift": lift}, floor_height=floor, draws=None)
 
 
-def _prediction(twin: Twin, capture: Capture, episode: Episode) -> _Errors:
-    poses = predict_poses(twin, capture, episode, None)
-    spread = predict_spread(twin, capture, episode, None)
+def _prediction(twin: Twin, capture: Capture, episode: Episode, *, located: bool) -> _Errors:
+    """Errors of a prediction, from the start that the first picture shows or from the one that is written."""
+    start = locate(twin, episode, capture.object.X_WO) if located else None
+    poses = predict_poses(twin, capture, episode, None, start=start)
+    spread = predict_spread(twin, capture, episode, None, start=start)
     result = _score(poses, episode)
     if spread is not None:
         result["spread"] = [float(values[-1]) for values in (spread.x, spread.y, spread.yaw)]

@@ -1,5 +1,6 @@
 """`pinwm predict`: options, and the prediction in a few lines."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ from pinwm_drake.files import prepare_folder
 if TYPE_CHECKING:
     from pinwm_drake.capture.episodes import Episode, ObjectPoses
     from pinwm_drake.capture.scene import Capture
+    from pinwm_drake.spatial.poses import Pose
     from pinwm_drake.twin.predict import Spread
 
 
@@ -22,6 +24,13 @@ def predict(
         Path, typer.Argument(metavar="EPISODE", help="CAPTURE/episodes/NAME, of this capture or another one.")
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="File of the poses, as object_poses.csv has them.")],
+    find_start: Annotated[
+        bool,
+        typer.Option(
+            "--find-start",
+            help="Look for the object in the first picture; else it is where capture.yaml says.",
+        ),
+    ] = False,
     video: Annotated[
         Path | None, typer.Option(help="Film camera, twin and difference side by side to this .mp4 file.")
     ] = None,
@@ -29,9 +38,10 @@ def predict(
     """Rolls a twin out along an episode's pusher log; with object_poses.csv there, says how far off it is."""
     from pinwm_drake.capture.episodes import read_episode_folder
     from pinwm_drake.capture.write import write_pose_table
+    from pinwm_drake.identification.locate import locate
     from pinwm_drake.report.twin.prediction_film import write_prediction_film
     from pinwm_drake.twin import read_twin
-    from pinwm_drake.twin.origin import identified_push
+    from pinwm_drake.twin.origin import identified_push, start_pose
     from pinwm_drake.twin.predict import mismatches, predict_poses, predict_spread
 
     require("--video", video, video is None or video.suffix.lower() == ".mp4", "a name that ends in .mp4")
@@ -44,9 +54,12 @@ def predict(
     for warning in mismatches(found, capture):
         errors.print(f"warning: {warning}", highlight=False, markup=False)
     number = identified_push(found, capture, push)
-    poses = predict_poses(found, capture, push, number)
-    spread = predict_spread(found, capture, push, number)
+    start = locate(found, push, start_pose(found, capture, number)) if find_start else None
+    poses = predict_poses(found, capture, push, number, start=start)
+    spread = predict_spread(found, capture, push, number, start=start)
     write_pose_table(out, poses)
+    if start is not None:
+        say(_shift(start, capture.object.X_WO))
     for line in _summary(poses, capture, push, spread):
         say(line)
     say(f"wrote {out}")
@@ -65,6 +78,15 @@ def _require_free(path: Path, episode: "Episode") -> None:
     if path.exists() and path.resolve().is_relative_to(episode.folder.resolve()):
         raise InputError(path, value="a file of the episode", allowed="a new file, or one outside of the episode")
     prepare_folder(path.parent)
+
+
+def _shift(start: "Pose", written: "Pose") -> str:
+    """Line that tells how far a pose that was found is from the one that is written."""
+    from pinwm_drake.spatial.rotations import turn_between
+
+    place = 1e3 * float((start.p - written.p)[:2].norm())
+    turn = math.degrees(float(turn_between(written.q, start.q)[2]))
+    return f"the object starts {place:.1f} mm and {turn:.1f}° away from the pose in capture.yaml"
 
 
 def _summary(poses: "ObjectPoses", capture: "Capture", episode: "Episode", spread: "Spread | None") -> list[str]:

@@ -32,6 +32,7 @@ from pinwm_drake.scene import Scene, resting_height
 from pinwm_drake.spatial.poses import Pose, pose_to_matrix
 from pinwm_drake.systems.pusher.choice import choose_push
 from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.twin.drift import typical_walk
 from pinwm_drake.twin.origin import Origin
 from pinwm_drake.twin.rollout import drawn_parameters, rollout_worlds, twin_scene
 from pinwm_drake.twin.twin import Twin
@@ -127,7 +128,7 @@ def propose_push(
     X_WO = X_WO or start_of(twin)
     scene = twin_scene(twin, X_WO.q)
     mesh_W = load_mesh(twin.mesh_path)
-    radius = half_diagonal(mesh_W)
+    radius, walk = half_diagonal(mesh_W), typical_walk(twin)
     X_WO = Pose(X_WO.q, torch.cat([X_WO.p[:2], torch.tensor([resting_height(scene, X_WO.q)], dtype=torch.float64)]))
     mesh_W.apply_transform(pose_to_matrix(X_WO).numpy())
     rows = twin.draws.rows(draws)
@@ -138,7 +139,7 @@ def propose_push(
     for k in range(number):
         motion = _draw(mesh_W, p_com, shape, generator, twin.floor_height, (low, high))
         try:
-            candidates.append(_look(scene, parameters, X_WO, motion, radius))
+            candidates.append(_look(scene, parameters, X_WO, motion, radius, walk))
         except SolverError:
             continue  # a push whose physics fails is none to propose
         report((k + 1) / number)
@@ -190,8 +191,10 @@ def _draw(
     raise ParameterError(f"low, high: got {box[0]} and {box[1]} m; allowed: a box with room to push the object")
 
 
-def _look(scene: Scene, parameters: Parameters, X_WO: Pose, motion: StraightPush, radius: float) -> Candidate:
-    """Information and spread of a push."""
+def _look(
+    scene: Scene, parameters: Parameters, X_WO: Pose, motion: StraightPush, radius: float, walk: float
+) -> Candidate:
+    """Information and spread of a push of an object with a radius [m], by its drift after a way of one metre [m]."""
     trajectory = trajectory_of(motion)
     t = np.arange(0.0, trajectory.t[-1], 1.0 / _FRAME_RATE)
     found = rollout_worlds(scene, parameters, X_WO, trajectory, t)
@@ -199,7 +202,7 @@ def _look(scene: Scene, parameters: Parameters, X_WO: Pose, motion: StraightPush
     d = deviation(found, Pose(middle.q[:, None], middle.p[:, None]))
     d = d - d.mean(1, keepdim=True)
     n, W, _ = d.shape
-    root = Discrepancy.of(middle, torch.from_numpy(t), radius).root
+    root = Discrepancy.of(middle, torch.from_numpy(t), radius, walk).root
     white = torch.linalg.solve_triangular(root, d.permute(0, 2, 1).reshape(6 * n, W), upper=False)
     share = torch.linalg.eigvalsh(white.T @ white / (W - 1)).clamp_min(0.0)
     last = d[-1].std(0)

@@ -6,8 +6,9 @@ segmentation's mistakes last for many frames too. So the pose in frame k is that
 
     e ~ N(0, K),  K(k, l) = a² min(s_k, s_l) + b² exp(-|t_k - t_l| / c),
 
-for each of its six components, s being the way that the object has made and a that of `twin/drift.py`. The corrections
-are integrated out, which leaves the images less to say about parameters that only a long drift would tell.
+for each of its six components, s being the way that the object has made and a one of those of `twin/drift.py`: how far
+an object strays is told by its own video, as far as that can. The corrections are integrated out, which leaves the
+images less to say about parameters that only a long drift would tell.
 
 Source: Kennedy and O'Hagan, "Bayesian calibration of computer models", JRSS B 63(3), 2001, section 4.
 """
@@ -35,22 +36,29 @@ class Discrepancy:
     root: Tensor
 
     @staticmethod
-    def of(X_WO: Pose, times: Tensor, radius: float) -> "Discrepancy":
-        """The prior for frames at `times` (n,) [s] with poses q (n, 4), p (n, 3) [m], and an object's radius [m]."""
+    def of(X_WO: Pose, times: Tensor, radius: float, walk: float) -> "Discrepancy":
+        """The prior for frames at `times` (n,) [s] with poses q (n, 4), p (n, 3) [m].
+
+        Args:
+            X_WO: The poses.
+            times: Of them.
+            radius: Of the object, m.
+            walk: Drift of a position after a way of one metre, m.
+        """
         made, n = way(X_WO, times, radius), len(times)
-        walk = torch.minimum(made[:, None], made[None])
+        common = torch.minimum(made[:, None], made[None])
         lasting = torch.exp(-(times[:, None] - times[None]).abs() / LASTS) + 1e-6 * torch.eye(n, dtype=torch.float64)
         K = torch.zeros(n, 6, n, 6, dtype=torch.float64)
         for axis, (a, b) in enumerate(
-            zip(drift(radius).tolist(), (LASTING * per_radius(radius)).tolist(), strict=True)
+            zip(drift(radius, walk).tolist(), (LASTING * per_radius(radius)).tolist(), strict=True)
         ):
-            K[:, axis, :, axis] = a**2 * walk + b**2 * lasting
+            K[:, axis, :, axis] = a**2 * common + b**2 * lasting
         return Discrepancy(torch.linalg.cholesky(K.reshape(6 * n, 6 * n)))
 
 
 @dataclass(frozen=True, eq=False)
 class Marginal:
-    """Quadratic loss of one push, u' A u / 2 + b' u, with the corrections integrated out.
+    """Quadratic loss of one push, u' A u / 2 + b' u + constant, with the corrections integrated out.
 
     Its argument u holds the deviations of the model's poses (6n) from those of an expansion, frame by frame rotation
     vector [rad] and position [m], and that of the outline's logarithm.
@@ -58,12 +66,14 @@ class Marginal:
     Attributes:
         A: (6n + 1, 6n + 1).
         b: (6n + 1,).
+        constant: Loss at u = 0, which is another for each prior of the corrections.
         pull: (6n, 6n + 1), and
         shift: (6n,): the likeliest corrections are -(pull u + shift).
     """
 
     A: Tensor
     b: Tensor
+    constant: float
     pull: Tensor
     shift: Tensor
 
@@ -77,7 +87,8 @@ class Marginal:
         L = discrepancy.root
         inner = torch.eye(6 * n, dtype=torch.float64) + L.T @ H @ L
         # (H + K^-1)^-1
-        M = L @ torch.cholesky_solve(L.T, torch.linalg.cholesky(inner))
+        root = torch.linalg.cholesky(inner)
+        M = L @ torch.cholesky_solve(L.T, root)
         full = torch.cat([H, cross[:, None]], -1)
         pull = M @ full
         A = torch.zeros(6 * n + 1, 6 * n + 1, dtype=torch.float64)
@@ -85,11 +96,13 @@ class Marginal:
         A = A - full.T @ pull
         shift = M @ g
         b = torch.cat([g, gradient[:, 6].sum()[None]]) - full.T @ shift
-        return Marginal(0.5 * (A + A.T), b, pull, shift)
+        # Half the logarithm of the determinant of I + H K, less what the corrections explain of the gradient.
+        constant = float(root.diagonal().log().sum() - 0.5 * g @ shift)
+        return Marginal(0.5 * (A + A.T), b, constant, pull, shift)
 
     def loss(self, u: Tensor) -> Tensor:
-        """Losses (W,) of deviations u (W, 6n + 1)."""
-        return 0.5 * (u * (u @ self.A)).sum(-1) + u @ self.b
+        """Losses (W,) of deviations u (W, 6n + 1): minus the logarithm of the likelihood, up to what all priors share."""
+        return 0.5 * (u * (u @ self.A)).sum(-1) + u @ self.b + self.constant
 
     def corrections(self, u: Tensor) -> Tensor:
         """The likeliest corrections (n, 6) where the model deviates by u (6n + 1,)."""

@@ -91,13 +91,16 @@ class Footage:
         return max(max(frame.pixels.shape[:2]) for frame in self.frames)
 
 
-def read_footage(episode: Episode, pusher: trimesh.Trimesh, offset: tuple[float, float]) -> Footage:
+def read_footage(
+    episode: Episode, pusher: trimesh.Trimesh, offset: tuple[float, float], *, first_only: bool = False
+) -> Footage:
     """Reads the images of an episode, one at a time: of each, the part that shows the object is kept.
 
     Args:
         episode: Cameras, times, and the pusher's trajectory.
         pusher: Surface of the pusher, frame P, m.
         offset: px, added to the principal points.
+        first_only: Whether no frame but the first of each camera is read.
 
     Raises:
         InputError: An image cannot be read, or none shows the object.
@@ -105,7 +108,7 @@ def read_footage(episode: Episode, pusher: trimesh.Trimesh, offset: tuple[float,
     frames = [
         _cut(view, t, *read_episode_image(view.folder, name, view.camera))
         for view in episode.views
-        for name, t in zip(view.file_names, view.t.tolist(), strict=True)
+        for name, t in list(zip(view.file_names, view.t.tolist(), strict=True))[: 1 if first_only else None]
     ]
     if not any(frame.pixels.size for frame in frames):
         raise InputError(episode.folder, value="no frame that shows the object", allowed="a video of the object")

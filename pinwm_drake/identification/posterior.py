@@ -1,5 +1,6 @@
 """Posterior of the unknowns as draws, and the estimates of a twin that follow from them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,17 +11,21 @@ from pinwm_drake.identification.forward import inertia
 from pinwm_drake.identification.spacing import spaced
 from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
 from pinwm_drake.scene import Scene
+from pinwm_drake.twin.drift import DRIFT, WALKS
 from pinwm_drake.twin.twin import THETA, Draws, Estimate
 
 _PRIOR_DRAWS = 4000
 # Draws that a twin keeps.
 KEPT = 400
+# Those that tell how likely each drift is.
+_SHARED = 48
 # An estimate is identifiable where the images narrow its prior to less than half, and its relative standard deviation
 # is below this.
 _NARROWED, _PRECISE = 0.5, 0.3
 _MASS_NOTE = "held: with a velocity-driven pusher only ratios to the mass are observable"
 _RATIO_NOTE = "free beside the inertia: only their ratio is observable, so that the interval is that of the prior"
 _PRIOR_NOTE = "the video says little about it: the interval is mostly that of the prior"
+_DRIFT_NOTE = "standard deviation of what no parameter explains, after a way of one metre"
 _MOMENTS = {"inertia_xx": ("yy", "zz"), "inertia_yy": ("xx", "zz"), "inertia_zz": ("xx", "yy")}
 
 
@@ -31,14 +36,23 @@ class Posterior:
     Attributes:
         z: (p,), what stands for it.
         draws: (N, p).
+        kept: (m, p), at most `KEPT` of the draws, evenly spaced.
+        walks: (m,), the drift of each of these, m: see `twin/drift.py`.
     """
 
     z: Tensor
     draws: Tensor
+    kept: Tensor
+    walks: Tensor
 
-    def some(self, number: int) -> Tensor:
-        """Selection of at most so many of the draws (m, p), evenly spaced."""
-        return self.draws[spaced(len(self.draws), number)]
+    @staticmethod
+    def of(z: Tensor, draws: Tensor, shares: Callable[[Tensor], Tensor], generator: torch.Generator) -> "Posterior":
+        """The posterior with draws (N, p), and a function that tells how likely each drift is (W, K) for W of them."""
+        kept = draws[spaced(len(draws), KEPT)]
+        # The drift hardly depends on the other unknowns.
+        chances = shares(draws[spaced(len(draws), _SHARED)]).mean(0)
+        chosen = torch.multinomial(chances, len(kept), replacement=True, generator=generator)
+        return Posterior(z, draws, kept, torch.tensor(WALKS, dtype=torch.float64)[chosen])
 
 
 def estimates(
@@ -84,15 +98,18 @@ def estimates(
             nuisance[name] = Estimate(value, None, False, unit, "held")
         else:
             nuisance[name] = _estimate(value, after[name], before[name], unit, physical=False)
+    walks = posterior.walks.numpy()
+    nuisance[DRIFT] = Estimate(float(walks.mean()), _interval(walks, float(walks.mean())), True, "m", _DRIFT_NOTE)
     return theta, nuisance
 
 
 def kept_draws(coordinates: Coordinates, posterior: Posterior, scene: Scene, mass: float) -> Draws:
     """Draws of theta and of the nuisances of the object, in physical units, as a twin keeps them."""
-    values = _quantities(coordinates, posterior.some(KEPT), scene, mass)
+    values = _quantities(coordinates, posterior.kept, scene, mass)
     shared = [name for name in values if name in THETA or (name in UNKNOWNS and UNKNOWNS[name].shared)]
     names = [name for name in shared if not name.startswith("moment_")]
-    return Draws(names, np.stack([values[name] for name in names], -1))
+    columns = [values[name] for name in names] + [posterior.walks.numpy()]
+    return Draws([*names, DRIFT], np.stack(columns, -1))
 
 
 def _quantities(coordinates: Coordinates, z: Tensor, scene: Scene, mass: float) -> dict[str, np.ndarray]:

@@ -15,8 +15,9 @@ from torch import Tensor
 from pinwm_drake.identification.adam import MEASUREMENTS
 from pinwm_drake.identification.discrepancy import Discrepancy, Marginal
 from pinwm_drake.identification.expansion import Expansion, corrected, deviation, expand
-from pinwm_drake.identification.problem import Problem
+from pinwm_drake.identification.problem import Problem, Push
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.twin.drift import CHANCES, WALKS
 
 # Step of the differences by an unknown, in z. That is 1 to 2 %: pushes that begin or end within another time step make
 # poses a sawtooth of theta below that.
@@ -41,12 +42,12 @@ class Surrogate:
     Attributes:
         problem: The pushes.
         expansions: Images around poses, of each push.
-        marginals: Weighted, the corrections integrated out.
+        marginals: Weighted, the corrections integrated out; of each push, one for each of `drift.WALKS`.
     """
 
     problem: Problem
     expansions: list[Expansion]
-    marginals: list[Marginal]
+    marginals: list[list[Marginal]]
 
     @property
     def loss(self) -> float:
@@ -64,10 +65,20 @@ class Surrogate:
     @torch.no_grad()
     def objective(self, z: Tensor) -> Tensor:
         """Objective (W,) of guesses z (W, p); infinite where the physics found no solution."""
-        total = self.problem.coordinates.penalty(z)
-        for push, marginal in enumerate(self.marginals):
+        return self.problem.coordinates.penalty(z) - torch.logsumexp(self._likelihoods(z), -1)
+
+    @torch.no_grad()
+    def shares(self, z: Tensor) -> Tensor:
+        """Probabilities (W, K) of each of `drift.WALKS`, given guesses z (W, p)."""
+        return torch.softmax(self._likelihoods(z), -1)
+
+    def _likelihoods(self, z: Tensor) -> Tensor:
+        """Logarithms (W, K) of the likelihood of guesses z (W, p) with each walk; minus infinite where unsolved."""
+        total = torch.tensor(CHANCES, dtype=torch.float64).log().expand(len(z), -1)
+        for push, marginals in enumerate(self.marginals):
             u, alive = self.deviations(z, push)
-            total = torch.where(alive, total + marginal.loss(u), torch.inf)
+            losses = torch.stack([marginal.loss(u) for marginal in marginals], -1)
+            total = torch.where(alive[:, None], total - losses, -torch.inf)
         return total
 
     @torch.no_grad()
@@ -75,7 +86,8 @@ class Surrogate:
         """Curvature (p, p) (Gauss-Newton) and gradient (p,) of the objective at z (p,), by differences."""
         coordinates = self.problem.coordinates
         A, g = coordinates.precision.clone(), coordinates.precision @ z
-        for push, marginal in enumerate(self.marginals):
+        shares = self.shares(z[None])[0].nan_to_num().tolist()
+        for push, marginals in enumerate(self.marginals):
             columns = coordinates.columns(push)
             m = len(columns)
             steps = STEP_Z * torch.eye(len(z), dtype=torch.float64)[columns]
@@ -87,8 +99,9 @@ class Surrogate:
             span = (trial[up] - trial[down])[torch.arange(m), columns]
             D = torch.where(span[:, None] > 0.0, (u[up] - u[down]) / span.clamp_min(1e-9)[:, None], 0.0)
             index = torch.tensor(columns)
-            A[index[:, None], index] += D @ marginal.A @ D.T
-            g[index] += D @ (marginal.A @ u[0] + marginal.b)
+            for share, marginal in zip(shares, marginals, strict=True):
+                A[index[:, None], index] += share * (D @ marginal.A @ D.T)
+                g[index] += share * (D @ (marginal.A @ u[0] + marginal.b))
         return A, g
 
     @torch.no_grad()
@@ -114,10 +127,14 @@ class Surrogate:
                     break
         return z
 
-    def corrections(self, z: Tensor) -> list[Tensor]:
-        """The likeliest corrections (n, 6) of each push's poses, for unknowns z (p,)."""
+    def walk(self, z: Tensor) -> int:
+        """Number of the likeliest of `drift.WALKS`, given unknowns z (p,)."""
+        return int(self.shares(z[None])[0].argmax())
+
+    def corrections(self, z: Tensor, walk: int) -> list[Tensor]:
+        """The likeliest corrections (n, 6) of each push's poses, for unknowns z (p,) and one of `drift.WALKS`."""
         found = (self.deviations(z[None], push)[0][0] for push in range(len(self.marginals)))
-        return [marginal.corrections(u) for marginal, u in zip(self.marginals, found, strict=True)]
+        return [marginals[walk].corrections(u) for marginals, u in zip(self.marginals, found, strict=True)]
 
 
 @dataclass
@@ -145,32 +162,33 @@ class RefineState:
         return RefineState(0, z, torch.zeros(n, 6, dtype=torch.float64), float("inf"), False)
 
 
+def _priors(problem: Problem, push: Push, expansion: Expansion) -> list[Discrepancy]:
+    """Priors of a push's corrections for each of `drift.WALKS`, along the way of an expansion's poses."""
+    times = torch.from_numpy(push.forward.times)
+    return [Discrepancy.of(expansion.X_WO, times, problem.radius, walk) for walk in WALKS]
+
+
 @torch.no_grad()
 def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate | None:
     """Surrogate around the corrected poses of unknowns z (p,); None where the physics has no solution."""
     counts = [push.num_frames for push in problem.pushes]
-    expansions, priors = [], []
+    expansions = []
     for number, (push, d) in enumerate(zip(problem.pushes, corrections.split(counts), strict=True)):
         values = problem.coordinates.values(z[None], number)
         X, alive = push.forward.poses(values)
         if not bool(alive[0]):
             return None
-        X_WO = Pose(X.q[:, 0], X.p[:, 0])
+        X_WO = corrected(Pose(X.q[:, 0], X.p[:, 0]), d)
+        outline = values["outline"][0]
         expansions.append(
-            expand(
-                push.pictures,
-                push.surfels,
-                corrected(X_WO, d),
-                values["outline"][0],
-                problem.radius,
-                num_threads=problem.num_threads,
-            )
+            expand(push.pictures, push.surfels, X_WO, outline, problem.radius, num_threads=problem.num_threads)
         )
-        times = torch.from_numpy(push.forward.times)
-        priors.append(Discrepancy.of(X_WO, times, problem.radius))
     marginals = [
-        Marginal.of(weight[:, None] * expansion.gradient, weight[:, None, None] * expansion.curvature, prior)
-        for expansion, prior, weight in zip(expansions, priors, weights_of(expansions), strict=True)
+        [
+            Marginal.of(weight[:, None] * expansion.gradient, weight[:, None, None] * expansion.curvature, prior)
+            for prior in _priors(problem, push, expansion)
+        ]
+        for push, expansion, weight in zip(problem.pushes, expansions, weights_of(expansions), strict=True)
     ]
     return Surrogate(problem, expansions, marginals)
 
@@ -196,16 +214,16 @@ def refine(
         before = float(surrogate.objective(state.z[None])[0])
         goal = surrogate.minimise(state.z)
         gain = before - float(surrogate.objective(goal[None])[0])
-        weights = weights_of(surrogate.expansions)
-        last = joint_loss(problem, state.z, state.corrections, surrogate.expansions, weights)
+        weights, walk = weights_of(surrogate.expansions), surrogate.walk(goal)
+        last = joint_loss(problem, state.z, state.corrections, surrogate.expansions, weights, walk)
         state.done = True
         for share in _SHARES:
             z = problem.coordinates.clamp(state.z + share * (goal - state.z))
-            corrections = torch.cat(surrogate.corrections(z))
+            corrections = torch.cat(surrogate.corrections(z, walk))
             after = surrogate_at(problem, z, corrections)
             if after is None:
                 continue
-            if joint_loss(problem, z, corrections, after.expansions, weights) < last + _LEAST_GAIN:
+            if joint_loss(problem, z, corrections, after.expansions, weights, walk) < last + _LEAST_GAIN:
                 state.z, state.corrections, surrogate = z, corrections, after
                 state.done = gain < _LEAST_GAIN and share == 1.0
                 break
@@ -216,7 +234,12 @@ def refine(
 
 
 def joint_loss(
-    problem: Problem, z: Tensor, corrections: Tensor, expansions: Sequence[Expansion], weights: Sequence[Tensor]
+    problem: Problem,
+    z: Tensor,
+    corrections: Tensor,
+    expansions: Sequence[Expansion],
+    weights: Sequence[Tensor],
+    walk: int,
 ) -> float:
     """Objective of unknowns z (p,) and corrections (n, 6) together, by the images' losses at the corrected poses.
 
@@ -226,12 +249,12 @@ def joint_loss(
         corrections: Of all pushes together.
         expansions: Images at the corrected poses, of each push.
         weights: (n,) of each push's frames, as `weights_of` gives them.
+        walk: Number of one of `drift.WALKS`, for the corrections' prior.
     """
     counts = [push.num_frames for push in problem.pushes]
     total = float(problem.coordinates.penalty(z))
     for push, expansion, weight, d in zip(problem.pushes, expansions, weights, corrections.split(counts), strict=True):
-        times = torch.from_numpy(push.forward.times)
-        root = Discrepancy.of(expansion.X_WO, times, problem.radius).root
+        root = _priors(problem, push, expansion)[walk].root
         white = torch.linalg.solve_triangular(root, d.reshape(-1, 1), upper=False)
         total += 0.5 * float((weight * expansion.loss).sum()) + 0.5 * float((white * white).sum())
     return total

@@ -30,6 +30,7 @@ from pinwm_drake.identification.spacing import spaced
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.twin.drift import WALKS
 
 _COARSE_RATE = 0.5
 # Share of the coarse steps during which the frames that count grow.
@@ -229,10 +230,10 @@ class Search:
             poses.append(X_WO)
         return Found(
             problem=surrogate.problem,
-            posterior=Posterior(z, draws),
+            posterior=Posterior.of(z, draws, surrogate.shares, torch.Generator().manual_seed(self.options.seed)),
             loss=state.loss,
             poses=[Pose(X.q[:, 0], X.p[:, 0]) for X in poses],
-            corrections=surrogate.corrections(z),
+            corrections=surrogate.corrections(z, surrogate.walk(z)),
             coarse_losses=[float(loss) for loss in self.kept.done["coarse.loss"]],
             start=start,
             log=self.kept.log,
@@ -257,10 +258,16 @@ def _best(candidates: list[tuple[Surrogate | None, RefineState, int]]) -> tuple[
     alive = [(surrogate, state, start) for surrogate, state, start in candidates if surrogate is not None]
     if not alive:
         raise SolverError("the physics found no solution at the optimum; allowed: another seed or time_step")
-    weights = weights_of(min((surrogate.expansions for surrogate, *_ in alive), key=_median_loss))
-    return min(
-        alive, key=lambda one: joint_loss(one[0].problem, one[1].z, one[1].corrections, one[0].expansions, weights)
-    )
+    best = min(alive, key=lambda one: _median_loss(one[0].expansions))[0]
+    weights = weights_of(best.expansions)
+
+    def loss(one: tuple[Surrogate, RefineState, int]) -> float:
+        surrogate, state, _ = one
+        # With the widest drift, which allows any of them.
+        walk = len(WALKS) - 1
+        return joint_loss(surrogate.problem, state.z, state.corrections, surrogate.expansions, weights, walk)
+
+    return min(alive, key=loss)
 
 
 def _median_loss(expansions: Sequence) -> float:

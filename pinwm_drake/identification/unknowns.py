@@ -58,7 +58,7 @@ def _restitution(name: str) -> Unknown:
 
 
 def _support(name: str) -> Unknown:
-    return Unknown(name, "1", True, 1.0, 0.2, 0.9, low=0.15, high=3.0, physical=False)
+    return Unknown(name, "1", True, 1.15, 0.2, 0.43, low=0.15, high=3.0, physical=False)
 
 
 def _center(name: str) -> Unknown:

@@ -1,14 +1,20 @@
 """Drift of a real object away from what the physics predicts, as a random walk along the way that it makes."""
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
+from pinwm_drake.twin.twin import Twin
 
-# Standard deviation of a position after a way of one metre, m; an angle's is this over the object's radius. Out of the
-# floor's plane this share of it. From pushes of MuJoCo, Bullet and Drake: see docs/results.md.
-WALK, OUT_OF_PLANE = 5e-3, 0.1
+# Standard deviations of a position after a way of one metre [m] that an object may have, and how likely each is before
+# its video is seen; an angle's is this over the object's radius. Out of the floor's plane it is `OUT_OF_PLANE` of it.
+# From pushes of MuJoCo, Bullet and Drake: see docs/results.md.
+WALKS, CHANCES = (5e-3, 1e-2, 2e-2), (0.6, 0.3, 0.1)
+OUT_OF_PLANE = 0.1
+# Name of that of a twin, among its nuisances and draws.
+DRIFT = "drift"
 
 
 def way(X_WO: Pose, times: Tensor, radius: float) -> Tensor:
@@ -29,10 +35,22 @@ def way(X_WO: Pose, times: Tensor, radius: float) -> Tensor:
     return torch.empty_like(made).index_copy(-1, order, made)
 
 
-def drift(radius: float) -> Tensor:
-    """Standard deviations (6,) of rotation vector [rad] and position [m], world axes, after a way of one metre."""
+def drift(radius: float, walk: float) -> Tensor:
+    """Standard deviations (6,) of rotation vector [rad] and position [m], world axes, after a way of one metre.
+
+    Args:
+        radius: Of the object, m.
+        walk: That of a position in the floor's plane, m.
+    """
     share = torch.tensor([OUT_OF_PLANE, OUT_OF_PLANE, 1.0, 1.0, 1.0, OUT_OF_PLANE], dtype=torch.float64)
-    return WALK * share * per_radius(radius)
+    return walk * share * per_radius(radius)
+
+
+def typical_walk(twin: Twin) -> float:
+    """Root mean square [m] of the drift of a twin after a way of one metre; the least of `WALKS` without draws."""
+    if twin.draws is None or DRIFT not in twin.draws.names:
+        return WALKS[0]
+    return float(np.sqrt(np.mean(np.square(twin.draws.column(DRIFT)))))
 
 
 def per_radius(radius: float) -> Tensor:

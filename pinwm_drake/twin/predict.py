@@ -13,7 +13,7 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
-from pinwm_drake.twin.drift import drift, way
+from pinwm_drake.twin.drift import drift, typical_walk, way
 from pinwm_drake.twin.origin import start_pose, time_offset
 from pinwm_drake.twin.rollout import rollout, rollout_draws
 from pinwm_drake.twin.twin import Twin
@@ -24,7 +24,9 @@ _WORLDS = 64  # draws of a spread
 TWO_SIDED = 1.96  # standard deviations within which are 95 % of a normal distribution
 
 
-def predict_poses(twin: Twin, capture: Capture, episode: Episode, push: int | None) -> ObjectPoses:
+def predict_poses(
+    twin: Twin, capture: Capture, episode: Episode, push: int | None, *, start: Pose | None = None
+) -> ObjectPoses:
     """The poses of the object that a twin predicts for the frames of an episode.
 
     Args:
@@ -32,6 +34,7 @@ def predict_poses(twin: Twin, capture: Capture, episode: Episode, push: int | No
         capture: The capture of the episode, which says where the object starts.
         episode: The episode; of it, the pusher's log and the times of the frames are used.
         push: Number of the identified push that it is, see `origin.identified_push`; None for another one.
+        start: Pose of the object in the first frame, where it is known better; q (4,), p (3,) [m].
 
     Returns:
         The poses at `episode.t`.
@@ -39,7 +42,7 @@ def predict_poses(twin: Twin, capture: Capture, episode: Episode, push: int | No
     Raises:
         PinwmError: A mesh cannot be used, or the physics found no solution.
     """
-    start, late = start_pose(twin, capture, push), time_offset(twin, push)
+    start, late = start or start_pose(twin, capture, push), time_offset(twin, push)
     found = rollout(_in_place_of(twin, capture), start, episode.trajectory, episode.t + late)
     return ObjectPoses(episode.t, found.p_WO, found.q_WO)
 
@@ -64,12 +67,18 @@ class Spread:
 
 
 def predict_spread(
-    twin: Twin, capture: Capture, episode: Episode, push: int | None, *, number: int = _WORLDS
+    twin: Twin,
+    capture: Capture,
+    episode: Episode,
+    push: int | None,
+    *,
+    start: Pose | None = None,
+    number: int = _WORLDS,
 ) -> Spread | None:
     """Spread of `predict_poses`: of the physics by the twin's draws, and of what no physics of the twin's could tell.
 
     Args:
-        twin, capture, episode, push: As for `predict_poses`.
+        twin, capture, episode, push, start: As for `predict_poses`.
         number: Number of draws that are rolled out.
 
     Returns:
@@ -80,7 +89,7 @@ def predict_spread(
     """
     if twin.draws is None:
         return None
-    start, late = start_pose(twin, capture, push), time_offset(twin, push)
+    start, late = start or start_pose(twin, capture, push), time_offset(twin, push)
     rows = twin.draws.rows(number)
     placed = _in_place_of(twin, capture)
     return spread_of(rollout_draws(placed, start, episode.trajectory, episode.t + late, rows), episode.t, twin)
@@ -92,7 +101,7 @@ def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin) -> Spread:
     made = way(Pose(X_WO.q.swapaxes(0, 1), X_WO.p.swapaxes(0, 1)), torch.from_numpy(t), radius).mean(0).numpy()
     turned = turn_between(X_WO.q[:, :1], X_WO.q)
     parts = torch.cat([turned[..., 2:], X_WO.p[..., :2]], -1).var(1, correction=0).numpy()
-    sigma = drift(radius).numpy()[[2, 3, 4]]
+    sigma = drift(radius, typical_walk(twin)).numpy()[[2, 3, 4]]
     yaw, x, y = np.sqrt(parts + made[:, None] * sigma**2).T
     return Spread(x, y, yaw)
 

@@ -74,7 +74,8 @@ def test_the_truth_explains_the_video(pushed):
 
 
 def test_poses_at_the_truth_are_the_truth(pushed):
-    problem = problem_of(pushed)
+    even = {f"support_{axis}": 1.0 for axis in "xyz"}
+    problem = problem_of(pushed, held=TRUTH | even)
     z = torch.zeros(1, len(DEFAULT_FREE)).double()
     X_WO, alive = problem.pushes[0].forward.poses(problem.coordinates.values(z))
     assert bool(alive.all())
