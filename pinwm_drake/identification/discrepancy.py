@@ -101,7 +101,7 @@ class Marginal:
         return Marginal(0.5 * (A + A.T), b, constant, pull, shift)
 
     def loss(self, u: Tensor) -> Tensor:
-        """Losses (W,) of deviations u (W, 6n + 1): minus the logarithm of the likelihood, up to what all priors share."""
+        """Losses (W,) of deviations u (W, 6n + 1): minus the log likelihood, up to what all priors share."""
         return 0.5 * (u * (u @ self.A)).sum(-1) + u @ self.b + self.constant
 
     def corrections(self, u: Tensor) -> Tensor:
