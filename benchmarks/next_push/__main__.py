@@ -21,8 +21,7 @@ from benchmarks.next_push.evaluate import METHODS, SETS, evaluate, result_path, 
 from benchmarks.next_push.objects import OBJECTS, Thing, make_thing
 from benchmarks.next_push.poses import pose_capture, read_poses, write_poses
 from benchmarks.next_push.realistic_captures import write_realistic_capture
-from benchmarks.next_push.specification import CAPTURES, CaptureSpec
-from benchmarks.next_push.uneven import uneven
+from benchmarks.next_push.specification import CAPTURES, CaptureSpec, uneven
 from pinwm_drake.files import replacing
 
 

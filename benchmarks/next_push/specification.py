@@ -1,5 +1,6 @@
 """The 24 captures: six objects in four engines, with what is to be tuned on and what nobody has looked at."""
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,6 +10,7 @@ from benchmarks.next_push.engines.rollout import Theta
 from benchmarks.next_push.objects import OBJECTS, Thing
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.geometry.meshes import mass_properties
+from pinwm_drake.systems.realism.uneven import draw_unevenness
 
 Split = Literal["tuning", "unseen"]
 ENGINES = ("mujoco", "bullet", "hydroelastic", "point")
@@ -65,3 +67,18 @@ CAPTURES = tuple(
     _spec(number, thing, engine)
     for number, (engine, thing) in enumerate((engine, thing) for engine in ENGINES for thing in OBJECTS)
 )
+
+
+def uneven(thing: Thing, theta: Theta, generator: np.random.Generator) -> Theta:
+    """The truth about an object whose mass is not spread evenly, and which stands on three or four places.
+
+    Args:
+        thing: The object.
+        theta: The truth about it as a uniform solid on an even face.
+        generator: Source of randomness.
+
+    Returns:
+        The same mass and frictions, with another centre of mass, the inertia that belongs to it, and feet.
+    """
+    found = draw_unevenness(thing.mesh(), thing.hulls, theta.mass, np.array([0.0, 0.0, 1.0]), generator)
+    return dataclasses.replace(theta, p_com=found.p_com, inertia=found.inertia, feet=found.feet)

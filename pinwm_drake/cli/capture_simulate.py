@@ -34,6 +34,13 @@ def simulate(
     pusher: Annotated[str, typer.Option(help="Its shape: sphere, capsule or cylinder.")] = "sphere",
     pusher_radius: Annotated[float, typer.Option(help="In m.")] = 0.01,
     lying: Annotated[bool, typer.Option("--lying", help="The mug lies on its side.")] = False,
+    realistic: Annotated[
+        bool,
+        typer.Option(
+            "--realistic",
+            help="As a lab has it: uneven object, one lamp, blur, ragged masks; start, cameras and clock a bit off.",
+        ),
+    ] = False,
     supersampling: Annotated[int, typer.Option(help="Rendered pixels for each of an image, along each side.")] = 3,
 ) -> None:
     """Makes a capture from Drake: a stand-in for a robot that pushes an object in front of a camera."""
@@ -57,6 +64,7 @@ def simulate(
         pusher_radius=pusher_radius,
         lying=lying,
         supersampling=supersampling,
+        realistic=realistic,
     )
     with stages_bar() as progress:
         simulate_capture(options, out, progress=progress)

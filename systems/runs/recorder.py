@@ -52,6 +52,7 @@ class Recording:
         object_poses: At the times of the pictures.
         X_WO: The same as Drake's poses.
         p_WP: (n, 3) m, the pusher at the times of the pictures.
+        logged: Poses of the object at the times of the log.
     """
 
     t: np.ndarray
@@ -59,6 +60,7 @@ class Recording:
     object_poses: ObjectPoses
     X_WO: list[RigidTransform]
     p_WP: np.ndarray
+    logged: list[RigidTransform]
 
 
 class PushRecorder(ScriptedStation):
@@ -117,6 +119,7 @@ class PushRecorder(ScriptedStation):
             object_poses=ObjectPoses(t_frames, p_WO, _quaternions(X_WO_frames)),
             X_WO=X_WO_frames,
             p_WP=p_WP[::per_frame],
+            logged=poses,
         )
 
     def pictures(

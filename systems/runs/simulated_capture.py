@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import shutil
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,15 +22,22 @@ from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, 
 from pinwm_drake.errors import require
 from pinwm_drake.files import appearing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.models import OBJECT_NAMES
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.systems.pusher.choice import choose_push, coasting_speed
+from pinwm_drake.systems.realism.camera import LabCamera
+from pinwm_drake.systems.realism.lamp import glossy_model
+from pinwm_drake.systems.realism.mistakes import MARGIN, Realism, late_log, moved_camera, moved_on_floor
+from pinwm_drake.systems.realism.uneven import draw_unevenness, write_with_feet
 from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape, Theta
-from pinwm_drake.systems.scenario.setup import make_setup
+from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import on_floor
 from pinwm_drake.systems.scenario.viewpoints import around, framed
+from pinwm_drake.twin import Estimate
+from pinwm_drake.twin.rollout import twin_parameters, twin_scene
 
 CaptureProgress = Callable[[str, float, str], None]
 """Called with "images", the share of them that is written, and their number in words."""
@@ -40,6 +48,8 @@ _PUSHER_LENGTH = 0.06  # m, of the straight part of a capsule or cylinder
 _COASTING = 0.012  # m, by which the object slides on after it has left the pusher: what shows its friction
 _GRAVITY = 9.81  # m/s^2
 _SPEEDS = (0.12, 0.4)  # m/s, of a push whose speed is not given
+_ANY_SPEED = (0.05, 0.3)  # m/s, of one in a realistic capture
+_FROM_ORIGIN = 0.02  # m, of the object at first, along x and y
 _RECORD_RATE = 240.0  # Hz, the lowest of the pusher's log
 _LONGEST_STEP = 1 / 3800  # s
 _BOUNCING_STEPS = 2  # times more of them where an impact of some 3 ms is to keep its energy
@@ -70,6 +80,7 @@ class SimulateOptions:
     pusher_radius: float
     lying: bool
     supersampling: int
+    realistic: bool = False
 
     def __post_init__(self) -> None:
         """Checks them; those of the scenario within its bounds."""
@@ -141,22 +152,31 @@ def simulate_capture(
     Raises:
         PinwmError: An option is refused, or a file cannot be written.
     """
-    with appearing(out) as folder:
-        _Capture(folder, options).write(progress)
+    with appearing(out) as folder, tempfile.TemporaryDirectory() as models:
+        _Capture(folder, options, Path(models)).write(progress)
 
 
 class _Capture:
     """A capture in the making."""
 
-    def __init__(self, folder: Path, options: SimulateOptions) -> None:
+    def __init__(self, folder: Path, options: SimulateOptions, models: Path) -> None:
         self.folder, self.options = folder, options
         setup = make_setup(options.scenario)
+        self.mesh_path, self.mesh = setup.twin.mesh_path, load_mesh(setup.twin.mesh_path)
+        self.generator = np.random.default_rng([options.seed, 0])
+        R_WO = self._first_turn()
+        if options.realistic:
+            setup = _uneven_setup(setup, self.mesh, R_WO, options, models)
         self.twin, self.shape = setup.twin, options.shape
-        self.mesh = load_mesh(self.twin.mesh_path)
         self.camera = Camera.from_field_of_view(options.size, options.size, _FIELD_OF_VIEW)
         self.recorder: PushRecorder = MakePushRecorder(setup, options.rates, self.camera, options.supersampling)
-        self.generator = np.random.default_rng([options.seed, 0])
-        self.X_WO = self.recorder.settle(self._first_pose())
+        x, y = self.generator.uniform(-_FROM_ORIGIN, _FROM_ORIGIN, 2)
+        standing = load_mesh(self.twin.mesh_path).vertices
+        self.X_WO = self.recorder.settle(on_floor(standing, R_WO, x, y, 0.0))
+        self.mistakes = np.random.default_rng([options.seed, 3])
+        self.lab: LabCamera | None = None
+        if options.realistic:
+            self.lab = LabCamera(self.recorder, Realism(), self.mesh.convex_hull.vertices, self.mistakes)
 
     def write(self, progress: CaptureProgress) -> None:
         """Writes all files of the capture."""
@@ -170,14 +190,14 @@ class _Capture:
 
         progress("images", 0.0, "getting ready")
         (self.folder / "meshes").mkdir()
-        shutil.copyfile(self.twin.mesh_path, self.folder / "meshes/object.obj")
+        shutil.copyfile(self.mesh_path, self.folder / "meshes/object.obj")
         _write_mesh(self.folder / "meshes/pusher.obj", pusher_surface(PusherGeometry(None, self.shape)))
         write_capture_yaml(
             self.folder,
             name=self.options.object_name,
             mesh="meshes/object.obj",
             mass=self.options.mass,
-            X_WO=_pose(self.X_WO),
+            X_WO=_pose(self._written_start()),
             pusher_mesh="meshes/pusher.obj",
             pusher_shape=self.shape,
             floor_height=self.twin.floor_height,
@@ -186,23 +206,30 @@ class _Capture:
         self._write_static_views(advance)
         for k in range(self.options.episodes):
             self._write_episode(k, advance)
+        scene = twin_scene(self.twin, _pose(self.X_WO).q)
         write_ground_truth(
             self.folder,
             mass=self.options.mass,
-            inertia=mass_properties(self.mesh, mass=self.options.mass).inertia,
+            inertia=twin_parameters(self.twin, scene).inertia[0, 0].numpy(),
             friction_floor=self.options.friction,
             friction_pusher=self.options.pusher_friction,
             restitution=self.options.restitution,
         )
 
-    def _first_pose(self) -> RigidTransform:
-        """First pose of the object: near the origin, turned at random, on the floor."""
-        yaw, x, y = self.generator.uniform([-math.pi, -0.02, -0.02], [math.pi, 0.02, 0.02])
-        R_WO = RotationMatrix.MakeZRotation(yaw)
+    def _first_turn(self) -> RotationMatrix:
+        """First orientation of the object, turned at random."""
+        R_WO = RotationMatrix.MakeZRotation(self.generator.uniform(-math.pi, math.pi))
         if self.options.lying:
             # Turned by half a facet, the mug lies on a face and not on an edge.
             R_WO = R_WO @ RotationMatrix.MakeYRotation(math.pi / 2) @ RotationMatrix.MakeZRotation(math.pi / 64)
-        return on_floor(self.mesh.vertices, R_WO, x, y, 0.0)
+        return R_WO
+
+    def _written_start(self) -> RigidTransform:
+        """Pose of the object that the capture tells."""
+        if self.lab is None:
+            return self.X_WO
+        realism = self.lab.realism
+        return moved_on_floor(self.X_WO, realism.start_place, realism.start_turn, self.mistakes)
 
     def _write_static_views(self, advance: Callable[[], None]) -> None:
         folder = self.folder / "static"
@@ -210,11 +237,17 @@ class _Capture:
         turn = self.generator.uniform(0, 2 * math.pi)
         distance = _reach(self.mesh.vertices) / (1 - _STATIC_MARGIN) / math.sin(0.5 * _FIELD_OF_VIEW)
         viewpoints = around(self.X_WO.translation(), distance, self.options.static_views, turn)
-        pictures = self.recorder.pictures([self.X_WO] * len(viewpoints), viewpoints)
+        if self.lab is None:
+            pictures = self.recorder.pictures([self.X_WO] * len(viewpoints), viewpoints)
+        else:
+            pictures = self.lab.still(self.X_WO, viewpoints)
         frames = []
         for k, (X_WC, picture) in enumerate(zip(viewpoints, pictures, strict=True)):
             name = f"images/{k:05d}.png"
             _write_image(folder / name, picture)
+            if self.lab is not None:
+                realism = self.lab.realism
+                X_WC = moved_camera(X_WC, realism.static_place, realism.static_turn, self.mistakes)
             frames.append((name, _pose(X_WC)))
             advance()
         write_transforms(folder / "transforms.json", self.camera, frames)
@@ -223,13 +256,17 @@ class _Capture:
         options, generator = self.options, np.random.default_rng([self.options.seed, 1, number])
         p_WO, mesh_W = self.X_WO.translation(), self.mesh.copy()
         mesh_W.apply_transform(self.X_WO.GetAsMatrix4())
+        speed = options.push_speed * generator.uniform(0.85, 1.15)
+        if options.realistic and options.speed is None:
+            # A lab does not know the friction when it chooses a speed.
+            speed = generator.uniform(*_ANY_SPEED)
         push = choose_push(
             mesh_W,
             p_WO,
             self.shape,
             generator,
             height=pushing_height(self.shape, 0.0, p_WO[2]),
-            speed=options.push_speed * generator.uniform(0.85, 1.15),
+            speed=speed,
             distance=options.distance * generator.uniform(0.85, 1.15),
         )
         side = generator.choice([-1, 1]) * generator.uniform(math.radians(40), math.radians(110))
@@ -243,12 +280,39 @@ class _Capture:
         folder = self.folder / "episodes" / f"{number:04d}"
         (folder / "rgb").mkdir(parents=True)
         names = [f"rgb/{k:05d}.png" for k in range(options.frames)]
-        pictures = self.recorder.pictures(recording.X_WO, [X_WC] * options.frames, recording.p_WP)
+        log = recording.trajectory
+        if self.lab is None:
+            pictures = self.recorder.pictures(recording.X_WO, [X_WC] * options.frames, recording.p_WP)
+        else:
+            pictures = self.lab.film(log.t, recording.logged, log.p_WP, recording.t, X_WC)
         for name, picture in zip(names, pictures, strict=True):
             _write_image(folder / name, picture)
             advance()
-        poses = recording.object_poses
-        write_episode_tables(folder, self.camera, _pose(X_WC), names, recording.t, recording.trajectory, poses)
+        if self.lab is not None:
+            realism = self.lab.realism
+            X_WC = moved_camera(X_WC, realism.episode_place, realism.episode_turn, self.mistakes)
+            log = late_log(log, self.mistakes.uniform(-realism.clock, realism.clock), MARGIN)
+        write_episode_tables(folder, self.camera, _pose(X_WC), names, recording.t, log, recording.object_poses)
+
+
+def _uneven_setup(
+    setup: Setup, mesh: trimesh.Trimesh, R_WO: RotationMatrix, options: SimulateOptions, models: Path
+) -> Setup:
+    """Setup with a lump in the object, feet below it unless it lies, and glossy colours, whose files go to `models`."""
+    up = R_WO.matrix()[2]
+    generator = np.random.default_rng([options.seed, 2])
+    hulls = [piece.vertices for piece in mesh_pieces(setup.twin.mesh_path)]
+    found = draw_unevenness(mesh, hulls, options.mass, up, generator)
+    twin, plain = setup.twin, mass_properties(mesh, mass=options.mass).p_com
+    theta = {f"inertia_{2 * axis}": float(found.inertia[k, k]) for k, axis in enumerate("xyz")}
+    off = {f"center_{axis}": float(found.p_com[k] - plain[k]) for k, axis in enumerate("xyz")}
+    twin = dataclasses.replace(
+        twin,
+        mesh_path=twin.mesh_path if options.lying else write_with_feet(twin.mesh_path, models, found.feet, up),
+        theta=twin.theta | {name: dataclasses.replace(twin.theta[name], value=value) for name, value in theta.items()},
+        nuisance=twin.nuisance | {name: Estimate(value, None, True, "m", "drawn") for name, value in off.items()},
+    )
+    return dataclasses.replace(setup, twin=twin, visual_path=glossy_model(setup.visual_path, models))
 
 
 def _reach(vertices: np.ndarray) -> float:

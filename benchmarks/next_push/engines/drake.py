@@ -7,7 +7,6 @@ from multiprocessing.util import Finalize
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
@@ -21,6 +20,7 @@ from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.systems.engines.plant.engine import PlantHandle
 from pinwm_drake.systems.engines.plant.scene import PushPlant
 from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.systems.realism.uneven import write_with_feet
 from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
@@ -29,7 +29,6 @@ from pinwm_drake.systems.sdf.contact import CORNER_RADIUS
 from pinwm_drake.twin import THETA, Estimate, Twin
 
 _STEPS_PER_LOG = 16  # 1/3840 s
-_FOOT_RADIUS, _FOOT_HEIGHT = 0.003, 0.002  # m
 _NO_PUSHER = PusherShape("sphere", 0.01)
 _AWAY = np.array([0.0, 0.0, 50.0])  # m
 
@@ -125,21 +124,10 @@ def _roll_out(
 
 
 def _with_feet(thing: Thing, theta: Theta) -> Path:
-    """Mesh of an object and of discs that stand out as its feet, closed surfaces of their own, with its pieces."""
+    """Mesh of an object with its feet, in a folder that goes with the process."""
     folder = Path(tempfile.mkdtemp(prefix="next_push_"))
     Finalize(None, shutil.rmtree, (folder, True), exitpriority=0)
-    path, text = folder / thing.mesh_path.name, thing.mesh_path.read_text(encoding="utf-8")
-    count = sum(line.startswith("v ") for line in text.splitlines())
-    for k, foot in enumerate(theta.feet):
-        disc = trimesh.creation.cylinder(_FOOT_RADIUS, _FOOT_HEIGHT, sections=12)
-        disc.apply_translation(foot + np.array([0, 0, 0.5 * _FOOT_HEIGHT]))
-        text += f"o foot_{k}\n" + "".join(f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in disc.vertices)
-        text += "".join(f"f {a} {b} {c}\n" for a, b, c in disc.faces + 1 + count)
-        count += len(disc.vertices)
-    path.write_text(text, encoding="utf-8")
-    if (beside := thing.mesh_path.parent / "pieces").is_dir():
-        shutil.copytree(beside, folder / "pieces")
-    return path
+    return write_with_feet(thing.mesh_path, folder, theta.feet, np.array([0.0, 0.0, 1.0]))
 
 
 def _plant(recorder: PushRecorder) -> PushPlant:

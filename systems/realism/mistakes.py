@@ -8,6 +8,8 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from pinwm_drake.capture.episodes import PusherTrajectory
 
+MARGIN = 0.05  # s, by which a log is longer than the video at both ends
+
 
 @dataclass(frozen=True)
 class Realism:
