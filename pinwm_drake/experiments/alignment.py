@@ -15,6 +15,7 @@ from pinwm_drake.files import prepare_folder
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fitting import FitResult, fit
+from pinwm_drake.rendering.registration import register, registered
 from pinwm_drake.rendering.views import View
 from pinwm_drake.report.surfels.fit_results import write_fit_results
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
@@ -79,16 +80,19 @@ def align(
         progress("fitting", iteration / iterations, figures)
 
     progress("fitting", 0.0, "getting ready")
+    registration = register(source.views, source.mesh, source.up)
+    views = registered(source.views, registration)
     often = replace(options, checkpoint_every=_CHECKPOINT_EVERY)
-    result = fit(source.views, source.mesh, often, folder=out, resume=resume, progress=fitted)
+    result = fit(views, source.mesh, often, folder=out, resume=resume, progress=fitted)
     write_fit_results(
         out,
         source.path,
         source.mesh_path,
-        source.views,
+        views,
         source.up,
         options,
         result,
+        registration,
         lambda share: progress("drawing", share, "turntable"),
     )
     return result

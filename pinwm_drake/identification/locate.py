@@ -12,7 +12,7 @@ from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.identification.expansion import corrected, expand
 from pinwm_drake.identification.image_loss import BLOCKS, difference, squares
 from pinwm_drake.identification.lighting import lit
-from pinwm_drake.identification.pictures import Pictures, make_pictures, read_footage
+from pinwm_drake.identification.pictures import Footage, Pictures, make_pictures, read_footage
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.threads import available
@@ -22,18 +22,16 @@ from pinwm_drake.twin.twin import Twin
 _SIZES = (32.0, 64.0, 130.0)
 # Widths and steps of the search around the pose that is given: m, rad.
 _REACH, _PLACE, _TURN = 2, 5e-3, math.radians(3.0)
+# Changes that the search does not go beyond, but for a step: x, y [m], yaw [rad].
+LIMIT = (_REACH + 1) * torch.tensor([_PLACE, _PLACE, _TURN], dtype=torch.float64)
 _STEPS = 6
 _RIDGE = 1e-3
 # Guesses that are rendered at once.
 _TOGETHER = 8
 
 
-@torch.no_grad()
 def locate(twin: Twin, episode: Episode, X_WO: Pose, *, num_threads: int | None = None) -> Pose:
     """Pose of the object in the first frame of an episode, on the floor and as upright as a given one.
-
-    Place and yaw are those whose rendering is nearest to the first picture of each camera, within some 10 mm and 6° of
-    those given.
 
     Args:
         twin: Mesh, pusher and appearance, and the offset of its capture's cameras.
@@ -45,28 +43,47 @@ def locate(twin: Twin, episode: Episode, X_WO: Pose, *, num_threads: int | None 
         X_WO; q (4,), p (3,) [m].
 
     Raises:
-        InputError: An image cannot be read, or none shows the object.
+        InputError: An image cannot be read, or none shows the object within some 10 mm and 6° of the given pose.
     """
-    number = num_threads or available()
     footage = read_footage(episode, pusher_surface(twin.pusher), twin.camera_offset, first_only=True)
     radius = half_diagonal(load_mesh(twin.mesh_path))
+    d = find_start(footage, twin.surfels, X_WO, radius, num_threads=num_threads)
+    if bool((d.abs() > LIMIT).any()):
+        far = f"{1e3 * float(d[:2].norm()):.1f} mm and {math.degrees(abs(float(d[2]))):.1f}°"
+        allowed = f"{1e3 * float(LIMIT[0]):g} mm and {math.degrees(float(LIMIT[2])):g}° at the most"
+        raise InputError(episode.folder, value=f"an object {far} away from where it should be", allowed=allowed)
+    return _moved(X_WO, d)
+
+
+@torch.no_grad()
+def find_start(
+    footage: Footage, surfels: Surfels, X_WO: Pose, radius: float, *, num_threads: int | None = None
+) -> Tensor:
+    """Place and yaw for which renderings are nearest to the first picture of each camera.
+
+    Args:
+        footage: Frames of a push.
+        surfels: The object's appearance, frame O.
+        X_WO: Where the object is about; q (4,), p (3,) [m].
+        radius: Of the object, m.
+        num_threads: Threads of the renderer; None for one on each core.
+
+    Returns:
+        x, y [m] and yaw [rad] against the given pose, (3,); where an element is beyond `LIMIT`, the object was not
+        found.
+    """
+    number, footage = num_threads or available(), footage.first()
     outline = torch.ones((), dtype=torch.float64)
     d = torch.zeros(3, dtype=torch.float64)
     for turn, size in enumerate(_SIZES):
         pictures = make_pictures(footage, size, together=turn == 0)
         at = _frames(_moved(X_WO, d), len(footage.frames))
-        surfels = lit(pictures, twin.surfels, at, num_threads=number)
+        shown = lit(pictures, surfels, at, num_threads=number)
         if turn == 0:
-            d = _nearest(pictures, surfels, X_WO, d, number)
+            d = _nearest(pictures, shown, X_WO, d, number)
             continue
-        d, outline = _refined(pictures, surfels, X_WO, d, outline, radius, number)
-    limit = (_REACH + 1) * torch.tensor([_PLACE, _PLACE, _TURN], dtype=torch.float64)
-    if bool((d.abs() > limit).any()):
-        found = (
-            f"{1e3 * float(d[:2].norm()):.1f} mm and {math.degrees(abs(float(d[2]))):.1f}° away from where it should be"
-        )
-        raise InputError(episode.folder, value=found, allowed=f"{1e3 * _REACH * _PLACE:g} mm and 6° at the most")
-    return _moved(X_WO, d)
+        d, outline = _refined(pictures, shown, X_WO, d, outline, radius, number)
+    return d
 
 
 def _moved(X_WO: Pose, d: Tensor) -> Pose:

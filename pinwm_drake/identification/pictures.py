@@ -85,6 +85,11 @@ class Footage:
     offset: tuple[float, float]
     pusher: trimesh.Trimesh
 
+    def first(self) -> "Footage":
+        """Footage of the first frame of each camera alone."""
+        firsts = [next(frame for frame in self.frames if frame.view is view) for view in self.episode.views]
+        return replace(self, frames=firsts)
+
     @property
     def longest(self) -> int:
         """Longest side of the object in any frame, px."""

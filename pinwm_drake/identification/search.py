@@ -13,11 +13,13 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.errors import SolverError
+from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.identification.adam import AdamState, descend
 from pinwm_drake.identification.checkpoint import Checkpoint
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.image_loss import BLOCKS
 from pinwm_drake.identification.lighting import lit
+from pinwm_drake.identification.locate import LIMIT, find_start
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import Footage, Pictures, make_pictures
 from pinwm_drake.identification.posterior import Posterior
@@ -81,6 +83,21 @@ class Task:
             surfels = self._lit(pictures, forward, values)
             pushes.append(Push(forward, pictures, surfels))
         return Problem(tuple(pushes), self.coordinates, self.num_threads)
+
+    def started(self, z: Tensor) -> Tensor:
+        """Guesses z (W, p) with each push's start where its first pictures have it, where start poses are free."""
+        z = z.clone()
+        for number, (footage, forward) in enumerate(zip(self.footages, self.forwards, strict=True)):
+            radius = half_diagonal(forward.scene.mesh)
+            d = find_start(footage, self.surfels, forward.X_WO, radius, num_threads=self.num_threads)
+            if bool((d.abs() > LIMIT).any()):
+                continue
+            for name, change in zip(("start_x", "start_y", "start_yaw"), d, strict=True):
+                for column in self.coordinates.columns(number):
+                    unknown = self.coordinates.free[column]
+                    if unknown.name == name:
+                        z[:, column] = (change - self.coordinates.centre[name]) / unknown.scale
+        return self.coordinates.clamp(z)
 
     def _lit(self, pictures: Pictures, forward: Forward, values: dict[str, Tensor] | None) -> Surfels:
         """Surfels in the light of pictures, by the first of them where no motion is known."""
@@ -151,6 +168,7 @@ class Search:
         state = self.kept.load_adam("coarse")
         if state is None:
             guesses = self.coordinates.draw(options.screened, torch.Generator().manual_seed(options.seed))
+            guesses = self.task.started(guesses)
             guesses = problem.fit_outline(guesses, (1,))
             with torch.no_grad():
                 losses = torch.cat(problem.frame_losses(guesses, BLOCKS)).mean(0)

@@ -91,9 +91,9 @@ UNKNOWNS: dict[str, Unknown] = {
         _center("center_z"),
         Unknown("contact_offset", "m", False, 0.0, 5e-4, 1e-3, low=-0.02, high=0.02, physical=False),
         Unknown("lift", "m", False, 0.0, 1e-3, 3e-3, physical=False),
-        Unknown("start_x", "m", False, 0.0, 2e-3, 3e-3, physical=False, shared=False),
-        Unknown("start_y", "m", False, 0.0, 2e-3, 3e-3, physical=False, shared=False),
-        Unknown("start_yaw", "rad", False, 0.0, _DEGREE, 2.0 * _DEGREE, physical=False, shared=False),
+        Unknown("start_x", "m", False, 0.0, 2e-3, 5e-3, physical=False, shared=False),
+        Unknown("start_y", "m", False, 0.0, 2e-3, 5e-3, physical=False, shared=False),
+        Unknown("start_yaw", "rad", False, 0.0, _DEGREE, 3.0 * _DEGREE, physical=False, shared=False),
         Unknown("time_offset", "s", False, 0.0, 5e-3, 2e-2, low=-0.2, high=0.2, physical=False, shared=False),
         Unknown("outline", "1", True, 1.0, 0.01, 0.1, low=0.5, high=2.0, physical=False, shared=False),
     )

@@ -14,6 +14,7 @@ from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fitting import FitResult
 from pinwm_drake.rendering.ply import write_ply
+from pinwm_drake.rendering.registration import Registration
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.views import View
 from pinwm_drake.report.figures.align import Strip, align_figure
@@ -36,6 +37,7 @@ def write_fit_results(
     up: np.ndarray,
     options: FitOptions,
     result: FitResult,
+    registration: Registration,
     report: Callable[[float], None] = lambda share: None,
 ) -> None:
     """Writes `FILES`, the surfels first.
@@ -48,6 +50,7 @@ def write_fit_results(
         up: (3,), unit, object frame: upwards in the pictures.
         options: Of the fit.
         result: Of the fit.
+        registration: Where the views have the object, against the pose that was given.
         report: Called with the share of the turntable that is drawn.
 
     Raises:
@@ -56,7 +59,7 @@ def write_fit_results(
     surfels = result.surfels
     write_ply(out / SURFELS_FILE, surfels)
     with replacing(out / ALIGN_FILE) as temporary:
-        temporary.write_text(json.dumps(_record(source, mesh_path, options, result), indent=1) + "\n")
+        temporary.write_text(json.dumps(_record(source, mesh_path, options, result, registration), indent=1) + "\n")
     title = f"{source.resolve().name}: {surfels.num_surfels:,} surfels"
     _draw(out / FIGURE_FILE, views, result, title)
     write_surfel_page(out / PAGE_FILE, surfels, title=title, up=up)
@@ -78,8 +81,10 @@ def read_offset(path: Path) -> tuple[float, float]:
     return x, y
 
 
-def _record(source: Path, mesh_path: Path, options: FitOptions, result: FitResult) -> dict[str, object]:
-    """Figures and provenance; dB, s and px."""
+def _record(
+    source: Path, mesh_path: Path, options: FitOptions, result: FitResult, registration: Registration
+) -> dict[str, object]:
+    """Figures and provenance; dB, s, px, m and rad."""
     history = result.history
     return {
         "schema_version": 1,
@@ -93,6 +98,11 @@ def _record(source: Path, mesh_path: Path, options: FitOptions, result: FitResul
         "views": {"fitted": result.psnr_train, "held_out": result.psnr_test},
         "held_out_curve": {"iteration": history.test_iteration.tolist(), "psnr": history.test_psnr.tolist()},
         "camera_offset": list(result.camera_offset),
+        "object": {
+            "shift": round(registration.shift, 6),
+            "turn": round(registration.turn, 6),
+            "differing": [round(share, 5) for share in registration.differing],
+        },
         "options": asdict(options),
         "versions": versions(),
     }

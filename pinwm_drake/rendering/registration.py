@@ -1,0 +1,102 @@
+"""Registration of a mesh to the masks of posed images: where the object is that they show."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+import trimesh
+from scipy.optimize import minimize
+
+from pinwm_drake.rendering.silhouette import silhouette
+from pinwm_drake.rendering.views import View
+from pinwm_drake.spatial.poses import Pose, compose
+from pinwm_drake.spatial.rotations import quaternion_exp
+
+# Longest side of the masks that are compared, px, and the margin around the object.
+_SIZE, _MARGIN = 200, 12
+# First steps of the search: m, rad; and its precision.
+_PLACE, _TURN = 4e-3, 0.05
+_PRECISE, _EVALUATIONS = 2e-5, 200
+# A pose is left as it is given unless another one takes away so much of the difference of the masks.
+_WORTH = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Pose of the object in the views, against the one that was given.
+
+    Attributes:
+        X_OS: The pose that the images show, in the frame O of the pose that was given; q (4,), p (3,) [m].
+        differing: Shares of the masks' pixels that differ from the mesh's outline, before and after.
+    """
+
+    X_OS: Pose
+    differing: tuple[float, float]
+
+    @property
+    def shift(self) -> float:
+        """Distance of the two places of the object's middle, m."""
+        return float(self.X_OS.p.norm())
+
+    @property
+    def turn(self) -> float:
+        """Angle between the two orientations, rad."""
+        return 2.0 * float(torch.atan2(self.X_OS.q[1:].norm(), self.X_OS.q[0].abs()))
+
+
+def register(views: Sequence[View], mesh: trimesh.Trimesh, up: np.ndarray) -> Registration:
+    """Finds where an object on a floor is in posed images: place and yaw for which outlines and masks agree best.
+
+    Args:
+        views: The images, with the poses of the object that were given.
+        mesh: Surface of the object, m, frame O.
+        up: (3,), unit, frame O: the floor's normal.
+
+    Returns:
+        The registration; the given pose itself where no other one is clearly better.
+    """
+    corners = torch.from_numpy(np.array(mesh.vertices))
+    small = []
+    for view in views:
+        box = view.object_box(corners, _MARGIN)
+        part = view.cropped(*box)
+        small.append(part.scaled(min(_SIZE / max(box[2:]), 1.0)))
+    total = sum(int(view.mask.sum()) for view in small)
+    if total == 0:
+        return Registration(_moved(np.zeros(3), up), (0.0, 0.0))
+
+    def differing(d: np.ndarray) -> float:
+        X_OS, count = _moved(d * [_PLACE, _PLACE, _TURN], up), 0
+        for view in small:
+            covered = silhouette(mesh, view.camera, compose(view.X_CO, X_OS))
+            shown = view.mask.numpy()
+            count += int(shown.sum()) if covered is None else int((covered != shown).sum())
+        return count / total
+
+    before = differing(np.zeros(3))
+    simplex = np.vstack([np.zeros(3), np.eye(3)])
+    options = {"initial_simplex": simplex, "xatol": _PRECISE / _PLACE, "fatol": 1e-5, "maxfev": _EVALUATIONS}
+    found = minimize(differing, np.zeros(3), method="Nelder-Mead", options=options)
+    if float(found.fun) > (1.0 - _WORTH) * before:
+        return Registration(_moved(np.zeros(3), up), (before, before))
+    return Registration(_moved(found.x * [_PLACE, _PLACE, _TURN], up), (before, float(found.fun)))
+
+
+def registered(views: Sequence[View], registration: Registration) -> list[View]:
+    """Views with the object where the registration has it."""
+    return [replace(view, X_CO=compose(view.X_CO, registration.X_OS)) for view in views]
+
+
+def _moved(d: np.ndarray, up: np.ndarray) -> Pose:
+    """Pose of an object moved by d (3,): place [m] along two axes across `up`, angle [rad] about it."""
+    z = torch.as_tensor(up, dtype=torch.float64)
+    q = quaternion_exp(float(d[2]) * z)
+    # Two axes across the normal: those that turning z upwards makes of x and y.
+    side = torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64)
+    if abs(float(z[0])) > 0.9:
+        side = torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
+    across = torch.linalg.cross(z, side)
+    across = across / across.norm()
+    along = torch.linalg.cross(across, z)
+    return Pose(q, float(d[0]) * along + float(d[1]) * across)
