@@ -83,9 +83,8 @@ def moments(
 ) -> tuple[list[RigidTransform], np.ndarray]:
     """Poses of the object and places (n, 3) m of the pusher at times t (n,) s within a motion's times."""
     # Those around the times alone: Slerp prepares all that it is given.
-    first = max(int(np.searchsorted(log_t, t.min(), side="right")) - 1, 0)
-    last = min(int(np.searchsorted(log_t, t.max(), side="left")) + 1, len(log_t))
-    first = min(first, last - 2)
+    first = int(np.clip(np.searchsorted(log_t, t.min(), side="right") - 1, 0, len(log_t) - 2))
+    last = max(int(np.searchsorted(log_t, t.max(), side="left")) + 1, first + 2)
     log_t, X_WO, p_WP = log_t[first:last], X_WO[first:last], p_WP[first:last]
     turns = Rotation.from_matrix(np.array([X.rotation().matrix() for X in X_WO]))
     x, y, z, w = Slerp(log_t, turns)(t).as_quat().T

@@ -312,7 +312,9 @@ def _uneven_setup(
         theta=twin.theta | {name: dataclasses.replace(twin.theta[name], value=value) for name, value in theta.items()},
         nuisance=twin.nuisance | {name: Estimate(value, None, True, "m", "drawn") for name, value in off.items()},
     )
-    return dataclasses.replace(setup, twin=twin, visual_path=glossy_model(setup.visual_path, models))
+    return dataclasses.replace(
+        make_setup(setup.scenario, twin=twin), visual_path=glossy_model(setup.visual_path, models)
+    )
 
 
 def _reach(vertices: np.ndarray) -> float:

@@ -15,12 +15,10 @@ from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, Rollout, The
 from benchmarks.next_push.engines.table import engine
 from benchmarks.next_push.jug import scanned_jug
 from benchmarks.next_push.objects import OBJECTS, make_thing
-from benchmarks.next_push.pictures import blurred, ragged
 from benchmarks.next_push.poses import PER_FRAME, pose_capture, read_poses, write_poses
 from benchmarks.next_push.pushes import FRAME_RATE, Push, draw_pushes
 from benchmarks.next_push.realistic_captures import write_realistic_capture
-from benchmarks.next_push.specification import CAPTURES, ENGINES
-from benchmarks.next_push.uneven import uneven
+from benchmarks.next_push.specification import CAPTURES, ENGINES, uneven
 from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.scene import PusherShape, read_capture
@@ -199,33 +197,6 @@ def test_a_realistic_capture_is_wrong_as_it_says(posed, tmp_path):
     picture = np.array(Image.open(tmp_path / "realistic/static/images/00000.png"))
     assert picture.shape == (96, 96, 4)
     assert set(np.unique(picture[..., 3])) == {0, 255}
-
-
-def test_masks_are_wrong_by_so_much_and_no_more():
-    picture = np.full((80, 80, 4), (255, 255, 255, 0), np.uint8)
-    picture[20:60, 20:60] = (200, 10, 10, 255)
-    behind = np.array([90, 90, 90], np.uint8)
-    for wider, inner, outer in ((1.0, 40, 43), (-1.0, 37, 40)):
-        wrong = ragged(picture, wider, behind, np.random.default_rng(0), most=1.5)
-        mask = wrong[..., 3] > 0
-        assert inner**2 - 20 <= mask.sum() <= outer**2 + 20
-        assert (mask.sum() > 1600) == (wider > 0)
-        assert not mask[:18].any()
-        assert mask[22:58, 22:58].all()
-        # What the mask adds is what is behind the object.
-        assert (wrong[mask & (picture[..., 3] == 0), :3] == behind).all()
-
-
-def test_motion_blurs_across_the_way():
-    moments = []
-    for k in range(4):
-        picture = np.full((10, 20, 4), (255, 255, 255, 0), np.uint8)
-        picture[:, k : 8 + k] = (200, 0, 0, 255)
-        moments.append(picture)
-    mean = blurred(moments, np.array([100, 100, 100], np.uint8))
-    np.testing.assert_array_equal(mean[0, :, 3] > 0, (np.arange(20) >= 1) & (np.arange(20) < 10))
-    np.testing.assert_array_equal(mean[0, 5, :3], [200, 0, 0])
-    np.testing.assert_array_equal(mean[0, 9, :3], [150, 50, 50])
 
 
 def test_the_scanned_jug_is_one_closed_surface_with_a_hole():

@@ -120,3 +120,29 @@ def test_options_out_of_range_are_named(pinwm, tmp_path, options, message):
     assert code == 1
     assert message in errors
     assert not list(tmp_path.iterdir())
+
+
+def test_a_realistic_capture_is_a_bit_off(pinwm, made, tmp_path):
+    out = tmp_path / "real"
+    code, output, errors = pinwm("capture", "simulate", str(out), "--object", "cube", "--friction", "0.2",
+        "--mass", "0.5", "--seed", "3", "--realistic", *SMALL)  # fmt: skip
+    assert (code, errors) == (0, "")
+    assert f"wrote {out}" in output
+    capture = read_capture(out)
+    truth = yaml.safe_load((out / "ground_truth.yaml").read_text())
+    plain = mass_properties(load_mesh(out / "meshes/object.obj"), mass=0.5).inertia
+    # A lump, off the middle; the mesh that is written is that of the even object.
+    assert abs(truth["inertia_xx"] / plain[0, 0] - 1.0) > 0.01
+    assert (out / "meshes/object.obj").read_bytes() == (made / "meshes/object.obj").read_bytes()
+    for name in capture.episode_names:
+        episode = read_episode(capture, name)
+        poses = episode.object_poses
+        shift = poses.p_WO[0] - capture.object.X_WO.p.numpy()
+        assert 1e-4 < np.linalg.norm(shift[:2]) < 0.03
+        # It stands on feet, and the log is not by the camera's clock, but goes on beyond the video.
+        assert 0.0300 < poses.p_WO[0, 2] < 0.0302
+        assert episode.trajectory.t[0] < episode.t[0]
+        assert episode.trajectory.t[-1] > episode.t[-1]
+        _, masks = read_frames(episode)
+        assert masks.any(dim=1).any(dim=1).all()
+    assert (out / "static/images/00000.png").read_bytes() != (made / "static/images/00000.png").read_bytes()
