@@ -15,11 +15,11 @@ from pinwm_drake.capture.scene import Capture, read_capture
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.files import replacing
 from pinwm_drake.identification import IdentifyOptions, identify
-from pinwm_drake.identification.locate import locate
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.rendering.surfels import Surfels
-from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset
+from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
 from pinwm_drake.report.twin.data import read_ground_truth
+from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin import SURFELS_FILE, Twin
 from pinwm_drake.twin.predict import predict_poses, predict_spread
 from pinwm_drake.twin.twin import Estimate
@@ -68,12 +68,12 @@ def _evaluate(out: Path, kind: str, spec: CaptureSpec, method: str, chosen: tupl
     result: _Errors = {"capture": spec.name, "split": spec.split, "method": method, "pushes": list(chosen)}
     if method == "still":
         return result | {"predictions": [_score(still(capture, one), one) for one in episodes]}
-    surfels, offset = appearance(out, kind, spec)
+    surfels, offset, X_OS = appearance(out, kind, spec)
     if method == "truth":
-        twin = _true_twin(capture, episodes[0], surfels, offset, truth)
+        twin = _true_twin(capture, episodes[0], (surfels, offset, X_OS), truth)
     else:
         options = _PIN_WM if method == "pin-wm" else IdentifyOptions()
-        found = identify(capture, [episodes[k] for k in chosen], surfels, offset, options)
+        found = identify(capture, [episodes[k] for k in chosen], surfels, offset, options, X_OS=X_OS)
         twin = found.twin
         result |= {
             "seconds": round(found.found.seconds, 1),
@@ -83,34 +83,37 @@ def _evaluate(out: Path, kind: str, spec: CaptureSpec, method: str, chosen: tupl
             "truth": truth,
         }
     others = [one for k, one in enumerate(episodes) if k not in chosen]
-    return result | {"predictions": [_prediction(twin, capture, one, located=kind == "realistic") for one in others]}
+    return result | {"predictions": [_prediction(twin, capture, one) for one in others]}
 
 
-def appearance(out: Path, kind: str, spec: CaptureSpec) -> tuple[Surfels, tuple[float, float]]:
-    """Surfels of a capture and the offset of its cameras, aligned once."""
+def appearance(out: Path, kind: str, spec: CaptureSpec) -> tuple[Surfels, tuple[float, float], Pose]:
+    """Surfels of a capture, the offset of its cameras, and where they have the object, aligned once."""
     folder = out / "twins" / kind / spec.name
     if not (folder / ALIGN_FILE).exists():
         align(out / kind / spec.name, folder)
-    return read_ply(folder / SURFELS_FILE), read_offset(folder / ALIGN_FILE)
+    path = folder / ALIGN_FILE
+    return read_ply(folder / SURFELS_FILE), read_offset(path), read_registration(path)
 
 
 def _true_twin(
-    capture: Capture, episode: Episode, surfels: Surfels, offset: tuple[float, float], truth: dict[str, float]
+    capture: Capture,
+    episode: Episode,
+    appearance: tuple[Surfels, tuple[float, float], Pose],
+    truth: dict[str, float],
 ) -> Twin:
     """Twin with the true parameters that a capture tells: masses and frictions, on a face that presses evenly."""
     blank = IdentifyOptions(screened=1, starts=1, coarse_iterations=0, fine_iterations=0, moves=2, free=("lift",))
-    twin = identify(capture, episode, surfels, offset, blank).twin
+    surfels, offset, X_OS = appearance
+    twin = identify(capture, episode, surfels, offset, blank, X_OS=X_OS).twin
     theta = {name: replace(one, value=truth.get(name, one.value)) for name, one in twin.theta.items()}
     lift = Estimate(0.0, None, False, "m")
     floor = capture.floor_height
     return replace(twin, theta=theta, nuisance=twin.nuisance | {"lift": lift}, floor_height=floor, draws=None)
 
 
-def _prediction(twin: Twin, capture: Capture, episode: Episode, *, located: bool) -> _Errors:
-    """Errors of a prediction, from the start that the first picture shows or from the one that is written."""
-    start = locate(twin, episode, capture.object.X_WO) if located else None
-    poses = predict_poses(twin, capture, episode, None, start=start)
-    spread = predict_spread(twin, capture, episode, None, start=start)
+def _prediction(twin: Twin, capture: Capture, episode: Episode) -> _Errors:
+    poses = predict_poses(twin, capture, episode, None)
+    spread = predict_spread(twin, capture, episode, None)
     result = _score(poses, episode)
     if spread is not None:
         result["spread"] = [float(values[-1]) for values in (spread.x, spread.y, spread.yaw)]

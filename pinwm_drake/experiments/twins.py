@@ -20,7 +20,7 @@ from pinwm_drake.identification.progress import Progress as SearchProgress
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.ply import read_ply
-from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset
+from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
 from pinwm_drake.twin import SURFELS_FILE, write_twin
 
 # Parameters that the progress shows.
@@ -59,6 +59,7 @@ def twin_from_capture(
     if not has_surfels(out):
         align(path, out, options=fit_options, resume=resume, progress=progress)
     surfels, offset = read_ply(out / SURFELS_FILE), read_offset(out / ALIGN_FILE)
+    X_OS = read_registration(out / ALIGN_FILE)
 
     def searched(step: SearchProgress) -> None:
         theta = "  ".join(f"{word} {step.values[name]:.3g}" for name, word in _SHOWN.items() if name in step.values)
@@ -71,7 +72,7 @@ def twin_from_capture(
 
     progress("identifying", 0.0, "getting ready (the first run compiles for minutes)")
     options = IdentifyOptions() if options is None else options
-    result = identify(capture, pushes, surfels, offset, options, folder=out, resume=resume, report=searched)
+    result = identify(capture, pushes, surfels, offset, options, X_OS=X_OS, folder=out, resume=resume, report=searched)
     twin = replace(result.twin, provenance={**result.twin.provenance, **_provenance()})
     result = replace(result, twin=twin)
     write_history(out / HISTORY_FILE, result.found)

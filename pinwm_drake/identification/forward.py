@@ -77,6 +77,12 @@ class Forward:
             q, p = q.index_copy(1, rows, X_WO.q), p.index_copy(1, rows, X_WO.p)
         return Pose(q, p), alive
 
+    def shown(self, values: dict[str, Tensor]) -> tuple[Pose, Tensor]:
+        """Poses of the object as the camera shows them: those of `poses`, moved by `view_x`, `view_y` and `view_z`."""
+        X_WO, alive = self.poses(values)
+        view = torch.stack([values[f"view_{axis}"] for axis in "xyz"], -1)
+        return Pose(X_WO.q, X_WO.p + view), alive
+
     def parameters(self, values: dict[str, Tensor]) -> Parameters:
         """Parameters theta of W worlds."""
         return Parameters(

@@ -6,24 +6,28 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.geometry.patch import corner_spread
 from pinwm_drake.identification.forward import Forward
+from pinwm_drake.identification.locate import LIMIT, find_start
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import read_footage
 from pinwm_drake.identification.posterior import estimates, kept_draws
 from pinwm_drake.identification.progress import Progress
 from pinwm_drake.identification.search import Search, Task
 from pinwm_drake.identification.search_result import Found
-from pinwm_drake.identification.unknowns import Coordinates
+from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Scene, make_scene, resting_height
+from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
-from pinwm_drake.twin.origin import Origin
+from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
 from pinwm_drake.twin.plain_data import to_plain
 from pinwm_drake.twin.twin import Estimate, Twin
 
@@ -55,6 +59,7 @@ def identify(
     camera_offset: tuple[float, float],
     options: IdentifyOptions | None = None,
     *,
+    X_OS: Pose | None = None,
     folder: Path | None = None,
     resume: bool = False,
     report: Callable[[Progress], None] = lambda _: None,
@@ -70,6 +75,7 @@ def identify(
         surfels: The object's appearance, frame O.
         camera_offset: px, added to the principal points of the episodes' cameras.
         options: Options of the search.
+        X_OS: Where the static views have the object, against the pose in `capture.yaml`; None for the latter.
         folder: Folder of the checkpoints; None for none.
         resume: Whether to go on from a checkpoint in `folder`.
         report: Called after each step.
@@ -89,7 +95,8 @@ def identify(
     names = [episode.name for episode in pushes]
     if not names or len(set(names)) < len(names):
         raise ParameterError(f"episodes are {names}; allowed: one or more, each once")
-    origin = Origin.of(capture, pushes)
+    origin, written = Origin.of(capture, pushes), capture.object.X_WO
+    capture = capture if X_OS is None else seen_in(capture, X_OS)
     number = options.threads
     mass = options.held.get("mass", capture.object.mass or _NOMINAL_MASS)
     # The kernels bring their own threads, with which torch's, spinning between its calls, would compete.
@@ -97,26 +104,25 @@ def identify(
     torch.set_num_threads(1)
     try:
         scene = capture_scene(capture, options)
-        coordinates = _coordinates(capture, options, scene, mass, len(pushes))
-        task = Task(
-            [read_footage(episode, pusher_surface(capture.pusher), camera_offset) for episode in pushes],
-            [Forward(scene, episode, capture.object.X_WO, mass, number) for episode in pushes],
-            surfels,
-            coordinates,
-            number,
-        )
+        footages = [read_footage(episode, pusher_surface(capture.pusher), camera_offset) for episode in pushes]
+        radius, X_WO = half_diagonal(scene.mesh), capture.object.X_WO
+        starts = [find_start(footage, surfels, X_WO, radius, num_threads=number) for footage in footages]
+        coordinates = _coordinates(capture, options, scene, mass, starts)
+        forwards = [Forward(scene, episode, X_WO, mass, number) for episode in pushes]
+        task = Task(footages, forwards, surfels, coordinates, starts, number)
         about = {
             "capture": origin.sha256,
             "episodes": names,
             "camera_offset": list(camera_offset),
             "surfels": _digest(surfels),
+            "X_WO": [*X_WO.q.tolist(), *X_WO.p.tolist()],
             "num_threads": number,
             **to_plain({name: value for name, value in asdict(options).items() if name not in _MAY_CHANGE}),
         }
         found = Search(task, options, folder=folder, about=about, resume=resume, report=report).run()
     finally:
         torch.set_num_threads(wide)
-    twin = _twin(capture, origin, surfels, camera_offset, options, coordinates, found, scene, mass)
+    twin = _twin(capture, written, origin, surfels, camera_offset, options, coordinates, found, scene, mass)
     poses = [
         ObjectPoses(episode.t, X_WO.p[: len(episode.t)].numpy(), X_WO.q[: len(episode.t)].numpy())
         for episode, X_WO in zip(pushes, found.poses, strict=True)
@@ -145,19 +151,28 @@ def capture_scene(capture: Capture, options: IdentifyOptions) -> Scene:
     )
 
 
-def _coordinates(capture: Capture, options: IdentifyOptions, scene: Scene, mass: float, pushes: int) -> Coordinates:
-    """The unknowns, with the spread of the pressure held where the support is chosen."""
+def _coordinates(
+    capture: Capture, options: IdentifyOptions, scene: Scene, mass: float, starts: Sequence[Tensor]
+) -> Coordinates:
+    """The unknowns, with the spread of the pressure held where the support is chosen.
+
+    A camera is as far off as the object that it shows is away from where the static views have it; starts (3,) are what
+    `find_start` found.
+    """
     free, held = options.free, {"mass": mass, **options.held}
     if options.support != "auto":
         free = tuple(name for name in free if name not in _SUPPORT)
         R_WO = quaternion_to_matrix(capture.object.X_WO.q).numpy()
         spread = corner_spread(scene.mesh, R_WO) if options.support == "corners" else (1.0, 1.0, 1.0)
         held |= dict(zip(_SUPPORT, spread, strict=True))
-    return Coordinates(free, held, pushes)
+    far = [float(d[:2].norm()) if bool((d.abs() <= LIMIT).all()) else 0.0 for d in starts]
+    views = [{f"view_{axis}": max(UNKNOWNS[f"view_{axis}"].prior, one) for axis in "xyz"} for one in far]
+    return Coordinates(free, held, len(starts), views)
 
 
 def _twin(
     capture: Capture,
+    written: Pose,
     origin: Origin,
     surfels: Surfels,
     camera_offset: tuple[float, float],
@@ -190,6 +205,7 @@ def _twin(
         surfels=surfels,
         provenance={
             **origin.to_provenance(),
+            **registration_entry(written, capture.object.X_WO),
             "seed": options.seed,
             "loss": found.loss,
             "coarse_losses": found.coarse_losses,

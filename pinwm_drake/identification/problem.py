@@ -69,7 +69,7 @@ class Problem:
         found = []
         for number, push in enumerate(self.pushes):
             values = self.coordinates.values(z, number)
-            X_WO, alive = push.forward.poses(values)
+            X_WO, alive = push.forward.shown(values)
             parts = []
             for first in range(0, len(z), _TOGETHER):
                 some = slice(first, first + _TOGETHER)

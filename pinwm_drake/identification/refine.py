@@ -57,7 +57,7 @@ class Surrogate:
     def deviations(self, z: Tensor, push: int) -> tuple[Tensor, Tensor]:
         """Deviations (W, 6n + 1) of guesses z (W, p) from the expansion of a push, and (W,) bool: solved."""
         values, expansion = self.problem.coordinates.values(z, push), self.expansions[push]
-        X_WO, alive = self.problem.pushes[push].forward.poses(values)
+        X_WO, alive = self.problem.pushes[push].forward.shown(values)
         at = Pose(expansion.X_WO.q[:, None], expansion.X_WO.p[:, None])
         poses = deviation(X_WO, at).transpose(0, 1).reshape(len(z), -1)
         return torch.cat([poses, (values["outline"] / expansion.outline).log()[:, None]], -1), alive
@@ -175,7 +175,7 @@ def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate 
     expansions = []
     for number, (push, d) in enumerate(zip(problem.pushes, corrections.split(counts), strict=True)):
         values = problem.coordinates.values(z[None], number)
-        X, alive = push.forward.poses(values)
+        X, alive = push.forward.shown(values)
         if not bool(alive[0]):
             return None
         X_WO = corrected(Pose(X.q[:, 0], X.p[:, 0]), d)

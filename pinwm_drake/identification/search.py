@@ -13,13 +13,12 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.errors import SolverError
-from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.identification.adam import AdamState, descend
 from pinwm_drake.identification.checkpoint import Checkpoint
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.image_loss import BLOCKS
 from pinwm_drake.identification.lighting import lit
-from pinwm_drake.identification.locate import LIMIT, find_start
+from pinwm_drake.identification.locate import LIMIT
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import Footage, Pictures, make_pictures
 from pinwm_drake.identification.posterior import Posterior
@@ -55,6 +54,7 @@ class Task:
         forwards: Physics of each push.
         surfels: The object's appearance, frame O.
         coordinates: The unknowns.
+        starts: x, y [m] and yaw [rad] (3,) of each push's start in its first pictures, as `find_start` found them.
         num_threads: Threads of the renderer.
     """
 
@@ -62,6 +62,7 @@ class Task:
     forwards: Sequence[Forward]
     surfels: Surfels
     coordinates: Coordinates
+    starts: Sequence[Tensor]
     num_threads: int
 
     def problem(self, size: float, most: int, z: Tensor | None) -> Problem:
@@ -85,18 +86,21 @@ class Task:
         return Problem(tuple(pushes), self.coordinates, self.num_threads)
 
     def started(self, z: Tensor) -> Tensor:
-        """Guesses z (W, p) with each push's start where its first pictures have it, where start poses are free."""
+        """Guesses z (W, p) that show each push's start where its first pictures have it, where that is free."""
         z = z.clone()
-        for number, (footage, forward) in enumerate(zip(self.footages, self.forwards, strict=True)):
-            radius = half_diagonal(forward.scene.mesh)
-            d = find_start(footage, self.surfels, forward.X_WO, radius, num_threads=self.num_threads)
+        for number, d in enumerate(self.starts):
             if bool((d.abs() > LIMIT).any()):
                 continue
-            for name, change in zip(("start_x", "start_y", "start_yaw"), d, strict=True):
-                for column in self.coordinates.columns(number):
-                    unknown = self.coordinates.free[column]
-                    if unknown.name == name:
-                        z[:, column] = (change - self.coordinates.centre[name]) / unknown.scale
+            columns = {self.coordinates.free[column].name: column for column in self.coordinates.columns(number)}
+            wanted = {"start_yaw": float(d[2])}
+            for axis, total in zip("xy", d.tolist(), strict=False):
+                # What is seen aside of the static views was moved, or the camera is wrong: each as likely as its prior.
+                names = [name for name in (f"start_{axis}", f"view_{axis}") if name in columns]
+                variances = [self.coordinates.deviations[columns[name]] ** 2 for name in names]
+                wanted |= {name: total * one / sum(variances) for name, one in zip(names, variances, strict=True)}
+            for name, value in wanted.items():
+                if name in columns:
+                    z[:, columns[name]] = value / self.coordinates.free[columns[name]].scale
         return self.coordinates.clamp(z)
 
     def _lit(self, pictures: Pictures, forward: Forward, values: dict[str, Tensor] | None) -> Surfels:
@@ -106,7 +110,7 @@ class Task:
             start = Pose(forward.X_WO.q[None], forward.X_WO.p[None])
             return lit(first, self.surfels, start, num_threads=self.num_threads)
         with torch.no_grad():
-            X_WO, alive = forward.poses(values)
+            X_WO, alive = forward.shown(values)
         if not bool(alive[0]):
             return self.surfels
         return lit(pictures, self.surfels, Pose(X_WO.q[:, 0], X_WO.p[:, 0]), num_threads=self.num_threads)

@@ -70,7 +70,8 @@ _DEGREE = math.pi / 180.0
 # moment_* multiply the second moments of mass of a uniform solid along the axes of O, which covers only inertias of
 # real bodies; support_* spread the pressure on the face that the object rests on along them, against a uniform one;
 # center_* move the centre of mass; contact_offset is by how much larger object and pusher act together than their
-# meshes; lift raises object and floor over what the capture says; outline scales the object in the images about
+# meshes; lift raises object and floor over what the capture says; view_* move what the camera of a push shows against
+# the world of the pusher, as a camera that is calibrated wrongly does; outline scales the object in the images about
 # its middle there, as segmentation and anti-aliasing do, which else would be taken for a distance.
 UNKNOWNS: dict[str, Unknown] = {
     unknown.name: unknown
@@ -91,10 +92,13 @@ UNKNOWNS: dict[str, Unknown] = {
         _center("center_z"),
         Unknown("contact_offset", "m", False, 0.0, 5e-4, 1e-3, low=-0.02, high=0.02, physical=False),
         Unknown("lift", "m", False, 0.0, 1e-3, 3e-3, physical=False),
-        Unknown("start_x", "m", False, 0.0, 2e-3, 5e-3, physical=False, shared=False),
-        Unknown("start_y", "m", False, 0.0, 2e-3, 5e-3, physical=False, shared=False),
+        Unknown("start_x", "m", False, 0.0, 2e-3, 1e-3, physical=False, shared=False),
+        Unknown("start_y", "m", False, 0.0, 2e-3, 1e-3, physical=False, shared=False),
         Unknown("start_yaw", "rad", False, 0.0, _DEGREE, 3.0 * _DEGREE, physical=False, shared=False),
         Unknown("time_offset", "s", False, 0.0, 5e-3, 2e-2, low=-0.2, high=0.2, physical=False, shared=False),
+        Unknown("view_x", "m", False, 0.0, 1e-3, 5e-4, physical=False, shared=False),
+        Unknown("view_y", "m", False, 0.0, 1e-3, 5e-4, physical=False, shared=False),
+        Unknown("view_z", "m", False, 0.0, 1e-3, 5e-4, physical=False, shared=False),
         Unknown("outline", "1", True, 1.0, 0.01, 0.1, low=0.5, high=2.0, physical=False, shared=False),
     )
 }
@@ -117,13 +121,20 @@ class Coordinates:
     the second, and so on.
     """
 
-    def __init__(self, free: Sequence[str], held: Mapping[str, float], pushes: int = 1) -> None:
+    def __init__(
+        self,
+        free: Sequence[str],
+        held: Mapping[str, float],
+        pushes: int = 1,
+        priors: Sequence[Mapping[str, float]] = (),
+    ) -> None:
         """Chooses the free unknowns and the values of the held ones.
 
         Args:
             free: Names of the free unknowns, each once.
             held: Physical values of others, by name; for a free one, the value at z = 0.
             pushes: Number of pushes.
+            priors: Standard deviations of some unknowns of each push, by name, in the place of their own; none for all.
 
         Raises:
             ParameterError: An unknown name, none at all, one twice, or a value out of its bounds.
@@ -148,7 +159,10 @@ class Coordinates:
             for unknown, push in zip(self.free, self.push, strict=True)
         ]
         self.centre = {name: float(held.get(name, unknown.nominal)) for name, unknown in UNKNOWNS.items()}
-        prior = [unknown.prior / unknown.scale for unknown in self.free]
+        own_priors = [priors[push] if priors and push >= 0 else {} for push in self.push]
+        given = zip(self.free, own_priors, strict=True)
+        self.deviations = [other.get(unknown.name, unknown.prior) for unknown, other in given]
+        prior = [deviation / unknown.scale for unknown, deviation in zip(self.free, self.deviations, strict=True)]
         self.precision = torch.diag(torch.tensor([1.0 / value**2 for value in prior], dtype=torch.float64))
         for first, second, deviation in _ALIKE:
             self._couple(first, second, deviation)

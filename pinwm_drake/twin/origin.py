@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from pinwm_drake.capture.episodes import Episode
 from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.errors import InputError
-from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.poses import Pose, compose
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
 from pinwm_drake.twin.twin import Twin
 
@@ -107,6 +107,35 @@ def identified_push(twin: Twin, capture: Capture, episode: Episode) -> int | Non
     return origin.episodes.index(episode.name) if same else None
 
 
+def seen_in(capture: Capture, X_OS: Pose) -> Capture:
+    """The capture with the object where its static views show it, X_OS against the pose that is written."""
+    return replace(capture, object=replace(capture.object, X_WO=compose(capture.object.X_WO, X_OS)))
+
+
+def registration_entry(written: Pose, seen: Pose) -> dict[str, Any]:
+    """The entry of a twin's provenance that `seen_start` looks for: poses X_WO that are written and seen."""
+    poses = {"written": written, "seen": seen}
+    return {"start": {name: {"q": X.q.tolist(), "p": X.p.tolist()} for name, X in poses.items()}}
+
+
+def seen_start(twin: Twin, capture: Capture) -> Pose:
+    """Pose X_WO of the object at the start of a capture's episodes: as its static views show it, where that is known.
+
+    Args:
+        twin: The twin; of its own capture, it knows where the static views have the object.
+        capture: The capture.
+    """
+    X_WO, known = capture.object.X_WO, twin.provenance.get("start")
+    if not isinstance(known, dict):
+        return X_WO
+    written, seen = (
+        Pose(*(torch.tensor(known[name][key], dtype=torch.float64) for key in ("q", "p")))
+        for name in ("written", "seen")
+    )
+    same = torch.allclose(written.q, X_WO.q, atol=1e-9) and torch.allclose(written.p, X_WO.p, atol=1e-9)
+    return seen if same else X_WO
+
+
 def start_pose(twin: Twin, capture: Capture, push: int | None) -> Pose:
     """Pose of the object at the start of an episode.
 
@@ -121,7 +150,7 @@ def start_pose(twin: Twin, capture: Capture, push: int | None) -> Pose:
     Returns:
         X_WO; q (4,), p (3,) [m].
     """
-    X_WO = capture.object.X_WO
+    X_WO = seen_start(twin, capture)
     if push is None:
         return X_WO
     x, y, yaw = (of_push(twin, key, push, 0.0) for key in ("start_x", "start_y", "start_yaw"))

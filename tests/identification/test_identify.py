@@ -85,7 +85,7 @@ def test_poses_at_the_truth_are_the_truth(pushed):
 def test_gradient_of_the_loss_is_that_of_differences(pushed):
     problem = problem_of(pushed, together=True)
     names = problem.coordinates.names
-    z = 0.3 * torch.randn(1, len(names), generator=torch.Generator().manual_seed(6), dtype=torch.float64)
+    z = 0.3 * torch.randn(1, len(names), generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     z[:, names.index("outline")] = 0.0
     moving = z.clone().requires_grad_()
     problem.frame_losses(moving, BLOCKS)[0].mean().backward()

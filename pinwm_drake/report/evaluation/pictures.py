@@ -34,6 +34,7 @@ class Cast:
         camera_offset: Offset to add to cx and cy [px].
         time_offset: Offset to add to a frame's time for that of the pusher [s].
         outline: Factor by which the object is larger in the images than its surfels are.
+        view: By how much the camera shows the object aside of where it is, world [m].
     """
 
     mesh: trimesh.Trimesh
@@ -42,6 +43,7 @@ class Cast:
     camera_offset: tuple[float, float]
     time_offset: float = 0.0
     outline: float = 1.0
+    view: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @staticmethod
     def of(twin: Twin, push: int | None) -> "Cast":
@@ -52,6 +54,7 @@ class Cast:
             push: Number of the identified push that the episode is, whose clock was estimated; None for another.
         """
         outline = of_push(twin, "outline", push or 0, 1.0)
+        x, y, z = (of_push(twin, f"view_{axis}", push or 0, 0.0) for axis in "xyz")
         return Cast(
             mesh=load_mesh(twin.mesh_path),
             surfels=twin.surfels,
@@ -59,6 +62,7 @@ class Cast:
             camera_offset=twin.camera_offset,
             time_offset=time_offset(twin, push),
             outline=outline if outline > 0 else 1.0,
+            view=(0.0, 0.0, 0.0) if push is None else (x, y, z),
         )
 
 
@@ -113,7 +117,7 @@ def draw_frame(episode: Episode, k: int, poses: ObjectPoses, cast: Cast) -> Pict
     image, mask = read_episode_image(episode.folder, episode.file_names[k], episode.camera)
     camera = episode.camera.shifted(cast.camera_offset)
     X_CW = inverse(episode.X_WC)
-    X_WO = Pose(torch.from_numpy(poses.q_WO[k].copy()), torch.from_numpy(poses.p_WO[k].copy()))
+    X_WO = Pose(torch.from_numpy(poses.q_WO[k].copy()), torch.from_numpy(poses.p_WO[k] + cast.view))
     with torch.no_grad():
         rendering = render(cast.surfels, _zoomed(camera, mask, cast.outline), compose(X_CW, X_WO), full=False)
     X_WP = episode.pusher_pose(float(episode.t[k]) + cast.time_offset)

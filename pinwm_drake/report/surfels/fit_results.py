@@ -20,6 +20,7 @@ from pinwm_drake.rendering.views import View
 from pinwm_drake.report.figures.align import Strip, align_figure
 from pinwm_drake.report.surfels.page import write_surfel_page
 from pinwm_drake.report.surfels.turntable import FRAME_RATE, write_turntable
+from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin import SURFELS_FILE
 
 ALIGN_FILE, FIGURE_FILE, PAGE_FILE, VIDEO_FILE = "align.json", "align.png", "view.html", "turntable.mp4"
@@ -81,6 +82,23 @@ def read_offset(path: Path) -> tuple[float, float]:
     return x, y
 
 
+def read_registration(path: Path) -> Pose:
+    """The pose X_OS of the object that the static views show, against the one that was given.
+
+    Args:
+        path: `align.json`; one of an older release tells no registration, which is that of the pose that was given.
+
+    Raises:
+        InputError: The file cannot be used.
+    """
+    found = read_json(path).find("object")
+    if found is None:
+        return Pose(torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64), torch.zeros(3, dtype=torch.float64))
+    entry = found["X_OS"]
+    q, p = torch.from_numpy(entry["q"].numbers(4)), torch.from_numpy(entry["p"].numbers(3))
+    return Pose(q / q.norm(), p)
+
+
 def _record(
     source: Path, mesh_path: Path, options: FitOptions, result: FitResult, registration: Registration
 ) -> dict[str, object]:
@@ -99,6 +117,7 @@ def _record(
         "held_out_curve": {"iteration": history.test_iteration.tolist(), "psnr": history.test_psnr.tolist()},
         "camera_offset": list(result.camera_offset),
         "object": {
+            "X_OS": {"q": registration.X_OS.q.tolist(), "p": registration.X_OS.p.tolist()},
             "shift": round(registration.shift, 6),
             "turn": round(registration.turn, 6),
             "differing": [round(share, 5) for share in registration.differing],
