@@ -1,5 +1,6 @@
 """`pinwm align`: options, a bar of the fit, and its quality in a table."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -68,7 +69,8 @@ def show_align(source: Path, out: Path, *, mesh: Path | None, options: "FitOptio
 
     from pinwm_drake.experiments.alignment import align
     from pinwm_drake.rendering.checkpoint import FILE as CHECKPOINT_FILE
-    from pinwm_drake.report.surfels.fit_results import FILES
+    from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, FILES, read_registration
+    from pinwm_drake.spatial.rotations import quaternion_log
 
     if resume and not (out / CHECKPOINT_FILE).exists():
         say(f"no {CHECKPOINT_FILE} in {out}: starting anew")
@@ -87,6 +89,10 @@ def show_align(source: Path, out: Path, *, mesh: Path | None, options: "FitOptio
         say(f"interrupted after iteration {iteration}{kept}")
         raise SystemExit(1) from None
     Console().print(_summary(result))
+    shift = read_registration(out / ALIGN_FILE)
+    place, turn = 1e3 * float(shift.p.norm()), math.degrees(float(quaternion_log(shift.q).norm()))
+    if place > 0.0 or turn > 0.0:
+        say(f"the static views show the object {place:.1f} mm and {turn:.1f}° away from its pose in the capture")
     for name in FILES:
         say(f"wrote {out / name}")
 

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from pinwm_drake.cli.console import say, stages_bar
 from pinwm_drake.errors import InputError, require
-from pinwm_drake.files import prepare_folder
+from pinwm_drake.files import prepare_folder, replacing
 
 if TYPE_CHECKING:
     from pinwm_drake.capture.episodes import Episode, ObjectPoses
@@ -31,6 +31,9 @@ def predict(
             help="Look for the object in the first picture; else it is where capture.yaml says.",
         ),
     ] = False,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw the motion over time, with its 95 % band, to this .png file.")
+    ] = None,
     video: Annotated[
         Path | None, typer.Option(help="Film camera, twin and difference side by side to this .mp4 file.")
     ] = None,
@@ -39,15 +42,17 @@ def predict(
     from pinwm_drake.capture.episodes import read_episode_folder
     from pinwm_drake.capture.write import write_pose_table
     from pinwm_drake.identification.locate import locate
+    from pinwm_drake.report.figures.poses import motion_figure
     from pinwm_drake.report.twin.prediction_film import write_prediction_film
     from pinwm_drake.twin import read_twin
     from pinwm_drake.twin.origin import identified_push, start_pose
     from pinwm_drake.twin.predict import mismatches, predict_poses, predict_spread
 
+    require("--plot", plot, plot is None or plot.suffix.lower() == ".png", "a name that ends in .png")
     require("--video", video, video is None or video.suffix.lower() == ".mp4", "a name that ends in .mp4")
     found = read_twin(twin)
     capture, push = read_episode_folder(episode)
-    for path in (out, video):
+    for path in (out, plot, video):
         if path is not None:
             _require_free(path, push)
     errors = Console(stderr=True, soft_wrap=True)
@@ -63,6 +68,10 @@ def predict(
     for line in _summary(poses, capture, push, spread):
         say(line)
     say(f"wrote {out}")
+    if plot is not None:
+        with replacing(plot) as temporary:
+            motion_figure(poses, push.object_poses, push.trajectory, spread).savefig(temporary, format="png")
+        say(f"wrote {plot}")
     if video is not None:
         with stages_bar(transient=True) as show:
             write_prediction_film(

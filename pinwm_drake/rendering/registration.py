@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.rendering.views import View
 from pinwm_drake.spatial.poses import Pose, compose
-from pinwm_drake.spatial.rotations import quaternion_exp
+from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_log
 
 # Longest side of the masks that are compared, px, and the margin around the object.
 _SIZE, _MARGIN = 200, 12
@@ -42,7 +42,7 @@ class Registration:
     @property
     def turn(self) -> float:
         """Angle between the two orientations, rad."""
-        return 2.0 * float(torch.atan2(self.X_OS.q[1:].norm(), self.X_OS.q[0].abs()))
+        return float(quaternion_log(self.X_OS.q).norm())
 
 
 def register(views: Sequence[View], mesh: trimesh.Trimesh, up: np.ndarray) -> Registration:

@@ -315,3 +315,16 @@ def test_an_object_of_few_pixels(pushed_cube):
 def test_captures_without_episodes(pushed_cube):
     shutil.rmtree(pushed_cube / "episodes")
     only(pushed_cube, "warning", "episodes", "no episode")
+
+
+def test_further_cameras_are_checked_as_the_first_one(pushed_cube):
+    again = pushed_cube / EPISODE / "cameras/side"
+    again.mkdir(parents=True)
+    for name in ("camera.json", "frames.csv"):
+        shutil.copyfile(pushed_cube / EPISODE / name, again / name)
+    shutil.copytree(pushed_cube / EPISODE / "rgb", again / "rgb")
+    result = check_capture(pushed_cube)
+    assert not result.problems
+    assert result.images["0000"] == 2 * FRAMES
+    next(iter((again / "rgb").iterdir())).unlink()
+    only(pushed_cube, "error", "cameras/side/frames.csv", "rgb/")

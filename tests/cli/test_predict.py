@@ -1,20 +1,32 @@
+import dataclasses
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from pinwm_drake.capture import PusherShape
 from pinwm_drake.capture.episode_tables import read_pose_table
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.scene import PusherGeometry, read_capture
-from pinwm_drake.twin import Estimate, origin, read_twin
-from pinwm_drake.twin.origin import hash_capture, identified_push, start_pose, time_offset
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.twin import Estimate, origin, read_twin, write_twin
+from pinwm_drake.twin.origin import (
+    hash_capture,
+    identified_push,
+    registration_entry,
+    seen_in,
+    seen_start,
+    start_pose,
+    time_offset,
+)
 from tests.capture.cube import SIDE
 from tests.report.samples import GAP, SPEED, write_identified, write_push
 from tests.twin.samples import estimates
 
 FRAMES = 5
+LEVEL = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
 # Without bounce, and with so much friction that the cube stops at once where the pusher leaves it.
 THETA = estimates(restitution_floor=0.0, restitution_pusher=0.0, friction_floor=0.5)
 
@@ -48,13 +60,14 @@ def test_a_cube_is_where_the_pusher_puts_it(pinwm, folder, tmp_path):
 
 def test_an_episode_without_truth_has_no_score(pinwm, folder, tmp_path):
     arguments = [str(folder / "twin"), str(folder / "capture/episodes/second"), "--out", str(tmp_path / "p.csv")]
-    video = tmp_path / "film.mp4"
-    code, output, errors = pinwm("predict", *arguments, "--video", str(video))
+    video, plot = tmp_path / "film.mp4", tmp_path / "motion.png"
+    code, output, errors = pinwm("predict", *arguments, "--video", str(video), "--plot", str(plot))
     assert (code, errors) == (0, "")
     assert "score: none, as the episode has no object_poses.csv for these times\n" in output
     reader = cv2.VideoCapture(str(video))
     assert reader.get(cv2.CAP_PROP_FRAME_COUNT) == FRAMES
     assert reader.get(cv2.CAP_PROP_FRAME_WIDTH) % 3 == 0
+    assert cv2.imread(str(plot)).shape[1] > 600
 
 
 def test_another_scene_is_warned_of(pinwm, folder, tmp_path):
@@ -97,6 +110,21 @@ def test_the_start_that_was_estimated_is_that_of_its_episode_only(folder):
     path = write_push(folder / "other", frames=FRAMES + 1)
     other = read_capture(path)
     assert identified_push(twin, other, read_episode(other, "0000")) is None
+
+
+def test_of_its_own_capture_a_twin_knows_what_the_static_views_show(folder, tmp_path):
+    capture = read_capture(folder / "capture")
+    twin = read_twin(folder / "twin")
+    X_OS = Pose(LEVEL, torch.tensor([2e-3, 1e-3, 0.0], dtype=torch.float64))
+    seen = seen_in(capture, X_OS)
+    entry = registration_entry(capture.object.X_WO, seen.object.X_WO)
+    knows = dataclasses.replace(twin, provenance=twin.provenance | entry)
+    write_twin(tmp_path / "twin", knows)
+    knows = read_twin(tmp_path / "twin")
+    assert torch.allclose(seen_start(knows, capture).p, capture.object.X_WO.p + X_OS.p)
+    # Another capture, with another pose, is taken at its word.
+    assert seen_start(knows, seen) is seen.object.X_WO
+    assert start_pose(twin, capture, None) is capture.object.X_WO
 
 
 @pytest.mark.parametrize(("name", "expected"), [("0000", 0.02), ("second", 0.0)])

@@ -1,6 +1,7 @@
 """Checks of one episode: its camera, its tables, its images."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,12 @@ from pinwm_drake.capture.episode_tables import (
     FRAMES_FILE,
     POSES_FILE,
     ObjectPoses,
+    PusherTrajectory,
     read_frame_table,
     read_object_poses,
     read_trajectory,
 )
-from pinwm_drake.capture.episodes import CAMERA_FILE, pose_at, read_fixed_camera
+from pinwm_drake.capture.episodes import CAMERA_FILE, CAMERAS, pose_at, read_fixed_camera
 from pinwm_drake.capture.refusals import attempt
 from pinwm_drake.capture.scene import EPISODES
 from pinwm_drake.rendering.camera import Camera
@@ -41,39 +43,59 @@ def check_episode(name: str, scene: Scene, findings: Findings, progress: Callabl
         progress: Is told what comes next.
 
     Returns:
-        Number of images of the episode.
+        Number of images of the episode, of all of its cameras.
     """
     folder = scene.folder / EPISODES / name
     before = findings.errors
     trajectory = attempt(lambda: read_trajectory(folder, findings.error), findings.error)
     log = trajectory if findings.errors == before else None
-    frames = attempt(lambda: read_frame_table(folder, None if log is None else log.t, findings.error), findings.error)
-    frames_whole = frames is not None and bool(np.isfinite(frames[1]).all())
     before = findings.errors
     poses = attempt(lambda: read_object_poses(folder, findings.error), findings.error)
     known = poses if findings.errors == before else None
-    seen = _check_view(folder, scene, findings)
-    if log is not None:
-        check_motion(folder, log, frames[1] if frames is not None and frames_whole else None, scene, findings)
-    if frames is None or not frames_whole:
-        return 0 if frames is None else len(frames[0])
-    names, t = frames
-    _check_times(folder, t, findings)
-    _check_start(folder, known, scene, t, findings)
-    if seen is not None:
-        video = Video(
-            folder=folder,
-            camera=seen[0],
-            X_WC=seen[1],
-            file_names=names,
-            t=t,
-            mesh=scene.mesh,
-            X_WO_at=lambda time: _pose_at(known, scene, float(t[0]), time),
-            pusher=scene.pusher,
-            X_WP_at=lambda time: None if log is None else pose_at(log.t, log.p_WP, log.q_WP, time),
-        )
-        check_video(video, findings, progress)
-    return len(names)
+    cameras = [folder, *sorted(path for path in (folder / CAMERAS).glob("*") if path.is_dir())]
+    number = 0
+    for place, one in enumerate(cameras):
+        frames = attempt(partial(read_frame_table, one, _times(log), findings.error), findings.error)
+        t = frames[1] if frames is not None and bool(np.isfinite(frames[1]).all()) else None
+        seen = _check_view(one, scene, findings)
+        if place == 0 and log is not None:
+            check_motion(folder, log, t, scene, findings)
+        number += 0 if frames is None else len(frames[0])
+        if frames is None or t is None:
+            continue
+        _check_times(one, t, findings)
+        if place == 0:
+            _check_start(folder, known, scene, t, findings)
+        if seen is not None:
+            check_video(_video(one, seen, frames[0], t, scene, known, log), findings, progress)
+    return number
+
+
+def _times(log: PusherTrajectory | None) -> np.ndarray | None:
+    return None if log is None else log.t
+
+
+def _video(
+    folder: Path,
+    seen: tuple[Camera, Pose],
+    names: list[str],
+    t: np.ndarray,
+    scene: Scene,
+    poses: ObjectPoses | None,
+    log: PusherTrajectory | None,
+) -> Video:
+    """Images of one camera, and the poses of the bodies as far as they are known."""
+    return Video(
+        folder=folder,
+        camera=seen[0],
+        X_WC=seen[1],
+        file_names=names,
+        t=t,
+        mesh=scene.mesh,
+        X_WO_at=lambda time: _pose_at(poses, scene, float(t[0]), time),
+        pusher=scene.pusher,
+        X_WP_at=lambda time: None if log is None else pose_at(log.t, log.p_WP, log.q_WP, time),
+    )
 
 
 def _check_view(folder: Path, scene: Scene, findings: Findings) -> tuple[Camera, Pose] | None:

@@ -13,13 +13,19 @@ from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.report.outline import boundary, silhouette
 from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, new_figure, tidy
 from pinwm_drake.report.twin.score import PoseErrors
+from pinwm_drake.twin.predict import TWO_SIDED, Spread
 
 _OUTLINES = 6
 _TRUTH_LABEL = "ground truth (scored, never fitted)"
 
 
-def motion_figure(poses: ObjectPoses, truth: ObjectPoses | None, pusher: PusherTrajectory | None) -> Figure:
-    """Figure of x, y and yaw of the object over time, and x and y of the pusher."""
+def motion_figure(
+    poses: ObjectPoses,
+    truth: ObjectPoses | None,
+    pusher: PusherTrajectory | None,
+    spread: Spread | None = None,
+) -> Figure:
+    """Figure of x, y and yaw of the object over time, in a band of 95 % where a spread is known, and of the pusher."""
     figure = new_figure(9, 5.6)
     panels = figure.subplots(3, 1, sharex=True)
     for axis, axes in enumerate(panels[:2]):
@@ -31,9 +37,14 @@ def motion_figure(poses: ObjectPoses, truth: ObjectPoses | None, pusher: PusherT
         axes.plot(poses.t, values, color=TWIN, linewidth=1.6, marker=".", markersize=4, label="twin")
         if truth is not None:
             axes.plot(truth.t, known, "o", color=TRUTH, markersize=3.5, fillstyle="none", label=_TRUTH_LABEL)
+    if spread is not None:
+        sigmas = (1e3 * spread.x, 1e3 * spread.y, np.degrees(spread.yaw))
+        for axes, values, sigma in zip(panels, _curves(poses), sigmas, strict=True):
+            band = (values - TWO_SIDED * sigma, values + TWO_SIDED * sigma)
+            axes.fill_between(poses.t, *band, color=TWIN, alpha=0.18, linewidth=0, label="95 %")
     panels[2].set_ylabel("yaw [°]")
     panels[2].set_xlabel("time [s]")
-    panels[0].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), ncol=3)
+    panels[0].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), ncol=4)
     tidy(panels)
     return figure
 
