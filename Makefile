@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out
 
-.PHONY: demo test lint bench setup clean
+.PHONY: demo test nightly lint bench setup clean
 
 demo: $(VENV)/.installed
 	$(BIN)/pinwm demo --out $(OUT)/demo
@@ -14,6 +14,9 @@ demo: $(VENV)/.installed
 # those of few and long ones, such as the notebooks, would come last, and one core would wait for the other.
 test: lint
 	$(BIN)/pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
+
+nightly: $(VENV)/.installed
+	$(BIN)/pytest -m nightly
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check

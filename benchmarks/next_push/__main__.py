@@ -1,6 +1,7 @@
 """Command line of the benchmark.
 
     python -m benchmarks.next_push captures OUT [--only NAME ...] [--poses-only] [--realistic]
+    python -m benchmarks.next_push coverage OUT [--number N] [--first K] [--step S]
     python -m benchmarks.next_push evaluate OUT [--only NAME ...] [--split SPLIT] [--kind KIND] [--methods ...]
         [--pushes ...] [--sets N] [--existing]
 
@@ -17,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.next_push.captures import write_capture
+from benchmarks.next_push.coverage import coverage_case, coverage_table, rank_histogram
 from benchmarks.next_push.evaluate import METHODS, SETS, evaluate, result_path, summary, table
 from benchmarks.next_push.objects import OBJECTS, Thing, make_thing
 from benchmarks.next_push.poses import pose_capture, read_poses, write_poses
@@ -45,6 +47,12 @@ def main() -> None:
     tables.add_argument("--sets", type=int, default=4, help="sets of each number of pushes, at the most")
     tables.add_argument("--existing", action="store_true", help="nothing new, only the table of what is there")
     tables.set_defaults(run=_evaluate)
+    covered = commands.add_parser("coverage", help="ranks of the truth in short captures; what is there stays")
+    covered.add_argument("out", type=Path)
+    covered.add_argument("--number", type=int, default=200, help="captures")
+    covered.add_argument("--first", type=int, default=0, help="number of the first capture that is made now")
+    covered.add_argument("--step", type=int, default=1, help="of how many, one is made now: for several processes")
+    covered.set_defaults(run=_coverage)
     arguments = parser.parse_args()
     arguments.run(arguments)
 
@@ -64,6 +72,18 @@ def _evaluate(arguments: argparse.Namespace) -> None:
         results.append(found)
         _say(spec, f"{method} {' and '.join(map(str, chosen))}: {summary([found])}", began)
     print("\n".join(table(results)))
+
+
+def _coverage(arguments: argparse.Namespace) -> None:
+    rows = []
+    for number in range(arguments.first, arguments.number, arguments.step):
+        began = time.perf_counter()
+        row = coverage_case(arguments.out, number)
+        rows.append(row)
+        ranks = " ".join(f"{name} {rank:.2f}" for name, rank in row["ranks"].items())
+        print(f"{number} {row['capture']}: {ranks}, {time.perf_counter() - began:.0f} s", flush=True)
+    print("\n".join(coverage_table(rows)))
+    rank_histogram(arguments.out / "coverage" / "ranks.png", rows)
 
 
 def _captures(arguments: argparse.Namespace) -> None:
