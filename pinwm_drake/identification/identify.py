@@ -20,7 +20,7 @@ from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import read_footage
 from pinwm_drake.identification.posterior import estimates, kept_draws
 from pinwm_drake.identification.progress import Progress
-from pinwm_drake.identification.search import Search, Task
+from pinwm_drake.identification.search import Search, Task, frame_numbers
 from pinwm_drake.identification.search_result import Found
 from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
 from pinwm_drake.rendering.surfels import Surfels
@@ -104,7 +104,8 @@ def identify(
     torch.set_num_threads(1)
     try:
         scene = capture_scene(capture, options)
-        footages = [read_footage(episode, pusher_surface(capture.pusher), camera_offset) for episode in pushes]
+        pusher = pusher_surface(capture.pusher)
+        footages = [read_footage(episode, pusher, camera_offset, frame_numbers(episode, options)) for episode in pushes]
         radius, X_WO = half_diagonal(scene.mesh), capture.object.X_WO
         starts = [find_start(footage, surfels, X_WO, radius, num_threads=number) for footage in footages]
         coordinates = _coordinates(capture, options, scene, mass, starts)

@@ -12,7 +12,7 @@ from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.identification.expansion import corrected, expand
 from pinwm_drake.identification.image_loss import BLOCKS, difference, squares
 from pinwm_drake.identification.lighting import lit
-from pinwm_drake.identification.pictures import Footage, Pictures, make_pictures, read_footage
+from pinwm_drake.identification.pictures import Footage, Pictures, first_frames, make_pictures, read_footage
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.threads import available
@@ -45,7 +45,7 @@ def locate(twin: Twin, episode: Episode, X_WO: Pose, *, num_threads: int | None 
     Raises:
         InputError: An image cannot be read, or none shows the object within some 10 mm and 6° of the given pose.
     """
-    footage = read_footage(episode, pusher_surface(twin.pusher), twin.camera_offset, first_only=True)
+    footage = read_footage(episode, pusher_surface(twin.pusher), twin.camera_offset, first_frames(episode))
     radius = half_diagonal(load_mesh(twin.mesh_path))
     d = find_start(footage, twin.surfels, X_WO, radius, num_threads=num_threads)
     if bool((d.abs() > LIMIT).any()):
@@ -72,7 +72,7 @@ def find_start(
         x, y [m] and yaw [rad] against the given pose, (3,); where an element is beyond `LIMIT`, the object was not
         found.
     """
-    number, footage = num_threads or available(), footage.first()
+    number, footage = num_threads or available(), footage.some(first_frames(footage.episode))
     outline = torch.ones((), dtype=torch.float64)
     d = torch.zeros(3, dtype=torch.float64)
     for turn, size in enumerate(_SIZES):

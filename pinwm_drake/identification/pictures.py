@@ -75,20 +75,22 @@ class Footage:
 
     Attributes:
         episode: Episode that the frames are of.
-        frames: The n frames, in the order of `episode.t`.
+        numbers: Numbers (n,) of the frames, increasing, in the order of `episode.times`.
+        frames: The n frames.
         offset: px, to be added to the principal points, as the static views revealed.
         pusher: Surface of the pusher, frame P, m.
     """
 
     episode: Episode
+    numbers: Tensor
     frames: list[Frame]
     offset: tuple[float, float]
     pusher: trimesh.Trimesh
 
-    def first(self) -> "Footage":
-        """Footage of the first frame of each camera alone."""
-        firsts = [next(frame for frame in self.frames if frame.view is view) for view in self.episode.views]
-        return replace(self, frames=firsts)
+    def some(self, numbers: Tensor) -> "Footage":
+        """Footage of some of the frames, by their numbers (m,), increasing."""
+        at = torch.searchsorted(self.numbers, numbers)
+        return replace(self, numbers=numbers, frames=[self.frames[k] for k in at.tolist()])
 
     @property
     def longest(self) -> int:
@@ -96,28 +98,35 @@ class Footage:
         return max(max(frame.pixels.shape[:2]) for frame in self.frames)
 
 
+def first_frames(episode: Episode) -> Tensor:
+    """Numbers of the first frame of each camera, in the order of `episode.times`."""
+    counts = torch.tensor([len(view.t) for view in episode.views])
+    return counts.cumsum(0) - counts
+
+
 def read_footage(
-    episode: Episode, pusher: trimesh.Trimesh, offset: tuple[float, float], *, first_only: bool = False
+    episode: Episode, pusher: trimesh.Trimesh, offset: tuple[float, float], numbers: Tensor | None = None
 ) -> Footage:
-    """Reads the images of an episode, one at a time: of each, the part that shows the object is kept.
+    """Reads images of an episode, one at a time: of each, the part that shows the object is kept.
 
     Args:
         episode: Cameras, times, and the pusher's trajectory.
         pusher: Surface of the pusher, frame P, m.
         offset: px, added to the principal points.
-        first_only: Whether no frame but the first of each camera is read.
+        numbers: Numbers (n,) of the frames that are read, increasing; None for all.
 
     Raises:
         InputError: An image cannot be read, or none shows the object.
     """
-    frames = [
-        _cut(view, t, *read_episode_image(view.folder, name, view.camera))
-        for view in episode.views
-        for name, t in list(zip(view.file_names, view.t.tolist(), strict=True))[: 1 if first_only else None]
+    images = [
+        (view, name, t) for view in episode.views for name, t in zip(view.file_names, view.t.tolist(), strict=True)
     ]
+    numbers = torch.arange(len(images)) if numbers is None else numbers
+    wanted = [images[number] for number in numbers.tolist()]
+    frames = [_cut(view, t, *read_episode_image(view.folder, name, view.camera)) for view, name, t in wanted]
     if not any(frame.pixels.size for frame in frames):
         raise InputError(episode.folder, value="no frame that shows the object", allowed="a video of the object")
-    return Footage(episode, frames, offset, pusher)
+    return Footage(episode, numbers, frames, offset, pusher)
 
 
 def _cut(view: View, t: float, image: np.ndarray, mask: np.ndarray) -> Frame:

@@ -12,6 +12,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from pinwm_drake.capture.episodes import Episode
 from pinwm_drake.errors import SolverError
 from pinwm_drake.identification.adam import AdamState, descend
 from pinwm_drake.identification.checkpoint import Checkpoint
@@ -20,7 +21,7 @@ from pinwm_drake.identification.image_loss import BLOCKS
 from pinwm_drake.identification.lighting import lit
 from pinwm_drake.identification.locate import LIMIT
 from pinwm_drake.identification.options import IdentifyOptions
-from pinwm_drake.identification.pictures import Footage, Pictures, make_pictures
+from pinwm_drake.identification.pictures import Footage, Pictures, first_frames, make_pictures
 from pinwm_drake.identification.posterior import Posterior
 from pinwm_drake.identification.problem import Problem, Push
 from pinwm_drake.identification.progress import Progress
@@ -50,7 +51,7 @@ class Task:
     """All that a search is given.
 
     Attributes:
-        footages: Frames of each push.
+        footages: Frames of each push, those of `frame_numbers` at least.
         forwards: Physics of each push.
         surfels: The object's appearance, frame O.
         coordinates: The unknowns.
@@ -76,11 +77,11 @@ class Task:
         """
         pushes = []
         for number, (footage, forward) in enumerate(zip(self.footages, self.forwards, strict=True)):
-            chosen = spaced(len(footage.frames), most)
+            chosen = spaced(len(footage.episode.times), most)
             forward = replace(forward, chosen=chosen)
             values = None if z is None else self.coordinates.values(z[None], number)
             late = 0.0 if values is None else float(values["time_offset"])
-            pictures = make_pictures(footage, size, together=z is None, late=late).some(chosen)
+            pictures = make_pictures(footage.some(chosen), size, together=z is None, late=late)
             surfels = self._lit(pictures, forward, values)
             pushes.append(Push(forward, pictures, surfels))
         return Problem(tuple(pushes), self.coordinates, self.num_threads)
@@ -114,6 +115,12 @@ class Task:
         if not bool(alive[0]):
             return self.surfels
         return lit(pictures, self.surfels, Pose(X_WO.q[:, 0], X_WO.p[:, 0]), num_threads=self.num_threads)
+
+
+def frame_numbers(episode: Episode, options: IdentifyOptions) -> Tensor:
+    """Numbers of the frames that a search looks at, increasing."""
+    chosen = [spaced(len(episode.times), most) for most in (options.coarse_frames, options.fine_frames)]
+    return torch.cat([first_frames(episode), *chosen]).unique()
 
 
 class Search:

@@ -10,6 +10,8 @@ from pinwm_drake.physics.kernels.workspace import make_adjoint_work, make_worksp
 # Status of a world after a rollout: the number of iterations it needed in all, or minus the failed step's number minus
 # one; the constants are subtracted further where there were more contacts, or more parts of steps, than fit.
 TOO_MANY_CONTACTS, TOO_MANY_PARTS = 1_000_000_000, 2_000_000_000
+# Speeds, rad/s and m/s, of bodies that rest, under a pusher that rests.
+RESTS = 1e-12
 
 
 # The entry points allocate, and so count the references of all arrays that they touch, with locked instructions: half
@@ -94,6 +96,25 @@ def _load_solution(bodies, contacts, solver, nb, states, saved, s, w):
 
 
 @kernel
+def _last_motion(V_P, w):
+    """Number of the last step in which the pusher moves; -1 where it never does."""
+    for t in range(V_P.shape[0] - 1, -1, -1):
+        for i in range(6):
+            if V_P[t, w, i] != 0.0:
+                return t
+    return -1
+
+
+@kernel
+def _at_rest(bodies, nb):
+    for b in range(nb):
+        for i in range(6):
+            if abs(bodies.V[b, i]) > RESTS:
+                return False
+    return True
+
+
+@kernel
 def _forward_world(w, model, parameters, V_P, record_every, frames, saved, work):
     mass, inertia, friction, restitution = parameters[0][w], parameters[1][w], parameters[2][w], parameters[3][w]
     status, jams, lagged = frames[5][0], frames[5][1], frames[5][2]
@@ -105,7 +126,16 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved, work)
     _load_geometry(model, bodies, parameters, w)
     _load(bodies, nb, has_pusher, states, 0, w)
     total, slot = 0, 0
+    moved = _last_motion(V_P, w) if has_pusher else -1
+    resting = 0
     for t in range(V_P.shape[0]):
+        resting = resting + 1 if t > moved + 1 and _at_rest(bodies, nb) else 0
+        if slots == 0 and resting == 2:
+            # Nothing moves any more, and a step depends on its state alone. One step at rest is not enough: what is
+            # thrown up rests for a moment.
+            for frame in range(t // record_every + 1, V_P.shape[0] // record_every + 1):
+                _store(bodies, nb, has_pusher, states, frame, w)
+            break
         if has_pusher:
             _drive(bodies, nb, V_P, t, w)
         part, parts, jammed, lags = 0, 1, 0, 0
