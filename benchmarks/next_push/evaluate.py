@@ -102,7 +102,9 @@ def _true_twin(
     truth: dict[str, float],
 ) -> Twin:
     """Twin with the true parameters that a capture tells: masses and frictions, on a face that presses evenly."""
-    blank = IdentifyOptions(screened=1, starts=1, coarse_iterations=0, fine_iterations=0, moves=2, free=("lift",))
+    blank = IdentifyOptions(
+        screened=1, starts=1, coarse_iterations=0, fine_iterations=0, moves=2, free=("lift",), support="patch"
+    )
     surfels, offset, X_OS = appearance
     twin = identify(capture, episode, surfels, offset, blank, X_OS=X_OS).twin
     theta = {name: replace(one, value=truth.get(name, one.value)) for name, one in twin.theta.items()}
