@@ -43,7 +43,7 @@ class IdentifyOptions:
     starts: int = 4
     coarse_iterations: int = 50
     fine_iterations: int = 8
-    moves: int = 80
+    moves: int = 50
     coarse_size: float = 40.0
     fine_size: float = 130.0
     coarse_frames: int = 12

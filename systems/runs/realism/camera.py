@@ -7,9 +7,9 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 from scipy.spatial.transform import Rotation, Slerp
 
-from pinwm_drake.systems.realism.lamp import light_by_lamp
-from pinwm_drake.systems.realism.masks import blurred, ragged
-from pinwm_drake.systems.realism.mistakes import Realism
+from pinwm_drake.systems.runs.realism.lamp import light_by_lamp
+from pinwm_drake.systems.runs.realism.masks import blurred, ragged
+from pinwm_drake.systems.runs.realism.mistakes import Realism
 from pinwm_drake.systems.runs.recorder import PushRecorder
 
 _MOMENTS = 5  # of an exposure

@@ -1,6 +1,5 @@
 import numpy as np
-
-from pinwm_drake.systems.realism.masks import blurred, ragged
+from pinwm_drake.systems.runs.realism.masks import blurred, ragged
 
 
 def test_masks_are_wrong_by_so_much_and_no_more():
