@@ -39,8 +39,9 @@ _COARSE_RATE = 0.5
 _GROW = 0.6
 # A start whose coarse loss is within this factor of the best one is refined, and at most so many of them.
 _CLOSE, _REFINED = 1.5, 2
-# A start is refined on pictures of these shares of the fine size, one after the other: the images are quadratic over a
-# pixel or two only. The later ones are made with the clock that was found, which tells where the pusher hides pixels.
+# Starts are refined on pictures of the first of these shares of the fine size, and the best of them on the next: the
+# images are quadratic over a pixel or two only. The later pictures are made with the clock that was found, which tells
+# where the pusher hides pixels.
 _SIZES = (0.5, 1.0)
 # Shares of the work that the stages take.
 _SHARES = {"screen": (0.0, 0.0), "coarse": (0.0, 0.4), "fine": (0.4, 0.3), "sample": (0.7, 0.3)}
@@ -165,8 +166,12 @@ class Search:
             raise SolverError("the physics found no solution for any guess; allowed: other starts (seed) or time_step")
         order = torch.argsort(losses, stable=True)
         chosen = [int(k) for k in order[:_REFINED] if float(losses[k]) <= _CLOSE * float(losses.min())]
-        found = [self._fine(starts[k], k, place / len(chosen), len(chosen)) for place, k in enumerate(chosen)]
+        # Several starts on pictures of the first size, the best of them on the others.
+        found = [self._fine(0, k, starts[k], None, (place, len(chosen))) for place, k in enumerate(chosen)]
         surrogate, state, start = _best(list(zip(*zip(*found, strict=True), chosen, strict=True)))
+        for turn in range(1, len(_SIZES)):
+            last = self._fine(turn, start, state.z, state, (0, 1))
+            surrogate, state, start = _best([(*last, start)])
         draws, energies = self._sample(surrogate, state.z)
         return self._found(surrogate, state, start, draws, energies)
 
@@ -207,30 +212,34 @@ class Search:
         losses = state.best_loss if options.coarse_iterations else torch.zeros(len(state.z), dtype=torch.float64)
         self.kept.end("coarse", {"z": state.best_z, "loss": losses})
 
-    def _fine(self, z: Tensor, start: int, place: float, count: int) -> tuple[Surrogate | None, RefineState]:
-        """Refines a start on larger pictures."""
-        options = self.options
-        state = None
-        for turn, share in enumerate(_SIZES):
-            key = f"fine{turn}.{start}"
-            problem = self.task.problem(share * options.fine_size, options.fine_frames, z if state is None else state.z)
-            if f"{key}.z" in self.kept.done:
-                state = self.kept.refined(key)
-                continue
-            state = RefineState.at(problem, z) if state is None else replace(state, iteration=0, done=False)
-            state.z = problem.fit_outline(state.z[None], (1,))[0]
+    def _fine(
+        self, turn: int, start: int, z: Tensor, before: RefineState | None, place: tuple[int, int]
+    ) -> tuple[Surrogate | None, RefineState]:
+        """Refines a start, or the state that another size has led it to, on pictures of one of `_SIZES`.
 
-            def report(state: RefineState, turn: int = turn) -> None:
-                self._note("fine", start, state.loss, state.z)
-                done = (turn + state.iteration / max(options.fine_iterations, 1)) / len(_SIZES)
-                self._show("fine", state.loss, state.z, place + done / count)
+        Args:
+            turn: Number of the size.
+            start: Number of the start.
+            z: (p,), where the refinement begins.
+            before: State after the size before; None for the first one.
+            place: Number of the start among those that are refined, and their number; for the progress.
+        """
+        options, key = self.options, f"fine{turn}.{start}"
+        problem = self.task.problem(_SIZES[turn] * options.fine_size, options.fine_frames, z)
+        if f"{key}.z" in self.kept.done:
+            state = self.kept.refined(key)
+            return surrogate_at(problem, state.z, state.corrections), state
+        state = RefineState.at(problem, z) if before is None else replace(before, iteration=0, done=False)
+        state.z = problem.fit_outline(state.z[None], (1,))[0]
 
-            state, surrogate = refine(problem, state, iterations=options.fine_iterations, report=report)
-            self.kept.end_refined(key, state)
-            if turn == len(_SIZES) - 1:
-                return surrogate, state
-        assert state is not None
-        return surrogate_at(problem, state.z, state.corrections), state
+        def report(state: RefineState) -> None:
+            self._note("fine", start, state.loss, state.z)
+            done = (place[0] + state.iteration / max(options.fine_iterations, 1)) / place[1]
+            self._show("fine", state.loss, state.z, (turn + done) / len(_SIZES))
+
+        state, surrogate = refine(problem, state, iterations=options.fine_iterations, report=report)
+        self.kept.end_refined(key, state)
+        return surrogate, state
 
     def _sample(self, surrogate: Surrogate, z: Tensor) -> tuple[Tensor, Tensor]:
         """Draws (N, p) from the posterior, and their objectives (N,)."""
