@@ -6,9 +6,6 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
-from pinwm_drake.systems.runs.realism.camera import LabCamera
-from pinwm_drake.systems.runs.realism.lamp import glossy_model
-from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log, moved_camera, moved_on_floor
 
 from benchmarks.next_push.captures import (
     FIELD_OF_VIEW,
@@ -27,6 +24,9 @@ from benchmarks.next_push.specification import CaptureSpec
 from pinwm_drake.capture.write import write_episode_tables, write_transforms
 from pinwm_drake.files import appearing
 from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.systems.runs.realism.camera import LabCamera
+from pinwm_drake.systems.runs.realism.lamp import glossy_model
+from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log, moved_camera, moved_on_floor
 
 _SUPERSAMPLING = 2
 

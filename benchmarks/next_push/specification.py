@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from pinwm_drake.systems.runs.realism.uneven import draw_unevenness
 
 from benchmarks.next_push.engines.rollout import Theta
 from benchmarks.next_push.objects import OBJECTS, Thing
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.geometry.meshes import mass_properties
+from pinwm_drake.systems.runs.realism.uneven import draw_unevenness
 
 Split = Literal["tuning", "unseen"]
 ENGINES = ("mujoco", "bullet", "hydroelastic", "point")

@@ -13,10 +13,6 @@ import numpy as np
 import torch
 import trimesh
 from PIL import Image
-from pinwm_drake.systems.runs.realism.camera import LabCamera
-from pinwm_drake.systems.runs.realism.lamp import glossy_model
-from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log, moved_camera, moved_on_floor
-from pinwm_drake.systems.runs.realism.uneven import draw_unevenness, write_with_feet
 from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.capture.ground_truth import write_ground_truth
@@ -31,6 +27,10 @@ from pinwm_drake.models import OBJECT_NAMES
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.systems.pusher.choice import choose_push, coasting_speed
+from pinwm_drake.systems.runs.realism.camera import LabCamera
+from pinwm_drake.systems.runs.realism.lamp import glossy_model
+from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log, moved_camera, moved_on_floor
+from pinwm_drake.systems.runs.realism.uneven import draw_unevenness, write_with_feet
 from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape, Theta
 from pinwm_drake.systems.scenario.setup import Setup, make_setup

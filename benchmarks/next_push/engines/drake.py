@@ -7,7 +7,6 @@ from multiprocessing.util import Finalize
 from pathlib import Path
 
 import numpy as np
-from pinwm_drake.systems.runs.realism.uneven import write_with_feet
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
@@ -21,6 +20,7 @@ from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.systems.engines.plant.engine import PlantHandle
 from pinwm_drake.systems.engines.plant.scene import PushPlant
 from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.systems.runs.realism.uneven import write_with_feet
 from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape
 from pinwm_drake.systems.scenario.setup import Setup, make_setup

@@ -1,4 +1,5 @@
 import numpy as np
+
 from pinwm_drake.systems.runs.realism.masks import blurred, ragged
 
 

@@ -2,11 +2,11 @@ import math
 
 import numpy as np
 import pytest
-from pinwm_drake.systems.runs.realism.camera import moments
-from pinwm_drake.systems.runs.realism.mistakes import late_log, moved_camera, moved_on_floor
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from pinwm_drake.capture.episodes import PusherTrajectory
+from pinwm_drake.systems.runs.realism.camera import moments
+from pinwm_drake.systems.runs.realism.mistakes import late_log, moved_camera, moved_on_floor
 
 X = RigidTransform(RollPitchYaw(0.3, -0.2, 1.0), [0.1, 0.2, 0.3])
 

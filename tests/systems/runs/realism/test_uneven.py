@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 import trimesh
-from pinwm_drake.systems.runs.realism.uneven import draw_unevenness, write_with_feet
 
 from pinwm_drake.errors import GeometryError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.systems.runs.realism.uneven import draw_unevenness, write_with_feet
 
 UPS = {"z": np.array([0.0, 0.0, 1.0]), "x": np.array([1.0, 0.0, 0.0]), "-y": np.array([0.0, -1.0, 0.0])}
 
