@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
-import trimesh
 from PIL import Image
 from pydrake.math import RigidTransform
 
 from benchmarks.next_push.engines.drake import make_recorder
 from benchmarks.next_push.engines.rollout import FLOOR_HEIGHT, GRAVITY, LOG_RATE
 from benchmarks.next_push.objects import Thing
-from benchmarks.next_push.poses import PER_FRAME, PosedCapture, quaternions
+from benchmarks.next_push.poses import PER_FRAME, PosedCapture
 from benchmarks.next_push.specification import CaptureSpec
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.capture.ground_truth import write_ground_truth
@@ -23,8 +21,8 @@ from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_transforms
 from pinwm_drake.files import appearing
 from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.systems.runs.recorder import PushRecorder
+from pinwm_drake.systems.runs.recorder import PushRecorder, quaternions
+from pinwm_drake.systems.runs.simulated_capture import to_pose, write_mesh
 from pinwm_drake.systems.scenario.viewpoints import around, framed
 
 FIELD_OF_VIEW = math.radians(40)
@@ -61,7 +59,7 @@ def write_capture(out: Path, spec: CaptureSpec, thing: Thing, posed: PosedCaptur
     with appearing(out) as folder:
         write_scene(folder, spec, thing, posed, posed.X_WO)
         views = static_viewpoints(spec, thing, posed, size.views)
-        write_static_views(folder, recorder, posed.X_WO, views, views)
+        _write_static_views(folder, recorder, posed.X_WO, views)
         for k in range(len(posed.pushes)):
             X_WC = episode_viewpoint(spec, thing, posed, k)
             _write_episode(folder / "episodes" / f"{k:04d}", recorder, posed, k, X_WC)
@@ -72,13 +70,13 @@ def write_scene(folder: Path, spec: CaptureSpec, thing: Thing, posed: PosedCaptu
     theta = posed.theta
     (folder / "meshes").mkdir()
     shutil.copyfile(thing.mesh_path, folder / "meshes/object.obj")
-    _write_mesh(folder / "meshes/pusher.obj", pusher_surface(PusherGeometry(None, spec.shape)))
+    write_mesh(folder / "meshes/pusher.obj", pusher_surface(PusherGeometry(None, spec.shape)))
     write_capture_yaml(
         folder,
         name=spec.thing,
         mesh="meshes/object.obj",
         mass=theta.mass,
-        X_WO=pose(X_WO),
+        X_WO=to_pose(X_WO),
         pusher_mesh="meshes/pusher.obj",
         pusher_shape=spec.shape,
         floor_height=FLOOR_HEIGHT,
@@ -117,19 +115,15 @@ def episode_viewpoint(spec: CaptureSpec, thing: Thing, posed: PosedCapture, numb
     return framed(places, np.array([flat * math.cos(angle), flat * math.sin(angle), level]), camera, _EPISODE_MARGIN)
 
 
-def write_static_views(
-    folder: Path,
-    recorder: PushRecorder,
-    X_WO: RigidTransform,
-    seen_from: list[RigidTransform],
-    written: list[RigidTransform],
+def _write_static_views(
+    folder: Path, recorder: PushRecorder, X_WO: RigidTransform, views: list[RigidTransform]
 ) -> None:
-    """Writes static views of an object at X_WO, seen from some poses, with the poses X_WC that are to be written."""
+    """Writes static views of an object at X_WO, from camera poses X_WC."""
     (folder / "static/images").mkdir(parents=True)
-    names = [f"images/{k:05d}.png" for k in range(len(seen_from))]
-    for name, picture in zip(names, recorder.pictures([X_WO] * len(seen_from), seen_from), strict=True):
+    names = [f"images/{k:05d}.png" for k in range(len(views))]
+    for name, picture in zip(names, recorder.pictures([X_WO] * len(views), views), strict=True):
         Image.fromarray(picture).save(folder / "static" / name)
-    frames = [(name, pose(X_WC)) for name, X_WC in zip(names, written, strict=True)]
+    frames = [(name, to_pose(X_WC)) for name, X_WC in zip(names, views, strict=True)]
     write_transforms(folder / "static/transforms.json", recorder.rig.camera, frames)
 
 
@@ -144,7 +138,7 @@ def _write_episode(
         Image.fromarray(picture).save(folder / name)
     log = pusher_log(posed, number)
     write_episode_tables(
-        folder, recorder.rig.camera, pose(X_WC), names, rollout.t[::PER_FRAME], log, object_poses(posed, number)
+        folder, recorder.rig.camera, to_pose(X_WC), names, rollout.t[::PER_FRAME], log, object_poses(posed, number)
     )
 
 
@@ -161,16 +155,3 @@ def object_poses(posed: PosedCapture, number: int) -> ObjectPoses:
     rollout = posed.rollouts[number]
     X_WO = rollout.X_WO[::PER_FRAME]
     return ObjectPoses(rollout.t[::PER_FRAME], np.array([X.translation() for X in X_WO]), quaternions(X_WO))
-
-
-def pose(X: RigidTransform) -> Pose:
-    """The pose in this project's own form."""
-    q = torch.tensor(X.rotation().ToQuaternion().wxyz(), dtype=torch.float64)
-    return Pose(q, torch.tensor(X.translation(), dtype=torch.float64))
-
-
-def _write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
-    lines = ["# Metres; frame P.", "o pusher"]
-    lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices]
-    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -16,6 +16,7 @@ from benchmarks.next_push.specification import CaptureSpec
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.systems.runs.recorder import quaternions
 from pinwm_drake.systems.scenario.start import on_floor
 
 _SETTLING_TIME = 0.5  # s
@@ -152,12 +153,3 @@ def read_poses(path: Path) -> PosedCapture:
 def rigid(q: np.ndarray, p: np.ndarray) -> RigidTransform:
     """Drake's pose of a quaternion (4,), wxyz, and a place (3,) [m]."""
     return RigidTransform(RotationMatrix(Quaternion(wxyz=q / np.linalg.norm(q))), p)
-
-
-def quaternions(poses: list[RigidTransform]) -> np.ndarray:
-    """Rotations (n, 4), wxyz, of poses, each nearest to the one before."""
-    values: list[np.ndarray] = []
-    for pose in poses:
-        q = pose.rotation().ToQuaternion().wxyz()
-        values.append(-q if values and q @ values[-1] < 0 else q)
-    return np.array(values)

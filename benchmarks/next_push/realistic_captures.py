@@ -12,7 +12,6 @@ from benchmarks.next_push.captures import (
     Size,
     episode_viewpoint,
     object_poses,
-    pose,
     pusher_log,
     static_viewpoints,
     write_scene,
@@ -27,6 +26,7 @@ from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.runs.realism.camera import LabCamera
 from pinwm_drake.systems.runs.realism.lamp import glossy_model
 from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log, moved_camera, moved_on_floor
+from pinwm_drake.systems.runs.simulated_capture import to_pose
 
 _SUPERSAMPLING = 2
 
@@ -101,7 +101,7 @@ class _Writer:
             name = f"images/{k:05d}.png"
             Image.fromarray(picture).save(folder / name)
             moved = moved_camera(X_WC, self.realism.static_place, self.realism.static_turn, self.generator)
-            frames.append((name, pose(moved)))
+            frames.append((name, to_pose(moved)))
         write_transforms(folder / "transforms.json", self.lab.recorder.rig.camera, frames)
 
     def _write_episode(self, number: int) -> dict[str, Any]:
@@ -117,5 +117,5 @@ class _Writer:
         late = float(self.generator.uniform(-self.realism.clock, self.realism.clock))
         log = late_log(pusher_log(self.posed, number), late, MARGIN)
         camera = self.lab.recorder.rig.camera
-        write_episode_tables(folder, camera, pose(moved), names, t, log, object_poses(self.posed, number))
+        write_episode_tables(folder, camera, to_pose(moved), names, t, log, object_poses(self.posed, number))
         return {"log_late": late, "camera_shift": (moved.translation() - X_WC.translation()).tolist()}

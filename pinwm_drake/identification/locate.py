@@ -43,7 +43,7 @@ def locate(twin: Twin, episode: Episode, X_WO: Pose, *, num_threads: int | None 
         X_WO; q (4,), p (3,) [m].
 
     Raises:
-        InputError: An image cannot be read, or none shows the object within some 10 mm and 6° of the given pose.
+        InputError: An image cannot be read, or the object is farther than `LIMIT` from the given pose.
     """
     footage = read_footage(episode, pusher_surface(twin.pusher), twin.camera_offset, first_frames(episode))
     radius = half_diagonal(load_mesh(twin.mesh_path))

@@ -19,6 +19,7 @@ from pinwm_drake.twin.twin import Twin
 
 # The truth, where a capture has it, is no part of what a twin is made from.
 _LEFT_OUT = (POSES_FILE, GROUND_TRUTH_FILE)
+_SIZES = (("q", 4), ("p", 3))
 
 
 @dataclass(frozen=True)
@@ -128,10 +129,13 @@ def seen_start(twin: Twin, capture: Capture) -> Pose:
     X_WO, known = capture.object.X_WO, twin.provenance.get("start")
     if not isinstance(known, dict):
         return X_WO
-    written, seen = (
-        Pose(*(torch.tensor(known[name][key], dtype=torch.float64) for key in ("q", "p")))
-        for name in ("written", "seen")
-    )
+    try:
+        written, seen = (
+            Pose(*(torch.tensor(known[name][key], dtype=torch.float64).reshape(size) for key, size in _SIZES))
+            for name in ("written", "seen")
+        )
+    except (KeyError, TypeError, ValueError, RuntimeError):
+        return X_WO  # a twin that does not say all of it, as for `Origin.read`
     same = torch.allclose(written.q, X_WO.q, atol=1e-9) and torch.allclose(written.p, X_WO.p, atol=1e-9)
     return seen if same else X_WO
 

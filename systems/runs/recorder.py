@@ -116,7 +116,7 @@ class PushRecorder(ScriptedStation):
         return Recording(
             t=t_frames,
             trajectory=PusherTrajectory(times, p_WP, q_WP, v_WP, None),
-            object_poses=ObjectPoses(t_frames, p_WO, _quaternions(X_WO_frames)),
+            object_poses=ObjectPoses(t_frames, p_WO, quaternions(X_WO_frames)),
             X_WO=X_WO_frames,
             p_WP=p_WP[::per_frame],
             logged=poses,
@@ -168,8 +168,8 @@ def MakePushRecorder(scenario: Scenario | Setup, rates: Rates, camera: Camera, s
     return PushRecorder(builder.Build(), station, script, rig, rates)
 
 
-def _quaternions(poses: list[RigidTransform]) -> np.ndarray:
-    """Their rotations (n, 4), wxyz, each nearest to the one before."""
+def quaternions(poses: list[RigidTransform]) -> np.ndarray:
+    """Rotations (n, 4), wxyz, of poses, each nearest to the one before."""
     values: list[np.ndarray] = []
     for pose in poses:
         q = pose.rotation().ToQuaternion().wxyz()

@@ -191,13 +191,13 @@ class _Capture:
         progress("images", 0.0, "getting ready")
         (self.folder / "meshes").mkdir()
         shutil.copyfile(self.mesh_path, self.folder / "meshes/object.obj")
-        _write_mesh(self.folder / "meshes/pusher.obj", pusher_surface(PusherGeometry(None, self.shape)))
+        write_mesh(self.folder / "meshes/pusher.obj", pusher_surface(PusherGeometry(None, self.shape)))
         write_capture_yaml(
             self.folder,
             name=self.options.object_name,
             mesh="meshes/object.obj",
             mass=self.options.mass,
-            X_WO=_pose(self._written_start()),
+            X_WO=to_pose(self._written_start()),
             pusher_mesh="meshes/pusher.obj",
             pusher_shape=self.shape,
             floor_height=self.twin.floor_height,
@@ -206,7 +206,7 @@ class _Capture:
         self._write_static_views(advance)
         for k in range(self.options.episodes):
             self._write_episode(k, advance)
-        scene = twin_scene(self.twin, _pose(self.X_WO).q)
+        scene = twin_scene(self.twin, to_pose(self.X_WO).q)
         write_ground_truth(
             self.folder,
             mass=self.options.mass,
@@ -248,7 +248,7 @@ class _Capture:
             if self.lab is not None:
                 realism = self.lab.realism
                 X_WC = moved_camera(X_WC, realism.static_place, realism.static_turn, self.mistakes)
-            frames.append((name, _pose(X_WC)))
+            frames.append((name, to_pose(X_WC)))
             advance()
         write_transforms(folder / "transforms.json", self.camera, frames)
 
@@ -292,7 +292,7 @@ class _Capture:
             realism = self.lab.realism
             X_WC = moved_camera(X_WC, realism.episode_place, realism.episode_turn, self.mistakes)
             log = late_log(log, self.mistakes.uniform(-realism.clock, realism.clock), MARGIN)
-        write_episode_tables(folder, self.camera, _pose(X_WC), names, recording.t, log, recording.object_poses)
+        write_episode_tables(folder, self.camera, to_pose(X_WC), names, recording.t, log, recording.object_poses)
 
 
 def _uneven_setup(
@@ -322,7 +322,8 @@ def _reach(vertices: np.ndarray) -> float:
     return float(np.linalg.norm(vertices, axis=1).max())
 
 
-def _pose(X: RigidTransform) -> Pose:
+def to_pose(X: RigidTransform) -> Pose:
+    """Drake's pose as this project's own: q (4,) wxyz, p (3,) [m], float64."""
     q = torch.tensor(X.rotation().ToQuaternion().wxyz(), dtype=torch.float64)
     return Pose(q, torch.tensor(X.translation(), dtype=torch.float64))
 
@@ -331,7 +332,8 @@ def _write_image(path: Path, picture: np.ndarray) -> None:
     Image.fromarray(picture).save(path)
 
 
-def _write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
+def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
+    """Writes a pusher's surface, m, frame P, as an OBJ file."""
     lines = ["# Metres; frame P.", "o pusher"]
     lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices]
     lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]

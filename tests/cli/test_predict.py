@@ -125,6 +125,9 @@ def test_of_its_own_capture_a_twin_knows_what_the_static_views_show(folder, tmp_
     # Another capture, with another pose, is taken at its word.
     assert seen_start(knows, seen) is seen.object.X_WO
     assert start_pose(twin, capture, None) is capture.object.X_WO
+    for broken in ({"written": {}}, {"written": {"q": [1, 0], "p": ["x"]}, "seen": 3}):
+        half = dataclasses.replace(twin, provenance=twin.provenance | {"start": broken})
+        assert seen_start(half, capture) is capture.object.X_WO
 
 
 @pytest.mark.parametrize(("name", "expected"), [("0000", 0.02), ("second", 0.0)])

@@ -1,5 +1,3 @@
-import math
-
 import pytest
 import torch
 
@@ -77,4 +75,3 @@ def test_the_likelier_drift_is_the_one_that_was_drawn():
         losses = [float(Marginal.of(gradient, curvature, p).loss(torch.zeros(1, 6 * n + 1).double())) for p in priors]
         hits += losses.index(min(losses)) == seed % 3
     assert hits >= 11
-    assert math.isfinite(losses[0])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from pinwm_drake.errors import GeometryError
 from pinwm_drake.geometry.meshes import mass_properties
@@ -87,7 +87,11 @@ def _feet(mesh: trimesh.Trimesh, p_com: np.ndarray, up: np.ndarray, generator: n
     height = corners @ up
     base = corners[height < height.min() + _BASE]
     flat = np.column_stack([base @ across, base @ along])
-    outline, com = flat[ConvexHull(flat).vertices], np.array([p_com @ across, p_com @ along])
+    try:
+        outline = flat[ConvexHull(flat).vertices]
+    except QhullError as error:
+        raise GeometryError(f"{len(base)} corners below make no face; allowed: a face to stand on") from error
+    com = np.array([p_com @ across, p_com @ along])
     middle = outline.mean(axis=0)
     for _ in range(_ATTEMPTS):
         number = int(generator.integers(_FEET[0], _FEET[1] + 1))
