@@ -85,10 +85,11 @@ class Forward:
 
     def parameters(self, values: dict[str, Tensor]) -> Parameters:
         """Parameters theta of W worlds."""
+        friction = [values[f"friction_{body}"] * values[f"grip_{body}"] for body in ("floor", "pusher")]
         return Parameters(
             mass=values["mass"][:, None],
             inertia=inertia(self.scene, self.mass, values)[:, None],
-            friction=torch.stack([values["friction_floor"], values["friction_pusher"]], -1),
+            friction=torch.stack(friction, -1),
             restitution=torch.stack(
                 [values["restitution_floor"].clamp(0.0, 1.0), values["restitution_pusher"].clamp(0.0, 1.0)], -1
             ),

@@ -13,6 +13,8 @@ from torch import Tensor
 WALKERS = 96
 # Draws of the Gaussian of which the walkers are chosen, for each of them, and its degrees of freedom as a Student's t.
 _CHOICE, _DEGREES = 4, 6.0
+# Precision of the power that evens out weights.
+_EVEN = 1e-3
 # Relative spread of a move's length, and every how many moves a long one goes from mode to mode.
 _JITTER, _JUMP = 0.2, 10
 
@@ -49,17 +51,12 @@ def sample(
     normal = torch.randn(number, p, generator=generator, dtype=torch.float64)
     chi = torch.randn(number, int(_DEGREES), generator=generator, dtype=torch.float64).square().sum(-1) / _DEGREES
     normal = normal / chi.sqrt()[:, None]
+    normal[0] = 0.0
     drawn = clamp(mean + normal @ root.T)
-    drawn[0] = mean
     found = objective(drawn)
-    proposal = -0.5 * (_DEGREES + p) * torch.log1p(normal.square().sum(-1) / _DEGREES)
-    weight = torch.softmax(torch.nan_to_num(-found - proposal, nan=-1e9, posinf=-1e9, neginf=-1e9).clamp(-1e9), 0)
-    # The weights are evened out: few draws with all of the weight are no start for walkers.
-    weight = weight.sqrt() + 1e-12 * torch.isfinite(found)
-    chosen = torch.multinomial(weight, WALKERS, replacement=True, generator=generator)
+    gain = 0.5 * (_DEGREES + p) * torch.log1p(normal.square().sum(-1) / _DEGREES) - found
+    chosen = _spread(torch.nan_to_num(gain, nan=-torch.inf), generator)
     z, energy = drawn[chosen], found[chosen]
-    z = clamp(z + 0.05 * torch.randn(WALKERS, p, generator=generator, dtype=torch.float64) @ root.T)
-    energy = torch.where(torch.isfinite(energy), objective(z), energy)
     kept, energies = [], []
     half = WALKERS // 2
     length = 2.38 / (2.0 * p) ** 0.5
@@ -83,3 +80,25 @@ def sample(
             energies.append(energy.clone())
         report((move + 1) / moves)
     return torch.cat(kept), torch.cat(energies)
+
+
+def _spread(gain: Tensor, generator: torch.Generator) -> Tensor:
+    """Indices (WALKERS,) of draws by their weights exp(gain) (N,), evened out until that many of them count.
+
+    Few draws with all of the weight would be no start for walkers, which move along their differences.
+    """
+    low, high = 0.0, 1.0
+    if _effective(gain) >= WALKERS:
+        low = 1.0
+    while low < 1.0 and high - low > _EVEN:
+        power = 0.5 * (low + high)
+        low, high = (power, high) if _effective(power * gain) >= WALKERS else (low, power)
+    shares = torch.softmax(torch.where(torch.isfinite(gain), low * gain, -torch.inf), 0).cumsum(0)
+    steps = torch.arange(WALKERS) + torch.rand(1, generator=generator, dtype=torch.float64)
+    chosen = torch.searchsorted(shares, steps / WALKERS * shares[-1]).clamp_max(len(gain) - 1)
+    return chosen[torch.randperm(WALKERS, generator=generator)]
+
+
+def _effective(gain: Tensor) -> float:
+    """Effective number of draws of weights exp(gain) (N,)."""
+    return float(1.0 / torch.softmax(gain, 0).square().sum())

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.twin.drift import GRIPS
 
 
 @dataclass(frozen=True)
@@ -65,14 +66,21 @@ def _center(name: str) -> Unknown:
     return Unknown(name, "m", False, 0.0, 1e-3, 2e-3, low=-0.2, high=0.2, physical=False)
 
 
+def _grip(body: str) -> Unknown:
+    prior = GRIPS[f"friction_{body}"]
+    return Unknown(f"grip_{body}", "1", True, 1.0, prior, prior, low=0.5, high=2.0, physical=False, shared=False)
+
+
 _DEGREE = math.pi / 180.0
 
 # moment_* multiply the second moments of mass of a uniform solid along the axes of O, which covers only inertias of
 # real bodies; support_* spread the pressure on the face that the object rests on along them, against a uniform one;
 # center_* move the centre of mass; contact_offset is by how much larger object and pusher act together than their
-# meshes; lift raises object and floor over what the capture says; view_* move what the camera of a push shows against
-# the world of the pusher, as a camera that is calibrated wrongly does; outline scales the object in the images about
-# its middle there, as segmentation and anti-aliasing do, which else would be taken for a distance.
+# meshes; grip_* are by how much a push's frictions differ from the object's, as they do from place to place and from
+# one law of contact to another; lift raises object and floor over what the capture says; view_* move what the camera
+# of a push shows against the world of the pusher, as a camera that is calibrated wrongly does; outline scales the
+# object in the images about its middle there, as segmentation and anti-aliasing do, which else would be taken for a
+# distance.
 UNKNOWNS: dict[str, Unknown] = {
     unknown.name: unknown
     for unknown in (
@@ -96,6 +104,8 @@ UNKNOWNS: dict[str, Unknown] = {
         Unknown("start_y", "m", False, 0.0, 2e-3, 1e-3, physical=False, shared=False),
         Unknown("start_yaw", "rad", False, 0.0, _DEGREE, 3.0 * _DEGREE, physical=False, shared=False),
         Unknown("time_offset", "s", False, 0.0, 5e-3, 2e-2, low=-0.2, high=0.2, physical=False, shared=False),
+        _grip("floor"),
+        _grip("pusher"),
         Unknown("view_x", "m", False, 0.0, 1e-3, 5e-4, physical=False, shared=False),
         Unknown("view_y", "m", False, 0.0, 1e-3, 5e-4, physical=False, shared=False),
         Unknown("view_z", "m", False, 0.0, 1e-3, 5e-4, physical=False, shared=False),

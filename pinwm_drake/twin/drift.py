@@ -1,4 +1,4 @@
-"""Drift of a real object away from what the physics predicts, as a random walk along the way that it makes."""
+"""What the physics of a twin does not tell of a push: a random walk along its way, and frictions of its own."""
 
 import numpy as np
 import torch
@@ -13,6 +13,9 @@ from pinwm_drake.twin.twin import Twin
 # From pushes of MuJoCo, Bullet and Drake: see docs/results.md.
 WALKS, CHANCES = (5e-3, 1e-2, 2e-2), (0.6, 0.3, 0.1)
 OUT_OF_PLANE = 0.1
+# Standard deviations of the logarithms of a push's frictions against those of the object: a face that rattles, a law of
+# contact that is another one, or another place act on a whole push alike, and otherwise on the next one.
+GRIPS = {"friction_floor": 0.05, "friction_pusher": 0.1}
 # Name of that of a twin, among its nuisances and draws.
 DRIFT = "drift"
 
@@ -51,6 +54,12 @@ def typical_walk(twin: Twin) -> float:
     if twin.draws is None or DRIFT not in twin.draws.names:
         return WALKS[0]
     return float(np.sqrt(np.mean(np.square(twin.draws.column(DRIFT)))))
+
+
+def grips(rows: np.ndarray) -> dict[str, np.ndarray]:
+    """Factors (W,) of the frictions of a push that was not seen, for draws by their rows (W,); the same for each."""
+    normal = np.random.default_rng(rows).normal(size=(len(GRIPS), len(rows)))
+    return {name: np.exp(one * scale) for (name, scale), one in zip(GRIPS.items(), normal, strict=True)}
 
 
 def per_radius(radius: float) -> Tensor:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from pinwm_drake.capture.episode_tables import POSES_FILE
@@ -170,6 +171,23 @@ def time_offset(twin: Twin, push: int | None) -> float:
         push: Number of the identified push; None for another one.
     """
     return 0.0 if push is None else of_push(twin, "time_offset", push, 0.0)
+
+
+def in_push(twin: Twin, push: int | None) -> Twin:
+    """The twin with the frictions that it had in one of its own pushes, by `grip_floor` and `grip_pusher`.
+
+    Args:
+        twin: The twin.
+        push: Number of the identified push; None for another one, which is the twin as it is.
+    """
+    if push is None:
+        return twin
+    factors = {f"friction_{one}": of_push(twin, f"grip_{one}", push, 1.0) for one in ("floor", "pusher")}
+    theta = {name: replace(one, value=one.value * factors.get(name, 1.0)) for name, one in twin.theta.items()}
+    if twin.draws is None:
+        return replace(twin, theta=theta)
+    scale = np.array([factors.get(name, 1.0) for name in twin.draws.names])
+    return replace(twin, theta=theta, draws=replace(twin.draws, values=twin.draws.values * scale))
 
 
 def of_push(twin: Twin, name: str, push: int, otherwise: float) -> float:

@@ -14,7 +14,7 @@ from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
 from pinwm_drake.twin.drift import drift, typical_walk, way
-from pinwm_drake.twin.origin import start_pose, time_offset
+from pinwm_drake.twin.origin import in_push, start_pose, time_offset
 from pinwm_drake.twin.rollout import rollout, rollout_draws
 from pinwm_drake.twin.twin import Twin
 
@@ -43,7 +43,7 @@ def predict_poses(
         PinwmError: A mesh cannot be used, or the physics found no solution.
     """
     start, late = start or start_pose(twin, capture, push), time_offset(twin, push)
-    found = rollout(_in_place_of(twin, capture), start, episode.trajectory, episode.t + late)
+    found = rollout(_in_place_of(in_push(twin, push), capture), start, episode.trajectory, episode.t + late)
     return ObjectPoses(episode.t, found.p_WO, found.q_WO)
 
 
@@ -91,7 +91,7 @@ def predict_spread(
         return None
     start, late = start or start_pose(twin, capture, push), time_offset(twin, push)
     rows = twin.draws.rows(number)
-    placed = _in_place_of(twin, capture)
+    placed = _in_place_of(in_push(twin, push), capture)
     return spread_of(rollout_draws(placed, start, episode.trajectory, episode.t + late, rows), episode.t, twin)
 
 

@@ -19,6 +19,7 @@ from pinwm_drake.scene import (
     step_count,
 )
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.twin.drift import grips
 from pinwm_drake.twin.twin import Twin
 
 # An object that starts this near to the floor [m] rests on it; one that is farther up falls.
@@ -56,9 +57,12 @@ def twin_parameters(twin: Twin, scene: Scene) -> Parameters:
 
 
 def drawn_parameters(twin: Twin, scene: Scene, rows: np.ndarray) -> Parameters:
-    """Parameters of W worlds by draws from the posterior of a twin, by their rows (W,)."""
+    """Parameters of W worlds that are pushed anew, by draws from the posterior of a twin, by their rows (W,)."""
     known = {name: [estimate.value] * len(rows) for name, estimate in (twin.theta | twin.nuisance).items()}
     drawn = {} if twin.draws is None else {name: twin.draws.column(name)[rows].tolist() for name in twin.draws.names}
+    for name, factor in grips(rows).items():
+        if name in drawn:
+            drawn[name] = (np.asarray(drawn[name]) * factor).tolist()
     return physical_parameters(known | drawn, scene)
 
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -6,7 +8,9 @@ from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import SolverError
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin import rollout as module
-from pinwm_drake.twin.rollout import rollout, twin_parameters, twin_scene
+from pinwm_drake.twin.origin import in_push
+from pinwm_drake.twin.rollout import drawn_parameters, rollout, twin_parameters, twin_scene
+from pinwm_drake.twin.twin import Draws, Estimate
 from tests.capture.cube import SIDE
 from tests.report.samples import GAP, SPEED, log
 from tests.twin.samples import cube_twin, estimates
@@ -58,3 +62,27 @@ def test_smaller_steps_help_out_and_a_lasting_failure_is_told(twin, monkeypatch)
     monkeypatch.setattr(module, "_rollout", lambda *arguments: failing(*arguments, worst=0.0))
     with pytest.raises(SolverError, match="no solution"):
         rollout(twin, START, log(3), np.array([0.0, 0.1]))
+
+
+def test_draws_of_a_push_have_frictions_of_their_own(twin):
+    rows = np.arange(2000)
+    names = ["friction_floor", "friction_pusher", "mass"]
+    drawn = replace(twin, draws=Draws(names, np.tile([0.3, 0.2, 1.0], (len(rows), 1))))
+    scene = twin_scene(twin, LEVEL)
+    parameters = drawn_parameters(drawn, scene, rows)
+    ratios = (parameters.friction / torch.tensor([0.3, 0.2], dtype=torch.float64)).log()
+    assert ratios.std(0).tolist() == pytest.approx([0.05, 0.1], rel=0.1)
+    assert ratios.mean(0).tolist() == pytest.approx([0.0, 0.0], abs=0.01)
+    assert torch.equal(parameters.mass, torch.ones_like(parameters.mass))
+    assert torch.equal(drawn_parameters(drawn, scene, rows).friction, parameters.friction)
+
+
+def test_a_push_that_was_seen_has_the_frictions_that_it_had(twin):
+    grips = {"grip_floor.0": 1.1, "grip_pusher.0": 0.9, "grip_floor.1": 0.8, "grip_pusher.1": 1.0}
+    nuisance = twin.nuisance | {name: Estimate(value, None, True, "1") for name, value in grips.items()}
+    several = replace(twin, nuisance=nuisance, draws=Draws(["mass", "friction_floor"], np.array([[1.0, 0.3]])))
+    floor, pusher = (twin.theta[f"friction_{one}"].value for one in ("floor", "pusher"))
+    for push, wanted in ((0, (1.1 * floor, 0.9 * pusher)), (1, (0.8 * floor, pusher)), (None, (floor, pusher))):
+        found = in_push(several, push)
+        assert [found.theta[f"friction_{one}"].value for one in ("floor", "pusher")] == pytest.approx(wanted)
+        assert found.draws.values[0].tolist() == pytest.approx([1.0, 0.3 * wanted[0] / floor])
