@@ -74,11 +74,15 @@ class Surrogate:
 
     def _likelihoods(self, z: Tensor) -> Tensor:
         """Logarithms (W, K) of the likelihood of guesses z (W, p) with each walk; minus infinite where unsolved."""
-        total = torch.tensor(CHANCES, dtype=torch.float64).log().expand(len(z), -1)
-        for push, marginals in enumerate(self.marginals):
-            u, alive = self.deviations(z, push)
-            losses = torch.stack([marginal.loss(u) for marginal in marginals], -1)
-            total = torch.where(alive[:, None], total - losses, -torch.inf)
+        found = [self.deviations(z, push) for push in range(len(self.marginals))]
+        alive = torch.stack([alive for _, alive in found]).all(0)
+        return torch.where(alive[:, None], self._weighed([u for u, _ in found]), -torch.inf)
+
+    def _weighed(self, deviations: Sequence[Tensor]) -> Tensor:
+        """Logarithms (W, K) of the likelihood of each walk, by the deviations (W, 6n + 1) of each push."""
+        total = torch.tensor(CHANCES, dtype=torch.float64).log().expand(len(deviations[0]), -1)
+        for u, marginals in zip(deviations, self.marginals, strict=True):
+            total = total - torch.stack([marginal.loss(u) for marginal in marginals], -1)
         return total
 
     @torch.no_grad()
@@ -86,23 +90,32 @@ class Surrogate:
         """Curvature (p, p) (Gauss-Newton) and gradient (p,) of the objective at z (p,), by differences."""
         coordinates = self.problem.coordinates
         A, g = coordinates.precision.clone(), coordinates.precision @ z
-        shares = self.shares(z[None])[0].nan_to_num().tolist()
-        for push, marginals in enumerate(self.marginals):
-            columns = coordinates.columns(push)
-            m = len(columns)
-            steps = STEP_Z * torch.eye(len(z), dtype=torch.float64)[columns]
-            trial = coordinates.clamp(torch.cat([z[None], z + steps, z - steps]))
-            u, alive = self.deviations(trial, push)
-            # One-sided where a side has no solution; 0, as unobservable, where neither has.
-            up = torch.where(alive[1 : m + 1], torch.arange(1, m + 1), 0)
-            down = torch.where(alive[m + 1 :], torch.arange(m + 1, 2 * m + 1), 0)
-            span = (trial[up] - trial[down])[torch.arange(m), columns]
-            D = torch.where(span[:, None] > 0.0, (u[up] - u[down]) / span.clamp_min(1e-9)[:, None], 0.0)
-            index = torch.tensor(columns)
+        slopes, middles = [], []
+        for push in range(len(self.marginals)):
+            D, u = self._slopes(z, push)
+            slopes.append(D)
+            middles.append(u)
+        shares = torch.softmax(self._weighed([u[None] for u in middles]), -1)[0].nan_to_num().tolist()
+        for push, (D, u, marginals) in enumerate(zip(slopes, middles, self.marginals, strict=True)):
+            index = torch.tensor(coordinates.columns(push))
             for share, marginal in zip(shares, marginals, strict=True):
                 A[index[:, None], index] += share * (D @ marginal.A @ D.T)
-                g[index] += share * (D @ (marginal.A @ u[0] + marginal.b))
+                g[index] += share * (D @ (marginal.A @ u + marginal.b))
         return A, g
+
+    def _slopes(self, z: Tensor, push: int) -> tuple[Tensor, Tensor]:
+        """Differences (m, 6n + 1) of a push's deviations by its unknowns, at z (p,), and the deviations there."""
+        coordinates = self.problem.coordinates
+        columns = coordinates.columns(push)
+        m = len(columns)
+        steps = STEP_Z * torch.eye(len(z), dtype=torch.float64)[columns]
+        trial = coordinates.clamp(torch.cat([z[None], z + steps, z - steps]))
+        u, alive = self.deviations(trial, push)
+        # One-sided where a side has no solution; 0, as unobservable, where neither has.
+        up = torch.where(alive[1 : m + 1], torch.arange(1, m + 1), 0)
+        down = torch.where(alive[m + 1 :], torch.arange(m + 1, 2 * m + 1), 0)
+        span = (trial[up] - trial[down])[torch.arange(m), columns]
+        return torch.where(span[:, None] > 0.0, (u[up] - u[down]) / span.clamp_min(1e-9)[:, None], 0.0), u[0]
 
     @torch.no_grad()
     def minimise(self, z: Tensor, iterations: int = _INNER) -> Tensor:

@@ -85,21 +85,23 @@ def test_poses_at_the_truth_are_the_truth(pushed):
 def test_gradient_of_the_loss_is_that_of_differences(pushed):
     problem = problem_of(pushed, together=True)
     names = problem.coordinates.names
-    z = 0.3 * torch.randn(1, len(names), generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    z = 0.3 * torch.randn(5, len(names), generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     z[:, names.index("outline")] = 0.0
     moving = z.clone().requires_grad_()
-    problem.frame_losses(moving, BLOCKS)[0].mean().backward()
-    # Steps that are large against the noise of float32 images and small against the kinks of contact.
+    problem.frame_losses(moving, BLOCKS)[0].mean(0).sum().backward()
+    # Steps that are large against the noise of float32 images and small against the kinks of contact. A guess that has
+    # a kink within its step tells nothing, so that the second best of five is compared.
     step = 0.03
     moved = ("friction_floor", "start_x", "start_y", "start_yaw", "lift", "time_offset", "support_x", "contact_offset")
-    for name in moved:
+    for name in (*moved, "grip_floor"):
         column = names.index(name)
-        pair = z.repeat(2, 1)
-        pair[:, column] += torch.tensor([step, -step])
+        change = torch.zeros_like(z)
+        change[:, column] = step
         with torch.no_grad():
-            up, down = problem.frame_losses(pair, BLOCKS)[0].mean(0).tolist()
+            up, down = (problem.frame_losses(one, BLOCKS)[0].mean(0) for one in (z + change, z - change))
         difference = (up - down) / (2 * step)
-        assert float(moving.grad[0, column]) == pytest.approx(difference, rel=0.15, abs=2e-5), name
+        error = (moving.grad[:, column] - difference).abs() / (0.05 * difference.abs() + 1e-5)
+        assert float(error.quantile(0.25)) < 1.0, name
 
 
 def test_quadratic_model_predicts_the_loss(pushed):
