@@ -72,12 +72,12 @@ def _case(out: Path, number: int) -> Row:
         episodes = [read_episode(capture, one) for one in capture.episode_names]
         surfels, offset = read_ply(looks / SURFELS_FILE), read_offset(there)
         twin = identify(capture, episodes[0], surfels, offset, _OPTIONS).twin
-    assert twin.draws is not None
-    truth = {"friction_floor": posed.theta.friction_floor, "friction_pusher": posed.theta.friction_pusher}
-    ranks = {key: float((twin.draws.column(key) < value).mean()) for key, value in truth.items()}
-    # Where the next push leaves the object, with the drift that every push has.
-    rows, episode = twin.draws.rows(_WORLDS), episodes[1]
-    X_WO = rollout_draws(twin, capture.object.X_WO, episode.trajectory, episode.t, rows)
+        assert twin.draws is not None
+        truth = {"friction_floor": posed.theta.friction_floor, "friction_pusher": posed.theta.friction_pusher}
+        ranks = {key: float((twin.draws.column(key) < value).mean()) for key, value in truth.items()}
+        # Where the next push leaves the object, with the drift that every push has.
+        rows, episode = twin.draws.rows(_WORLDS), episodes[1]
+        X_WO = rollout_draws(twin, capture.object.X_WO, episode.trajectory, episode.t, rows)
     generator = np.random.default_rng([_SEED, number])
     radius = half_diagonal(thing.mesh())
     made = way(Pose(X_WO.q.swapaxes(0, 1), X_WO.p.swapaxes(0, 1)), torch.from_numpy(episode.t), radius)[:, -1].numpy()

@@ -15,7 +15,7 @@ WALKS, CHANCES = (5e-3, 1e-2, 2e-2), (0.6, 0.3, 0.1)
 OUT_OF_PLANE = 0.1
 # Standard deviations of the logarithms of a push's frictions against those of the object: a face that rattles, a law of
 # contact that is another one, or another place act on a whole push alike, and otherwise on the next one.
-GRIPS = {"friction_floor": 0.05, "friction_pusher": 0.1}
+GRIPS = {"friction_floor": 0.05, "friction_pusher": 0.2}
 # Name of that of a twin, among its nuisances and draws.
 DRIFT = "drift"
 
