@@ -2,9 +2,11 @@
 
 task.py    the seam: `Task`, `Progress`, and tasks by name
 push.py    an object is pushed to a pose on the floor
+flip.py    an object is poked until one of its axes points up
 """
 
+from pinwm_drake.tasks.flip import FlipTask
 from pinwm_drake.tasks.push import PushTask
 from pinwm_drake.tasks.task import Progress, Task, register, task_from_document
 
-__all__ = ["Progress", "PushTask", "Task", "register", "task_from_document"]
+__all__ = ["FlipTask", "Progress", "PushTask", "Task", "register", "task_from_document"]

@@ -101,8 +101,8 @@ class PushTask(Task):
         """Yaw of the goal, rad."""
         return self.goal[2]
 
-    def lying(self, q_WO: Sequence[float]) -> Self:
-        """The task of an object whose orientation at yaw 0 is q_WO (4,) wxyz."""
+    def placed(self, q_WO: Sequence[float], vertices: np.ndarray, floor_height: float) -> Self:
+        """The task of an object whose orientation at yaw 0 is q_WO (4,) wxyz; see `Task.placed`."""
         w, x, y, z = (float(value) for value in q_WO)
         return replace(self, q_WO=(w, x, y, z))
 
@@ -155,6 +155,21 @@ class PushTask(Task):
         values[:, 7:9] = _turned(p_WP[:, :2] - p_WO, yaw) / LENGTH
         values[:, 9:11] = _turned(p_WP[:, :2] - goal[:2], goal[2]) / LENGTH
         return np.clip(np.nan_to_num(values), -self.state_bound, self.state_bound).astype(np.float32)
+
+    def object_state(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Object (W, 13) and pusher (W, 3), both of no height; see `Task.object_state`."""
+        state = np.asarray(state, float)
+        half = 0.5 * (np.arctan2(state[:, 3], state[:, 2]) + self.goal[2])
+        c, s = np.cos(half), np.sin(half)
+        w, x, y, z = np.array(self.q_WO) / np.linalg.norm(self.q_WO)
+        found, p_WP = np.zeros((len(state), 13)), np.full((len(state), 3), np.nan)
+        found[:, :4] = np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=1)
+        found[:, 4:6] = _turned(LENGTH * state[:, 0:2], -self.goal[2]) + self.goal[:2]
+        found[:, 6] = np.nan
+        found[:, 9] = TURN * state[:, 6]
+        found[:, 10:12] = _turned(SPEED * state[:, 4:6], -self.goal[2])
+        p_WP[:, :2] = _turned(LENGTH * state[:, 9:11], -self.goal[2]) + self.goal[:2]
+        return found, p_WP
 
     def state_components(self) -> tuple[tuple[str, str], ...]:
         """Meaning and unit of the state's components; see `Task.state_components`."""

@@ -79,6 +79,16 @@ class Task(ABC):
             p_WP: (W, 3) m, world: position of the pusher.
         """
 
+    def object_state(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Object's states (W, 13) and pusher's positions (W, 3) m that `state` (W, state_size) tells, for planners.
+
+        Both are as in `measure`; a component that the state does not tell is NaN.
+
+        Raises:
+            ParameterError: The task's state does not tell them, so that nothing can be planned from it.
+        """
+        raise ParameterError(f"task: got {self.name}; allowed: one whose state tells where object and pusher are")
+
     @property
     def action_size(self) -> int:
         """Number of components of an action, one for each of `axes`."""
@@ -120,8 +130,14 @@ class Task(ABC):
         """Turn [rad] of the goal about the world's z, from which ranges of starts are counted."""
         return 0.0
 
-    def lying(self, q_WO: Sequence[float]) -> Self:
-        """The task of an object that lies at the start as q_WO (4,) wxyz says, before it is turned about z."""
+    def placed(self, q_WO: Sequence[float], vertices: np.ndarray, floor_height: float) -> Self:
+        """The task of a scene's object.
+
+        Args:
+            q_WO: (4,) wxyz, orientation of the object at the start, before it is turned about z.
+            vertices: (n, 3) m, frame O: vertices of its mesh.
+            floor_height: m, world: z of the floor.
+        """
         return self
 
     def for_training(self) -> Self:

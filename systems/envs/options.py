@@ -9,7 +9,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.envs.observation import Kind
 from pinwm_drake.systems.sampling import whole_multiple
-from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.scenario.setup import Setup, placed_task
 from pinwm_drake.tasks import Task
 
 _ROUNDING = 1e-9  # relative, by which a translation may exceed the allowed one
@@ -53,9 +53,8 @@ class EnvOptions:
         Raises:
             ParameterError: There is no such task or field, or a value is out of range.
         """
-        if isinstance(self.task, Task):
-            return self.task.lying(setup.scenario.start.q_WO)
-        return setup.task.changed(self.task or {}).lying(setup.scenario.start.q_WO)
+        task = self.task if isinstance(self.task, Task) else setup.task.changed(self.task or {})
+        return placed_task(task, setup.scenario, setup.twin)
 
 
 def environment_setup(setup: Setup, options: EnvOptions | None = None, *, num_worlds: int = 1) -> Setup:

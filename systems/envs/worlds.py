@@ -175,6 +175,18 @@ class Worlds:
             images = self.run.images() if self.run.world_model is None else self.run.images_of(worlds)
             self._observer.begin(worlds, images)
 
+    def set_object_states(self, object_state: np.ndarray, p_WP: np.ndarray) -> None:
+        """Puts every one of the twin's worlds into a state, at the beginning of an episode; images are not taken.
+
+        Args:
+            object_state: (W, 13) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
+            p_WP: (W, 3) m, world: positions of the pushers.
+        """
+        for world in range(self.num_worlds):
+            self.run.set_world_state(object_state[world], p_WP[world], world)
+        self._steps[:] = 0
+        self._take_state()
+
     def advance(self, actions: np.ndarray) -> Advance:
         """Goes on by one action in every world.
 

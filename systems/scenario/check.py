@@ -70,6 +70,9 @@ def _check_start(start: Entry, default: Any) -> None:
     q_WO = start.find("q_WO")
     if q_WO is not None and abs(float((q_WO.numbers(4) ** 2).sum()) - 1) > 1e-3:
         raise q_WO.refusal("a quaternion wxyz of unit norm")
+    axis = start.find("roll_axis")
+    if axis is not None and not (axis.numbers(3) != 0.0).any():
+        raise axis.refusal("an axis that is not zero")
 
 
 def _or_default(entry: Entry, key: str, default: Any) -> Entry:

@@ -162,7 +162,11 @@ class Start:
         y: [low, high] m, world: y of O.
         yaw: [low, high] rad, turn of the object about the world's z, after `q_WO`.
         q_WO: (4,) wxyz, orientation of the object before it is turned by `yaw`. It rests on the floor.
-        pusher_angle: [low, high] rad, direction of the pusher, seen from the object; 0 is the world's x.
+        rolls: Number of equal turns about `roll_axis` that make a whole one, of which any is drawn and made before
+            `q_WO`; 1 for none. An object with facets rests on each of them.
+        roll_axis: (3,) frame O: axis of these turns.
+        pusher_angle: [low, high] rad, direction of the pusher, seen from the object; 0 is the x of `pusher_from`.
+        pusher_from: What directions of the pusher are counted from: the "world", or the "object", turned by its yaw.
         pusher_gap: [low, high] m, between the pusher and the circle around the object.
         pusher_height: m, world: z of the pusher's middle.
     """
@@ -171,7 +175,10 @@ class Start:
     y: list[float] = _quantity([0.0, 0.0], -100.0, 100.0, "m")
     yaw: list[float] = _quantity([0.0, 0.0], -2 * math.pi, 2 * math.pi, "rad")
     q_WO: list[float] = _quantity([1.0, 0.0, 0.0, 0.0], -1.0, 1.0, "1")
+    rolls: int = _quantity(1, 1, 3600, "1")
+    roll_axis: list[float] = _quantity([0.0, 0.0, 1.0], -1.0, 1.0, "1")
     pusher_angle: list[float] = _quantity([-math.pi, math.pi], -2 * math.pi, 2 * math.pi, "rad")
+    pusher_from: str = _choice("world", ("world", "object"))
     pusher_gap: list[float] = _quantity([0.005, 0.03], 0.0, 10.0, "m")
     pusher_height: float = _quantity(0.025, -100.0, 100.0, "m")
 

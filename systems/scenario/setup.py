@@ -114,8 +114,17 @@ def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:
         X_WC=look_at(np.array(view.p_WC), np.array(view.p_WT)),
         period=period,
         plant_time_step=step,
-        task=task_from_document(scenario.task).lying(scenario.start.q_WO),
+        task=placed_task(task_from_document(scenario.task), scenario, twin),
     )
+
+
+def placed_task(task: Task, scenario: Scenario, twin: Twin) -> Task:
+    """The task with what it takes from a scene: how the object lies at the start, its size, and the floor's height.
+
+    Raises:
+        InputError: The mesh cannot be used.
+    """
+    return task.placed(scenario.start.q_WO, load_mesh(twin.mesh_path).vertices, twin.floor_height)
 
 
 def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.common.eigen_geometry import Quaternion
+from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.capture.pusher import pushing_height, upright_shape
@@ -38,20 +38,26 @@ class StartDistribution:
         self._pusher_reach = upright_shape(setup.twin.pusher).radius
         q_WO = np.array(self._start.q_WO)
         self._R = RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO)))
+        self._roll_axis = np.array(self._start.roll_axis) / max(float(np.linalg.norm(self._start.roll_axis)), 1e-300)
 
     def middle(self) -> Place:
-        """Place at the middle of every range."""
+        """Place at the middle of every range, without a roll."""
         return self._place(lambda ends: 0.5 * (ends[0] + ends[1]))
 
     def draw(self, generator: np.random.Generator) -> Place:
         """Random place, each number drawn evenly from its range."""
-        return self._place(lambda ends: float(generator.uniform(ends[0], ends[1])))
+        rolls = self._start.rolls
+        roll = int(generator.integers(rolls)) if rolls > 1 else 0
+        return self._place(lambda ends: float(generator.uniform(ends[0], ends[1])), 2.0 * math.pi * roll / rolls)
 
-    def _place(self, pick: Callable[[list[float]], float]) -> Place:
+    def _place(self, pick: Callable[[list[float]], float], roll: float = 0.0) -> Place:
         start = self._start
         ranges = (start.x, start.y, start.yaw, start.pusher_angle, start.pusher_gap)
         x, y, yaw, angle, gap = (pick(ends) for ends in ranges)
         R_WO = RotationMatrix.MakeZRotation(yaw) @ self._R
+        if roll:
+            R_WO = R_WO @ RotationMatrix(AngleAxis(roll, self._roll_axis))
+        angle += yaw if start.pusher_from == "object" else 0.0
         X_WO = on_floor(self._vertices, R_WO, x, y, self._floor)
         turned = self._vertices @ R_WO.matrix()[:2].T
         distance = np.linalg.norm(turned, axis=1).max() + gap + self._pusher_reach

@@ -13,7 +13,7 @@ from pinwm_drake.systems.scenario.schema import ENGINES, Pusher, Scenario, Shape
 from pinwm_drake.systems.scenario.setup import make_setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 
-SHIPPED = ["push_t", "push_large_t", "push_cube", "push_mug", "flip_mug"]
+SHIPPED = ["push_t", "push_large_t", "push_cube", "push_mug", "flip_mug", "flip_cube"]
 URL = "package://pinwm_models/scenarios/{}.scenario.yaml"
 
 
@@ -72,6 +72,23 @@ def test_the_mug_of_flip_lies_on_a_facet_with_its_base_towards_the_pusher():
     np.testing.assert_allclose(down_O, [*(towards / np.linalg.norm(towards)), 0], atol=1e-12)
     heights = (load_mesh(setup.twin.mesh_path).vertices @ place.X_WO.rotation().matrix().T)[:, 2]
     assert (heights < heights.min() + 1e-9).sum() >= 4
+
+
+def test_starts_of_flip_roll_over_facets_with_the_pusher_before_the_base():
+    setup = make_setup(load_scenario(URL.format("flip_mug")))
+    starts, vertices = StartDistribution(setup), load_mesh(setup.twin.mesh_path).vertices
+    generator, rolls = np.random.default_rng(0), set()
+    for _ in range(200):
+        place = starts.draw(generator)
+        R_WO = place.X_WO.rotation().matrix()
+        heights = vertices @ R_WO[2]
+        assert (heights < heights.min() + 1e-9).sum() >= 4  # a facet, not an edge
+        down, towards = -R_WO[:2, 2], (place.p_WP - place.X_WO.translation())[:2]
+        assert abs(np.linalg.det([down, towards / np.linalg.norm(towards)])) < math.sin(0.101)
+        assert down @ towards > 0
+        assert abs(math.atan2(down[1], -down[0])) < math.pi / 3 + 1e-9
+        rolls.add(math.floor(math.atan2(R_WO[2, 1], R_WO[2, 0]) * 64 / (2 * math.pi)) % 64)
+    assert len(rolls) > 55
 
 
 def test_every_value_of_a_file_arrives(tmp_path):

@@ -1,0 +1,49 @@
+"""The flip task's state from a network's estimate of the object, and from the pusher, whose position is known."""
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+MOTION_SIZE = 15  # components of the state that are of the object alone
+
+
+class FlipAssembly(nn.Module):
+    """Module from an estimate (B, 15) of the object and the pusher (B, 3) across its box to the state of `FlipTask`.
+
+    Attributes:
+        estimate_size: Number of components that a network estimates: position, axes and velocities of the object.
+        scale: (3,) float32, half the sides of the pusher's box, in units of the state.
+        middle: (3,) float32, middle of the pusher's box, z from the object's height at the goal, in the same units.
+    """
+
+    estimate_size = MOTION_SIZE
+    scale: Tensor
+    middle: Tensor
+
+    def __init__(self, height: float, length: float, low: np.ndarray, high: np.ndarray, *, round: bool) -> None:
+        """Builds the map from the pusher's box to the state's frame.
+
+        Args:
+            height: m, world: z of the object's origin at the goal.
+            length: m, unit of lengths in the state.
+            low: (3,) m, world: lower corner of the pusher's box.
+            high: (3,) m, world: upper corner.
+            round: Flag: the object is round about the axis that is to point up, so that there is no second one.
+        """
+        super().__init__()
+        middle = 0.5 * (np.asarray(low) + high) - [0.0, 0.0, height]
+        self._round = round
+        self.register_buffer("scale", torch.tensor(0.5 * (high - low) / length).float(), persistent=False)
+        self.register_buffer("middle", torch.tensor(middle / length).float(), persistent=False)
+
+    def forward(self, estimate: Tensor, pusher: Tensor) -> Tensor:
+        """State (B, 18) of `FlipTask`.
+
+        Args:
+            estimate: (B, 15): position, both axes (of any length) and velocities, in units of the state.
+            pusher: (B, 3), position of the pusher across its box, -1 to 1.
+        """
+        up = nn.functional.normalize(estimate[:, 3:6])
+        side = torch.zeros_like(up) if self._round else nn.functional.normalize(estimate[:, 6:9])
+        away = pusher * self.scale + self.middle - estimate[:, :3]
+        return torch.cat([estimate[:, :3], up, side, estimate[:, 9:], away], 1)

@@ -1,0 +1,232 @@
+"""Sampling-based model-predictive control of any task: sequences of actions are tried in the worlds of a twin.
+
+Source: cross-entropy method with elites that are kept, noise that is correlated over time, and a warm start, after
+    Pinneri et al., "Sample-efficient cross-entropy method for real-time planning" (iCEM, CoRL 2020).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pinwm_drake.errors import ParameterError, require
+from pinwm_drake.systems.envs.options import EnvOptions
+from pinwm_drake.systems.envs.worlds import Worlds
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.scenario.start import StartDistribution
+from pinwm_drake.tasks import Task
+
+_FAILURE = 10.0  # cost of a sequence that the physics finds no solution for
+
+
+@dataclass(frozen=True)
+class SamplingOptions:
+    """Options of the search.
+
+    Attributes:
+        samples: Number of sequences tried at once, one in each of the twin's worlds.
+        horizon: Number of actions of a sequence.
+        iterations: Number of rounds for each action that is carried out.
+        first_iterations: Number of rounds for the first action of an episode.
+        elites: Number of the best sequences, which the next round is drawn around.
+        kept: Number of these that are tried again in the next round.
+        spread: Standard deviation of an action's components in the first round, in units of the longest translation.
+        least_spread: The least one, in any round.
+        correlation: Correlation of an action's noise with that of the action before, 0 to below 1.
+        momentum: Share of the last mean and spread in the next ones.
+        seed: Seed of the draws.
+
+    Raises:
+        ParameterError: An option is out of range.
+    """
+
+    samples: int = 64
+    horizon: int = 8
+    iterations: int = 3
+    first_iterations: int = 8
+    elites: int = 8
+    kept: int = 3
+    spread: float = 0.7
+    least_spread: float = 0.1
+    correlation: float = 0.5
+    momentum: float = 0.1
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        require("samples", self.samples, 2 <= self.samples <= 65536, "2 to 65536")
+        require("horizon", self.horizon, 1 <= self.horizon <= 1000, "1 to 1000")
+        for name in ("iterations", "first_iterations"):
+            require(name, getattr(self, name), 1 <= getattr(self, name) <= 1000, "1 to 1000")
+        require("elites", self.elites, 1 <= self.elites <= self.samples, "1 to the number of samples")
+        require("kept", self.kept, 0 <= self.kept <= self.elites, "0 to the number of elites")
+        for name in ("spread", "least_spread"):
+            require(name, getattr(self, name), 0 < getattr(self, name) <= 10, "more than 0, up to 10")
+        for name in ("correlation", "momentum"):
+            require(name, getattr(self, name), 0 <= getattr(self, name) < 1, "0 to below 1")
+
+
+@dataclass(frozen=True, eq=False)
+class ActionPlan:
+    """Sequence of actions with the return that the twin promises.
+
+    Attributes:
+        actions: (horizon, n) in [-1, 1], the next one first.
+        value: Sum of its rewards in the twin.
+        success: Flag: the twin ends it with success.
+    """
+
+    actions: np.ndarray
+    value: float
+    success: bool
+
+
+class SamplingMpc:
+    """Planner of a task by sequences of actions that are tried in the twin's worlds.
+
+    Attributes:
+        worlds: The twin's worlds, one for each sample.
+        task: The task, with the shaped reward.
+        options: Options of the search.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        task: Task | None = None,
+        max_translation: float | None = None,
+        options: SamplingOptions | None = None,
+    ) -> None:
+        """Makes the worlds.
+
+        Args:
+            setup: The scene as far as it is known, such as an identified twin.
+            task: The task; None for the scene's.
+            max_translation: m, longest translation in an action; None for the longest that the pusher's speed allows.
+            options: Options of the search.
+
+        Raises:
+            InputError: A mesh cannot be used.
+            ParameterError: The translation is not positive or longer than the pusher's speed allows.
+        """
+        self.options = options or SamplingOptions()
+        task = (setup.task if task is None else task).for_training()
+        settings = EnvOptions(task=task, max_translation=max_translation, max_steps=self.options.horizon)
+        self.worlds = Worlds(setup, "twin", self.options.samples, settings)
+        self.task = self.worlds.task
+        self._random = np.random.default_rng(self.options.seed)
+        place = StartDistribution(self.worlds.setup).middle()
+        self._usual = np.zeros(13), place.p_WP
+        self._usual[0][:7] = [*place.X_WO.rotation().ToQuaternion().wxyz(), *place.X_WO.translation()]
+
+    def plan(self, object_state: np.ndarray, p_WP: np.ndarray, last: ActionPlan | None = None) -> ActionPlan:
+        """The best sequence of actions that is found.
+
+        Args:
+            object_state: (13,) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world; a component that is NaN is that of
+                the middle of the scene's starts, or 0.
+            p_WP: (3,) m, world: position of the pusher; likewise.
+            last: Plan whose first action has been carried out, for a warm start; None at the beginning.
+        """
+        options, n = self.options, self.task.action_size
+        object_state, p_WP = (
+            np.where(np.isnan(given), usual, given)
+            for given, usual in zip((object_state, p_WP), self._usual, strict=True)
+        )
+        mean, spread = np.zeros((options.horizon, n)), np.full((options.horizon, n), options.spread)
+        kept = np.zeros((0, options.horizon, n))
+        if last is not None:
+            kept = np.concatenate([last.actions[1:], last.actions[-1:]])[None]
+            mean, spread = kept[0].copy(), np.full_like(spread, 0.5 * options.spread)
+        best: ActionPlan | None = None
+        for _ in range(options.first_iterations if last is None else options.iterations):
+            drawn = np.clip(mean + spread * self._noise(n), -1.0, 1.0)
+            drawn[: len(kept)] = kept
+            values, successes = self._values(drawn, object_state, p_WP)
+            order = np.argsort(-values, kind="stable")[: options.elites]
+            elites, first = drawn[order], order[0]
+            if best is None or values[first] > best.value:
+                best = ActionPlan(drawn[first].copy(), float(values[first]), bool(successes[first]))
+            mean = options.momentum * mean + (1.0 - options.momentum) * elites.mean(0)
+            spread = options.momentum * spread + (1.0 - options.momentum) * elites.std(0)
+            spread = np.maximum(spread, options.least_spread)
+            kept = elites[: options.kept]
+        assert best is not None
+        return best
+
+    def _noise(self, n: int) -> np.ndarray:
+        """Noise (samples, horizon, n) of unit variance, correlated over time."""
+        share = self.options.correlation
+        white = self._random.normal(size=(self.options.samples, self.options.horizon, n))
+        for k in range(1, self.options.horizon):
+            white[:, k] = share * white[:, k - 1] + np.sqrt(1.0 - share**2) * white[:, k]
+        return white
+
+    def _values(self, actions: np.ndarray, object_state: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Sums (W,) of rewards, and successes (W,), of sequences (W, horizon, n); a failure of the physics ends one."""
+        worlds, W = self.worlds, len(actions)
+        worlds.set_object_states(np.tile(object_state, (W, 1)), np.tile(p_WP, (W, 1)))
+        total, going, success = np.zeros(W), np.ones(W, bool), np.zeros(W, bool)
+        for k in range(self.options.horizon):
+            out = worlds.advance(actions[:, k])
+            failed = np.zeros(W, bool)
+            failed[list(out.failures)] = True
+            total[going & ~failed] += out.reward[going & ~failed]
+            total[going & failed] -= _FAILURE
+            success |= going & out.terminated
+            going &= ~(failed | out.terminated)
+            if not going.any():
+                break
+        return total, success
+
+
+class SamplingMpcPolicy:
+    """Policy of any task that plans from the observation `state`, with the signature of SB3's `predict`.
+
+    It hands its plans out as the policy's state and takes them back with the next observation.
+
+    Attributes:
+        planner: Planner of the actions.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        task: Task | None = None,
+        max_translation: float | None = None,
+        options: SamplingOptions | None = None,
+    ) -> None:
+        """Makes the planner; see `SamplingMpc`."""
+        self.planner = SamplingMpc(setup, task, max_translation, options)
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, tuple[ActionPlan | None, ...]]:
+        """Actions (n,) or (W, n) in [-1, 1]^n, and the plans behind them.
+
+        Args:
+            observation: The task's state, (state_size,) or (W, state_size), or a dict that has it under `state`.
+            state: The plans that came back last; None to plan anew.
+            episode_start: (W,) bool, true where an episode begins: plans before it are dropped.
+            deterministic: Not used.
+
+        Raises:
+            ParameterError: The observation has no state.
+        """
+        task = self.planner.task
+        seen = observation.get("state") if isinstance(observation, Mapping) else observation
+        rows = np.asarray(seen if seen is not None else np.zeros(0), float)
+        if rows.ndim not in (1, 2) or rows.shape[-1] != task.state_size:
+            raise ParameterError(f"observation: got {np.shape(rows)}; allowed: `state`, {task.state_size} numbers")
+        worlds = np.atleast_2d(rows)
+        plans: list[ActionPlan | None] = list(state) if state is not None else [None] * len(worlds)
+        begins = np.broadcast_to(np.asarray(False if episode_start is None else episode_start, bool), len(worlds))
+        made: list[ActionPlan | None] = []
+        for row, plan, begin in zip(worlds, plans, begins, strict=True):
+            object_state, p_WP = task.object_state(row[None])
+            fine = bool(np.isfinite(row).all())
+            made.append(self.planner.plan(object_state[0], p_WP[0], None if begin else plan) if fine else None)
+        actions = np.array([np.zeros(task.action_size) if plan is None else plan.actions[0] for plan in made])
+        actions = actions.astype(np.float32)
+        return (actions[0] if rows.ndim == 1 else actions), tuple(made)

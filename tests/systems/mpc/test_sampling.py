@@ -1,0 +1,75 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.envs.env import TaskEnv
+from pinwm_drake.systems.envs.options import EnvOptions
+from pinwm_drake.systems.mpc.sampling import SamplingMpc, SamplingMpcPolicy, SamplingOptions
+from pinwm_drake.systems.scenario.load import load_setup
+
+COARSE = EnvOptions(time_step=1 / 480)
+
+
+@pytest.fixture(scope="module")
+def cube():
+    setup = load_setup("flip_cube")
+    return dataclasses.replace(setup, twin=dataclasses.replace(setup.twin, time_step=1 / 480))
+
+
+def test_a_cube_is_flipped_in_the_twin(cube):
+    env = TaskEnv(cube, "twin", COARSE)
+    policy = SamplingMpcPolicy(cube, env.task)
+    observation, info = env.reset(seed=0)
+    assert info["angle"] == pytest.approx(np.pi / 2)
+    plans = None
+    for _ in range(env.max_steps):
+        action, plans = policy.predict(observation, plans)
+        observation, _, terminated, truncated, info = env.step(action)
+        if terminated or truncated:
+            break
+    assert info["success"]
+    assert info["angle"] < 0.2
+
+
+def test_a_plan_keeps_what_it_promises(cube):
+    options = SamplingOptions(samples=16, horizon=5, first_iterations=2)
+    planner, env = SamplingMpc(cube, options=options), TaskEnv(cube, "twin", dataclasses.replace(COARSE, max_steps=5))
+    observation, _ = env.reset(seed=1)
+    state, p_WP = env.task.object_state(np.asarray(observation)[None])
+    plan = planner.plan(state[0], p_WP[0])
+    assert plan.actions.shape == (5, 3)
+    assert np.abs(plan.actions).max() <= 1.0
+    rewards, before = [], planner.task.measure(state, p_WP)
+    for action in plan.actions:
+        env.step(action)
+        after = env.worlds.progress
+        rewards.append(float(planner.task.rewards(before, after)[0]))
+        before = after
+    assert sum(rewards) == pytest.approx(plan.value, abs=1e-3)
+
+
+def test_more_rounds_find_no_worse_plans(cube):
+    env = TaskEnv(cube, "twin", COARSE)
+    state, p_WP = env.task.object_state(np.asarray(env.reset(seed=2)[0])[None])
+    few, many = (
+        SamplingMpc(cube, options=SamplingOptions(samples=16, first_iterations=rounds)).plan(state[0], p_WP[0]).value
+        for rounds in (1, 6)
+    )
+    assert many >= few
+
+
+def test_a_state_that_is_no_number_moves_nothing_and_a_wrong_one_is_refused(cube):
+    policy = SamplingMpcPolicy(cube, options=SamplingOptions(samples=4, elites=2, kept=1, horizon=2))
+    action, plans = policy.predict(np.full(18, np.nan))
+    assert action.tolist() == [0.0, 0.0, 0.0]
+    assert plans == (None,)
+    with pytest.raises(ParameterError, match="18 numbers"):
+        policy.predict({"image": np.zeros(3)})
+
+
+@pytest.mark.parametrize("wrong", [{"samples": 1}, {"elites": 100}, {"kept": 9}, {"spread": 0.0}, {"correlation": 1.0}])
+def test_options_out_of_range_are_refused(wrong):
+    with pytest.raises(ParameterError, match=next(iter(wrong))):
+        SamplingOptions(**wrong)
