@@ -26,8 +26,15 @@ def evaluate(
         Path, typer.Option("--out", "-o", help="Folder for evaluation.json, episodes.csv, episodes.mp4, report.html.")
     ] = Path("evaluation"),
     scene: Annotated[
-        str, typer.Option(help="A scenario that ships, a .scenario.yaml file, or the folder of a twin.")
-    ] = "push_t",
+        str | None,
+        typer.Option(
+            help="A scenario that ships, a .scenario.yaml file, or the folder of a twin.",
+            show_default="push_t, or that of --task",
+        ),
+    ] = None,
+    task: Annotated[
+        str | None, typer.Option(help="push or flip, for mpc and random.", show_default="the scene's")
+    ] = None,
     engine: Annotated[str, typer.Option(help="twin, hydroelastic or point.")] = "hydroelastic",
     episodes: Annotated[int, typer.Option(help="How many.")] = 100,
     seed: Annotated[int, typer.Option(help="Of the first episode; the next has the next.")] = 0,
@@ -47,7 +54,7 @@ def evaluate(
     ] = None,
     max_translation: Annotated[
         float | None,
-        typer.Option(help="m, of the pusher in an action, for mpc and random.", show_default="0.02"),
+        typer.Option(help="m, of the pusher in an action, for mpc and random.", show_default="the task's"),
     ] = None,
     model: Annotated[
         str | None,
@@ -63,10 +70,12 @@ def evaluate(
     from pinwm_drake.experiments.evaluation import run
     from pinwm_drake.experiments.evaluation.request import EvaluateRequest
     from pinwm_drake.report.evaluation.report import details, headline
+    from pinwm_drake.tasks import default_scene
 
     request = EvaluateRequest(
         policy=policy,
-        scene=scene,
+        scene=scene or default_scene(task or "push"),
+        task=task,
         engine=engine,
         episodes=episodes,
         seed=seed,

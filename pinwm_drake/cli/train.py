@@ -50,7 +50,9 @@ def train(
     worlds: Annotated[int, typer.Option(help="That are trained in at once.")] = 64,
     image_size: Annotated[int, typer.Option(help="px.")] = 64,
     frames: Annotated[int, typer.Option(help="Images that the policy sees, one an action.")] = 3,
-    max_translation: Annotated[float, typer.Option(help="m, of the pusher in an action of 0.1 s.")] = 0.02,
+    max_translation: Annotated[
+        float | None, typer.Option(help="m, of the pusher in an action of 0.1 s.", show_default="the task's")
+    ] = None,
     steps: Annotated[
         int | None, typer.Option(help="Of PPO, all worlds together.", show_default="as the method needs")
     ] = None,

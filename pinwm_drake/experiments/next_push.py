@@ -132,7 +132,8 @@ def propose_push(
     X_WO = Pose(X_WO.q, torch.cat([X_WO.p[:2], torch.tensor([resting_height(scene, X_WO.q)], dtype=torch.float64)]))
     mesh_W.apply_transform(pose_to_matrix(X_WO).numpy())
     rows = twin.draws.rows(draws)
-    parameters = drawn_parameters(twin, scene, rows)
+    # What is of one push alone tells nothing of the object.
+    parameters = drawn_parameters(twin, scene, rows, anew=False)
     generator = np.random.default_rng(seed)
     shape, p_com = upright_shape(twin.pusher), mass_properties(mesh_W, mass=1.0).p_com
     candidates = []

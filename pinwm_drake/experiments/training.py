@@ -47,7 +47,7 @@ class TrainRequest:
     worlds: int = 64
     image_size: int = 64
     frames: int = 3
-    max_translation: float = 0.02
+    max_translation: float | None = None
     steps: int | None = None
     round_steps: int | None = None
     rounds: int | None = None

@@ -7,6 +7,6 @@ flip.py    an object is poked until one of its axes points up
 
 from pinwm_drake.tasks.flip import FlipTask
 from pinwm_drake.tasks.push import PushTask
-from pinwm_drake.tasks.task import Progress, Task, register, task_from_document
+from pinwm_drake.tasks.task import Progress, Task, default_scene, register, task_from_document
 
-__all__ = ["FlipTask", "Progress", "PushTask", "Task", "register", "task_from_document"]
+__all__ = ["FlipTask", "Progress", "PushTask", "Task", "default_scene", "register", "task_from_document"]

@@ -58,6 +58,8 @@ class FlipTask(Task):
     axes: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     state_size: ClassVar[int] = 18
     max_steps: ClassVar[int] = 25
+    scene: ClassVar[str] = "flip_mug"
+    training_step: ClassVar[float | None] = 1 / 480  # at 1 m/s the pusher moves 2 mm
 
     up: tuple[float, float, float] = (0.0, 0.0, -1.0)
     side: tuple[float, float, float] = (0.0, 0.0, 0.0)

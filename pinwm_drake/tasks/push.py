@@ -63,6 +63,8 @@ class PushTask(Task):
     name: ClassVar[str] = "push"
     axes: ClassVar[tuple[str, ...]] = ("x", "y")
     state_size: ClassVar[int] = 11
+    max_translation: ClassVar[float | None] = 0.02
+    training_step: ClassVar[float | None] = 1 / 120  # twelve steps an action: tenths of a millimetre do not count
 
     goal: tuple[float, float, float] = (0.0, 0.0, 0.0)
     q_WO: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)

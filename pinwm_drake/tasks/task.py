@@ -49,6 +49,10 @@ class Task(ABC):
         state_size: Number of components of `state`.
         state_bound: Largest absolute value of a component of `state`.
         max_steps: Largest number of actions in an episode, unless an environment is told otherwise.
+        scene: Name of a scenario that ships with this task.
+        max_translation: m, longest translation in an action that policies are trained for and controllers are tried
+            with; None for the longest that the pusher's speed allows.
+        training_step: s, step of the physics that policies are trained in; None for that of the scene.
     """
 
     name: ClassVar[str]
@@ -56,6 +60,9 @@ class Task(ABC):
     state_size: ClassVar[int]
     state_bound: ClassVar[float] = 20.0
     max_steps: ClassVar[int] = 100
+    scene: ClassVar[str] = "push_t"
+    max_translation: ClassVar[float | None] = None
+    training_step: ClassVar[float | None] = None
 
     @abstractmethod
     def measure(self, object_state: np.ndarray, p_WP: np.ndarray) -> Progress:
@@ -203,6 +210,17 @@ def register(task: TaskClass) -> TaskClass:
     """Makes a task known by its name; a class decorator."""
     _TASKS[task.name] = task
     return task
+
+
+def default_scene(name: str) -> str:
+    """Name of the scenario that ships with a task.
+
+    Raises:
+        ParameterError: There is no such task.
+    """
+    if name not in _TASKS:
+        raise ParameterError(f"task: got {name!r}; allowed: {', '.join(sorted(_TASKS))}")
+    return _TASKS[name].scene
 
 
 def task_from_document(document: Any) -> Task:

@@ -56,12 +56,19 @@ def twin_parameters(twin: Twin, scene: Scene) -> Parameters:
     return physical_parameters({name: [estimate.value] for name, estimate in estimates.items()}, scene)
 
 
-def drawn_parameters(twin: Twin, scene: Scene, rows: np.ndarray) -> Parameters:
-    """Parameters of W worlds that are pushed anew, by draws from the posterior of a twin, by their rows (W,)."""
+def drawn_parameters(twin: Twin, scene: Scene, rows: np.ndarray, *, anew: bool = True) -> Parameters:
+    """Parameters of W worlds by draws from the posterior of a twin.
+
+    Args:
+        twin: The twin; the same W times without draws.
+        scene: Scene of the object.
+        rows: (W,), rows of the draws.
+        anew: Flag: each world has the frictions of a push that was not seen, see `drift.grips`.
+    """
     known = {name: [estimate.value] * len(rows) for name, estimate in (twin.theta | twin.nuisance).items()}
     drawn = {} if twin.draws is None else {name: twin.draws.column(name)[rows].tolist() for name in twin.draws.names}
     for name, factor in grips(rows).items():
-        if name in drawn:
+        if anew and name in drawn:
             drawn[name] = (np.asarray(drawn[name]) * factor).tolist()
     return physical_parameters(known | drawn, scene)
 

@@ -1,5 +1,6 @@
 """The worlds that a policy is trained in: domains around a twin, or the twin alone."""
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,18 +18,19 @@ from pinwm_drake.systems.envs.vector import TaskVecEnv
 from pinwm_drake.systems.scenario.load import Scene, load_setup, scene_hash
 from pinwm_drake.systems.scenario.start import with_start_yaw
 
-# Twelve steps of physics an action, and eight directions of friction: tenths of a millimetre do not count here.
-_PHYSICS = EnvOptions(frames=3, max_translation=0.02, time_step=1 / 120, friction_directions=8, image_size=64)
+_OPTIONS = EnvOptions(frames=3, image_size=64)
 _POOL = 64  # domains in a round
 
 
 def training_options(**changes: Any) -> EnvOptions:
     """Options of environments as trainings have them, with single fields changed.
 
+    Translations and the step of the physics that are None are the task's.
+
     Raises:
         ParameterError: There is no such option, or a value is out of range.
     """
-    return changed_options(_PHYSICS, changes)
+    return changed_options(_OPTIONS, changes)
 
 
 class DomainPool:
@@ -97,7 +99,8 @@ class TrainingWorlds:
 
         Args:
             scene: The folder of a twin, or what else `load_setup` takes.
-            options: Options of the environments; None for `training_options()`.
+            options: Options of the environments; None for `training_options()`. What they leave open of translations
+                and of the step of the physics is the task's.
             num_worlds: Number of worlds, W.
             domains: Distribution of the domains; None for cousins with a delta of 0.1.
             yaw: rad, largest turn of the object from the goal at the start, either way; None for the scene's range.
@@ -106,8 +109,14 @@ class TrainingWorlds:
             InputError: The scene, or one of its files, cannot be used.
             ParameterError: An option is out of range.
         """
-        self.options = options or training_options()
-        setup = environment_setup(load_setup(scene), self.options)
+        loaded, options = load_setup(scene), options or training_options()
+        task = options.task_in(loaded)
+        self.options = dataclasses.replace(
+            options,
+            max_translation=options.max_translation or task.max_translation,
+            time_step=options.time_step or task.training_step,
+        )
+        setup = environment_setup(loaded, self.options)
         if yaw is not None:
             setup = with_start_yaw(setup, yaw)
         self.setup, self._num_worlds = setup, num_worlds

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.evaluation.request import MPC, RANDOM, EvaluateRequest
 from pinwm_drake.learning.evaluation import Acts
 from pinwm_drake.learning.policy import POLICY_FILE, read_policy, weights_digest
@@ -22,8 +22,6 @@ from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.scenario.load import load_setup, scene_hash
 from pinwm_drake.systems.scenario.start import with_start_yaw
 from pinwm_drake.tasks import PushTask
-
-_MAX_TRANSLATION = 0.02  # m, as `pinwm train` has it
 
 
 class RandomActions:
@@ -106,24 +104,27 @@ def make_environment(contestant: Contestant, request: EvaluateRequest) -> TaskEn
     named = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
     task = {name: value for name, value in named.items() if value is not None}
     if spec is None:
-        longest = _MAX_TRANSLATION if request.max_translation is None else request.max_translation
-        options = EnvOptions(task=task, max_steps=request.max_steps, max_translation=longest)
+        task |= {} if request.task is None else {"name": request.task}
+        options = EnvOptions(task=task, max_steps=request.max_steps, max_translation=request.max_translation)
+        if request.max_translation is None:
+            options = dataclasses.replace(options, max_translation=options.task_in(setup).max_translation)
         return TaskEnv(setup, request.engine, options)
     steps: dict[str, Any] = {} if request.max_steps is None else {"max_steps": request.max_steps}
     return spec_environment(spec, setup, request.engine, task=task, **steps)
 
 
 def _mpc(model: str) -> Contestant:
-    """Contestant of the model-predictive controller, which plans with a scene's parameters, be they true or not."""
+    """Contestant of the task's model-predictive controller, which plans with a scene's parameters, true or not."""
     from pinwm_drake.systems.mpc.policy import PushMpcPolicy
+    from pinwm_drake.systems.mpc.sampling import SamplingMpcPolicy
 
     known = environment_setup(load_setup(model))
     theta = {name: float(estimate.value) for name, estimate in known.twin.theta.items()}
 
     def make(env: TaskEnv) -> Acts:
-        if not isinstance(env.task, PushTask):
-            raise ParameterError(f"policy: got {MPC} for the task {env.task.name}; allowed: for {PushTask.name}")
-        return PushMpcPolicy(known, env.task, env.run.max_translation)
+        if isinstance(env.task, PushTask):
+            return PushMpcPolicy(known, env.task, env.run.max_translation)
+        return SamplingMpcPolicy(known, env.task, env.run.max_translation)
 
     return Contestant(
         MPC,

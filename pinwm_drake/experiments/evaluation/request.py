@@ -29,6 +29,7 @@ class EvaluateRequest:
     max_steps: int | None = None
     max_translation: float | None = None
     model: str | None = None
+    task: str | None = None
 
     def __post_init__(self) -> None:
         """Checks the options that nothing else checks."""
@@ -39,6 +40,8 @@ class EvaluateRequest:
         require("--yaw", self.yaw, self.yaw is None or 0.0 <= self.yaw <= math.pi + 1e-9, "0 to pi")
         free = self.max_translation is None or self.policy in (MPC, RANDOM)
         require("--max-translation", "one beside a policy, which has its own", free, "with mpc, random")
+        named = self.task is None or self.policy in (MPC, RANDOM)
+        require("--task", "one beside a policy, which has its own", named, "with mpc, random")
         require("--model", "one", self.model is None or self.policy == MPC, "with mpc")
 
     @property
