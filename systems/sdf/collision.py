@@ -4,6 +4,9 @@ For hydroelastic contact a mesh is divided into small triangles (`fine_mesh`). F
 pieces for the pusher (`piece_mesh`) and small spheres for the floor (`support_spheres`). Renderers take `seen_mesh`.
 """
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 import trimesh
 
@@ -61,6 +64,51 @@ def piece_mesh(piece: ConvexPiece) -> str:
     corners = [f"v {' '.join(f'{x + 0.0:.9g}' for x in corner.round(15))}" for corner in piece.vertices]
     faces = [f"f {' '.join(str(corner + 1) for corner in face)}" for face in piece.faces]
     return "\n".join([*corners, *faces]) + "\n"
+
+
+def volume_mesh(pieces: Sequence[ConvexPiece], longest_edge: float) -> tuple[str, float]:
+    """VTK file of convex pieces as tetrahedra, for hydroelastic contact with a stiffer floor, and their depth [m].
+
+    The faces of a piece are divided as `fine_mesh` does it, and each triangle makes a tetrahedron with the piece's
+    middle: Drake's pressure is zero on every face and grows inwards.
+
+    Args:
+        pieces: The pieces, m.
+        longest_edge: Longest edge of a triangle, m for each metre of the pieces' mean extent.
+
+    Returns:
+        The file, and the largest distance of a piece's middle from its surface, where the pressure is the modulus.
+    """
+    extents = np.ptp(np.concatenate([piece.vertices for piece in pieces]), axis=0)
+    points: list[np.ndarray] = []
+    cells: list[tuple[int, ...]] = []
+    depth = 0.0
+    for piece in pieces:
+        corners, middle = piece.vertices[_fans(piece)], piece.vertices.mean(axis=0)
+        nearest = trimesh.triangles.closest_point(corners, np.tile(middle, (len(corners), 1)))
+        depth = max(depth, float(np.linalg.norm(nearest - middle, axis=1).min()))
+        triangles = divided(corners, longest_edge * float(extents.mean())).round(15)
+        mine, index = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+        first, last = len(points), len(points) + len(mine)
+        points += [*mine, middle]
+        # Seen from outside the first three turn the other way round, so that the fourth is on their left-handed side.
+        cells += [(a, c, b, last) for a, b, c in first + index.reshape(-1, 3)]
+    lines = [
+        "# vtk DataFile Version 3.0",
+        "pieces",
+        "ASCII",
+        "DATASET UNSTRUCTURED_GRID",
+        f"POINTS {len(points)} double",
+    ]
+    lines += [" ".join(f"{x + 0.0:.12g}" for x in point) for point in points]
+    lines += [f"CELLS {len(cells)} {5 * len(cells)}", *(f"4 {a} {b} {c} {d}" for a, b, c, d in cells)]
+    lines += [f"CELL_TYPES {len(cells)}", *["10"] * len(cells)]
+    return "\n".join(lines) + "\n", depth
+
+
+def _fans(piece: ConvexPiece) -> np.ndarray:
+    """Triangles (m, 3) int of a hull's faces."""
+    return np.array([(face[0], b, c) for face in piece.faces for b, c in pairwise(face[1:])])
 
 
 def seen_mesh(mesh: trimesh.Trimesh) -> str:

@@ -1,8 +1,8 @@
 """Writing of the SDFormat files that ship with pinwm_drake, and of the meshes with which their objects touch.
 
 Run `python -m pinwm_drake.systems.sdf.shipped` after a mesh, or how SDFormat is written, was changed. Beside each mesh
-NAME/NAME.obj come NAME.sdf with NAME_contact.obj, for hydroelastic contact, and NAME_point.sdf with pieces/NAME_k.obj,
-for point contact. Mass is 1 kg, friction of every pair 0.1, restitution 0.
+NAME/NAME.obj come NAME.sdf with NAME_contact.obj and NAME_support.vtk, for hydroelastic contact, and NAME_point.sdf
+with pieces/NAME_k.obj, for point contact. Mass is 1 kg, friction of every pair 0.1, restitution 0.
 """
 
 from pathlib import Path
@@ -17,8 +17,8 @@ from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import box, convex_hull
 from pinwm_drake.models import OBJECT_NAMES, PACKAGE_NAME, PUSHER_NAMES, model_path, object_model
 from pinwm_drake.models.paint import LARGE_T
-from pinwm_drake.systems.sdf.collision import fine_mesh, piece_mesh, support_spheres
-from pinwm_drake.systems.sdf.contact import LONGEST_EDGE, Surfaces
+from pinwm_drake.systems.sdf.collision import fine_mesh, piece_mesh, support_spheres, volume_mesh
+from pinwm_drake.systems.sdf.contact import LONGEST_EDGE, SUPPORT_GRADIENT, Surfaces
 from pinwm_drake.systems.sdf.text import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
 
 _MASS, _FRICTION = 1.0, 0.1  # kg, of every pair
@@ -60,6 +60,14 @@ def shipped_supports(name: str) -> list[tuple[np.ndarray, float]]:
     ]
 
 
+def shipped_support(name: str) -> tuple[str, float]:
+    """URL and depth [m] of the tetrahedra on which a shipped object stands in hydroelastic contact."""
+    sdf = ElementTree.parse(object_model(name).sdf_path)
+    collision = next(one for one in sdf.iter("collision") if one.get("name") == "support")
+    modulus = next(one.text for one in collision.iter() if one.tag.endswith("hydroelastic_modulus"))
+    return shipped_uri(f"{name}/{name}_support.vtk"), float(modulus or "") / SUPPORT_GRADIENT
+
+
 def texts() -> dict[Path, str]:
     """Text of every file that this module writes, by path."""
     root = model_path("package.xml").parent
@@ -82,7 +90,9 @@ def _object_texts(name: str) -> dict[str, str]:
     inertia = np.vectorize(lambda value: float(f"{value:.9g}") if abs(value) > 1e-15 else 0.0)(about.inertia)
     solid = Solid(_MASS, about.p_com.round(9), inertia)
     surfaces = Surfaces.of_pairs(_FRICTION, _FRICTION)
-    visual, contact = f"{name}/{name}_visual.obj", f"{name}/{name}_contact.obj"
+    visual, contact, base = f"{name}/{name}_visual.obj", f"{name}/{name}_contact.obj", f"{name}/{name}_support.vtk"
+    tetrahedra, depth = volume_mesh(pieces, LONGEST_EDGE)
+    support = shipped_uri(base), round(depth, 12)
     files = piece_names(name, len(pieces))
     spheres = [(centre.round(9), radius) for centre, radius in support_spheres(mesh)]
     uris = [shipped_uri(file) for file in files]
@@ -90,8 +100,11 @@ def _object_texts(name: str) -> dict[str, str]:
     point = f"{name}, point contact: pieces are for the pusher, supports for the floor. {_about()}"
     return {
         contact: fine_mesh(mesh, LONGEST_EDGE),
+        base: tetrahedra,
         **{file: piece_mesh(piece) for file, piece in zip(files, pieces, strict=True)},
-        f"{name}/{name}.sdf": object_sdf(name, solid, shipped_uri(visual), shipped_uri(contact), surfaces, comment),
+        f"{name}/{name}.sdf": object_sdf(
+            name, solid, shipped_uri(visual), shipped_uri(contact), support, surfaces, comment
+        ),
         f"{name}/{name}_point.sdf": object_point_sdf(name, solid, shipped_uri(visual), uris, spheres, surfaces, point),
     }
 

@@ -67,15 +67,22 @@ class Surface:
 
 
 def object_sdf(
-    name: str, solid: Solid, visual: str, contact_mesh: str, surfaces: settings.Surfaces, comment: str
+    name: str,
+    solid: Solid,
+    visual: str,
+    contact_mesh: str,
+    support: tuple[str, float],
+    surfaces: settings.Surfaces,
+    comment: str,
 ) -> str:
-    """Model of a free body for hydroelastic contact: rigid, with a mesh of small triangles.
+    """Model of a free body for hydroelastic contact: a rigid mesh for the pusher, soft tetrahedra for the floor.
 
     Args:
         name: Name of the model; its link is called "object" and has the frame O.
         solid: Mass properties.
         visual: URI of the mesh that is seen.
-        contact_mesh: URI of the mesh that touches.
+        contact_mesh: URI of the mesh that meets the pusher.
+        support: URI and depth [m] of the tetrahedra that stand on the floor, as of `volume_mesh`.
         surfaces: Coefficients.
         comment: First line of the file.
 
@@ -83,7 +90,10 @@ def object_sdf(
         The text of the file.
     """
     surface = Surface(surfaces.friction_object, modulus=np.inf)
-    parts = [_inertial(solid), _visual(_mesh(visual)), _collision("contact", _mesh(contact_mesh), surface)]
+    modulus = settings.SUPPORT_GRADIENT * support[1]
+    base = Surface(surfaces.friction_object, surfaces.dissipation_floor, modulus=modulus)
+    parts = [_inertial(solid), _visual(_mesh(visual)), _collision("piece", _mesh(contact_mesh), surface)]
+    parts.append(_collision("support", _mesh(support[0]), base))
     return _file(comment, _model(name, _link("object", *parts)))
 
 

@@ -12,7 +12,7 @@ from pinwm_drake.geometry.shapes import sphere
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.physics import Body, Model
 from pinwm_drake.scene import Scene
-from pinwm_drake.systems.sdf.collision import fine_mesh, piece_mesh, seen_mesh, support_spheres
+from pinwm_drake.systems.sdf.collision import fine_mesh, piece_mesh, seen_mesh, support_spheres, volume_mesh
 from pinwm_drake.systems.sdf.colours import coloured_mesh
 from pinwm_drake.systems.sdf.contact import LONGEST_EDGE, REFERENCE_SPEED, Surfaces
 from pinwm_drake.systems.sdf.text import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
@@ -121,7 +121,9 @@ def object_text(
         _write((folder / _VISUAL).with_suffix(".mtl"), colours)
     if contact == "hydroelastic":
         fine = _mesh_file(folder, "contact", fine_mesh(mesh, LONGEST_EDGE))
-        return object_sdf("object", solid, visual, prefix + fine, surfaces, comment)
+        tetrahedra, depth = volume_mesh(mesh_pieces(twin.mesh_path), LONGEST_EDGE)
+        base = _mesh_file(folder, "support", tetrahedra, ".vtk")
+        return object_sdf("object", solid, visual, prefix + fine, (prefix + base, depth), surfaces, comment)
     pieces = [prefix + _mesh_file(folder, f"piece_{k}", text) for k, text in enumerate(_piece_meshes(twin.mesh_path))]
     return object_point_sdf("object", solid, visual, pieces, support_spheres(mesh), surfaces, comment)
 
@@ -157,11 +159,11 @@ def _piece_meshes(path: Path) -> list[str]:
     return [piece_mesh(piece) for piece in mesh_pieces(path)]
 
 
-def _mesh_file(folder: Path, name: str, text: str) -> str:
+def _mesh_file(folder: Path, name: str, text: str, suffix: str = ".obj") -> str:
     """Writes a mesh and hands back its name from the folder."""
     (folder / _MESHES).mkdir(exist_ok=True)
-    _write(folder / _MESHES / f"{name}.obj", text)
-    return f"{_MESHES}/{name}.obj"
+    _write(folder / _MESHES / f"{name}{suffix}", text)
+    return f"{_MESHES}/{name}{suffix}"
 
 
 def _write(path: Path, text: str) -> None:

@@ -35,7 +35,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pinwm_drake.models import model_path
 from pinwm_drake.systems.cameras.object_camera import OBJECT_LABEL, PUSHER_LABEL
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.systems.sdf.shipped import piece_names, shipped_pieces, shipped_supports, shipped_uri
+from pinwm_drake.systems.sdf.shipped import piece_names, shipped_pieces, shipped_support, shipped_supports, shipped_uri
 from pinwm_drake.systems.sdf.text import floor_sdf, object_point_sdf, object_sdf
 from pinwm_drake.systems.sdf.twin import ContactName, object_text, pusher_text, twin_solid, twin_surfaces
 
@@ -152,8 +152,8 @@ def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> t
     if name is None:
         pushed = object_text(twin, surfaces, contact, folder, prefix, "Object.", visual=visual)
     elif contact == "hydroelastic":
-        mesh = shipped_uri(f"{name}/{name}_contact.obj")
-        pushed = object_sdf(name, twin_solid(twin), str(visual), mesh, surfaces, "Object.")
+        mesh, support = shipped_uri(f"{name}/{name}_contact.obj"), shipped_support(name)
+        pushed = object_sdf(name, twin_solid(twin), str(visual), mesh, support, surfaces, "Object.")
     else:
         pieces = [shipped_uri(file) for file in piece_names(name, len(shipped_pieces(name)))]
         supports = shipped_supports(name)
@@ -181,8 +181,8 @@ def _keep_apart(parts: PushPlant, floor: RigidBody) -> None:
 
     manager.Apply(
         CollisionFilterDeclaration()
-        .ExcludeBetween(GeometrySet(hands), GeometrySet([*ground, *named("support_")]))
-        .ExcludeBetween(GeometrySet(named("piece_")), GeometrySet(ground))
+        .ExcludeBetween(GeometrySet(hands), GeometrySet([*ground, *named("support")]))
+        .ExcludeBetween(GeometrySet(named("piece")), GeometrySet(ground))
     )
 
 

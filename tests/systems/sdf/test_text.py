@@ -24,6 +24,8 @@ from tests.systems.scenes import base_of, base_triangles, mean_radius, setup_of
 ENDS = [".sdf", "_point.sdf"]
 NUMBER = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:e-?\d+)?(?![\w.])")
 
+SUPPORT = ("package://pinwm_models/cube/cube_support.vtk", 0.03)
+
 
 def loaded(*paths, strings=()):
     """The plant and scene graph of models; any warning of Drake's is an error."""
@@ -79,9 +81,16 @@ def test_what_touches_in_hydroelastic_contact_is_the_surface_in_small_triangles(
     np.testing.assert_allclose(fine.bounds, mesh.bounds, atol=1e-9)
     assert fine.edges_unique_length.max() <= 0.28 * mesh.extents.mean() + 1e-9
     plant, scene_graph, _ = loaded(object_model(name).sdf_path)
-    (geometry,) = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("object"))
+    inspector = scene_graph.model_inspector()
+    surface, volume = (
+        inspector.maybe_get_hydroelastic_mesh(one)
+        for one in plant.GetCollisionGeometriesForBody(plant.GetBodyByName("object"))
+    )
     # The mesh of a rigid one is its surface, that of a compliant one its volume.
-    assert scene_graph.model_inspector().maybe_get_hydroelastic_mesh(geometry).num_triangles() == len(fine.faces)
+    assert surface.num_triangles() == len(fine.faces)
+    tetrahedra = [volume.CalcTetrahedronVolume(k) for k in range(volume.num_elements())]
+    assert min(tetrahedra) > 0
+    assert sum(tetrahedra) == pytest.approx(mesh.volume, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", OBJECT_NAMES)
@@ -166,7 +175,7 @@ def test_pairs_have_the_friction_of_theta_to_the_last_digits(floor, pusher):
     uri = "package://pinwm_models/cube/cube.obj"
     plant, scene_graph, _ = loaded(
         strings=(
-            object_sdf("cube", solid, uri, uri, surfaces, ""),
+            object_sdf("cube", solid, uri, uri, SUPPORT, surfaces, ""),
             floor_sdf(surfaces, 0.25, ""),
             pusher_sdf(PUSHERS["sphere"], None, surfaces, ""),
         )
@@ -181,7 +190,7 @@ def test_pairs_have_the_friction_of_theta_to_the_last_digits(floor, pusher):
 def test_names_with_special_characters_are_escaped():
     solid = twin_solid(setup_of("cube", 0.1).twin)
     uri = "package://pinwm_models/cube/cube.obj"
-    text = object_sdf("a<b> & 'c\"", solid, uri, uri, Surfaces.of_pairs(0.1, 0.1), "x < y & z -- done")
+    text = object_sdf("a<b> & 'c\"", solid, uri, uri, SUPPORT, Surfaces.of_pairs(0.1, 0.1), "x < y & z -- done")
     plant, _, _ = loaded(strings=(text,))
     assert plant.HasModelInstanceNamed("a<b> & 'c\"")
 
