@@ -34,7 +34,7 @@ def crosscheck(
         list[str] | None,
         typer.Option(help="Drake's contact model to compare with.", show_default="hydroelastic and point"),
     ] = None,
-    pushes: Annotated[int, typer.Option(help="How many random pushes.")] = 20,
+    pushes: Annotated[int, typer.Option(help="How many random pushes, or pokes where the task is to flip.")] = 20,
     seed: Annotated[int, typer.Option(help="Of the pushes.")] = 0,
     truth: Annotated[
         Path | None,
@@ -72,6 +72,9 @@ def crosscheck(
     known = None if truth is None else _read_truth(truth)
     if out is not None:
         prepare_folder(out)
+    if setup.task.name == "flip":
+        _pokes(setup, options)
+        return
     question, done = _question(setup, truth), 0
     say(question)
     with stages_bar(transient=True) as show:
@@ -93,6 +96,29 @@ def crosscheck(
         write_crosscheck(out, setup, found, question)
         for name in (TABLE_FILE, FIGURE_FILE):
             say(f"wrote {out / name}")
+    if not found.passed:
+        raise typer.Exit(_FAILED)
+
+
+def _pokes(setup: "Setup", options: "CrossCheckOptions") -> None:
+    """The cross-check of a scene whose task is to flip: by pokes; exits with 1 for FAIL."""
+    from pinwm_drake.systems.crosscheck.pokes import poke_check
+
+    say(f"{setup.scenario.name}: pokes that tip the object; the plants have the twin's own parameters")
+    with stages_bar(transient=True) as show:
+        done = 0
+
+        def poked() -> None:
+            nonlocal done
+            done += 1
+            show("pokes", done / options.pushes, f"{done}/{options.pushes}")
+
+        show("pokes", 0.0, f"0/{options.pushes}")
+        found = poke_check(setup, options, report=poked)
+    for line in found.words():
+        say(line)
+    colour, word = ("green", "PASS") if found.passed else ("red", "FAIL")
+    Console().print(f"[bold {colour}]{word}[/] twin", highlight=False)
     if not found.passed:
         raise typer.Exit(_FAILED)
 

@@ -90,7 +90,7 @@ def course_of(motion: Motion, weight: float) -> Course:
     rise = energy - np.minimum.accumulate(energy)
     return Course(
         moved=float(np.linalg.norm(motion.p_WO[-1] - motion.p_WO[0])),
-        turned=float(_angles(motion.q_WO[-1], motion.q_WO[0])),
+        turned=float(angles_between(motion.q_WO[-1], motion.q_WO[0])),
         rest_time=math.inf if motion.rest is None else float(motion.t[motion.rest]),
         floor=floor,
         pusher=pusher,
@@ -108,7 +108,7 @@ def difference_of(one: Motion, other: Motion) -> Difference:
     n = max(len(one.t), len(other.t))
     p, other_p = (_held(motion.p_WO, n) for motion in (one, other))
     q, other_q = (_held(motion.q_WO, n) for motion in (one, other))
-    ways, angles = np.linalg.norm(p - other_p, axis=1), _angles(q, other_q)
+    ways, angles = np.linalg.norm(p - other_p, axis=1), angles_between(q, other_q)
     same = np.ones(n, bool)
     for name in ("floor", "pusher"):
         same &= _held(getattr(one, name), n) == _held(getattr(other, name), n)
@@ -129,7 +129,7 @@ def _held(values: np.ndarray, n: int) -> np.ndarray:
     return np.concatenate([values, np.repeat(values[-1:], n - len(values), axis=0)])
 
 
-def _angles(q: np.ndarray, other: np.ndarray) -> np.ndarray:
+def angles_between(q: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Angles (...) rad between orientations (..., 4) wxyz."""
     # The nearer one of q and -q; the chord is exact for small angles, where an arc cosine is not.
     chord = np.minimum(np.linalg.norm(q - other, axis=-1), np.linalg.norm(q + other, axis=-1))

@@ -1,0 +1,215 @@
+"""Comparison of the learned twin with Drake's own contact models, by fast pokes that tip an object.
+
+After a push the question is where the object lies; after a poke it is on which face, which a small difference can
+decide. So engines are compared at the moment the pusher stops, and by the face on which the object comes to rest: one
+that only few engines come to is wrong as far as anyone can tell.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RotationMatrix
+
+from pinwm_drake.capture.pusher import pushing_height, upright_shape
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.scene import resting_height
+from pinwm_drake.systems.crosscheck.crosscheck import CrossCheckOptions, run_trials, unlimited
+from pinwm_drake.systems.crosscheck.difference import angles_between
+from pinwm_drake.systems.crosscheck.motion import Motion, PushRig
+from pinwm_drake.systems.crosscheck.trials import Trial
+from pinwm_drake.systems.pusher.choice import choose_push
+from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.scenario.start import StartDistribution
+from pinwm_drake.twin.rollout import twin_scene
+
+_SPEEDS, _RISES = (0.6, 1.0), (0.3, 1.1)  # m/s; rad, of the way over level
+_DISTANCES = (0.04, 0.09)  # m, that the pusher goes on after it has met the object
+_GAP, _ACCELERATION, _DELAY = 0.003, 200.0, 0.05  # m, m/s^2, s
+_TIPS = math.radians(10.0)  # of a poke that counts, in the twin
+_OTHER = math.radians(45.0)  # between the ups of two faces
+_SLOW = 0.1  # m/s, of the level push whose start and direction a poke takes
+_ATTEMPTS = 60  # for each poke
+# What the twin may differ by at the pusher's stop, in the median, and the share of pokes that may end on another face.
+_TRANSLATION, _ROTATION, _SHARE = 14e-3, 0.15, 0.1
+
+
+@dataclass(frozen=True)
+class PokeVerdict:
+    """Verdict on one engine, the twin or another.
+
+    Attributes:
+        engine: Name of the engine.
+        failed: Number of pokes in which it gave up.
+        other_face: Number of pokes after which the object lies on another face than in the majority of engines.
+        translation: (2,) m, of O from the twin's at the pusher's stop: median, and nine of ten.
+        rotation: (2,) rad, likewise.
+    """
+
+    engine: str
+    failed: int
+    other_face: int
+    translation: tuple[float, float]
+    rotation: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class PokeCheck:
+    """Results of a cross-check by pokes.
+
+    Attributes:
+        trials: The pokes.
+        motions: Motion of each poke, by the engine's name.
+        verdicts: Verdict on each engine, the twin's first.
+    """
+
+    trials: list[Trial]
+    motions: list[dict[str, Motion]]
+    verdicts: list[PokeVerdict]
+
+    @property
+    def passed(self) -> bool:
+        """Flag: the twin ends on the majority's faces, and is near each engine at the pusher's stop."""
+        twin, *others = self.verdicts
+        near = all(one.translation[0] <= _TRANSLATION and one.rotation[0] <= _ROTATION for one in others)
+        return near and twin.other_face + twin.failed <= _SHARE * len(self.trials)
+
+    def words(self) -> list[str]:
+        """Lines, one for each engine."""
+        lines = []
+        for one in self.verdicts:
+            line = f"{one.engine}: another face than the majority after {one.other_face} of {len(self.trials)} pokes"
+            if one.engine != "twin":
+                line += (
+                    f"; from the twin at the pusher's stop {1e3 * one.translation[0]:.1f} mm, {one.rotation[0]:.2f} rad"
+                    f" (nine of ten {1e3 * one.translation[1]:.1f} mm, {one.rotation[1]:.2f} rad)"
+                )
+            lines.append(line + (f"; gave up in {one.failed}" if one.failed else ""))
+        return lines
+
+
+def poke_check(setup: Setup, options: CrossCheckOptions, *, report: Callable[[], None] = lambda: None) -> PokeCheck:
+    """Compares the motions of an object that is poked in the twin and in plants, from the same states.
+
+    Args:
+        setup: The scene of the twin. Limits of its pusher, and the number of its worlds, do not count.
+        options: Engines, number of pokes, seed and processes.
+        report: Called after each poke.
+
+    Raises:
+        ParameterError: The pusher cannot meet a side of the object, or no poke tips it.
+        InputError: A mesh cannot be used.
+    """
+    setup = unlimited(setup)
+    trials = draw_pokes(setup, options.pushes, options.seed)
+    cases = {"twin": setup, **dict.fromkeys(options.engines, setup)}
+    motions = run_trials(cases, trials, processes=options.processes, report=report)
+    return PokeCheck(trials, motions, judge(motions))
+
+
+def draw_pokes(setup: Setup, number: int, seed: int) -> list[Trial]:
+    """Draws pokes that tip the object in the twin; poke k does not depend on their number.
+
+    Args:
+        setup: The scene of the twin: starts of the object, its mesh and pusher.
+        number: Number of pokes.
+        seed: Seed of the draw.
+
+    Returns:
+        The pokes: upwards, at 0.6 to 1 m/s, at a side of the object.
+
+    Raises:
+        InputError: A mesh cannot be used.
+        ParameterError: The pusher meets no side of the object, or no poke tips it.
+    """
+    rig = PushRig(setup, "twin")
+    trials = []
+    for k in range(number):
+        generator = np.random.default_rng([seed, k])
+        for _ in range(_ATTEMPTS):
+            trial = _draw(setup, generator)
+            if _tilt(rig.run(trial)) > _TIPS:
+                break
+        else:
+            raise ParameterError(f"{setup.scenario.name}: got no poke that tips the object; allowed: a lighter object")
+        trials.append(trial)
+    return trials
+
+
+def judge(motions: Sequence[dict[str, Motion]]) -> list[PokeVerdict]:
+    """Verdicts on the engines of pokes, those of the twin first."""
+    verdicts = []
+    for engine in motions[0]:
+        done = [one for one in motions if not one[engine].failure and not one["twin"].failure]
+        pairs = [(_stopped(one["twin"]), _stopped(one[engine])) for one in done]
+        ways = np.array([np.linalg.norm(mine[0] - other[0]) for mine, other in pairs])
+        turns = np.array([float(angles_between(mine[1], other[1])) for mine, other in pairs])
+        verdicts.append(
+            PokeVerdict(
+                engine,
+                failed=sum(bool(one[engine].failure) for one in motions),
+                other_face=sum(_is_other(one, engine) for one in motions),
+                translation=_median_and_most(ways),
+                rotation=_median_and_most(turns),
+            )
+        )
+    return verdicts
+
+
+def _draw(setup: Setup, generator: np.random.Generator) -> Trial:
+    """Draws one poke, whether it tips the object or not."""
+    twin = setup.twin
+    mesh_W, shape = load_mesh(twin.mesh_path), upright_shape(twin.pusher)
+    X_WO = StartDistribution(setup).draw(generator).X_WO
+    q_WO = torch.from_numpy(X_WO.rotation().ToQuaternion().wxyz())
+    X_WO.set_translation([*X_WO.translation()[:2], resting_height(twin_scene(twin, q_WO), q_WO)])
+    p_WB = X_WO @ mass_properties(mesh_W, mass=1.0).p_com
+    mesh_W.apply_transform(X_WO.GetAsMatrix4())
+    wanted = twin.floor_height + generator.uniform(0.3, 1.2) * (p_WB[2] - twin.floor_height)
+    height = pushing_height(shape, twin.floor_height, wanted)
+    speed, rise = generator.uniform(*_SPEEDS), generator.uniform(*_RISES)
+    distance = generator.uniform(*_DISTANCES)
+    level = choose_push(mesh_W, p_WB, shape, generator, height=height, speed=_SLOW, distance=distance)
+    direction = np.array([*(math.cos(rise) * level.direction_W[:2]), math.sin(rise)])
+    start = level.p_WP + (level.distance - distance - _GAP) * level.direction_W
+    return Trial(X_WO, StraightPush(start, direction, speed, _GAP + distance, _ACCELERATION, _DELAY))
+
+
+def _tilt(motion: Motion) -> float:
+    """Largest angle [rad] by which the object's up leaves that of the start; 0 after a failure."""
+    if motion.failure:
+        return 0.0
+    ups = np.array([_up(q) for q in motion.q_WO])
+    return float(np.arccos(np.clip(ups @ ups[0], -1.0, 1.0)).max())
+
+
+def _up(q_WO: np.ndarray) -> np.ndarray:
+    """The world's z (3,) in the object's axes."""
+    return np.asarray(RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO))).matrix()[2])
+
+
+def _stopped(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """Position (3,) [m] and orientation (4,) of the object when the pusher has stopped."""
+    return motion.p_WO[motion.stop], motion.q_WO[motion.stop]
+
+
+def _is_other(motions: dict[str, Motion], engine: str) -> bool:
+    """Flag: an engine has the object on another face in the end than most of those that came to one."""
+    ups = {name: _up(motion.q_WO[-1]) for name, motion in motions.items() if not motion.failure}
+    if engine not in ups:
+        return False
+    alike = {a: sum(bool(ups[a] @ up > math.cos(_OTHER)) for up in ups.values()) for a in ups}
+    most = max(alike, key=lambda name: alike[name])
+    return alike[most] > len(ups) / 2 and bool(ups[engine] @ ups[most] <= math.cos(_OTHER))
+
+
+def _median_and_most(values: np.ndarray) -> tuple[float, float]:
+    """Median, and what nine of ten are below, of values (n,); infinite where there are none."""
+    if not len(values):
+        return math.inf, math.inf
+    return float(np.median(values)), float(np.quantile(values, 0.9))
