@@ -10,7 +10,8 @@ The folder is a ROS-style package (see package.xml): Drake finds it with
 
 Meshes are watertight, in metres, with the origin at the centre of mass. Beside each NAME.obj stand NAME_visual.obj:
 its surface in colours that tell which way it has turned (see paint.py); NAME.sdf: a body of 1 kg for hydroelastic
-contact, with NAME_contact.obj; and NAME_point.sdf: the same for point contact, with the meshes in pieces/.
+contact, with NAME_contact.obj for the pusher and NAME_support.vtk for the floor; and NAME_point.sdf: the same for point
+contact, with the meshes in pieces/.
 
     floor/floor.sdf       top at z = 0
     pusher/KIND.sdf       sphere, capsule or cylinder of 20 mm on three driven slides along x, y and z of the world
@@ -33,7 +34,7 @@ _SCHEME, _POLICIES = "package://", "policies"
 
 OBJECT_NAMES = ("t_block", "large_t", "cube", "mug")
 PUSHER_NAMES = ("sphere", "capsule", "cylinder")
-_SUFFIXES = {".mtl", ".obj", ".sdf", ".xml", ".yaml"}
+_SUFFIXES = {".mtl", ".obj", ".sdf", ".vtk", ".xml", ".yaml"}
 
 
 @dataclass(frozen=True)
