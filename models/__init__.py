@@ -7,6 +7,7 @@ The folder is a ROS-style package (see package.xml): Drake finds it with
     large_t/large_t.obj   the same, 1.4 times as large
     cube/cube.obj         60 mm along each side
     mug/mug.obj           hollow, 80 mm long, 80 mm across, 4 mm wall, base at -z
+    mug_handle/...        the same with a handle towards x, 28 mm wide
 
 Meshes are watertight, in metres, with the origin at the centre of mass. Beside each NAME.obj stand NAME_visual.obj:
 its surface in colours that tell which way it has turned (see paint.py); NAME.sdf: a body of 1 kg for hydroelastic
@@ -32,7 +33,7 @@ PACKAGE_NAME = "pinwm_models"
 _ROOT = Path(__file__).resolve().parent
 _SCHEME, _POLICIES = "package://", "policies"
 
-OBJECT_NAMES = ("t_block", "large_t", "cube", "mug")
+OBJECT_NAMES = ("t_block", "large_t", "cube", "mug", "mug_handle")
 PUSHER_NAMES = ("sphere", "capsule", "cylinder")
 _SUFFIXES = {".mtl", ".obj", ".sdf", ".vtk", ".xml", ".yaml"}
 

@@ -1,6 +1,7 @@
 """Paints the meshes: writes a normal for each face into NAME.obj, and NAME_visual.obj with its colours NAME_visual.mtl.
 
-Run `python -m pinwm_drake.models.paint` after a mesh was changed; large_t.obj is t_block.obj, 1.4 times as large.
+Run `python -m pinwm_drake.models.paint` after a mesh was changed; large_t.obj is t_block.obj, 1.4 times as large, and
+mug_handle.obj is mug.obj with a handle that reaches into its wall.
 RenderEngineVtk wants normals, and a camera that is to see which way an object has turned wants colours that its
 symmetry does not repeat: cells of the surface, cut along planes of the object frame, have the colours of a fixed table.
 The plain mesh stays one closed surface, which the painted one is not.
@@ -52,6 +53,16 @@ def _side(normal: np.ndarray) -> int:
 
 
 LARGE_T = 1.4  # times the size of the T-block
+# Handle of a mug, frame of mug.obj, m: x and z of its outline and of its inside, each counter-clockwise with x to the
+# right and z up; of the lower arm, the grip and the upper arm between them; and half its width along y.
+_HANDLE = np.array([[0.0393, -0.02], [0.068, -0.02], [0.068, 0.032], [0.0393, 0.032]])
+_HANDLE_INSIDE = np.array([[0.0393, -0.011], [0.059, -0.011], [0.059, 0.023], [0.0393, 0.023]])
+HANDLE_PARTS = [
+    np.array([_HANDLE[a], _HANDLE[b], _HANDLE_INSIDE[b], _HANDLE_INSIDE[a]]) for a, b in ((0, 1), (1, 2), (2, 3))
+]
+HANDLE_WIDTH = 0.006
+# m, frame of mug.obj: centre of mass of a mug of 92.54 cm^3 with this handle.
+HANDLE_CENTER = np.array([0.00552434759, 0.0, 0.000578323277])
 
 
 def _large_t(middle: np.ndarray, normal: np.ndarray) -> str:
@@ -93,12 +104,20 @@ def _mug(middle: np.ndarray, normal: np.ndarray) -> str:
     return stripes[(sector + 3 * band) % 8]
 
 
+def _mug_handle(middle: np.ndarray, normal: np.ndarray) -> str:
+    place = middle + HANDLE_CENTER
+    if place[0] > 0.0401:
+        return "black" if place[2] > 0.006 else "pink"
+    return _mug(place, normal)
+
+
 _T_ACROSS, _T_ALONG = (-0.04, -0.02, 0.0, 0.02, 0.04), tuple(-0.035 + 0.02 * k for k in range(6))
 PAINTS = {
     "t_block": Paint((_T_ACROSS, _T_ALONG, (0.0,)), _t_block),
     "large_t": Paint((tuple(LARGE_T * x for x in _T_ACROSS), tuple(LARGE_T * y for y in _T_ALONG), (0.0,)), _large_t),
     "cube": Paint(((-0.01, 0.01), (-0.01, 0.01), (-0.01, 0.01)), _cube),
     "mug": Paint(((0.0,), (0.0,), (-0.0066, 0.0201)), _mug),
+    "mug_handle": Paint(((-HANDLE_CENTER[0],), (0.0,), (-0.0066, 0.006, 0.0201)), _mug_handle),
 }
 
 
@@ -131,6 +150,23 @@ def enlarged_t(path: Path) -> str:
     points = LARGE_T * points
     head = f"# The T-block, {LARGE_T:g} times as large, by paint.py. Metres; origin at the centre of mass."
     return _plain_text([head, "o large_t"], [f"v {_numbers(point)}" for point in points], points, faces)
+
+
+def handled_mug(path: Path) -> str:
+    """The text of mug_handle.obj from the file of the mug; its surface is that of two bodies, one inside the other."""
+    _, _, points, faces = read_plain(path)
+    # Corners of the handle: outside, then inside, at -y and then at +y.
+    outline = np.concatenate([_HANDLE, _HANDLE_INSIDE])
+    handle = np.concatenate([np.insert(outline, 1, y, axis=1) for y in (-HANDLE_WIDTH, HANDLE_WIDTH)])
+    front = [(a, b, b + 4, a + 4) for a, b in ((0, 1), (1, 2), (2, 3))]
+    around = [0, 1, 2, 3, 7, 6, 5, 4]
+    sides = [(a, a + 8, b + 8, b) for a, b in zip(around, [*around[1:], 0], strict=True)]
+    squares = [*front, *([k + 8 for k in reversed(square)] for square in front), *sides]
+    triangles = np.array([(s[0], *s[k : k + 2]) for s in squares for k in (1, 2)])
+    head = "# The mug with a handle towards x, by paint.py. Metres; origin at the centre of mass."
+    points = np.concatenate([points, handle]) - HANDLE_CENTER
+    faces = np.concatenate([faces, triangles + len(points) - len(handle)])
+    return _plain_text([head, "o mug_handle"], [f"v {_numbers(point)}" for point in points], points, faces)
 
 
 def _plain_text(head: list[str], vertices: list[str], points: np.ndarray, faces: np.ndarray) -> str:
@@ -169,12 +205,19 @@ def painted(path: Path, paint: Paint) -> tuple[str, str]:
     return "\n".join(lines) + "\n", "\n".join(materials)
 
 
+_MADE = {
+    "large_t": lambda: enlarged_t(_ROOT / "t_block/t_block.obj"),
+    "mug_handle": lambda: handled_mug(_ROOT / "mug/mug.obj"),
+}
+
+
 def texts() -> dict[Path, str]:
     """Text of every file that this module writes, by path."""
     found = {}
     for name, paint in PAINTS.items():
         path = _ROOT / name / f"{name}.obj"
-        found[path] = enlarged_t(_ROOT / "t_block/t_block.obj") if name == "large_t" else plain_with_normals(path)
+        made = _MADE.get(name)
+        found[path] = plain_with_normals(path) if made is None else made()
         found[path.with_name(f"{name}_visual.obj")], found[path.with_name(f"{name}_visual.mtl")] = painted(path, paint)
     return found
 
@@ -221,6 +264,7 @@ def _numbers(values: np.ndarray) -> str:
 if __name__ == "__main__":
     for name in PAINTS:
         (_ROOT / name).mkdir(exist_ok=True)
-    (_ROOT / "large_t/large_t.obj").write_text(enlarged_t(_ROOT / "t_block/t_block.obj"))
+    for name, made in _MADE.items():
+        (_ROOT / name / f"{name}.obj").write_text(made())
     for file, text in texts().items():
         file.write_text(text)

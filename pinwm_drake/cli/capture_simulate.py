@@ -10,7 +10,9 @@ from pinwm_drake.cli.console import say, stages_bar
 
 def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the capture; new, or empty.")],
-    object_name: Annotated[str, typer.Option("--object", help="t_block, large_t, cube or mug.")] = "t_block",
+    object_name: Annotated[
+        str, typer.Option("--object", help="t_block, large_t, cube, mug or mug_handle.")
+    ] = "t_block",
     friction: Annotated[float, typer.Option(help="Friction coefficient of object and floor.")] = 0.03,
     pusher_friction: Annotated[
         float | None,

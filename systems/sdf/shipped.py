@@ -16,7 +16,7 @@ from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import box, convex_hull
 from pinwm_drake.models import OBJECT_NAMES, PACKAGE_NAME, PUSHER_NAMES, model_path, object_model
-from pinwm_drake.models.paint import LARGE_T
+from pinwm_drake.models.paint import HANDLE_CENTER, HANDLE_PARTS, HANDLE_WIDTH, LARGE_T
 from pinwm_drake.systems.sdf.collision import fine_mesh, piece_mesh, support_spheres, volume_mesh
 from pinwm_drake.systems.sdf.contact import LONGEST_EDGE, SUPPORT_GRADIENT, Surfaces
 from pinwm_drake.systems.sdf.text import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
@@ -41,6 +41,11 @@ def shipped_pieces(name: str) -> list[ConvexPiece]:
         return [box(np.full(3, 0.06))]
     if name == "mug":
         return hollow_mug(segments=_MUG_SEGMENTS)
+    if name == "mug_handle":
+        parts = [piece.vertices for piece in hollow_mug(segments=_MUG_SEGMENTS)]
+        for part in HANDLE_PARTS:
+            parts.append(np.concatenate([np.insert(part, 1, y, axis=1) for y in (-HANDLE_WIDTH, HANDLE_WIDTH)]))
+        return [convex_hull(part - HANDLE_CENTER) for part in parts]
     pieces = t_block()
     return pieces if name == "t_block" else [convex_hull(LARGE_T * piece.vertices) for piece in pieces]
 

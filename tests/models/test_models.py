@@ -204,7 +204,7 @@ def test_objects_are_found_by_name():
     assert model.visual_path == model_path("mug/mug_visual.obj")
     assert model.sdf_path == model_path("mug/mug.sdf")
     assert model.point_sdf_path == model_path("mug/mug_point.sdf")
-    with pytest.raises(InputError, match=r"object 'teapot'; allowed: t_block, large_t, cube, mug"):
+    with pytest.raises(InputError, match=r"object 'teapot'; allowed: t_block, large_t, cube, mug, mug_handle"):
         object_model("teapot")
 
 

@@ -89,8 +89,8 @@ for name in OBJECT_NAMES:
     *lines, last = call(
         sys.executable, "-P", "-c", f"import os; os.dup2(1, 2)\n{code}", cwd=tmp_path, path=site
     ).splitlines()
-    assert last.startswith(str(site / "pinwm_drake/models/mug/mug_point.sdf"))
-    assert len(lines) == 7
+    assert last.startswith(str(site / "pinwm_drake/models/mug_handle/mug_handle_point.sdf"))
+    assert len(lines) == 9
 
 
 def test_wheel_holds_the_package_and_nothing_else(wheel):
