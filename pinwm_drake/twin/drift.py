@@ -1,4 +1,4 @@
-"""What the physics of a twin does not tell of a push: a random walk along its way, and frictions of its own."""
+"""Departures of a push from the physics of a twin: a random walk along its way, and frictions of its own."""
 
 import numpy as np
 import torch
