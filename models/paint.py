@@ -205,7 +205,7 @@ def painted(path: Path, paint: Paint) -> tuple[str, str]:
     return "\n".join(lines) + "\n", "\n".join(materials)
 
 
-_MADE = {
+_MADE: dict[str, Callable[[], str]] = {
     "large_t": lambda: enlarged_t(_ROOT / "t_block/t_block.obj"),
     "mug_handle": lambda: handled_mug(_ROOT / "mug/mug.obj"),
 }

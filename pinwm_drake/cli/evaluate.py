@@ -29,7 +29,7 @@ def evaluate(
         str | None,
         typer.Option(
             help="A scenario that ships, a .scenario.yaml file, or the folder of a twin.",
-            show_default="push_t, or that of --task",
+            show_default="that of the task",
         ),
     ] = None,
     task: Annotated[
@@ -68,13 +68,13 @@ def evaluate(
 ) -> None:
     """Tests a policy: how often it succeeds, how soon, and what failed."""
     from pinwm_drake.experiments.evaluation import run
+    from pinwm_drake.experiments.evaluation.contestant import usual_scene
     from pinwm_drake.experiments.evaluation.request import EvaluateRequest
     from pinwm_drake.report.evaluation.report import details, headline
-    from pinwm_drake.tasks import default_scene
 
     request = EvaluateRequest(
         policy=policy,
-        scene=scene or default_scene(task or "push"),
+        scene=scene or usual_scene(policy, task),
         task=task,
         engine=engine,
         episodes=episodes,

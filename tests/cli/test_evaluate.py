@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from pinwm_drake.experiments.evaluation.contestant import read_contestant
+from pinwm_drake.experiments.evaluation.contestant import read_contestant, usual_scene
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
 from pinwm_drake.systems.envs.options import EnvOptions
@@ -56,6 +56,14 @@ def test_what_makes_no_sense_is_refused(pinwm, tmp_path, arguments, message):
 def test_a_policy_that_ships_goes_by_its_name():
     contestant = read_contestant(EvaluateRequest("push_t"))
     assert (contestant.kind, contestant.observes) == ("bundle", "rgb")
+
+
+def test_the_scene_that_is_not_named_is_that_of_the_task(policies, tmp_path):
+    setup = action_setup("flip_mug")
+    spec = policy_spec(setup, EnvOptions(task="flip", frames=2, max_steps=6), "state")
+    write_policy(tmp_path / "flips", Policy(spec, make_actor(spec), {"trained": "never"}))
+    cases = [("push_t", None), (policies["rgb"], None), (str(tmp_path / "flips"), None), ("mpc", None), ("mpc", "flip")]
+    assert [usual_scene(*case) for case in cases] == ["push_t", "push_t", "flip_mug", "push_t", "flip_mug"]
 
 
 def test_what_is_no_policy_is_refused(pinwm, policies, tmp_path):

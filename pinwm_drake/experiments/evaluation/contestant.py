@@ -21,7 +21,7 @@ from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.scenario.load import load_setup, scene_hash
 from pinwm_drake.systems.scenario.start import with_start_yaw
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks import PushTask, default_scene
 
 
 class RandomActions:
@@ -88,6 +88,23 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
     raise InputError(
         folder, value=found, allowed=f"a policy, a bundle, {', '.join([*shipped_policies(), MPC])} or {RANDOM}"
     )
+
+
+def usual_scene(policy: str, task: str | None) -> str:
+    """Name of the scenario in which a contestant is evaluated where none is named: that of its task.
+
+    Args:
+        policy: The contestant, as `EvaluateRequest` has it.
+        task: Name of the task of "mpc" and "random"; None for push.
+
+    Raises:
+        InputError: There is no such policy or bundle, or a file of it cannot be used.
+        ParameterError: There is no such task.
+    """
+    if task is not None or policy in (MPC, RANDOM):
+        return default_scene(task or PushTask.name)
+    spec = read_contestant(EvaluateRequest(policy)).spec
+    return default_scene(PushTask.name if spec is None else spec.task.name)
 
 
 def make_environment(contestant: Contestant, request: EvaluateRequest) -> TaskEnv:
