@@ -13,6 +13,10 @@ def simulate(
     object_name: Annotated[
         str, typer.Option("--object", help="t_block, large_t, cube, mug or mug_handle.")
     ] = "t_block",
+    task: Annotated[
+        str,
+        typer.Option(help="push, or flip: pokes that make a cube, or a mug that lies, slide and rock without a flip."),
+    ] = "push",
     friction: Annotated[float, typer.Option(help="Friction coefficient of object and floor.")] = 0.03,
     pusher_friction: Annotated[
         float | None,
@@ -49,6 +53,7 @@ def simulate(
     from pinwm_drake.systems.runs.simulated_capture import SimulateOptions, simulate_capture
 
     options = SimulateOptions(
+        task=task,
         object_name=object_name,
         friction=friction,
         pusher_friction=friction if pusher_friction is None else pusher_friction,

@@ -14,7 +14,7 @@ import torch
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 
-from pinwm_drake.capture.pusher import pushing_height, upright_shape
+from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.scene import resting_height
@@ -22,18 +22,13 @@ from pinwm_drake.systems.crosscheck.crosscheck import CrossCheckOptions, run_tri
 from pinwm_drake.systems.crosscheck.difference import angles_between
 from pinwm_drake.systems.crosscheck.motion import Motion, PushRig
 from pinwm_drake.systems.crosscheck.trials import Trial
-from pinwm_drake.systems.pusher.choice import choose_push
-from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.systems.pusher.choice import choose_poke
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.twin.rollout import twin_scene
 
-_SPEEDS, _RISES = (0.6, 1.0), (0.3, 1.1)  # m/s; rad, of the way over level
-_DISTANCES = (0.04, 0.09)  # m, that the pusher goes on after it has met the object
-_GAP, _ACCELERATION, _DELAY = 0.003, 200.0, 0.05  # m, m/s^2, s
 _TIPS = math.radians(10.0)  # of a poke that counts, in the twin
 _OTHER = math.radians(45.0)  # between the ups of two faces
-_SLOW = 0.1  # m/s, of the level push whose start and direction a poke takes
 _ATTEMPTS = 60  # for each poke
 # What the twin may differ by at the pusher's stop, in the median, and the share of pokes that may end on another face.
 _TRANSLATION, _ROTATION, _SHARE = 14e-3, 0.15, 0.1
@@ -170,14 +165,7 @@ def _draw(setup: Setup, generator: np.random.Generator) -> Trial:
     X_WO.set_translation([*X_WO.translation()[:2], resting_height(twin_scene(twin, q_WO), q_WO)])
     p_WB = X_WO @ mass_properties(mesh_W, mass=1.0).p_com
     mesh_W.apply_transform(X_WO.GetAsMatrix4())
-    wanted = twin.floor_height + generator.uniform(0.3, 1.2) * (p_WB[2] - twin.floor_height)
-    height = pushing_height(shape, twin.floor_height, wanted)
-    speed, rise = generator.uniform(*_SPEEDS), generator.uniform(*_RISES)
-    distance = generator.uniform(*_DISTANCES)
-    level = choose_push(mesh_W, p_WB, shape, generator, height=height, speed=_SLOW, distance=distance)
-    direction = np.array([*(math.cos(rise) * level.direction_W[:2]), math.sin(rise)])
-    start = level.p_WP + (level.distance - distance - _GAP) * level.direction_W
-    return Trial(X_WO, StraightPush(start, direction, speed, _GAP + distance, _ACCELERATION, _DELAY))
+    return Trial(X_WO, choose_poke(mesh_W, p_WB, shape, generator, floor_height=twin.floor_height))
 
 
 def _tilt(motion: Motion) -> float:

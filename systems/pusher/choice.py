@@ -1,6 +1,7 @@
 """Choice of straight pushes: random ones that meet the object, and the speed of the pusher.
 
-`choose_push` draws a push for a mesh and a pusher; `random_push` draws one for a scene, inside the pusher's box.
+`choose_push` draws a push for a mesh and a pusher, `choose_poke` a poke; `random_push` draws a push for a scene, inside
+the pusher's box.
 """
 
 import math
@@ -9,7 +10,7 @@ import numpy as np
 import trimesh
 from pydrake.math import RigidTransform
 
-from pinwm_drake.capture.pusher import upright_shape
+from pinwm_drake.capture.pusher import pushing_height, upright_shape
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
@@ -28,6 +29,11 @@ COASTING = 0.022  # m, by which an object slides on that is as fast as the pushe
 SPEEDS = (0.08, 0.5)  # m/s
 _DISTANCE = 0.10  # m, that the pusher goes on after it has met the object
 _PUSHES_DRAWN = 20
+_POKE_GAP, _POKE_ACCELERATION, _POKE_DELAY = 0.003, 200.0, 0.05  # m, m/s^2, s
+_SLOW = 0.1  # m/s, of the level push whose start and direction a poke takes
+_HEIGHTS = (0.3, 1.2)  # of the centre of mass over the floor, at which a poke begins
+_POKE_SPEEDS, _RISES = (0.6, 1.0), (0.3, 1.1)  # m/s; rad, of the way over level
+_POKE_DISTANCES = (0.04, 0.09)  # m, that the pusher goes on after it has met the object
 
 
 def choose_push(
@@ -52,8 +58,9 @@ def choose_push(
         distance: Distance that the pusher goes on after it has met the object, m.
 
     Returns:
-        The push, which starts 12 mm away from the object and meets a face that it is steep to, away from edges: on
-        an edge the least difference would decide which side the pusher slides to.
+        The push, which starts 12 mm away from the object, where something above can hold the pusher, and meets a face
+        that it is steep to, away from edges: on an edge the least difference would decide which side the pusher slides
+        to.
 
     Raises:
         ParameterError: There is no such face at that height.
@@ -81,8 +88,48 @@ def choose_push(
             continue
         start = p_WO + (touch.min() - _GAP) * along + offset * across
         start[2] = height
+        if _is_covered(points, start):
+            continue
         return StraightPush(start, along, speed, _GAP + distance, _ACCELERATION)
     raise ParameterError(f"pusher: got a height of {height:g} m; allowed: one at which it meets a side of the object")
+
+
+def choose_poke(
+    mesh_W: trimesh.Trimesh,
+    p_WB: np.ndarray,
+    pusher: PusherShape,
+    generator: np.random.Generator,
+    *,
+    floor_height: float,
+    speeds: tuple[float, float] = _POKE_SPEEDS,
+    rises: tuple[float, float] = _RISES,
+    distances: tuple[float, float] = _POKE_DISTANCES,
+) -> StraightPush:
+    """Draws a poke: short, fast, upwards and straight, from 3 mm off a side of the object.
+
+    Args:
+        mesh_W: The object at rest, m, world.
+        p_WB: (3,) m, its centre of mass, world.
+        pusher: Shape of the pusher.
+        generator: Source of randomness.
+        floor_height: m, world: z of the floor.
+        speeds: m/s, least and most.
+        rises: rad, of the way over level, least and most.
+        distances: m, that the pusher goes on after it has met the object, least and most.
+
+    Returns:
+        The poke; where it begins and which side it meets is drawn as `choose_push` draws it.
+
+    Raises:
+        ParameterError: There is no side to be met at the height that was drawn.
+    """
+    wanted = floor_height + generator.uniform(*_HEIGHTS) * (p_WB[2] - floor_height)
+    height = pushing_height(pusher, floor_height, wanted)
+    speed, rise, distance = generator.uniform(*speeds), generator.uniform(*rises), generator.uniform(*distances)
+    level = choose_push(mesh_W, p_WB, pusher, generator, height=height, speed=_SLOW, distance=distance)
+    direction = np.array([*(math.cos(rise) * level.direction_W[:2]), math.sin(rise)])
+    start = level.p_WP + (_GAP - _POKE_GAP) * level.direction_W
+    return StraightPush(start, direction, speed, _POKE_GAP + distance, _POKE_ACCELERATION, _POKE_DELAY)
 
 
 def _has_edge(points: np.ndarray, normals: np.ndarray, first: np.integer) -> bool:
@@ -91,6 +138,12 @@ def _has_edge(points: np.ndarray, normals: np.ndarray, first: np.integer) -> boo
     near = (np.linalg.norm((points - points[first])[:, :2], axis=1) < _FLAT) & (np.abs(normals[:, 2]) < 0.5)
     # The inside of a thin wall is turned away, and no edge.
     return bool((near & (alike < math.cos(_EDGE)) & (alike > -0.5)).any())
+
+
+def _is_covered(points: np.ndarray, place: np.ndarray) -> bool:
+    """Flag: there are points above a place (3,) [m], as in a mug that lies, so that nothing can hold a pusher there."""
+    above = points[points[:, 2] > place[2]]
+    return bool((np.linalg.norm((above - place)[:, :2], axis=1) < _SPACING).any())
 
 
 def _points(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:

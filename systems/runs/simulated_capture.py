@@ -27,15 +27,18 @@ from pinwm_drake.models import OBJECT_NAMES
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.systems.pusher.choice import choose_push, coasting_speed
+from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.realism.camera import LabCamera
 from pinwm_drake.systems.runs.realism.lamp import glossy_model
 from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log, moved_camera, moved_on_floor
 from pinwm_drake.systems.runs.realism.uneven import draw_unevenness, write_with_feet
-from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates
+from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates, Recording
+from pinwm_drake.systems.runs.rocking import SPEEDS, rocking_poke
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape, Theta
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import on_floor
 from pinwm_drake.systems.scenario.viewpoints import around, framed
+from pinwm_drake.tasks import FlipTask, PushTask
 from pinwm_drake.twin import Estimate
 from pinwm_drake.twin.rollout import twin_parameters, twin_scene
 
@@ -51,6 +54,8 @@ _SPEEDS = (0.12, 0.4)  # m/s, of a push whose speed is not given
 _ANY_SPEED = (0.05, 0.3)  # m/s, of one in a realistic capture
 _FROM_ORIGIN = 0.02  # m, of the object at first, along x and y
 _RECORD_RATE = 240.0  # Hz, the lowest of the pusher's log
+_TASKS = (PushTask.name, FlipTask.name)
+_LYING = ("mug", "mug_handle")
 _LONGEST_STEP = 1 / 3800  # s
 _BOUNCING_STEPS = 2  # times more of them where an impact of some 3 ms is to keep its energy
 
@@ -81,11 +86,13 @@ class SimulateOptions:
     lying: bool
     supersampling: int
     realistic: bool = False
+    task: str = PushTask.name
 
     def __post_init__(self) -> None:
         """Checks them; those of the scenario within its bounds."""
+        require("--task", self.task, self.task in _TASKS, ", ".join(_TASKS))
         require("--object", self.object_name, self.object_name in OBJECT_NAMES, ", ".join(OBJECT_NAMES))
-        require("--lying", self.lying, not self.lying or self.object_name == "mug", "with --object mug only")
+        require("--lying", self.lying, not self.lying or self.object_name in _LYING, "with a mug only")
         _require_quantity("--friction", self.friction, Theta, "friction_floor")
         _require_quantity("--pusher-friction", self.pusher_friction, Theta, "friction_pusher")
         _require_quantity("--mass", self.mass, Theta, "mass")
@@ -96,17 +103,24 @@ class SimulateOptions:
         require("--static-views", self.static_views, 1 <= self.static_views <= 1000, "1 to 1000")
         require("--frames", self.frames, 2 <= self.frames <= 10000, "2 to 10000")
         require("--rate", self.rate, 1 <= self.rate <= 240, "1 to 240 Hz")
-        require("--speed", self.speed, self.speed is None or 0.01 <= self.speed <= 0.5, "0.01 to 0.5 m/s")
+        require("--speed", self.speed, self.speed is None or 0.01 <= self.speed <= 1.0, "0.01 to 1 m/s")
         require("--distance", self.distance, 0.005 <= self.distance <= 0.5, "0.005 to 0.5 m")
         require("--pusher", self.pusher, self.pusher in PUSHER_KINDS, ", ".join(PUSHER_KINDS))
         _require_quantity("--pusher-radius", self.pusher_radius, Shape, "radius")
         require("--supersampling", self.supersampling, 1 <= self.supersampling <= 8, "1 to 8")
 
     @property
+    def pokes(self) -> bool:
+        """Flag: the object is poked, so that it slides and rocks, and not pushed."""
+        return self.task == FlipTask.name
+
+    @property
     def push_speed(self) -> float:
         """Speed of the pusher, m/s; an object that stops with it shows only that its friction is large enough."""
         if self.speed is not None:
             return self.speed
+        if self.pokes:
+            return max(SPEEDS)
         return coasting_speed(self.friction, _GRAVITY, distance=_COASTING, speeds=_SPEEDS)
 
     @property
@@ -219,7 +233,8 @@ class _Capture:
     def _first_turn(self) -> RotationMatrix:
         """First orientation of the object, turned at random."""
         R_WO = RotationMatrix.MakeZRotation(self.generator.uniform(-math.pi, math.pi))
-        if self.options.lying:
+        options = self.options
+        if options.lying or (options.pokes and options.object_name in _LYING):
             # Turned by half a facet, the mug lies on a face and not on an edge.
             R_WO = R_WO @ RotationMatrix.MakeYRotation(math.pi / 2) @ RotationMatrix.MakeZRotation(math.pi / 64)
         return R_WO
@@ -256,23 +271,11 @@ class _Capture:
         options, generator = self.options, np.random.default_rng([self.options.seed, 1, number])
         p_WO, mesh_W = self.X_WO.translation(), self.mesh.copy()
         mesh_W.apply_transform(self.X_WO.GetAsMatrix4())
-        speed = options.push_speed * generator.uniform(0.85, 1.15)
-        if options.realistic and options.speed is None:
-            # A lab does not know the friction when it chooses a speed.
-            speed = generator.uniform(*_ANY_SPEED)
-        push = choose_push(
-            mesh_W,
-            p_WO,
-            self.shape,
-            generator,
-            height=pushing_height(self.shape, 0.0, p_WO[2]),
-            speed=speed,
-            distance=options.distance * generator.uniform(0.85, 1.15),
-        )
+        draw = self._poke if options.pokes else self._push
+        push, recording = draw(mesh_W, p_WO, generator)
         side = generator.choice([-1, 1]) * generator.uniform(math.radians(40), math.radians(110))
         angle, level = math.atan2(push.direction_W[1], push.direction_W[0]) + side, generator.uniform(0.6, 0.8)
         flat = math.sqrt(1 - level**2)
-        recording = self.recorder.push(self.X_WO, push, options.frames)
         places = np.vstack([self.mesh.vertices @ X.rotation().matrix().T + X.translation() for X in recording.X_WO])
         X_WC = framed(
             places, np.array([flat * math.cos(angle), flat * math.sin(angle), level]), self.camera, _EPISODE_MARGIN
@@ -293,6 +296,34 @@ class _Capture:
             X_WC = moved_camera(X_WC, realism.episode_place, realism.episode_turn, self.mistakes)
             log = late_log(log, self.mistakes.uniform(-realism.clock, realism.clock), MARGIN)
         write_episode_tables(folder, self.camera, to_pose(X_WC), names, recording.t, log, recording.object_poses)
+
+    def _push(
+        self, mesh_W: trimesh.Trimesh, p_WO: np.ndarray, generator: np.random.Generator
+    ) -> tuple[StraightPush, Recording]:
+        """A random push of the object at rest, and what came of it."""
+        options = self.options
+        speed = options.push_speed * generator.uniform(0.85, 1.15)
+        if options.realistic and options.speed is None:
+            # A lab does not know the friction when it chooses a speed.
+            speed = generator.uniform(*_ANY_SPEED)
+        push = choose_push(
+            mesh_W,
+            p_WO,
+            self.shape,
+            generator,
+            height=pushing_height(self.shape, 0.0, p_WO[2]),
+            speed=speed,
+            distance=options.distance * generator.uniform(0.85, 1.15),
+        )
+        return push, self.recorder.push(self.X_WO, push, options.frames)
+
+    def _poke(
+        self, mesh_W: trimesh.Trimesh, p_WO: np.ndarray, generator: np.random.Generator
+    ) -> tuple[StraightPush, Recording]:
+        """A random poke that rocks the object at rest, and what came of it."""
+        given = self.options.speed
+        speeds = SPEEDS if given is None else (0.85 * given, 1.15 * given)
+        return rocking_poke(self.recorder, self.X_WO, self.mesh, self.shape, generator, speeds, self.options.frames)
 
 
 def _uneven_setup(

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import yaml
 
 from pinwm_drake.capture.episodes import read_episode, read_frames
@@ -91,6 +92,26 @@ def test_a_mug_can_lie(pinwm, tmp_path):
     assert abs(float(quaternion_to_matrix(X_WO.q)[2, 2])) < 1e-3
 
 
+def test_a_poke_rocks_a_cube_and_leaves_it_on_its_face(pinwm, tmp_path):
+    code, _, errors = pinwm(
+        "capture", "simulate", str(tmp_path / "poked"), "--task", "flip", "--object", "cube", "--friction", "0.2",
+        "--pusher-friction", "0.9", "--seed", "1", "--episodes", "1", "--size", "48", "--static-views", "1",
+        "--frames", "30", "--rate", "60", "--supersampling", "1",
+    )  # fmt: skip
+    assert (code, errors) == (0, "")
+    capture = read_capture(tmp_path / "poked")
+    episode = read_episode(capture, "0000")
+    speed = np.linalg.norm(episode.trajectory.v_WP, axis=1).max()
+    assert 0.4 <= speed <= 0.8
+    assert episode.trajectory.v_WP[:, 2].max() > 0.05
+    heights, ups = (
+        episode.object_poses.p_WO[:, 2],
+        quaternion_to_matrix(torch.from_numpy(episode.object_poses.q_WO))[:, 2],
+    )
+    assert heights.max() - heights[0] > 0.001  # of pictures; between two of them it is higher
+    assert ups[-1] @ ups[0] > 0.96
+
+
 def test_a_folder_with_files_is_left_alone(pinwm, tmp_path):
     (tmp_path / "mine").write_text("kept")
     code, _, errors = pinwm("capture", "simulate", str(tmp_path), *SMALL)
@@ -102,10 +123,11 @@ def test_a_folder_with_files_is_left_alone(pinwm, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (["--task", "juggle"], "--task: got juggle; allowed: push, flip"),
         (["--object", "teapot"], "--object: got teapot"),
         (["--friction", "-1"], "--friction: got -1"),
         (["--pusher", "hand"], "--pusher: got hand"),
-        (["--lying"], "--lying: got True; allowed: with --object mug only"),
+        (["--lying"], "--lying: got True; allowed: with a mug only"),
         (["--speed", "nan"], "--speed: got nan"),
         (["--distance", "0.5", "--mass", "inf"], "--mass: got inf"),
         (["--size", "0"], "--size: got 0"),
