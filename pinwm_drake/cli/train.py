@@ -24,7 +24,15 @@ def train(
         str, typer.Argument(metavar="TWIN", help="Folder that `pinwm identify` wrote, or a scenario such as push_t.")
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; the policy is there at the end.")],
-    task: Annotated[str | None, typer.Option(help="Task to learn, such as push.", show_default="the scene's")] = None,
+    in_scene: Annotated[
+        str | None,
+        typer.Option(
+            "--scene",
+            help="Scenario in which the twin takes the place of the object.",
+            show_default="that of the twin's capture for push, else that of --task",
+        ),
+    ] = None,
+    task: Annotated[str | None, typer.Option(help="Task to learn: push or flip.", show_default="the scene's")] = None,
     method: Annotated[
         str,
         typer.Option(
@@ -83,6 +91,7 @@ def train(
     request = training.TrainRequest(
         scene=scene,
         out=out,
+        in_scene=in_scene,
         task=task,
         method=method,
         delta=delta,

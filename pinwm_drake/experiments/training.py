@@ -21,6 +21,8 @@ from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.report.figures.training import training_figure
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.tasks import PushTask, default_scene
 
 METHODS = ("distil", "ppo", "state")
 FIGURE_FILE = "training.png"
@@ -36,6 +38,7 @@ class TrainRequest:
 
     scene: str
     out: Path
+    in_scene: str | None = None
     task: str | None = None
     method: str = "distil"
     delta: float = 0.1
@@ -115,7 +118,7 @@ def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]
 
 
 def _training_worlds(request: TrainRequest) -> TrainingWorlds:
-    setup = load_setup(request.scene)
+    setup = _setup(request)
     changes = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
     given = {name: value for name, value in changes.items() if value is not None}
     options = training_options(
@@ -126,6 +129,15 @@ def _training_worlds(request: TrainRequest) -> TrainingWorlds:
     )
     domains = CousinDomains(request.delta, request.from_intervals, request.seed)
     return TrainingWorlds(setup, options, num_worlds=request.worlds, domains=domains, yaw=request.yaw)
+
+
+def _setup(request: TrainRequest) -> Setup:
+    """The scene; a twin stands in the one that is named, or in that of the task where the task is not push."""
+    task = request.task or PushTask.name
+    where = request.in_scene
+    if where is None and Path(request.scene).is_dir() and default_scene(task) != PushTask.scene:
+        where = default_scene(task)
+    return load_setup(request.scene) if where is None else load_setup(where, twin=request.scene)
 
 
 def _method(request: TrainRequest) -> Method:

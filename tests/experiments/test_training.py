@@ -4,6 +4,8 @@ import pytest
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.experiments.training import TrainRequest, train
 from pinwm_drake.learning.policy import read_policy
+from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.twin import write_twin
 
 
 def test_a_training_is_a_call_that_prints_nothing(tmp_path, capsys):
@@ -48,6 +50,22 @@ def test_an_interruption_passes_through_and_a_second_training_is_refused(tmp_pat
 def test_options_that_make_no_sense_are_refused(tmp_path, values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         TrainRequest(scene="push_t", out=tmp_path, **values)
+
+
+def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
+    twin = load_setup("flip_mug").with_theta(friction_floor=0.22).twin
+    write_twin(tmp_path / "twin", twin)
+    cases = ({"task": "flip"}, {"in_scene": "flip_mug"})
+    for k, options in enumerate(cases):
+        request = TrainRequest(
+            str(tmp_path / "twin"), tmp_path / str(k), method="state", worlds=2, steps=128, round_steps=128, episodes=1,
+            **options,
+        )  # fmt: skip
+        policy = train(request)
+        assert policy.provenance["task"] == "flip"
+        assert policy.spec.scene.object_name == "mug"
+        assert policy.provenance["trained_in"]["scene"] == "flip_mug"
+        assert policy.provenance["trained_in"]["task"]["up"] == [0.0, 0.0, -1.0]
 
 
 def test_an_unknown_task_is_refused(tmp_path):

@@ -20,6 +20,7 @@ from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.scenario.load import load_setup, scene_hash
+from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import with_start_yaw
 from pinwm_drake.tasks import PushTask, default_scene
 
@@ -71,7 +72,7 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
     if request.policy == RANDOM:
         return Contestant(RANDOM, RANDOM, None, {}, lambda env: RandomActions(env.action_space))
     if request.policy == MPC:
-        return _mpc(request.model or request.scene)
+        return _mpc(_model(request))
     from pinwm_drake.learning.bundle import is_bundle, read_bundle
 
     ships = request.policy in shipped_policies()
@@ -130,12 +131,22 @@ def make_environment(contestant: Contestant, request: EvaluateRequest) -> TaskEn
     return spec_environment(spec, setup, request.engine, task=task, **steps)
 
 
-def _mpc(model: str) -> Contestant:
+def _model(request: EvaluateRequest) -> Setup:
+    """The scene that a controller plans in: that of the evaluation, or as it would be with the twin `request.model`."""
+    if request.model is None:
+        return load_setup(request.scene)
+    is_push = (request.task or PushTask.name) == PushTask.name
+    if is_push or not Path(request.model).is_dir():
+        return load_setup(request.model)
+    return load_setup(request.scene, twin=request.model)
+
+
+def _mpc(model: Setup) -> Contestant:
     """Contestant of the task's model-predictive controller, which plans with a scene's parameters, true or not."""
     from pinwm_drake.systems.mpc.policy import PushMpcPolicy
     from pinwm_drake.systems.mpc.sampling import SamplingMpcPolicy
 
-    known = environment_setup(load_setup(model))
+    known = environment_setup(model)
     theta = {name: float(estimate.value) for name, estimate in known.twin.theta.items()}
 
     def make(env: TaskEnv) -> Acts:
