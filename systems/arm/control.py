@@ -45,7 +45,7 @@ class ArmControl:
 
 
 def AddArmControl(
-    builder: DiagramBuilder, model: ArmModel, limits: SafetyLimits, period: float, height: float
+    builder: DiagramBuilder, model: ArmModel, limits: SafetyLimits, period: float, height: float | None
 ) -> ArmControl:
     """Adds the control of an arm, from commands to its joints' servos, to a diagram.
 
@@ -59,7 +59,7 @@ def AddArmControl(
         model: The arm's kinematics.
         limits: Limits of the tool's motion.
         period: s.
-        height: m, world, that the tool keeps.
+        height: m, world, that the tool keeps; None where commands move it up and down too.
 
     Returns:
         The ports.
@@ -99,25 +99,25 @@ def _parameters(model: ArmModel) -> DifferentialInverseKinematicsParameters:
 
 
 class ToolPose(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Desired pose of a tool that keeps pointing down, at one height.
+    """Desired pose of a tool that keeps pointing down, at one height or at any.
 
                                             ┌──────────┐
-        desired_state  (6): p_WP [m],  ────►│ ToolPose │─► X_WP  RigidTransform: axes of the world, at x and y
+        desired_state  (6): p_WP [m],  ────►│ ToolPose │─► X_WP  RigidTransform: axes of the world, at p_WP
                             v_WP [m/s], W   └──────────┘   direct feedthrough
 
-    Commands along z have no effect.
+    With a height of its own, commands along z have no effect.
     """
 
-    def __init__(self, height: float) -> None:
-        """Declares the ports; `height` is in m, world."""
+    def __init__(self, height: float | None) -> None:
+        """Declares the ports; `height` is in m, world, None for that of the desired state."""
         super().__init__()
         self._height = height
         self._state = self.DeclareVectorInputPort("desired_state", 6)
         self.DeclareAbstractOutputPort("X_WP", lambda: AbstractValue.Make(RigidTransform()), self._CalcPose)
 
     def _CalcPose(self, context: Context, output: AbstractValue) -> None:
-        x, y = self._state.Eval(context)[:2]
-        output.set_value(RigidTransform([x, y, self._height]))
+        x, y, z = self._state.Eval(context)[:3]
+        output.set_value(RigidTransform([x, y, z if self._height is None else self._height]))
 
 
 class ToolState(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types

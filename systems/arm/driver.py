@@ -36,8 +36,9 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
                                                  tool_target    (6): the same, as commanded and limited
                                                  arm_state     (14): angles [rad] and velocities [rad/s] of the joints
 
-    The tool, a pusher at the end of a rod that points down, keeps the height of `scenario.start`; its velocity in x and
-    y follows the commands of one session, within the scenario's speed and the part of its box that the arm reaches.
+    The tool, a pusher at the end of a rod that points down, follows the commanded velocity of one session, within the
+    scenario's speed and the part of its box that the arm reaches; where z is no axis of the task, it keeps the height
+    of `scenario.start`.
     Where they stop for longer than `link.timeout`, it slows down to rest and waits for a new session; so it does at a
     command that must not be: see `CommandGate`. The camera sees the arm as well: it hides what is behind it.
 
@@ -65,7 +66,8 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         super().__init__()
         link = setup.scenario.lcm
         self.setup, self.limits, self._lcm = setup, arm_limits(setup), lcm
-        self.model = ArmModel(setup.twin.floor_height, setup.scenario.start.pusher_height)
+        height = setup.scenario.start.pusher_height
+        self.model, self._height = ArmModel(setup.twin.floor_height, height), None if _moves_up(setup) else height
         builder = DiagramBuilder()
         builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
         self._arm = MakeArmPlant(builder, setup, time_step, contact)
@@ -74,7 +76,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         tool = builder.AddNamedSystem("tool_state", ToolState(parts.pusher.index()))
         builder.Connect(plant.get_body_poses_output_port(), tool.GetInputPort("body_poses"))
         builder.Connect(plant.get_body_spatial_velocities_output_port(), tool.GetInputPort("body_velocities"))
-        control = AddArmControl(builder, self.model, self.limits, link.period, setup.scenario.start.pusher_height)
+        control = AddArmControl(builder, self.model, self.limits, link.period, self._height)
         builder.Connect(tool.get_output_port(), control.pusher_state)
         builder.Connect(plant.get_state_output_port(self._arm.arm), control.arm_state)
         builder.Connect(control.desired_state, plant.get_desired_state_input_port(self._arm.arm))
@@ -101,15 +103,16 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
 
         Args:
             context: Context of the driver, or of the outermost diagram around it.
-            place: Pose of the object and position of the tool. The tool takes the height that it keeps.
+            place: Pose of the object and position of the tool. The tool takes the height that it keeps, if it
+                keeps one.
 
         Raises:
             ParameterError: The arm cannot reach it.
         """
         plant = self._arm.parts.plant
         mine = plant.GetMyMutableContextFromRoot(context)
-        x, y = place.p_WP[:2]
-        q = self.model.positions(np.array([x, y, self.setup.scenario.start.pusher_height]))
+        x, y, z = place.p_WP
+        q = self.model.positions(np.array([x, y, z if self._height is None else self._height]))
         plant.SetPositions(mine, self._arm.arm, q)
         plant.SetVelocities(mine, self._arm.arm, np.zeros(len(q)))
         plant.SetFreeBodyPose(mine, self._arm.parts.object, place.X_WO)
@@ -172,11 +175,17 @@ def arm_limits(setup: Setup) -> SafetyLimits:
     """
     pusher, height = setup.scenario.pusher, setup.scenario.start.pusher_height
     low, high = np.maximum(pusher.low[:2], REACH_LOW), np.minimum(pusher.high[:2], REACH_HIGH)
+    heights = (pusher.low[2], pusher.high[2]) if _moves_up(setup) else (height - _HALF_HEIGHT, height + _HALF_HEIGHT)
     return SafetyLimits(
-        box_low=(*low.tolist(), height - _HALF_HEIGHT),
-        box_high=(*high.tolist(), height + _HALF_HEIGHT),
+        box_low=(float(low[0]), float(low[1]), heights[0]),
+        box_high=(float(high[0]), float(high[1]), heights[1]),
         max_speed=pusher.max_speed,
         max_acceleration=_MAX_ACCELERATION,
         max_image_age=setup.scenario.lcm.timeout,
         max_command_age=setup.scenario.lcm.timeout,
     )
+
+
+def _moves_up(setup: Setup) -> bool:
+    """Flag: the task moves the pusher up and down too."""
+    return 2 in setup.task.axis_indices

@@ -63,7 +63,7 @@ def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
         )  # fmt: skip
         policy = train(request)
         assert policy.provenance["task"] == "flip"
-        assert policy.spec.scene.object_name == "mug"
+        assert policy.spec.scene.object.name == "mug"
         assert policy.provenance["trained_in"]["scene"] == "flip_mug"
         assert policy.provenance["trained_in"]["task"]["up"] == [0.0, 0.0, -1.0]
 

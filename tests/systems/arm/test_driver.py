@@ -144,6 +144,16 @@ def test_the_tool_follows_within_millimetres_at_its_height(setup):
     assert np.degrees(np.arccos(rotation[2, 2])) < 0.2
 
 
+def test_the_tool_goes_up_where_the_task_moves_it_up():
+    track = Track(action_setup("flip_cube", image_size=32))
+    begin = track.log("pusher_state")[-1, :3] if len(track.log("pusher_state")) else PLACE.p_WP
+    track.go(0.4, [0.05, 0.0, 0.15])
+    end = track.log("pusher_state")[-1, :3]
+    np.testing.assert_allclose(end - begin, [0.02, 0.0, 0.06], atol=6e-3)
+    limits = track.driver.limits
+    assert (limits.box_low[2], limits.box_high[2]) == (0.014, 0.3)
+
+
 @pytest.mark.parametrize("how", ["nothing", "one that is repeated", "no number"])
 def test_the_arm_stops_when_commands_stop(setup, how):
     track = Track(setup)
