@@ -1,10 +1,12 @@
 """Networks of policies: from an observation to an action in [-1, 1]^n.
 
-A network gives logits of a few levels for each component of an action. The action is the mean of the likeliest level
-and its neighbours, weighted by their probabilities. A network that gave numbers would give the mean of two good ways
-around an object, which is none, and stand still there.
+Two kinds of heads end a network. "levels" gives logits of a few levels for each component of an action, as PPO learns
+them; the action is the mean of the likeliest level and its neighbours, weighted by their probabilities. A network that
+imitated numbers would give the mean of two good ways around an object, which is none, and stand still there. "tanh"
+gives a number for each component, as SAC learns it, whose actor follows the critic's gradient up one of the two ways.
 
-Source: Tang and Agrawal, "Discretizing continuous action space for on-policy optimization" (AAAI 2020).
+Sources: Tang and Agrawal, "Discretizing continuous action space for on-policy optimization" (AAAI 2020); Haarnoja et
+al., "Soft actor-critic" (ICML 2018).
 """
 
 from collections.abc import Mapping
@@ -12,6 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import cross_entropy, mse_loss
 
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.tasks import Task
@@ -33,25 +36,48 @@ def chosen(logits: Tensor) -> Tensor:
 
 
 class StateActor(nn.Module):
-    """Network from the state (B, state_size) to an action: two hidden layers of tanh.
+    """Network from the state (B, state_size) to an action: two hidden layers and a head.
 
     Attributes:
         latent_size: Width of the last hidden layer.
-        head: Linear layer to the logits of the action's levels, those of the first component first.
+        head: Linear layer to `outputs` numbers for each component of the action, those of the first component first.
     """
 
-    def __init__(self, task: Task, width: int = 256) -> None:
-        """Builds hidden layers of a width for a task's state and action."""
+    def __init__(self, task: Task, outputs: int, activation: type[nn.Module], width: int = 256) -> None:
+        """Builds layers of a width for a task's state and action."""
         super().__init__()
         self.latent_size, self._components = width, task.action_size
-        self.body = nn.Sequential(nn.Linear(task.state_size, width), nn.Tanh(), nn.Linear(width, width), nn.Tanh())
-        self.head = nn.Linear(width, task.action_size * len(LEVELS))
+        self.body = nn.Sequential(
+            nn.Linear(task.state_size, width), activation(), nn.Linear(width, width), activation()
+        )
+        self.head = nn.Linear(width, task.action_size * outputs)
 
     def latent(self, seen: Seen) -> Tensor:
         """Last hidden layer (B, latent_size) of an observation: the state, or a dict with `state`."""
         state = seen["state"] if isinstance(seen, Mapping) else seen
         latent: Tensor = self.body(state)
         return latent
+
+    def imitation(self, found: Tensor, state: Tensor) -> Tensor:
+        """Loss () of acting by estimated states instead of the true ones.
+
+        Args:
+            found: (B, state_size) estimates, to which the gradient goes.
+            state: (B, state_size) true states.
+        """
+        raise NotImplementedError
+
+    def margin(self, state: Tensor) -> Tensor:
+        """Lead (B,) of the choice that the actions follow over the next one, the least among an action's components."""
+        raise NotImplementedError
+
+
+class LevelActor(StateActor):
+    """Network from the state to an action by levels; hidden layers of tanh."""
+
+    def __init__(self, task: Task) -> None:
+        """Builds the layers for a task's state and action."""
+        super().__init__(task, len(LEVELS), nn.Tanh)
 
     def logits(self, seen: Seen) -> Tensor:
         """Logits (B, n, len(LEVELS)) of an observation."""
@@ -61,6 +87,45 @@ class StateActor(nn.Module):
     def forward(self, state: Tensor) -> Tensor:
         """Actions (B, n) of states (B, state_size) float32."""
         return chosen(self.logits(state))
+
+    def imitation(self, found: Tensor, state: Tensor) -> Tensor:
+        """Cross-entropy of the levels; see `StateActor.imitation`."""
+        with torch.no_grad():
+            shares = self.logits(state).softmax(-1)
+        return cross_entropy(self.logits(found).flatten(0, 1), shares.flatten(0, 1))
+
+    def margin(self, state: Tensor) -> Tensor:
+        """Lead (B,) of the likeliest level in logits; see `StateActor.margin`."""
+        best = self.logits(state).topk(2, dim=-1).values
+        return (best[..., 0] - best[..., 1]).amin(-1)
+
+
+class TanhActor(StateActor):
+    """Network from the state to an action by numbers; hidden layers of ReLU, as SB3's SAC has them."""
+
+    def __init__(self, task: Task) -> None:
+        """Builds the layers for a task's state and action."""
+        super().__init__(task, 1, nn.ReLU)
+
+    def forward(self, state: Tensor) -> Tensor:
+        """Actions (B, n) of states (B, state_size) float32."""
+        actions: Tensor = self.head(self.latent(state)).tanh()
+        return actions
+
+    def imitation(self, found: Tensor, state: Tensor) -> Tensor:
+        """Mean squared difference of the actions; see `StateActor.imitation`."""
+        with torch.no_grad():
+            wanted = self(state)
+        return mse_loss(self(found), wanted)
+
+    def margin(self, state: Tensor) -> Tensor:
+        """Infinity (B,): the actions follow no choice."""
+        return state.new_full((len(state),), torch.inf)
+
+
+def state_actor(spec: PolicySpec) -> StateActor:
+    """An untrained network from the state to the action, with the head that a specification names."""
+    return LevelActor(spec.task) if spec.head == "levels" else TanhActor(spec.task)
 
 
 class ImageActor(nn.Module):
@@ -102,8 +167,7 @@ class ImageActor(nn.Module):
         self.estimate = nn.Sequential(
             nn.Linear(features + task.action_size, features), nn.ReLU(), nn.Linear(features, size_of_estimate)
         )
-        self.actor = StateActor(task)
-        self._components = task.action_size
+        self.actor = state_actor(spec)
         # As images come; convolutions take two thirds of the time with it.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # its stub lacks that
 
@@ -114,7 +178,7 @@ class ImageActor(nn.Module):
 
     @property
     def head(self) -> nn.Module:
-        """Layer from the last hidden layer to the logits, that of `actor`."""
+        """Layer from the last hidden layer to the actions, that of `actor`."""
         return self.actor.head
 
     @staticmethod
@@ -144,11 +208,6 @@ class ImageActor(nn.Module):
         assert isinstance(seen, Mapping)
         return self.actor.latent(self.state(self.darken(seen["image"]), seen["pusher"]))
 
-    def logits(self, seen: Seen) -> Tensor:
-        """Logits (B, n, len(LEVELS)) of an observation."""
-        logits: Tensor = self.head(self.latent(seen)).unflatten(1, (self._components, -1))
-        return logits
-
     def forward(self, image: Tensor, pusher: Tensor) -> Tensor:
         """Actions (B, n) in [-1, 1]^n of images and positions of the pusher.
 
@@ -156,4 +215,5 @@ class ImageActor(nn.Module):
             image: (B, height, width, channels) uint8, RGB.
             pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1.
         """
-        return chosen(self.logits({"image": image, "pusher": pusher}))
+        actions: Tensor = self.actor(self.state(self.darken(image), pusher))
+        return actions

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
-from torch.nn.functional import cross_entropy, mse_loss
+from torch.nn.functional import mse_loss
 
 from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.files import prepare_folder
@@ -48,7 +48,7 @@ class DistilOptions:
         updates: Number of updates of the network in a round.
         batch_size: Number of images in an update.
         learning_rate: Learning rate of Adam at first; it falls to a hundredth along half a cosine.
-        action_weight: Weight of the actions' cross-entropy beside the state's mean squared error.
+        action_weight: Weight of `StateActor.imitation` beside the state's mean squared error.
         noise: Standard deviation of the normal noise on the actions while images are collected, in units of an action.
         keep: Number of images that are kept; older ones are forgotten.
         shift: px, largest random shift of the images.
@@ -223,10 +223,7 @@ def _learn(
         state = torch.from_numpy(given)
         found = student.state(augment(torch.from_numpy(images)), torch.from_numpy(pusher))
         loss = mse_loss(found, state)
-        with torch.no_grad():
-            shares = student.actor.logits(state).softmax(-1)
-        logits = student.actor.logits(found)
-        loss = loss + options.action_weight * cross_entropy(logits.flatten(0, 1), shares.flatten(0, 1))
+        loss = loss + options.action_weight * student.actor.imitation(found, state)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

@@ -177,12 +177,11 @@ def _states(policy: Policy, images: np.ndarray, pusher: np.ndarray) -> np.ndarra
 
 
 def _margin(policy: Policy, images: np.ndarray, pusher: np.ndarray) -> np.ndarray:
-    """Lead (n,) of the likeliest level over the next in logits, the least among an action's components."""
+    """Lead (n,) of the policy's choices over the next ones; see `StateActor.margin`."""
     actor: Any = policy.actor
     with torch.inference_mode():
-        logits: Tensor = actor.logits({"image": torch.from_numpy(images), "pusher": torch.from_numpy(pusher)})
-    best = logits.topk(2, dim=-1).values
-    margin: np.ndarray = (best[..., 0] - best[..., 1]).amin(-1).numpy()
+        dark, across = actor.darken(torch.from_numpy(images)), torch.from_numpy(pusher.astype(np.float32))
+        margin: np.ndarray = actor.actor.margin(actor.state(dark, across)).numpy()
     return margin
 
 

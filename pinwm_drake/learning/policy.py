@@ -13,7 +13,7 @@ from torch import nn
 from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
-from pinwm_drake.learning.actors import ImageActor, StateActor
+from pinwm_drake.learning.actors import ImageActor, state_actor
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
 from pinwm_drake.learning.weights import set_weights, weights
 
@@ -66,7 +66,7 @@ class Policy:
 
 def make_actor(spec: PolicySpec) -> nn.Module:
     """An untrained network for a specification."""
-    return StateActor(spec.task) if spec.observes == "state" else ImageActor(spec)
+    return state_actor(spec) if spec.observes == "state" else ImageActor(spec)
 
 
 def weights_digest(policy: Policy) -> str:

@@ -5,10 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -18,13 +15,13 @@ from pinwm_drake.learning.augment import Augment
 from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
+from pinwm_drake.learning.round_callback import RoundCallback, begin_round
 from pinwm_drake.learning.rounds import EVALUATION_SEED, OnRound, Rounds
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import pack, unpack
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 
 _NEVER = 1 << 30
-_SEEN = "seen."
 
 
 @dataclass(frozen=True)
@@ -130,6 +127,7 @@ def train_ppo(
     rounds = Rounds(folder, stage, about, seed, resume=resume, total=total, report=report)
     model = _model(env, spec, options, seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
+    networks = partial(pack, model.policy, model.policy.optimizer)
     if rounds.number:
         unpack(rounds.arrays, model.policy, model.policy.optimizer)
     while rounds.number < total:
@@ -137,72 +135,18 @@ def train_ppo(
         left = 1.0 - rounds.number / total
         rate = options.learning_rate * (options.last_share + (1.0 - options.last_share) * left)
         model.lr_schedule = partial(_constant, rate)
-        done = _begin(model, rounds, rounds.restore(env))
-        within = _WithinRound(rounds, env, size)
-        model.learn(size - done, callback=within, reset_num_timesteps=False, log_interval=_NEVER)
+        kept = rounds.restore(env)
+        if kept is not None:
+            unpack(kept, model.policy, model.policy.optimizer)
+        done = begin_round(model, rounds, kept)
+        callback = RoundCallback(rounds, env, size, networks, loss="train/value_loss")
+        model.learn(size - done, callback=callback, reset_num_timesteps=False, log_interval=_NEVER)
         loss = float(model.logger.name_to_value.get("train/value_loss", math.nan))
         assert isinstance(model.policy, ActorCritic)
         now = model.policy.pull().eval()
         found = evaluate_worlds(env, Policy(spec, now), options.episodes, seed=EVALUATION_SEED)
-        rounds.end(pack(model.policy, model.policy.optimizer), now, found, steps=size, loss=loss, logger=model.logger)
+        rounds.end(networks(), now, found, steps=size, loss=loss, logger=model.logger)
     return Policy(spec, rounds.best_actor(spec))
-
-
-def _begin(model: Ppo, rounds: Rounds, kept: Mapping[str, np.ndarray] | None) -> int:
-    """Begins a round, or goes on with one that was kept; gives the number of steps of all worlds done in it."""
-    if kept is None:
-        model._last_obs, model.num_timesteps = None, rounds.steps  # Without an observation SB3 resets the worlds.
-        return 0
-    unpack(kept, model.policy, model.policy.optimizer)
-    seen = {name.removeprefix(_SEEN): values for name, values in kept.items() if name.startswith(_SEEN)}
-    model._last_obs = seen.get("", seen)
-    model._last_episode_starts = kept["starts"]
-    done = int(kept["done"])
-    model.num_timesteps = rounds.steps + done
-    return done
-
-
-class _WithinRound(BaseCallback):
-    """Callback that reports each rollout, and keeps the round before the next one."""
-
-    def __init__(self, rounds: Rounds, env: VecEnv, size: int) -> None:
-        """Takes the round, of `size` steps of all worlds."""
-        super().__init__()
-        self._rounds, self._env, self._size = rounds, env, size
-
-    def _on_rollout_start(self) -> None:
-        if self._done:
-            self._rounds.keep(self._env, self._arrays)
-
-    def _on_rollout_end(self) -> None:
-        successes = self.model.ep_success_buffer
-        loss = self.model.logger.name_to_value.get("train/value_loss", math.nan)
-        self._rounds.tell(
-            self._done / self._size,
-            steps=self._done,
-            loss=float(loss),
-            recent=float(np.mean(successes)) if successes else math.nan,
-        )
-
-    def _on_step(self) -> bool:
-        return True
-
-    @property
-    def _done(self) -> int:
-        return self.model.num_timesteps - self._rounds.steps
-
-    def _arrays(self) -> dict[str, np.ndarray]:
-        """Networks, optimizer, and the observation that the next rollout begins with."""
-        seen: Any = self.model._last_obs
-        named = seen if isinstance(seen, dict) else {"": seen}
-        starts = self.model._last_episode_starts
-        assert starts is not None
-        return {
-            **pack(self.model.policy, self.model.policy.optimizer),
-            **{f"{_SEEN}{name}": values for name, values in named.items()},
-            "starts": starts,
-            "done": np.array(self._done),
-        }
 
 
 def _constant(rate: float, _: float) -> float:

@@ -13,6 +13,8 @@ from pinwm_drake.tasks import PushTask, Task, task_from_document
 
 Observes = Literal["rgb", "state"]
 OBSERVES = ("rgb", "state")
+Head = Literal["levels", "tanh"]
+HEADS = ("levels", "tanh")
 PUSHER_SHAPES = ("sphere", "capsule", "cylinder", "mesh")
 _FLAT = ("goal", "q_WO", "tolerance", "turn_tolerance")  # in version 1, which knew the push task alone
 
@@ -137,6 +139,7 @@ class PolicySpec:
         task: Goal, success, axes of the action and size of the state.
         max_steps: Largest number of actions in an episode.
         scene: Object, pusher and floor; None where nothing is known of them, as in older policies.
+        head: "levels" or "tanh": how the network ends; see `actors`.
 
     Raises:
         ParameterError: A value is not finite, not positive, or not among those allowed.
@@ -153,11 +156,14 @@ class PolicySpec:
     task: Task
     max_steps: int
     scene: SceneSpec | None = None
+    head: Head = "levels"
 
     def __post_init__(self) -> None:
         """Checks the values."""
         if self.observes not in OBSERVES:
             raise ParameterError(f"observes: got {self.observes!r}; allowed: {', '.join(OBSERVES)}")
+        if self.head not in HEADS:
+            raise ParameterError(f"head: got {self.head!r}; allowed: {', '.join(HEADS)}")
         for name in ("frames", "max_steps"):
             if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
                 raise ParameterError(f"{name}: got {getattr(self, name)!r}; allowed: a whole number, 1 or more")
@@ -190,14 +196,14 @@ class PolicySpec:
 
     @classmethod
     def from_document(cls, document: Any) -> "PolicySpec":
-        """The specification that `to_document` described, of this version, without a scene too, or of the first.
+        """The specification that `to_document` described, of this version, without scene or head too, or of the first.
 
         Raises:
             ParameterError: A key is missing or unknown, or a value is out of range.
         """
         document = from_version_1(document)
         if isinstance(document, dict):
-            document = {"scene": None, **document}
+            document = {"scene": None, "head": "levels", **document}
         values = _values(cls, document, "spec")
         values["camera"] = CameraSpec(**_values(CameraSpec, values["camera"], "camera"))
         values["task"] = task_from_document(values["task"])

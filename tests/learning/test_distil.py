@@ -5,7 +5,7 @@ from torch.nn.functional import cross_entropy
 
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning import distil, rounds
-from pinwm_drake.learning.actors import ImageActor, StateActor
+from pinwm_drake.learning.actors import ImageActor, LevelActor
 from pinwm_drake.learning.distil import DistilOptions, train_distil
 from pinwm_drake.learning.image_buffer import Chunk, Frames
 from pinwm_drake.learning.policy import Policy
@@ -20,7 +20,7 @@ SHORT = DistilOptions(rounds=4, round_images=160, updates=8, batch_size=32, epis
 def teacher():
     """Moves the square to the middle."""
     torch.manual_seed(0)
-    actor = StateActor(PushTask())
+    actor = LevelActor(PushTask())
     optimizer = torch.optim.Adam(actor.parameters(), 3e-3)
     for _ in range(300):
         state = torch.zeros(256, 11)

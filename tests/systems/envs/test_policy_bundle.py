@@ -29,7 +29,10 @@ def policy():
     seen = [env.reset(options={"place": PLACE})[0]]
     seen += [env.step(np.array([0.0, -2 / 3]))[0] for _ in range(ACTIONS)]
     with torch.no_grad():
-        logits = actor.logits({name: torch.from_numpy(np.stack([one[name] for one in seen])) for name in seen[0]})
+        logits = actor.head(
+            actor.latent({name: torch.from_numpy(np.stack([one[name] for one in seen])) for name in seen[0]})
+        )
+        logits = logits.unflatten(1, (2, -1))
         scale = 1.0 / logits[:, 0].std(0)
         actor.head.bias[:7] = (actor.head.bias[:7] - logits[:, 0].mean(0)) * scale
         actor.head.weight[:7] *= scale[:, None]

@@ -1,0 +1,109 @@
+import csv
+
+import numpy as np
+import pytest
+import torch
+
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.learning import rounds, sac
+from pinwm_drake.learning.actors import TanhActor
+from pinwm_drake.learning.policy import Policy, make_actor
+from pinwm_drake.learning.sac import SacOptions, train_sac
+from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from tests.learning.toy_worlds import ToyWorlds, toy_spec
+
+# A hundred steps are kept, so that the third round overwrites what the first one left.
+SHORT = SacOptions(
+    steps=192, round_steps=64, learning_starts=24, gradient_steps=2, batch_size=16, buffer_size=104, episodes=8
+)
+SPEC = toy_spec("state", head="tanh")
+
+
+class Killed(Exception):
+    pass
+
+
+def weights(policy):
+    return {name: value.numpy().copy() for name, value in policy.actor.state_dict().items()}
+
+
+def same(a, b):
+    return all(np.array_equal(a[name], b[name]) for name in a)
+
+
+def test_it_learns_from_the_state(tmp_path):
+    options = SacOptions(
+        steps=4_800, round_steps=1_600, learning_starts=400, gradient_steps=8, batch_size=128, episodes=64
+    )
+    policy = train_sac(ToyWorlds(images=False), SPEC, tmp_path, options, stage="teacher")
+    torch.manual_seed(0)
+    before = evaluate_worlds(ToyWorlds(images=False), Policy(SPEC, make_actor(SPEC)), 64, seed=5)
+    after = evaluate_worlds(ToyWorlds(images=False), policy, 64, seed=5)
+    assert before.success_rate < 0.5
+    assert after.success_rate > 0.9
+    assert isinstance(policy.actor, TanhActor)
+
+
+# Eight actions of all worlds a round, the first three random. Reports: the beginning, one an action, the round's end.
+@pytest.mark.parametrize(("reports", "redone", "kept"), [(3, 3, 1), (6, 3, 4), (12, 2, 1), (26, 1, 6)])
+def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monkeypatch, reports, redone, kept):
+    monkeypatch.setattr(rounds, "_PERIOD", 0.0)
+    monkeypatch.setattr(sac, "_TOLD", 1)
+    begun, again, told = [], [], []
+    whole = train_sac(ToyWorlds(images=False), SPEC, tmp_path / "a", SHORT, stage="sac", on_round=begun.append)
+
+    def kill(step):
+        told.append(step)
+        if len(told) == reports:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train_sac(ToyWorlds(images=False), SPEC, tmp_path / "b", SHORT, stage="sac", report=kill)
+    told = []
+    follow = {"on_round": again.append, "report": told.append}
+    rest = train_sac(ToyWorlds(images=False), SPEC, tmp_path / "b", SHORT, stage="sac", resume=True, **follow)
+    assert same(weights(whole), weights(rest))
+    assert begun[-redone:] == again
+    assert len(told) == 1 + 9 * redone - kept
+    rows = list(csv.DictReader((tmp_path / "b" / "history.csv").read_text().splitlines()))
+    assert [int(row["steps"]) for row in rows] == [64, 128, 192]
+    both = [np.load(tmp_path / run / "checkpoint.npz") for run in "ab"]
+    names = [name for name in both[0].files if name not in ("about", "history")]
+    assert {name.split("/")[0] for name in names if not name.startswith("best.")} == {
+        "actor",
+        "critic",
+        "target",
+        "entropy",
+    }
+    assert all(np.array_equal(both[0][name], both[1][name]) for name in names)
+
+
+def test_the_policy_acts_as_sb3s_does():
+    env = ToyWorlds(images=False)
+    model = sac._model(env, SHORT, 0)
+    env.seed(0)
+    seen = env.reset()
+    with torch.no_grad():
+        model.actor.mu.weight.mul_(30.0)
+    actions = Policy(SPEC, sac._actor(model, SPEC)).predict(seen)[0]
+    np.testing.assert_allclose(actions, model.predict(seen, deterministic=True)[0], atol=1e-6)
+    assert np.abs(actions).max() > 0.5
+
+
+def test_steps_that_are_missing_are_named(tmp_path):
+    train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac")
+    (tmp_path / "replay" / "0001.npz").unlink()
+    with pytest.raises(InputError, match=r"0001\.npz"):
+        train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac", resume=True)
+
+
+@pytest.mark.parametrize("spec", [toy_spec("rgb", head="tanh"), toy_spec("state")])
+def test_a_policy_of_another_kind_is_refused(tmp_path, spec):
+    with pytest.raises(ParameterError, match="allowed: state and tanh"):
+        train_sac(ToyWorlds(images=False), spec, tmp_path, SHORT, stage="sac")
+
+
+@pytest.mark.parametrize("values", [{"steps": 0}, {"gamma": float("nan")}, {"tau": -1.0}, {"gradient_steps": 0}])
+def test_options_that_make_no_sense_are_refused(values):
+    with pytest.raises(ParameterError, match=next(iter(values))):
+        SacOptions(**values)
