@@ -1,10 +1,10 @@
-"""PIN-WM's policies: PPO in domains of a twin, from the state, from images, or from images by way of a teacher.
+"""PIN-WM's policies: RL in domains of a twin, from the state, from images, or from images by way of a teacher.
 
-Source: Li et al., "PIN-WM" (RSS 2025), which trains with PPO from images; the teacher and its student are this
-project's.
+Source: Li et al., "PIN-WM" (RSS 2025), which trains with PPO from images; the teacher, by SAC or PPO, and its
+student are this project's.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from pinwm_drake.learning.distil import STAGE, DistilOptions, train_distil
 from pinwm_drake.learning.policy import Policy, read_policy, weights_digest, write_policy
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
 from pinwm_drake.learning.progress import Report
+from pinwm_drake.learning.sac import SacOptions, train_sac
 
 TEACHER, IMAGES = "teacher", "ppo"  # folders of stages, beside STAGE of the distillation
 STAGES = (TEACHER, STAGE, IMAGES)
@@ -36,6 +37,32 @@ class StatePpo:
         policy = train_ppo(
             make_worlds.worlds("state"),
             make_worlds.spec("state"),
+            out / TEACHER,
+            self.options,
+            stage=TEACHER,
+            **_common(make_worlds, seed, resume, report),
+        )
+        write_policy(out / TEACHER / "policy", policy)
+        return policy
+
+
+@dataclass(frozen=True)
+class StateSac:
+    """SAC of a policy that sees the state.
+
+    Attributes:
+        options: Settings of SAC.
+    """
+
+    options: SacOptions = field(default_factory=SacOptions)
+
+    def train(
+        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
+    ) -> Policy:
+        """Trains the policy in `out/teacher`, and writes it there; see `Method.train`."""
+        policy = train_sac(
+            make_worlds.worlds("state"),
+            replace(make_worlds.spec("state"), head="tanh"),
             out / TEACHER,
             self.options,
             stage=TEACHER,
@@ -78,7 +105,7 @@ class Distillation:
         options: Settings of the distillation.
     """
 
-    teacher: StatePpo | Path = field(default_factory=StatePpo)
+    teacher: StateSac | StatePpo | Path = field(default_factory=StateSac)
     options: DistilOptions = field(default_factory=DistilOptions)
 
     def train(
@@ -93,7 +120,7 @@ class Distillation:
             teacher = self.teacher.train(data, make_worlds, out, seed=seed, resume=resume, report=report)
         common = _common(make_worlds, seed, resume, report)
         common["about"] = {**make_worlds.about, "teacher": weights_digest(teacher)}
-        spec = make_worlds.spec("rgb")
+        spec = replace(make_worlds.spec("rgb"), head=teacher.spec.head)
         return train_distil(make_worlds.worlds("rgb_state"), teacher, spec, out / STAGE, self.options, **common)
 
 

@@ -40,6 +40,7 @@ def train(
             "ppo: from images at once; state: the teacher alone."
         ),
     ] = "distil",
+    algorithm: Annotated[str, typer.Option(help="That the policy of the state learns with: sac or ppo.")] = "sac",
     delta: Annotated[float, typer.Option(help="Of the cousins; 0 trains in the twin alone.")] = 0.1,
     from_intervals: Annotated[
         bool,
@@ -62,10 +63,10 @@ def train(
         float | None, typer.Option(help="m, of the pusher in an action of 0.1 s.", show_default="the task's")
     ] = None,
     steps: Annotated[
-        int | None, typer.Option(help="Of PPO, all worlds together.", show_default="as the method needs")
+        int | None, typer.Option(help="Of SAC or PPO, all worlds together.", show_default="as the method needs")
     ] = None,
     round_steps: Annotated[
-        int | None, typer.Option(help="Of PPO between two evaluations.", show_default="as the method needs")
+        int | None, typer.Option(help="Of SAC or PPO between two evaluations.", show_default="as the method needs")
     ] = None,
     rounds: Annotated[int | None, typer.Option(help="Of the distillation.", show_default="as needed")] = None,
     images: Annotated[
@@ -94,6 +95,7 @@ def train(
         in_scene=in_scene,
         task=task,
         method=method,
+        algorithm=algorithm,
         delta=delta,
         from_intervals=from_intervals,
         yaw=yaw,

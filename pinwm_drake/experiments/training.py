@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from pinwm_drake.baselines.method import Method, MethodData
-from pinwm_drake.baselines.pin_wm import STAGES, Distillation, ImagePpo, StatePpo
+from pinwm_drake.baselines.pin_wm import STAGES, Distillation, ImagePpo, StatePpo, StateSac
 from pinwm_drake.cousins import CousinDomains
 from pinwm_drake.errors import InputError, require
 from pinwm_drake.files import prepare_folder
@@ -17,6 +17,7 @@ from pinwm_drake.learning.policy import Policy, write_policy
 from pinwm_drake.learning.ppo import PpoOptions
 from pinwm_drake.learning.progress import Report, silent
 from pinwm_drake.learning.rounds import CHECKPOINT_FILE, HISTORY_FILE
+from pinwm_drake.learning.sac import SacOptions
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.report.figures.training import training_figure
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
@@ -25,6 +26,7 @@ from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks import PushTask, default_scene
 
 METHODS = ("distil", "ppo", "state")
+ALGORITHMS = ("sac", "ppo")
 FIGURE_FILE = "training.png"
 
 
@@ -41,6 +43,7 @@ class TrainRequest:
     in_scene: str | None = None
     task: str | None = None
     method: str = "distil"
+    algorithm: str = "sac"
     delta: float = 0.1
     from_intervals: bool = False
     yaw: float | None = None
@@ -65,6 +68,7 @@ class TrainRequest:
     def __post_init__(self) -> None:
         """Checks the options that nothing else checks."""
         require("--method", repr(self.method), self.method in METHODS, ", ".join(METHODS))
+        require("--algorithm", repr(self.algorithm), self.algorithm in ALGORITHMS, ", ".join(ALGORITHMS))
         for name in ("worlds", "threads", "steps", "round_steps", "rounds", "images", "updates", "episodes"):
             value = getattr(self, name)
             require(f"--{name.replace('_', '-')}", value, value is None or value >= 1, "1 or more")
@@ -109,6 +113,7 @@ def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]
     return {
         "task": worlds.setup.task.name,
         "method": request.method,
+        "algorithm": "ppo" if request.method == "ppo" else request.algorithm,
         "trained_in": worlds.about,
         "seed": request.seed,
         "worlds": request.worlds,
@@ -145,7 +150,8 @@ def _method(request: TrainRequest) -> Method:
     steps = {"steps": request.steps, "round_steps": request.round_steps, "episodes": request.episodes}
     if request.method == "ppo":
         return ImagePpo(_with(PpoOptions.for_images(), **steps, shift=request.shift))
-    teacher = StatePpo(_with(PpoOptions(), **steps))
+    sac = request.algorithm == "sac"
+    teacher = StateSac(_with(SacOptions(), **steps)) if sac else StatePpo(_with(PpoOptions(), **steps))
     if request.method == "state":
         return teacher
     options = _with(

@@ -103,7 +103,7 @@ def make_contract(
         ],
         "mask": {"pixels": [int(value) for value in mask_pixels], "hidden": [255, 255, 255]},
         "safety": limits.to_document(),
-        "spec": {name: value for name, value in spec.to_document().items() if name != "head"},  # it is in the network
+        "spec": spec.to_document(),
     }
 
 

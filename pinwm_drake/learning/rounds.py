@@ -131,6 +131,12 @@ class Rounds:
         """Round with the shortest episodes in its evaluation, the earliest of several; None before the first."""
         return min(self.history, key=lambda one: one.length, default=None)
 
+    def ended(self, patience: int) -> bool:
+        """Flag: all rounds are done, or one succeeded mostly and the `patience` ones after it were no better."""
+        best = self.best
+        settled = best is not None and best.success > 0.8 and self.number - 1 - best.number >= patience
+        return self.number >= self.total or settled
+
     def begin(self, env: VecEnv, on_round: OnRound | None = None) -> None:
         """Seeds the generators of python, numpy and torch, and the worlds, for the next round.
 

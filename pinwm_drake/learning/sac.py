@@ -41,8 +41,9 @@ class SacOptions:
     Attributes:
         steps: Number of steps of all worlds together; rounded up to whole rounds.
         round_steps: Number of steps of all worlds in a round; rounded up to whole actions. An evaluation follows.
-        learning_starts: Number of steps of all worlds with random actions, before anything is learned.
-        gradient_steps: Number of updates after each action of all worlds.
+        learning_starts: Number of steps of all worlds with random actions, before anything is learned; at most a
+            quarter of all.
+        update_every: Number of steps, all worlds together, for each update.
         batch_size: Number of steps in an update.
         buffer_size: Number of steps that are kept to learn from; older ones are forgotten.
         learning_rate: Learning rate of Adam, for actor, critics and entropy.
@@ -50,6 +51,8 @@ class SacOptions:
         tau: Share of the critics that their slow copies take over in an update.
         entropy: Weight of the entropy at first; it is learned.
         episodes: Number of episodes in an evaluation.
+        patience: Number of rounds with longer episodes in their evaluation than one before them, which mostly
+            succeeded, after which the training ends.
 
     Raises:
         ParameterError: A number is out of range.
@@ -58,7 +61,7 @@ class SacOptions:
     steps: int = 200_000
     round_steps: int = 20_000
     learning_starts: int = 3_200
-    gradient_steps: int = 16
+    update_every: int = 4
     batch_size: int = 512
     buffer_size: int = 1_000_000
     learning_rate: float = 1e-3
@@ -66,6 +69,7 @@ class SacOptions:
     tau: float = 0.01
     entropy: float = 0.1
     episodes: int = 128
+    patience: int = 3
 
     def __post_init__(self) -> None:
         """Checks the values."""
@@ -122,7 +126,7 @@ def train_sac(
         _unpack(rounds.arrays, model)
     for number in range(rounds.number):
         _refill(model.replay_buffer, _read(replay / f"{number:04}.npz"))
-    while rounds.number < total:
+    while not rounds.ended(options.patience):
         rounds.begin(env, on_round)
         kept = rounds.restore(env)
         if kept is not None:
@@ -147,12 +151,12 @@ def _model(env: VecEnv, options: SacOptions, seed: int) -> SAC:
         env,
         learning_rate=options.learning_rate,
         buffer_size=options.buffer_size,
-        learning_starts=options.learning_starts,
+        learning_starts=min(options.learning_starts, options.steps // 4),
         batch_size=options.batch_size,
         tau=options.tau,
         gamma=options.gamma,
         train_freq=1,
-        gradient_steps=options.gradient_steps,
+        gradient_steps=max(1, env.num_envs // options.update_every),
         ent_coef=f"auto_{options.entropy}",
         policy_kwargs={"net_arch": [256, 256]},
         seed=seed,

@@ -188,8 +188,10 @@ class PolicySpec:
         return (self.camera.height, self.camera.width, 3 * self.frames)
 
     def to_document(self) -> dict[str, Any]:
-        """The specification as plain data, for YAML."""
+        """The specification as plain data, for YAML; without the head where that is "levels", the only one once."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
+        if self.head == "levels":
+            del values["head"]
         values |= {"camera": asdict(self.camera), "task": self.task.to_document()}
         values["scene"] = None if self.scene is None else asdict(self.scene)
         return {name: _plain(value) for name, value in values.items()}

@@ -92,9 +92,11 @@ def test_a_mug_can_lie(pinwm, tmp_path):
     assert abs(float(quaternion_to_matrix(X_WO.q)[2, 2])) < 1e-3
 
 
-def test_a_poke_rocks_a_cube_and_leaves_it_on_its_face(pinwm, tmp_path):
+# The mug may roll about its axis of symmetry: the tilt of that axis is what has to come back.
+@pytest.mark.parametrize(("body", "axes"), [(["cube"], (0, 1, 2)), (["mug", "--lying"], (2,))])
+def test_a_poke_rocks_an_object_and_leaves_it_on_its_face(pinwm, tmp_path, body, axes):
     code, _, errors = pinwm(
-        "capture", "simulate", str(tmp_path / "poked"), "--task", "flip", "--object", "cube", "--friction", "0.2",
+        "capture", "simulate", str(tmp_path / "poked"), "--task", "flip", "--object", *body, "--friction", "0.2",
         "--pusher-friction", "0.9", "--seed", "1", "--episodes", "1", "--size", "48", "--static-views", "1",
         "--frames", "30", "--rate", "60", "--supersampling", "1",
     )  # fmt: skip
@@ -109,7 +111,7 @@ def test_a_poke_rocks_a_cube_and_leaves_it_on_its_face(pinwm, tmp_path):
         quaternion_to_matrix(torch.from_numpy(episode.object_poses.q_WO))[:, 2],
     )
     assert heights.max() - heights[0] > 0.001  # of pictures; between two of them it is higher
-    assert ups[-1] @ ups[0] > 0.96
+    np.testing.assert_allclose(ups[-1][list(axes)], ups[0][list(axes)], atol=0.27)
 
 
 def test_a_folder_with_files_is_left_alone(pinwm, tmp_path):

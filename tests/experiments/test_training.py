@@ -8,20 +8,33 @@ from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.twin import write_twin
 
 
-def test_a_training_is_a_call_that_prints_nothing(tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("algorithm", "steps"),
+    [("sac", [0, 80, 160, 240, 320, 400, 480, 512]), ("ppo", [0, 256, 512, 512])],
+)
+def test_a_training_is_a_call_that_prints_nothing(tmp_path, capsys, algorithm, steps):
     told = []
     request = TrainRequest(
-        "push_t", tmp_path, method="state", worlds=4, image_size=32, steps=512, round_steps=512, episodes=4
+        "push_t",
+        tmp_path,
+        method="state",
+        algorithm=algorithm,
+        worlds=4,
+        image_size=32,
+        steps=512,
+        round_steps=512,
+        episodes=4,
     )
     policy = train(request, report=told.append)
     assert capsys.readouterr() == ("", "")
     kept = read_policy(tmp_path)
     assert kept.spec == policy.spec
+    assert kept.provenance["algorithm"] == algorithm
     assert kept.provenance["trained_in"] == policy.provenance["trained_in"]
     for name, values in policy.actor.state_dict().items():
         np.testing.assert_array_equal(kept.actor.state_dict()[name], values)
-    # Of the beginning, of two rollouts, and of the round.
-    assert [step.steps for step in told] == [0, 256, 512, 512]
+    # Of the beginning, of rollouts, and of the round.
+    assert [step.steps for step in told] == steps
     assert {step.stage for step in told} == {"teacher"}
 
 
@@ -41,6 +54,7 @@ def test_an_interruption_passes_through_and_a_second_training_is_refused(tmp_pat
     "values",
     [
         {"method": "dreams"},
+        {"algorithm": "reinforce"},
         {"worlds": 0},
         {"seed": -1},
         {"yaw": 4.0},

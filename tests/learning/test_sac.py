@@ -1,4 +1,5 @@
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from tests.learning.toy_worlds import ToyWorlds, toy_spec
 
 # A hundred steps are kept, so that the third round overwrites what the first one left.
 SHORT = SacOptions(
-    steps=192, round_steps=64, learning_starts=24, gradient_steps=2, batch_size=16, buffer_size=104, episodes=8
+    steps=192, round_steps=64, learning_starts=24, update_every=4, batch_size=16, buffer_size=104, episodes=8
 )
 SPEC = toy_spec("state", head="tanh")
 
@@ -27,13 +28,23 @@ def weights(policy):
     return {name: value.numpy().copy() for name, value in policy.actor.state_dict().items()}
 
 
+def _history(folder):
+    return list(csv.DictReader((folder / "history.csv").read_text().splitlines()))
+
+
 def same(a, b):
     return all(np.array_equal(a[name], b[name]) for name in a)
 
 
-def test_it_learns_from_the_state(tmp_path):
+def test_it_learns_from_the_state_and_ends_when_rounds_bring_no_more(tmp_path):
     options = SacOptions(
-        steps=4_800, round_steps=1_600, learning_starts=400, gradient_steps=8, batch_size=128, episodes=64
+        steps=24_000,
+        round_steps=1_200,
+        learning_starts=400,
+        update_every=2,
+        batch_size=128,
+        episodes=64,
+        patience=1,
     )
     policy = train_sac(ToyWorlds(images=False), SPEC, tmp_path, options, stage="teacher")
     torch.manual_seed(0)
@@ -42,6 +53,8 @@ def test_it_learns_from_the_state(tmp_path):
     assert before.success_rate < 0.5
     assert after.success_rate > 0.9
     assert isinstance(policy.actor, TanhActor)
+    lengths = [float(row["length"]) for row in _history(tmp_path)]
+    assert len(lengths) == lengths.index(min(lengths)) + 2 < 20
 
 
 # Eight actions of all worlds a round, the first three random. Reports: the beginning, one an action, the round's end.
@@ -65,7 +78,7 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monke
     assert same(weights(whole), weights(rest))
     assert begun[-redone:] == again
     assert len(told) == 1 + 9 * redone - kept
-    rows = list(csv.DictReader((tmp_path / "b" / "history.csv").read_text().splitlines()))
+    rows = _history(tmp_path / "b")
     assert [int(row["steps"]) for row in rows] == [64, 128, 192]
     both = [np.load(tmp_path / run / "checkpoint.npz") for run in "ab"]
     names = [name for name in both[0].files if name not in ("about", "history")]
@@ -90,6 +103,12 @@ def test_the_policy_acts_as_sb3s_does():
     assert np.abs(actions).max() > 0.5
 
 
+def test_it_goes_on_while_nothing_succeeds(tmp_path):
+    options = replace(SHORT, steps=256, patience=1, learning_rate=1e-12)
+    train_sac(ToyWorlds(images=False), SPEC, tmp_path, options, stage="sac")
+    assert [float(row["success"]) for row in _history(tmp_path)] == [0.0] * 4
+
+
 def test_steps_that_are_missing_are_named(tmp_path):
     train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac")
     (tmp_path / "replay" / "0001.npz").unlink()
@@ -103,7 +122,7 @@ def test_a_policy_of_another_kind_is_refused(tmp_path, spec):
         train_sac(ToyWorlds(images=False), spec, tmp_path, SHORT, stage="sac")
 
 
-@pytest.mark.parametrize("values", [{"steps": 0}, {"gamma": float("nan")}, {"tau": -1.0}, {"gradient_steps": 0}])
+@pytest.mark.parametrize("values", [{"steps": 0}, {"gamma": float("nan")}, {"tau": -1.0}, {"update_every": 0}])
 def test_options_that_make_no_sense_are_refused(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         SacOptions(**values)
