@@ -1,6 +1,5 @@
 """Choice of a poke that rocks an object without turning it over, which shows what a flip depends on."""
 
-import math
 
 import numpy as np
 import trimesh
@@ -14,10 +13,12 @@ from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.recorder import PushRecorder, Recording
 
 SPEEDS = (0.4, 0.8)  # m/s, of pokes whose speed is not given
-_RISES = (0.1, 0.7)  # rad, of the way over level: such pokes tip an object at times, and seldom turn it over
+_RISES = (0.3, 0.8)  # rad, of the way over level: such pokes show the friction of the pusher, and seldom turn it over
 _POKES = 60  # that are tried
-_ROCKS = 0.0015  # m, by which the centre of mass rises at least
-_SAME_FACE = math.radians(15)  # between the object's up before and after, but for a roll about its axis of symmetry
+_ROCKS = 0.0015  # m, by which the centre of mass rises at least, and within which it comes back
+_OVER = 0.3  # of the height of the centre of mass, by which it rises at most; over a cube's edge it is 0.41
+_SLIDES = 0.02  # m, by which the place below the centre of mass slips at least; friction does not show where it rolls
+_SLIP = 0.5  # of the way of the centre of mass, that is slip at least
 
 
 def rocking_poke(
@@ -29,7 +30,7 @@ def rocking_poke(
     speeds: tuple[float, float],
     number: int,
 ) -> tuple[StraightPush, Recording]:
-    """Draws pokes of an object on the floor z = 0 until one rocks it and leaves it on the face that it was on.
+    """Draws pokes of an object on the floor z = 0 until it slides and rocks, and lies as it did.
 
     Args:
         recorder: The scene.
@@ -47,7 +48,6 @@ def rocking_poke(
         ParameterError: None of 60 pokes rocks the object so.
     """
     mesh_W, p_OB = mesh.copy(), mass_properties(mesh, mass=1.0).p_com
-    axis = mesh.symmetry_axis if mesh.symmetry == "radial" else None
     mesh_W.apply_transform(X_WO.GetAsMatrix4())
     for _ in range(_POKES):
         try:
@@ -55,27 +55,26 @@ def rocking_poke(
         except ParameterError:  # at the height that it drew there is no side to be met; there may be at others
             continue
         recording = recorder.push(X_WO, poke, number)
-        if _rocked(recording.logged, p_OB, axis):
+        if _rocked(recording.logged, p_OB):
             return poke, recording
     low, high = speeds
     raise ParameterError(
-        f"speed: got pokes of {low:g} to {high:g} m/s, none of {_POKES} of which rocks the object and lets it come "
-        f"back; allowed: a speed at which one does"
+        f"speed: got pokes of {low:g} to {high:g} m/s, none of {_POKES} of which makes the object slide and rock "
+        f"and come back; allowed: a speed at which one does"
     )
 
 
-def _rocked(poses: list[RigidTransform], p_OB: np.ndarray, axis: np.ndarray | None) -> bool:
-    """Flag: an object rocked, by the height of its centre of mass (3,) [m, O], and lies as it did before.
+def _rocked(poses: list[RigidTransform], p_OB: np.ndarray) -> bool:
+    """Flag: an object slid and rocked without passing over an edge, by its centre of mass (3,) [m, O]."""
+    centers = np.array([X @ p_OB for X in poses])
+    heights = centers[:, 2]
+    rise, change = heights.max() - heights[0], abs(heights[-1] - heights[0])
+    below = centers * [1.0, 1.0, 0.0]
+    moved = [after @ before.inverse() @ p for before, after, p in zip(poses[:-1], poses[1:], below[:-1], strict=True)]
+    slip, way = _length(np.array(moved) - below[:-1]), _length(np.diff(centers, axis=0))
+    return bool(_ROCKS < rise < _OVER * heights[0] and change < _ROCKS and slip > max(_SLIDES, _SLIP * way))
 
-    Args:
-        poses: Poses X_WO in order.
-        p_OB: Centre of mass (3,) [m, O].
-        axis: Unit axis of rotational symmetry (3,) [O], about which the object may have rolled; None without one.
-    """
-    heights = np.array([(X @ p_OB)[2] for X in poses])
-    before, after = (poses[k].rotation().matrix()[2] for k in (0, -1))
-    if axis is None:
-        turned = math.acos(np.clip(before @ after, -1.0, 1.0))
-    else:
-        turned = abs(math.acos(np.clip(before @ axis, -1.0, 1.0)) - math.acos(np.clip(after @ axis, -1.0, 1.0)))
-    return bool(heights.max() - heights[0] > _ROCKS and turned < _SAME_FACE)
+
+def _length(steps: np.ndarray) -> float:
+    """Length [m] of a way over the floor, by its steps (n, 3)."""
+    return float(np.linalg.norm(steps[:, :2], axis=1).sum())

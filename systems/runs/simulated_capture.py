@@ -13,6 +13,7 @@ import numpy as np
 import torch
 import trimesh
 from PIL import Image
+from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.capture.ground_truth import write_ground_truth
@@ -34,6 +35,7 @@ from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log,
 from pinwm_drake.systems.runs.realism.uneven import draw_unevenness, write_with_feet
 from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates, Recording
 from pinwm_drake.systems.runs.rocking import SPEEDS, rocking_poke
+from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape, Theta
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import on_floor
@@ -235,8 +237,8 @@ class _Capture:
         R_WO = RotationMatrix.MakeZRotation(self.generator.uniform(-math.pi, math.pi))
         options = self.options
         if options.lying or (options.pokes and options.object_name in _LYING):
-            # Turned by half a facet, the mug lies on a face and not on an edge.
-            R_WO = R_WO @ RotationMatrix.MakeYRotation(math.pi / 2) @ RotationMatrix.MakeZRotation(math.pi / 64)
+            lying = load_setup(f"{FlipTask.name}_{options.object_name}").scenario.start.q_WO
+            R_WO = R_WO @ RotationMatrix(Quaternion(np.array(lying) / np.linalg.norm(lying)))
         return R_WO
 
     def _written_start(self) -> RigidTransform:
