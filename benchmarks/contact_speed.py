@@ -119,13 +119,14 @@ class Ours:
         self.stepper.rollout(theta, self.state, V, record_every=len(V)).p_WB[-1].sum().backward()
 
 
-def _text(values: np.ndarray) -> str:
+def numbers(values: np.ndarray) -> str:
+    """Numbers as MuJoCo's XML has them."""
     return " ".join(f"{value:.17g}" for value in np.ravel(values))
 
 
-def _geoms(pieces: list[ConvexPiece]) -> tuple[str, str]:
+def mesh_geoms(pieces: list[ConvexPiece]) -> tuple[str, str]:
     """Meshes and geoms of convex pieces."""
-    meshes = [f'<mesh name="m{i}" vertex="{_text(piece.vertices)}"/>' for i, piece in enumerate(pieces)]
+    meshes = [f'<mesh name="m{i}" vertex="{numbers(piece.vertices)}"/>' for i, piece in enumerate(pieces)]
     geoms = []
     for i, piece in enumerate(pieces):
         low, high = piece.vertices.min(0), piece.vertices.max(0)
@@ -134,7 +135,7 @@ def _geoms(pieces: list[ConvexPiece]) -> tuple[str, str]:
             np.all((v == np.round(low, 12)) | (v == np.round(high, 12))) for v in corners
         )
         shape = (
-            f'type="box" pos="{_text(0.5 * (low + high))}" size="{_text(0.5 * (high - low))}"'
+            f'type="box" pos="{numbers(0.5 * (low + high))}" size="{numbers(0.5 * (high - low))}"'
             if box_like
             else f'type="mesh" mesh="m{i}"'
         )
@@ -146,7 +147,7 @@ class Theirs:
     """Pokes in MuJoCo, one world after the other."""
 
     def __init__(self, pokes: Pokes) -> None:
-        meshes, geoms = _geoms(list(pokes.body.pieces))
+        meshes, geoms = mesh_geoms(list(pokes.body.pieces))
         slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
         self.pokes = pokes
         self.model = mujoco.MjModel.from_xml_string(f"""<mujoco>
@@ -155,7 +156,7 @@ class Theirs:
           <worldbody>
             <geom name="floor" type="plane" size="0 0 1"/>
             <body name="object"><freejoint/>
-              <inertial pos="0 0 0" mass="{pokes.body.mass}" diaginertia="{_text(np.diag(pokes.body.inertia))}"/>
+              <inertial pos="0 0 0" mass="{pokes.body.mass}" diaginertia="{numbers(np.diag(pokes.body.inertia))}"/>
               {geoms}
             </body>
             <body name="pusher" gravcomp="1">{slides}

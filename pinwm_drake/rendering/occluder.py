@@ -6,6 +6,9 @@ import torch
 from pinwm_drake.errors import RenderingError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.kernels.occluder import fill_depths
+from pinwm_drake.threads import available, share
+
+_WORTH_THREADS = 8  # views
 
 
 def mesh_depth(
@@ -45,5 +48,7 @@ def mesh_depth(
     if len(intrinsics) not in (1, len(corners)):
         raise RenderingError(f"camera intrinsics are {intrinsics.shape}; allowed: (4,) or ({len(corners)}, 4)")
     depth = np.full((len(corners), camera.height, camera.width), np.inf, np.float32)
-    fill_depths(corners, triangles, intrinsics, float(near), depth)
+    arguments = (corners, triangles, intrinsics, float(near), depth)
+    # Of small images one costs less than it takes to wake a thread.
+    share(fill_depths, arguments, len(depth), available() if len(depth) >= _WORTH_THREADS else 1)
     return depth

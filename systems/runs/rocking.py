@@ -1,6 +1,5 @@
 """Choice of a poke that rocks an object without turning it over, which shows what a flip depends on."""
 
-
 import numpy as np
 import trimesh
 from pydrake.math import RigidTransform
@@ -12,10 +11,10 @@ from pinwm_drake.systems.pusher.choice import choose_poke
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.recorder import PushRecorder, Recording
 
-SPEEDS = (0.4, 0.8)  # m/s, of pokes whose speed is not given
+SPEEDS = (0.3, 0.5)  # m/s, of pokes whose speed is not given: faster ones make an object hop, which hides friction
 _RISES = (0.3, 0.8)  # rad, of the way over level: such pokes show the friction of the pusher, and seldom turn it over
-_POKES = 60  # that are tried
-_ROCKS = 0.0015  # m, by which the centre of mass rises at least, and within which it comes back
+_POKES, _DRAWS = 60, 1000  # that are tried, and drawn
+_ROCKS = 0.001  # m, by which the centre of mass rises at least, and within which it comes back
 _OVER = 0.3  # of the height of the centre of mass, by which it rises at most; over a cube's edge it is 0.41
 _SLIDES = 0.02  # m, by which the place below the centre of mass slips at least; friction does not show where it rolls
 _SLIP = 0.5  # of the way of the centre of mass, that is slip at least
@@ -45,21 +44,28 @@ def rocking_poke(
         The poke, and what was recorded of it.
 
     Raises:
-        ParameterError: None of 60 pokes rocks the object so.
+        ParameterError: No poke rocks the object so.
     """
     mesh_W, p_OB = mesh.copy(), mass_properties(mesh, mass=1.0).p_com
     mesh_W.apply_transform(X_WO.GetAsMatrix4())
-    for _ in range(_POKES):
+    top, tried = mesh_W.bounds[1, 2] - shape.radius, 0
+    for _ in range(_DRAWS):
         try:
             poke = choose_poke(mesh_W, X_WO @ p_OB, shape, generator, floor_height=0.0, speeds=speeds, rises=_RISES)
         except ParameterError:  # at the height that it drew there is no side to be met; there may be at others
             continue
+        # Over the top edge the least difference would decide.
+        if poke.p_WP[2] + poke.distance * poke.direction_W[2] > top:
+            continue
         recording = recorder.push(X_WO, poke, number)
         if _rocked(recording.logged, p_OB):
             return poke, recording
+        tried += 1
+        if tried == _POKES:
+            break
     low, high = speeds
     raise ParameterError(
-        f"speed: got pokes of {low:g} to {high:g} m/s, none of {_POKES} of which makes the object slide and rock "
+        f"speed: got pokes of {low:g} to {high:g} m/s, none of {tried} of which makes the object slide and rock "
         f"and come back; allowed: a speed at which one does"
     )
 

@@ -104,13 +104,13 @@ def test_a_poke_rocks_an_object_and_leaves_it_on_its_face(pinwm, tmp_path, body,
     capture = read_capture(tmp_path / "poked")
     episode = read_episode(capture, "0000")
     speed = np.linalg.norm(episode.trajectory.v_WP, axis=1).max()
-    assert 0.4 <= speed <= 0.8
+    assert 0.3 <= speed <= 0.5
     assert episode.trajectory.v_WP[:, 2].max() > 0.05
     heights, ups = (
         episode.object_poses.p_WO[:, 2],
         quaternion_to_matrix(torch.from_numpy(episode.object_poses.q_WO))[:, 2],
     )
-    assert heights.max() - heights[0] > 0.001  # of pictures; between two of them it is higher
+    assert heights.max() - heights[0] > 0.0005  # of pictures; between two of them it is higher
     np.testing.assert_allclose(ups[-1][list(axes)], ups[0][list(axes)], atol=0.27)
 
 

@@ -6,8 +6,8 @@ from pinwm_drake.jit import entry_point
 
 
 @entry_point
-def fill_depths(corners, triangles, intrinsics, near, depth):
-    """Writes the depths of triangles where they are below what stands there.
+def fill_depths(corners, triangles, intrinsics, near, depth, first, last):
+    """Writes the depths of triangles in views first..last-1 where they are below what stands there.
 
     Args:
         corners: (V, n, 3) float64, camera frame, m.
@@ -15,9 +15,10 @@ def fill_depths(corners, triangles, intrinsics, near, depth):
         intrinsics: (1, 4) or (V, 4) float64, fx, fy, cx, cy, px.
         near: m, what is nearer is left out.
         depth: (V, H, W) float32, m; changed in place.
+        first, last: range of the views.
     """
-    views, height, width = depth.shape
-    for v in range(views):
+    _, height, width = depth.shape
+    for v in range(first, last):
         fx, fy, cx, cy = intrinsics[v % len(intrinsics)]
         for t in range(triangles.shape[0]):
             ax, ay, az = corners[v, triangles[t, 0]]
