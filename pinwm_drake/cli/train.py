@@ -40,7 +40,12 @@ def train(
             "ppo: from images at once; state: the teacher alone."
         ),
     ] = "distil",
-    algorithm: Annotated[str, typer.Option(help="That the policy of the state learns with: sac or ppo.")] = "sac",
+    algorithm: Annotated[
+        str | None,
+        typer.Option(
+            help="That the policy of the state learns with: sac or ppo.", show_default="sac for push, ppo for flip"
+        ),
+    ] = None,
     delta: Annotated[float, typer.Option(help="Of the cousins; 0 trains in the twin alone.")] = 0.1,
     from_intervals: Annotated[
         bool,

@@ -23,7 +23,7 @@ from pinwm_drake.report.figures.training import training_figure
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.tasks import PushTask, default_scene
+from pinwm_drake.tasks import PushTask, Task, default_scene
 
 METHODS = ("distil", "ppo", "state")
 ALGORITHMS = ("sac", "ppo")
@@ -43,7 +43,7 @@ class TrainRequest:
     in_scene: str | None = None
     task: str | None = None
     method: str = "distil"
-    algorithm: str = "sac"
+    algorithm: str | None = None
     delta: float = 0.1
     from_intervals: bool = False
     yaw: float | None = None
@@ -68,7 +68,8 @@ class TrainRequest:
     def __post_init__(self) -> None:
         """Checks the options that nothing else checks."""
         require("--method", repr(self.method), self.method in METHODS, ", ".join(METHODS))
-        require("--algorithm", repr(self.algorithm), self.algorithm in ALGORITHMS, ", ".join(ALGORITHMS))
+        known = self.algorithm is None or self.algorithm in ALGORITHMS
+        require("--algorithm", repr(self.algorithm), known, ", ".join(ALGORITHMS))
         for name in ("worlds", "threads", "steps", "round_steps", "rounds", "images", "updates", "episodes"):
             value = getattr(self, name)
             require(f"--{name.replace('_', '-')}", value, value is None or value >= 1, "1 or more")
@@ -100,7 +101,8 @@ def train(request: TrainRequest, *, report: Report = silent) -> Policy:
     if request.threads is not None:
         torch.set_num_threads(request.threads)
     worlds = _training_worlds(request)
-    policy = _method(request).train(MethodData(), worlds, out, seed=request.seed, resume=request.resume, report=report)
+    method = _method(request, worlds.setup.task)
+    policy = method.train(MethodData(), worlds, out, seed=request.seed, resume=request.resume, report=report)
     assert isinstance(policy, Policy)
     histories = {stage.name: stage / HISTORY_FILE for stage in stages if (stage / HISTORY_FILE).exists()}
     training_figure(out / FIGURE_FILE, histories)
@@ -113,7 +115,7 @@ def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]
     return {
         "task": worlds.setup.task.name,
         "method": request.method,
-        "algorithm": "ppo" if request.method == "ppo" else request.algorithm,
+        "algorithm": "ppo" if request.method == "ppo" else _algorithm(request, worlds.setup.task),
         "trained_in": worlds.about,
         "seed": request.seed,
         "worlds": request.worlds,
@@ -145,12 +147,17 @@ def _setup(request: TrainRequest) -> Setup:
     return load_setup(request.scene) if where is None else load_setup(where, twin=request.scene)
 
 
-def _method(request: TrainRequest) -> Method:
+def _algorithm(request: TrainRequest, task: Task) -> str:
+    """Algorithm that the teacher learns with: the task's, where the request names none."""
+    return request.algorithm or task.algorithm
+
+
+def _method(request: TrainRequest, task: Task) -> Method:
     """The method of a request, with the settings that are given."""
     steps = {"steps": request.steps, "round_steps": request.round_steps, "episodes": request.episodes}
     if request.method == "ppo":
         return ImagePpo(_with(PpoOptions.for_images(), **steps, shift=request.shift))
-    sac = request.algorithm == "sac"
+    sac = _algorithm(request, task) == "sac"
     teacher = StateSac(_with(SacOptions(), **steps)) if sac else StatePpo(_with(PpoOptions(), **steps))
     if request.method == "state":
         return teacher

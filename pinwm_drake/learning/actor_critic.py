@@ -45,7 +45,8 @@ class _Latents(nn.Module):
         return latent
 
     def forward_critic(self, seen: Seen) -> Tensor:
-        latent: Tensor = self.critic(seen["state"] if isinstance(seen, Mapping) else seen)
+        state = seen["state"] if isinstance(seen, Mapping) else seen
+        latent: Tensor = self.critic(self.actor.heading.state(state))
         return latent
 
 

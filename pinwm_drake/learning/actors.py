@@ -16,6 +16,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy, mse_loss
 
+from pinwm_drake.learning.heading import Heading
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.tasks import Task
 
@@ -41,12 +42,14 @@ class StateActor(nn.Module):
     Attributes:
         latent_size: Width of the last hidden layer.
         head: Linear layer to `outputs` numbers for each component of the action, those of the first component first.
+        heading: Frame that the layers see and act in, where the task has one.
     """
 
     def __init__(self, task: Task, outputs: int, activation: type[nn.Module], width: int = 256) -> None:
         """Builds layers of a width for a task's state and action."""
         super().__init__()
         self.latent_size, self._components = width, task.action_size
+        self.heading = Heading(task)
         self.body = nn.Sequential(
             nn.Linear(task.state_size, width), activation(), nn.Linear(width, width), activation()
         )
@@ -55,7 +58,7 @@ class StateActor(nn.Module):
     def latent(self, seen: Seen) -> Tensor:
         """Last hidden layer (B, latent_size) of an observation: the state, or a dict with `state`."""
         state = seen["state"] if isinstance(seen, Mapping) else seen
-        latent: Tensor = self.body(state)
+        latent: Tensor = self.body(self.heading.state(state))
         return latent
 
     def imitation(self, found: Tensor, state: Tensor) -> Tensor:
@@ -86,7 +89,7 @@ class LevelActor(StateActor):
 
     def forward(self, state: Tensor) -> Tensor:
         """Actions (B, n) of states (B, state_size) float32."""
-        return chosen(self.logits(state))
+        return self.heading.action(chosen(self.logits(state)), state)
 
     def imitation(self, found: Tensor, state: Tensor) -> Tensor:
         """Cross-entropy of the levels; see `StateActor.imitation`."""
@@ -109,8 +112,7 @@ class TanhActor(StateActor):
 
     def forward(self, state: Tensor) -> Tensor:
         """Actions (B, n) of states (B, state_size) float32."""
-        actions: Tensor = self.head(self.latent(state)).tanh()
-        return actions
+        return self.heading.action(self.head(self.latent(state)).tanh(), state)
 
     def imitation(self, found: Tensor, state: Tensor) -> Tensor:
         """Mean squared difference of the actions; see `StateActor.imitation`."""
@@ -175,6 +177,11 @@ class ImageActor(nn.Module):
     def latent_size(self) -> int:
         """Width of the last hidden layer."""
         return self.actor.latent_size
+
+    @property
+    def heading(self) -> Heading:
+        """Frame that the layers of `actor` see and act in."""
+        return self.actor.heading
 
     @property
     def head(self) -> nn.Module:

@@ -12,6 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.augment import Augment
+from pinwm_drake.learning.heading import AlongHeading
 from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
@@ -43,13 +44,15 @@ class PpoOptions:
         gain: Relative half-width of the random factors of their colours.
         entropy: Weight of the actions' entropy in the objective.
         episodes: Number of episodes in an evaluation.
+        patience: Number of rounds with longer episodes in their evaluation than one before them, which mostly
+            succeeded, after which the training ends.
 
     Raises:
         ParameterError: A number is out of range.
     """
 
     steps: int = 4_000_000
-    round_steps: int = 200_000
+    round_steps: int = 100_000
     n_steps: int = 64
     batch_size: int = 512
     n_epochs: int = 10
@@ -62,6 +65,7 @@ class PpoOptions:
     gain: float = 0.0
     entropy: float = 0.0
     episodes: int = 128
+    patience: int = 5
 
     @classmethod
     def for_images(cls) -> "PpoOptions":
@@ -72,7 +76,6 @@ class PpoOptions:
         """
         return cls(
             steps=2_000_000,
-            round_steps=100_000,
             n_steps=128,
             n_epochs=4,
             learning_rate=2e-4,
@@ -130,7 +133,7 @@ def train_ppo(
     networks = partial(pack, model.policy, model.policy.optimizer)
     if rounds.number:
         unpack(rounds.arrays, model.policy, model.policy.optimizer)
-    while rounds.number < total:
+    while not rounds.ended(options.patience):
         rounds.begin(env, on_round)
         left = 1.0 - rounds.number / total
         rate = options.learning_rate * (options.last_share + (1.0 - options.last_share) * left)
@@ -159,7 +162,7 @@ def _model(env: VecEnv, spec: PolicySpec, options: PpoOptions, seed: int) -> Ppo
         env = Augmented(env, Augment(options.shift, options.gain))
     return Ppo(
         ActorCritic,
-        env,
+        AlongHeading(env, spec.task),
         n_steps=options.n_steps,
         batch_size=min(options.batch_size, options.n_steps * env.num_envs),
         n_epochs=options.n_epochs,

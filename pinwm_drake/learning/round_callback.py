@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, unwrap_vec_wrapper
 
+from pinwm_drake.learning.heading import AlongHeading
 from pinwm_drake.learning.rounds import Rounds
 
 _SEEN = "seen."
@@ -92,6 +93,9 @@ def begin_round(model: BaseAlgorithm, rounds: Rounds, kept: Mapping[str, np.ndar
         return 0
     seen: Any = {name.removeprefix(_SEEN): values for name, values in kept.items() if name.startswith(_SEEN)}
     model._last_obs = seen.get("", seen)
+    heading = None if model.env is None else unwrap_vec_wrapper(model.env, AlongHeading)
+    if heading is not None:
+        heading.see(model._last_obs)
     model._last_episode_starts = kept["starts"]
     done = int(kept["done"])
     model.num_timesteps = rounds.steps + done

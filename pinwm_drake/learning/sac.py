@@ -19,6 +19,7 @@ from pinwm_drake.checkpoints import generator_state, read_arrays, set_generator_
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.actors import TanhActor
+from pinwm_drake.learning.heading import AlongHeading, HeadingExtractor
 from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
@@ -27,6 +28,7 @@ from pinwm_drake.learning.rounds import EVALUATION_SEED, OnRound, Rounds
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import pack, set_weights, unpack, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from pinwm_drake.tasks import Task
 
 _NEVER = 1 << 30
 _TOLD = 20  # actions of each world between two reports
@@ -120,7 +122,7 @@ def train_sac(
     size = env.num_envs * actions
     total = math.ceil(options.steps / size)
     rounds = Rounds(folder, stage, {**told, **(about or {})}, seed, resume=resume, total=total, report=report)
-    replay, model = prepare_folder(folder / "replay"), _model(env, options, seed)
+    replay, model = prepare_folder(folder / "replay"), _model(AlongHeading(env, spec.task), spec.task, options, seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     if rounds.number:
         _unpack(rounds.arrays, model)
@@ -145,7 +147,7 @@ def train_sac(
     return Policy(spec, rounds.best_actor(spec))
 
 
-def _model(env: VecEnv, options: SacOptions, seed: int) -> SAC:
+def _model(env: VecEnv, task: Task, options: SacOptions, seed: int) -> SAC:
     return SAC(
         "MlpPolicy",
         env,
@@ -158,7 +160,11 @@ def _model(env: VecEnv, options: SacOptions, seed: int) -> SAC:
         train_freq=1,
         gradient_steps=max(1, env.num_envs // options.update_every),
         ent_coef=f"auto_{options.entropy}",
-        policy_kwargs={"net_arch": [256, 256]},
+        policy_kwargs={
+            "net_arch": [256, 256],
+            "features_extractor_class": HeadingExtractor,
+            "features_extractor_kwargs": {"task": task},
+        },
         seed=seed,
         device="cpu",
     )

@@ -1,6 +1,7 @@
 """Success rate of a policy in many worlds at once, which is quick enough to do while it is trained."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
@@ -21,7 +22,8 @@ def evaluate_worlds(
 
     The number of episodes of each world is settled beforehand, one more in the first worlds where it is not even.
     To take those that end first would favour the short ones, which are the successes. With as many episodes as worlds
-    each world runs one, and no action is wasted but those of worlds that wait for the longest.
+    each world runs one, and no action is wasted but those of worlds that wait for the longest. All of them begin where
+    the scene says, also in worlds of a training that begin elsewhere at times (`exploring`).
 
     Args:
         env: The worlds; `infos` at the end of an episode have `distance`, `angle` and `success` or `is_success`.
@@ -40,6 +42,31 @@ def evaluate_worlds(
     """
     if episodes < 1:
         raise ParameterError(f"episodes: got {episodes}; allowed: 1 or more")
+    with _usual_starts(env):
+        return _run(env, policy, episodes, seed, progress)
+
+
+@contextmanager
+def _usual_starts(env: VecEnv) -> Iterator[None]:
+    """Worlds whose episodes all begin where the scene says, for the time being."""
+    try:
+        share = env.get_attr("exploring")[0]
+    except AttributeError:  # worlds of no task
+        share = None
+    if not share:
+        yield
+        return
+    env.set_attr("exploring", 0.0)
+    try:
+        yield
+    finally:
+        env.set_attr("exploring", share)
+
+
+def _run(
+    env: VecEnv, policy: Acts, episodes: int, seed: int | None, progress: Callable[[EpisodeResult], None]
+) -> Evaluation:
+    """Evaluation of `evaluate_worlds`."""
     W = env.num_envs
     wanted = [(episodes + W - 1 - world) // W for world in range(W)]
     found: list[list[EpisodeResult]] = [[] for _ in range(W)]

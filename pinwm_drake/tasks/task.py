@@ -53,6 +53,11 @@ class Task(ABC):
         max_translation: m, longest translation in an action that policies are trained for and controllers are tried
             with; None for the longest that the pusher's speed allows.
         training_step: s, step of the physics that policies are trained in; None for that of the scene.
+        heading: Index in the state of the x of the pusher from the object, whose y follows, where the task is the same
+            at any yaw: policies see and act along that way. None where directions of the world matter.
+        level_vectors: Indices in the state of the x of each vector, whose y follows, where there is a heading.
+        algorithm: Name of the algorithm that a teacher learns with: "sac" or "ppo".
+        exploring: Share of a training's episodes that begin on the way to the goal, 0 to 1; see `nearer`.
     """
 
     name: ClassVar[str]
@@ -63,6 +68,10 @@ class Task(ABC):
     scene: ClassVar[str] = "push_t"
     max_translation: ClassVar[float | None] = None
     training_step: ClassVar[float | None] = None
+    heading: ClassVar[int | None] = None
+    level_vectors: ClassVar[tuple[int, ...]] = ()
+    algorithm: ClassVar[str] = "sac"
+    exploring: ClassVar[float] = 0.0
 
     @abstractmethod
     def measure(self, object_state: np.ndarray, p_WP: np.ndarray) -> Progress:
@@ -146,6 +155,17 @@ class Task(ABC):
             floor_height: m, world: z of the floor.
         """
         return self
+
+    def nearer(self, q_WO: np.ndarray, share: float) -> np.ndarray | None:
+        """Orientation (4,) wxyz after a share of the turn from another one, q_WO (4,) wxyz, to the goal.
+
+        None where episodes of a training all begin as the scene says.
+
+        Args:
+            q_WO: (4,) wxyz, unit norm.
+            share: Share of the turn; 0 is q_WO, 1 the goal, and more is beyond it.
+        """
+        return None
 
     def for_training(self) -> Self:
         """The task with the rewards that a policy learns from."""

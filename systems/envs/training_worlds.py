@@ -129,14 +129,14 @@ class TrainingWorlds:
             "task": setup.task.to_document(),
             **domains.about(),
             "start_yaw": list(setup.scenario.start.yaw),
+            "exploring": setup.task.exploring,
         }
 
     def worlds(self, observation: Kind) -> TaskVecEnv:
         """Worlds of one diagram, with the rewards that the task has for training."""
         task = self.setup.task.for_training()
-        return TaskVecEnv(
-            self.setup, self._num_worlds, self.options, domain=self.pool, observation=observation, task=task
-        )
+        options = dataclasses.replace(self.options, observation=observation, task=task, exploring=task.exploring)
+        return TaskVecEnv(self.setup, self._num_worlds, options, domain=self.pool)
 
     def spec(self, observes: Observes) -> PolicySpec:
         """Specification of a policy that acts in these worlds."""

@@ -14,6 +14,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.observation import Observation, Observer
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.station_run import FAILURES, StationRun
+from pinwm_drake.systems.scenario.exploring import ExploringStarts
 from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.tasks import Progress
@@ -67,6 +68,7 @@ class Worlds:
         engine: Name of the engine.
         max_steps: Number of actions after which an episode is truncated.
         observation_space: Observation space of one world.
+        exploring: Share of the episodes that begin on the way to the goal; `evaluate_worlds` sets it to 0 meanwhile.
         domain: Called with a world's index before it begins an episode; gives the theta and colours of that episode, or
             None to leave them. Colours are not asked for where no images are seen.
     """
@@ -103,7 +105,8 @@ class Worlds:
         self.engine = self.run.station.engine.name
         self._observer = Observer(self.setup, options.observation, options.frames)
         self.observation_space = self._observer.space
-        self._start = StartDistribution(self.setup)
+        self._start, self._exploring_start = StartDistribution(self.setup), ExploringStarts(self.setup)
+        self.exploring = options.exploring
         self._steps = np.zeros(num_worlds, int)
         self._random = [seeding.np_random(None)[0] for _ in range(num_worlds)]
         self._take_state()
@@ -166,7 +169,7 @@ class Worlds:
         for world in worlds.tolist():
             if self.domain is not None and (domain := self.domain(world)) is not None:
                 self.run.set_domain(domain, world, colours=self._observer.needs_images)
-            drawn = self._start.draw(self._random[world])
+            drawn = self._draw(self._random[world])
             self.run.place(_chosen_place(drawn, options[world] if options else None), world)
         self._steps[worlds] = 0
         self._take_state()
@@ -174,6 +177,11 @@ class Worlds:
             # The port renders all worlds; at the start of an episode those that begin are enough.
             images = self.run.images() if self.run.world_model is None else self.run.images_of(worlds)
             self._observer.begin(worlds, images)
+
+    def _draw(self, generator: np.random.Generator) -> Place:
+        """Random place of an episode's start; without exploring starts the generator is asked for nothing else."""
+        explores = self.exploring > 0.0 and generator.random() < self.exploring
+        return (self._exploring_start if explores else self._start).draw(generator)
 
     def set_object_states(self, object_state: np.ndarray, p_WP: np.ndarray) -> None:
         """Puts every one of the twin's worlds into a state, at the beginning of an episode; images are not taken.
