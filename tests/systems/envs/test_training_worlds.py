@@ -3,6 +3,7 @@ import pytest
 
 from pinwm_drake.cousins import CousinDomains, CousinDraw
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.systems.envs.training_worlds import DomainPool, TrainingWorlds, training_options
 
 
@@ -120,3 +121,32 @@ def test_what_success_is_can_be_narrowed():
     spec = worlds.spec("rgb")
     assert (spec.task.tolerance, spec.task.turn_tolerance) == (0.01, 0.1)
     assert (env.worlds.task.reward, spec.task.reward) == ("shaped", "paper")
+
+
+class Still:
+    """Policy that moves nothing and keeps the first states that it saw."""
+
+    def __init__(self):
+        self.seen = None
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        self.seen = observation.copy() if self.seen is None else self.seen
+        return np.zeros((len(observation), 3), np.float32), None
+
+
+def test_episodes_of_a_training_begin_on_the_way_and_those_of_its_evaluations_where_the_scene_says():
+    worlds = TrainingWorlds("flip_cube", training_options(image_size=16), num_worlds=16, domains=CousinDomains(0.0))
+    assert worlds.about["exploring"] == 0.6
+    env, policy = worlds.worlds("state"), Still()
+    env.seed(1)
+    upright = env.reset()[:, 5]
+    assert 0 < (np.abs(upright) > 0.05).sum() < 16  # of cubes that do not lie
+    evaluate_worlds(env, policy, 16, seed=1)
+    assert np.abs(policy.seen[:, 5]).max() < 1e-6
+    env.seed(1)
+    assert np.array_equal(env.reset()[:, 5], upright)
+
+
+def test_a_share_of_exploring_starts_is_a_share():
+    with pytest.raises(ParameterError, match="exploring"):
+        training_options(exploring=1.5)
