@@ -6,7 +6,19 @@ import sys
 import time
 from pathlib import Path
 
-NAMES = ("step", "accuracy", "scaling", "worlds", "memory", "render", "station", "environment", "policy", "cuda")
+NAMES = (
+    "step",
+    "accuracy",
+    "scaling",
+    "worlds",
+    "memory",
+    "render",
+    "station",
+    "environment",
+    "flip",
+    "policy",
+    "cuda",
+)
 LONG = ("hydroelastic",)  # a quarter of an hour or more: by name only
 
 

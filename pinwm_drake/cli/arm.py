@@ -26,7 +26,7 @@ def arm(
     bundle: Annotated[
         str, typer.Argument(metavar="BUNDLE", help="Bundle that is to control it, which tells the size of images.")
     ] = "push_t",
-    scene: Annotated[str, typer.Option(help=SCENE)] = "push_t",
+    scene: Annotated[str | None, typer.Option(help=SCENE, show_default="that of the bundle's task and object")] = None,
     image_size: Annotated[
         int | None, typer.Option(help="px, of images, as the policy sees them.", show_default="the bundle's")
     ] = None,
@@ -48,6 +48,7 @@ def arm(
     from pinwm_drake.systems.arm.driver import MakeArmDriver
     from pinwm_drake.systems.engines.lcm.link import make_lcm
     from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+    from pinwm_drake.systems.envs.policy_scene import usual_scene
     from pinwm_drake.systems.scenario.load import load_setup, with_url
     from pinwm_drake.systems.sdf.twin import contact_name
     from pinwm_drake.systems.view.meshcat import make_meshcat
@@ -56,9 +57,10 @@ def arm(
     require("--image-size", image_size, image_size is None or 8 <= image_size <= 4096, "8 to 4096 px")
     require("--latency", latency, 0.0 <= latency <= 1.0, "0 to 1 s")
     require_common(contact, seed)
-    size = read_bundle(bundle).spec.camera.width if image_size is None else image_size
+    spec = read_bundle(bundle).spec
+    size = spec.camera.width if image_size is None else image_size
     logging.getLogger("drake").setLevel(logging.WARNING)
-    setup = with_url(environment_setup(load_setup(scene), EnvOptions(image_size=size)), lcm_url)
+    setup = with_url(environment_setup(load_setup(scene or usual_scene(spec)), EnvOptions(image_size=size)), lcm_url)
     page = make_meshcat(port=port) if meshcat else None
     lcm = make_lcm(setup.scenario.lcm)
     driver = MakeArmDriver(setup, lcm, contact=contact_name(contact), latency=latency, meshcat=page)

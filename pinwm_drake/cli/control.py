@@ -33,7 +33,7 @@ def control(
     bundle: Annotated[
         str, typer.Argument(metavar="BUNDLE", help="Folder that `pinwm export` wrote, or the name of one that ships.")
     ],
-    scene: Annotated[str, typer.Option(help=SCENE)] = "push_t",
+    scene: Annotated[str | None, typer.Option(help=SCENE, show_default="that of the bundle's task and object")] = None,
     engine: Annotated[
         str, typer.Option(help="What is controlled: hydroelastic, point or twin, or a robot behind lcm.")
     ] = "hydroelastic",
@@ -67,7 +67,7 @@ def control(
         from pinwm_drake.learning.bundle import read_bundle
         from pinwm_drake.systems.control.loop import ControlLoop
         from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
-        from pinwm_drake.systems.envs.policy_scene import check_object
+        from pinwm_drake.systems.envs.policy_scene import check_object, usual_scene
         from pinwm_drake.systems.scenario.load import load_setup, with_url
         from pinwm_drake.systems.scenario.schema import MEMORY
         from pinwm_drake.systems.sdf.twin import contact_name
@@ -84,7 +84,9 @@ def control(
         console = Console()
         logging.getLogger("drake").setLevel(logging.WARNING)
         found = read_bundle(bundle)
-        setup = environment_setup(load_setup(scene), EnvOptions(image_size=found.spec.camera.width))
+        setup = environment_setup(
+            load_setup(scene or usual_scene(found.spec)), EnvOptions(image_size=found.spec.camera.width)
+        )
         if engine == "lcm":
             setup = with_url(setup, MEMORY if simulate_arm else lcm_url)
         try:

@@ -22,8 +22,12 @@ def export(
     ],
     bundle: Annotated[Path, typer.Argument(metavar="BUNDLE", help="New or empty folder.")],
     scene: Annotated[
-        str, typer.Option(help="Where the golden samples are seen: a scenario's name or path, or a twin's folder.")
-    ] = "push_t",
+        str | None,
+        typer.Option(
+            help="Where the golden samples are seen: a scenario's name or path, or a twin's folder.",
+            show_default="that of the policy's task and object",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of where these episodes start, 0 or more.")] = 0,
     max_speed: Annotated[
         float | None, typer.Option(help="m/s. Default: what the policy was trained with.", rich_help_panel=_LIMITS)

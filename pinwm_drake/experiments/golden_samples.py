@@ -15,13 +15,13 @@ from pinwm_drake.learning.policy import Policy, read_policy
 from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.learning.spec import PolicySpec, SceneSpec
 from pinwm_drake.learning.upgrade import taught_the_state, upgrade_bundle
-from pinwm_drake.systems.envs.policy_scene import scene_spec, spec_environment
+from pinwm_drake.systems.envs.policy_scene import scene_spec, spec_environment, usual_scene
 
 _EPISODES, _ACTIONS, _EVERY = 3, 13, 4
 
 
 def export_bundle(
-    folder: Path, out: Path, *, scene: str = "push_t", seed: int = 0, limits: Mapping[str, Any] | None = None
+    folder: Path, out: Path, *, scene: str | None = None, seed: int = 0, limits: Mapping[str, Any] | None = None
 ) -> Bundle:
     """Writes the bundle of a policy, with golden samples that it sees in a scene; or a bundle of version 1 anew.
 
@@ -31,7 +31,7 @@ def export_bundle(
     Args:
         folder: Folder of the policy, or of the bundle.
         out: Folder of the bundle, new or empty.
-        scene: Scene of the golden samples: see `spec_environment`.
+        scene: Scene of the golden samples: see `spec_environment`; None for `usual_scene` of the policy.
         seed: Seed of the first episode's start, 0 or more.
         limits: Values of `SafetyLimits` in the place of the default ones or of the bundle's, by name.
 
@@ -44,9 +44,11 @@ def export_bundle(
     """
     require("--seed", seed, seed >= 0, "0 or more")
     if is_bundle(folder):
-        return upgrade_bundle(folder, out, _scene(read_bundle(folder).spec, scene), limits)
+        spec = read_bundle(folder).spec
+        return upgrade_bundle(folder, out, _scene(spec, scene or usual_scene(spec)), limits)
     policy = read_policy(folder)
     require_images(policy)
+    scene = scene or usual_scene(policy.spec)
     if policy.spec.scene is None:
         policy = dataclasses.replace(policy, spec=dataclasses.replace(policy.spec, scene=_scene(policy.spec, scene)))
     chosen = dataclasses.replace(default_limits(policy.spec), **(limits or {}))

@@ -43,6 +43,8 @@ class PpoOptions:
         shift: px, largest random shift of the images as the policy sees them.
         gain: Relative half-width of the random factors of their colours.
         entropy: Weight of the actions' entropy in the objective.
+        value: Weight of the critic's loss in the objective. Actor and critic share nothing but the bound of the
+            gradient's norm: with a large one, rare successes, of which the critic knows nothing, hardly move the actor.
         episodes: Number of episodes in an evaluation.
         patience: Number of rounds with longer episodes in their evaluation than one before them, which mostly
             succeeded, after which the training ends.
@@ -51,19 +53,20 @@ class PpoOptions:
         ParameterError: A number is out of range.
     """
 
-    steps: int = 4_000_000
+    steps: int = 3_000_000
     round_steps: int = 100_000
-    n_steps: int = 64
-    batch_size: int = 512
+    n_steps: int = 128
+    batch_size: int = 1024
     n_epochs: int = 10
-    learning_rate: float = 5e-4
+    learning_rate: float = 1e-3
     last_share: float = 0.1
     gamma: float = 0.98
     gae_lambda: float = 0.95
     clip_range: float = 0.2
     shift: int = 0
     gain: float = 0.0
-    entropy: float = 0.0
+    entropy: float = 0.005
+    value: float = 0.05
     episodes: int = 128
     patience: int = 5
 
@@ -76,9 +79,11 @@ class PpoOptions:
         """
         return cls(
             steps=2_000_000,
-            n_steps=128,
+            batch_size=512,
             n_epochs=4,
             learning_rate=2e-4,
+            entropy=0.0,
+            value=0.5,
             shift=1,
             gain=0.2,
         )
@@ -171,6 +176,7 @@ def _model(env: VecEnv, spec: PolicySpec, options: PpoOptions, seed: int) -> Ppo
         gae_lambda=options.gae_lambda,
         clip_range=options.clip_range,
         ent_coef=options.entropy,
+        vf_coef=options.value,
         seed=seed,
         device="cpu",
         policy_kwargs={"actor": actor},

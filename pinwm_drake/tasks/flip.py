@@ -63,7 +63,7 @@ class FlipTask(Task):
     heading: ClassVar[int | None] = 15
     level_vectors: ClassVar[tuple[int, ...]] = (0, 3, 6, 9, 12, 15)
     algorithm: ClassVar[str] = "ppo"
-    exploring: ClassVar[float] = 0.6  # chance hardly ever turns an object over
+    exploring: ClassVar[float] = 0.7  # chance hardly ever turns an object over
 
     up: tuple[float, float, float] = (0.0, 0.0, -1.0)
     side: tuple[float, float, float] = (0.0, 0.0, 0.0)

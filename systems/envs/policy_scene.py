@@ -16,9 +16,9 @@ from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.learning.spec import CameraSpec, ObjectSpec, Observes, PolicySpec, PusherSpec, SceneSpec
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions, longest_translation
-from pinwm_drake.systems.scenario.load import Scene
+from pinwm_drake.systems.scenario.load import Scene, shipped_scenarios
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.tasks import Task
+from pinwm_drake.tasks import Task, default_scene
 
 # Largest distances of a scene's camera from the policy's: an identified floor lies within a millimetre of the true one.
 _OFF, _TURNED = 2e-3, 5e-3  # m, rad
@@ -90,6 +90,12 @@ def scene_spec(setup: Setup, camera: CameraSpec | None = None) -> SceneSpec:
         pusher=PusherSpec("mesh" if mesh else shape.kind, float(shape.radius), float(shape.length), mesh),
         floor_height=float(twin.floor_height) + higher,
     )
+
+
+def usual_scene(spec: PolicySpec) -> str:
+    """Name of the scenario that ships for a policy's task and object, or for its task where none is of the object."""
+    name = "" if spec.scene is None else f"{spec.task.name}_{spec.scene.object.name}"
+    return name if name in shipped_scenarios() else default_scene(spec.task.name)
 
 
 def spec_environment(spec: PolicySpec, scene: Scene, engine: str | None = None, **changes: Any) -> TaskEnv:

@@ -7,9 +7,9 @@ from pydrake.math import RotationMatrix
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution, on_floor
 
-_BEYOND = 1.05  # of the turn to the goal, at most
+_SHARES = (-0.4, 0.6)  # of the turn to the goal; below 0 is 0: farther on most objects fall to the goal by themselves
 _LIFT = 2e-4  # m, of the object over the floor
-_GAPS = (0.001, 0.03)  # m, from the pusher to a plane that touches the object
+_GAPS = (0.001, 0.015)  # m, from the pusher to a plane that touches the object
 _ALONG = 0.02  # m, standard deviation of the pusher's place along that plane
 _ATTEMPTS = 50
 
@@ -32,7 +32,7 @@ class ExploringStarts:
     def draw(self, generator: np.random.Generator) -> Place:
         """Random place; one of the scene's starts where the task knows no way, or the pusher's box has no room."""
         start = self._start.draw(generator)
-        q_WO = self._task.nearer(start.X_WO.rotation().ToQuaternion().wxyz(), generator.uniform(0.0, _BEYOND))
+        q_WO = self._task.nearer(start.X_WO.rotation().ToQuaternion().wxyz(), max(generator.uniform(*_SHARES), 0.0))
         if q_WO is None:
             return start
         vertices, (x, y, _) = self._start.vertices, start.X_WO.translation()

@@ -16,9 +16,9 @@ from pinwm_drake.learning.evaluation import Acts
 from pinwm_drake.learning.policy import POLICY_FILE, read_policy, weights_digest
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.models import policy_path, shipped_policies
+from pinwm_drake.systems.envs import policy_scene
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
-from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.scenario.load import load_setup, scene_hash
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import with_start_yaw
@@ -92,7 +92,7 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
 
 
 def usual_scene(policy: str, task: str | None) -> str:
-    """Name of the scenario in which a contestant is evaluated where none is named: that of its task.
+    """Name of the scenario in which a contestant is evaluated where none is named: that of its task and object.
 
     Args:
         policy: The contestant, as `EvaluateRequest` has it.
@@ -105,7 +105,7 @@ def usual_scene(policy: str, task: str | None) -> str:
     if task is not None or policy in (MPC, RANDOM):
         return default_scene(task or PushTask.name)
     spec = read_contestant(EvaluateRequest(policy)).spec
-    return default_scene(PushTask.name if spec is None else spec.task.name)
+    return default_scene(PushTask.name) if spec is None else policy_scene.usual_scene(spec)
 
 
 def make_environment(contestant: Contestant, request: EvaluateRequest) -> TaskEnv:
@@ -128,7 +128,7 @@ def make_environment(contestant: Contestant, request: EvaluateRequest) -> TaskEn
             options = dataclasses.replace(options, max_translation=options.task_in(setup).max_translation)
         return TaskEnv(setup, request.engine, options)
     steps: dict[str, Any] = {} if request.max_steps is None else {"max_steps": request.max_steps}
-    return spec_environment(spec, setup, request.engine, task=task, **steps)
+    return policy_scene.spec_environment(spec, setup, request.engine, task=task, **steps)
 
 
 def _model(request: EvaluateRequest) -> Setup:

@@ -10,7 +10,14 @@ from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import model_path
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions
-from pinwm_drake.systems.envs.policy_scene import check_object, check_scene, policy_spec, scene_spec, spec_environment
+from pinwm_drake.systems.envs.policy_scene import (
+    check_object,
+    check_scene,
+    policy_spec,
+    scene_spec,
+    spec_environment,
+    usual_scene,
+)
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.schema import Shape
 from pinwm_drake.systems.scenario.setup import make_setup
@@ -134,3 +141,15 @@ def test_the_floor_of_a_policy_that_does_not_tell_it_is_as_far_below_its_camera(
     x, y, z = spec.camera.p_WC
     higher = dataclasses.replace(spec.camera, p_WC=(x, y, z + 0.0015))
     assert scene_spec(env.setup, higher).floor_height == pytest.approx(0.0015, abs=1e-12)
+
+
+@pytest.mark.parametrize("scene", ["push_t", "push_cube", "flip_cube", "flip_mug"])
+def test_the_usual_scene_of_a_policy_is_that_of_its_task_and_object(scene):
+    setup = load_setup(scene)
+    assert usual_scene(policy_spec(setup, EnvOptions(), "state")) == scene
+
+
+def test_the_usual_scene_of_an_object_that_does_not_ship_is_that_of_the_task(spec):
+    assert usual_scene(dataclasses.replace(spec, scene=None)) == "push_t"
+    strange = dataclasses.replace(spec.scene, object=dataclasses.replace(spec.scene.object, name="kettle"))
+    assert usual_scene(dataclasses.replace(spec, scene=strange)) == "push_t"

@@ -136,7 +136,7 @@ class Still:
 
 def test_episodes_of_a_training_begin_on_the_way_and_those_of_its_evaluations_where_the_scene_says():
     worlds = TrainingWorlds("flip_cube", training_options(image_size=16), num_worlds=16, domains=CousinDomains(0.0))
-    assert worlds.about["exploring"] == 0.6
+    assert worlds.about["exploring"] == 0.7
     env, policy = worlds.worlds("state"), Still()
     env.seed(1)
     upright = env.reset()[:, 5]
