@@ -68,7 +68,7 @@ class PpoOptions:
     entropy: float = 0.005
     value: float = 0.05
     episodes: int = 128
-    patience: int = 5
+    patience: int = 3
 
     @classmethod
     def for_images(cls) -> "PpoOptions":

@@ -47,6 +47,17 @@ def test_it_learns_from_the_state(tmp_path):
     assert isinstance(policy.actor, StateActor)
 
 
+def test_it_ends_when_episodes_get_no_shorter(tmp_path):
+    options = PpoOptions(steps=80_000, round_steps=4_000, n_steps=32, batch_size=128, episodes=64, patience=1)
+    train_ppo(ToyWorlds(images=False), toy_spec("state"), tmp_path, options, stage="teacher")
+    with (tmp_path / rounds.HISTORY_FILE).open() as file:
+        rows = list(csv.DictReader(file))
+    lengths = [float(row["length"]) for row in rows]
+    best = lengths.index(min(lengths))
+    assert float(rows[best]["success"]) > 0.8
+    assert len(rows) == best + 2 < 20
+
+
 def untrained(spec):
     from pinwm_drake.learning.policy import Policy
 
