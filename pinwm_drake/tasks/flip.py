@@ -26,8 +26,7 @@ class FlipTask(Task):
     [rad], between the axis and the world's z:
 
         paper    -d_t - d_r
-        shaped   phi(before) - phi(after) - cost - spin_cost s^2 + bonus on success, with the spin s [rad/s] about `up`
-                 after the action: what spins fast stands up as a top does, and takes long to come to rest;
+        shaped   phi(before) - phi(after) - cost + bonus on success,
                  phi = 2 d_r + 2 max(0, reach - 0.1)    with the pusher's distance `reach` [m] in space
 
     The state, float32 (18), each within [-20, 20], world axes:
@@ -50,7 +49,6 @@ class FlipTask(Task):
         rest_turn: rad/s, rate of turn below which the object rests.
         cost: Cost of an action in the shaped reward.
         bonus: Bonus on success in the shaped reward.
-        spin_cost: Cost of an action in the shaped reward for a spin of 1 rad/s, s^2/rad^2.
 
     Raises:
         ParameterError: There is no such reward, an axis or a number is out of range.
@@ -77,7 +75,6 @@ class FlipTask(Task):
     rest_turn: float = 0.3
     cost: float = 0.2
     bonus: float = 10.0
-    spin_cost: float = 0.001
 
     def __post_init__(self) -> None:
         """Validates reward, axes, tolerances and limits of rest."""
@@ -88,7 +85,7 @@ class FlipTask(Task):
         along = float(np.linalg.norm(np.cross(self.up, self.side)))
         if not math.isfinite(math.hypot(*self.side)) or (any(self.side) and along == 0.0):
             raise ParameterError(f"side: got {self.side}; allowed: zero, or an axis in O that is not along `up`")
-        for name in ("cost", "bonus", "height", "spin_cost"):
+        for name in ("cost", "bonus", "height"):
             if not math.isfinite(getattr(self, name)):
                 raise ParameterError(f"{name}: got {getattr(self, name)}; allowed: a finite number")
         for name in ("tolerance", "turn_tolerance", "rest_speed", "rest_turn"):
@@ -129,22 +126,18 @@ class FlipTask(Task):
         """Height from the goal's, angle and success of W worlds; see `Task.measure`."""
         p_WO = object_state[:, 4:7]
         distance = np.abs(p_WO[:, 2] - self.height)
-        up_W = self._axes_W(object_state[:, :4])[:, 0]
-        angle = np.arccos(np.clip(up_W[:, 2], -1.0, 1.0))
-        spin = np.abs(np.einsum("ij,ij->i", up_W, object_state[:, 7:10]))
+        angle = np.arccos(np.clip(self._axes_W(object_state[:, :4])[:, 0, 2], -1.0, 1.0))
         reach = _lengths(p_WP - p_WO)
         speed, turn = _lengths(object_state[:, 10:13]), _lengths(object_state[:, 7:10])
         at_rest = (speed < self.rest_speed) & (turn < self.rest_turn)
         success = (distance < self.tolerance) & (angle < self.turn_tolerance) & at_rest
-        return Progress(distance, angle, reach, at_rest, success, spin)
+        return Progress(distance, angle, reach, at_rest, success)
 
     def rewards(self, before: Progress, after: Progress) -> np.ndarray:
         """Rewards (W,) of the kind `reward`."""
         if self.reward == "paper":
             return -after.distance - after.angle
-        assert after.spin is not None
-        cost = self.cost + self.spin_cost * after.spin**2
-        gain: np.ndarray = _potential(before) - _potential(after) - cost + self.bonus * after.success
+        gain: np.ndarray = _potential(before) - _potential(after) - self.cost + self.bonus * after.success
         return gain
 
     def state(self, object_state: np.ndarray, p_WP: np.ndarray) -> np.ndarray:

@@ -78,20 +78,6 @@ def test_the_shaped_reward_is_of_angle_and_reach_and_pays_success():
     np.testing.assert_allclose(task.rewards(far, away), [-0.2 - task.cost], atol=1e-6)
 
 
-def test_the_shaped_reward_charges_for_spin_about_the_axis_and_for_no_other_turn():
-    task = cube(reward="shaped", spin_cost=0.01)
-    still, spinning = lying(tilt=0.7), lying(tilt=0.7)
-    axis = RotationMatrix(Quaternion(wxyz=still[:4])).matrix() @ [-1.0, 0.0, 0.0]
-    spinning[7:10] = 6.0 * axis
-    np.testing.assert_allclose(measured(task, spinning).spin, [6.0])
-    np.testing.assert_allclose(
-        task.rewards(measured(task, still), measured(task, spinning)), [-task.cost - 0.36], atol=1e-6
-    )
-    tipping = lying(tilt=0.7, turn=6.0)  # about x, which the axis is at right angles to
-    np.testing.assert_allclose(measured(task, tipping).spin, [0.0], atol=1e-9)
-    np.testing.assert_allclose(task.rewards(measured(task, still), measured(task, tipping)), [-task.cost], atol=1e-6)
-
-
 @pytest.mark.parametrize("side", [SIDE, (0.0, 0.0, 0.0)])
 def test_the_state_tells_object_and_pusher(side):
     task = FlipTask(up=UP, side=side, height=0.05)
