@@ -9,17 +9,17 @@ from pinwm_drake.twin import write_twin
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "steps"),
-    [("sac", [0, 80, 160, 240, 320, 400, 480, 512]), ("ppo", [0, 256, 512, 512])],
+    ("algorithm", "worlds", "steps"),
+    [("sac", 4, [0, 80, 160, 240, 320, 400, 480, 512]), ("ppo", 2, [0, 256, 512, 512])],
 )
-def test_a_training_is_a_call_that_prints_nothing(tmp_path, capsys, algorithm, steps):
+def test_a_training_is_a_call_that_prints_nothing(tmp_path, capsys, algorithm, worlds, steps):
     told = []
     request = TrainRequest(
         "push_t",
         tmp_path,
         method="state",
         algorithm=algorithm,
-        worlds=4,
+        worlds=worlds,
         image_size=32,
         steps=512,
         round_steps=512,
