@@ -15,7 +15,6 @@ Reward = Literal["paper", "shaped"]
 REWARDS = ("paper", "shaped")
 LENGTH, SPEED, TURN = 0.1, 1.0, 10.0  # m, m/s, rad/s: units of the state's components
 NEAR = 0.1  # m, from which on the pusher counts as at the object, in the shaped reward
-ROOM = 0.12  # m, from the middle of the floor, within which an object is not astray
 
 
 @register
@@ -28,9 +27,7 @@ class FlipTask(Task):
 
         paper    -d_t - d_r
         shaped   phi(before) - phi(after) - cost + bonus on success,
-                 phi = 2 d_r + 2 max(0, reach - 0.1) + 4 astray, with the pusher's distance `reach` [m] in space, and
-                 that of the object from a circle of 0.12 m around the middle of the floor, `astray` [m]: outside of the
-                 camera's view a policy of images is blind
+                 phi = 2 d_r + 2 max(0, reach - 0.1)    with the pusher's distance `reach` [m] in space
 
     The state, float32 (18), each within [-20, 20], world axes:
 
@@ -134,8 +131,7 @@ class FlipTask(Task):
         speed, turn = _lengths(object_state[:, 10:13]), _lengths(object_state[:, 7:10])
         at_rest = (speed < self.rest_speed) & (turn < self.rest_turn)
         success = (distance < self.tolerance) & (angle < self.turn_tolerance) & at_rest
-        astray = np.maximum(_lengths(p_WO[:, :2]) - ROOM, 0.0)
-        return Progress(distance, angle, reach, at_rest, success, astray)
+        return Progress(distance, angle, reach, at_rest, success)
 
     def rewards(self, before: Progress, after: Progress) -> np.ndarray:
         """Rewards (W,) of the kind `reward`."""
@@ -234,6 +230,5 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
 
 def _potential(progress: Progress) -> np.ndarray:
     """Potential phi (W,) of the shaped reward."""
-    assert progress.astray is not None
-    phi: np.ndarray = 2.0 * progress.angle + 2.0 * np.maximum(progress.reach - NEAR, 0.0) + 4.0 * progress.astray
+    phi: np.ndarray = 2.0 * progress.angle + 2.0 * np.maximum(progress.reach - NEAR, 0.0)
     return phi

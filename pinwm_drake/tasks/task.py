@@ -31,7 +31,6 @@ class Progress:
         reach: (W,) m, from the pusher to the object's origin, as the task measures it.
         at_rest: (W,) bool, true where the object rests.
         success: (W,) bool, true where the task is done.
-        astray: (W,) m, from the object to where it is well in view; None where the task does not measure it.
     """
 
     distance: np.ndarray
@@ -39,7 +38,6 @@ class Progress:
     reach: np.ndarray
     at_rest: np.ndarray
     success: np.ndarray
-    astray: np.ndarray | None = None
 
 
 class Task(ABC):

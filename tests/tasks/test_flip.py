@@ -78,17 +78,6 @@ def test_the_shaped_reward_is_of_angle_and_reach_and_pays_success():
     np.testing.assert_allclose(task.rewards(far, away), [-0.2 - task.cost], atol=1e-6)
 
 
-def test_the_shaped_reward_keeps_the_object_near_the_middle_of_the_floor():
-    task, begin, end = cube(reward="shaped"), lying(tilt=1.0), lying(tilt=1.0)
-    begin[4:6], end[4:6] = [0.03, -0.04], [0.0, -0.22]
-    p_WP = np.array([[0.03, -0.04, 0.1]])
-    before = task.measure(np.array([begin]), p_WP)
-    after = task.measure(np.array([end]), np.array([[0.0, -0.22, 0.1]]))  # the pusher as far from it as before
-    np.testing.assert_allclose((before.astray, after.astray), [[0.0], [0.1]], atol=1e-12)
-    np.testing.assert_allclose(task.rewards(before, after), [-0.4 - task.cost], atol=1e-6)
-    np.testing.assert_allclose(task.rewards(after, before), [0.4 - task.cost], atol=1e-6)
-
-
 @pytest.mark.parametrize("side", [SIDE, (0.0, 0.0, 0.0)])
 def test_the_state_tells_object_and_pusher(side):
     task = FlipTask(up=UP, side=side, height=0.05)
