@@ -73,7 +73,7 @@ class FlipTask(Task):
     tolerance: float = 0.01
     rest_speed: float = 0.02
     rest_turn: float = 0.3
-    cost: float = 0.2
+    cost: float = 0.02
     bonus: float = 10.0
 
     def __post_init__(self) -> None:
