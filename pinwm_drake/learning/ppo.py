@@ -43,8 +43,8 @@ class PpoOptions:
         shift: px, largest random shift of the images as the policy sees them.
         gain: Relative half-width of the random factors of their colours.
         entropy: Weight of the actions' entropy in the objective.
-        value: Weight of the critic's loss in the objective. Actor and critic share nothing but the bound of the
-            gradient's norm: with a large one, rare successes, of which the critic knows nothing, hardly move the actor.
+        value: Weight of the critic's loss in the objective; actor and critic share nothing but the bound of the
+            gradient's norm.
         episodes: Number of episodes in an evaluation.
         patience: Number of rounds with longer episodes in their evaluation than one before them, which mostly
             succeeded, after which the training ends.
@@ -74,7 +74,7 @@ class PpoOptions:
     def for_images(cls) -> "PpoOptions":
         """Settings for policies of images: fewer steps, as they take longer, and smaller updates.
 
-        With the teacher's learning rate and six epochs of a rollout half as long, the divergence (KL) of an update was
+        With a learning rate of 0.0005 and six epochs of a rollout half as long, the divergence (KL) of an update was
         0.12 to 0.20, and the entropy fell while success did not grow; with these it is 0.02 to 0.04.
         """
         return cls(

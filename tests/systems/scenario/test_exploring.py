@@ -45,7 +45,7 @@ def test_pushers_touch_nothing_and_stay_in_their_box(scene):
         assert (place.p_WP <= limits.high).all()
         assert np.linalg.norm(points - place.X_WO.inverse() @ place.p_WP, axis=1).min() > radius
     sides = np.array([place.p_WP - place.X_WO.translation() for place in places])
-    assert ((sides[:, 0] > 0.02).sum(), (sides[:, 0] < -0.02).sum(), (sides[:, 2] > 0.05).sum()) > (10, 10, 10)
+    assert min((sides[:, 0] > 0.02).sum(), (sides[:, 0] < -0.02).sum(), (sides[:, 2] > 0.05).sum()) > 10
 
 
 def test_starts_of_a_task_that_knows_no_way_are_those_of_the_scene():
