@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
-from torch.nn.functional import mse_loss
+from torch.nn.functional import huber_loss
 
 from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.files import prepare_folder
@@ -35,6 +35,7 @@ from pinwm_drake.learning.world_evaluation import evaluate_worlds
 
 STAGE = "distil"
 _COLLECTING = 0.4  # share of a round's time, roughly; the rest goes into updates
+_FAR = 0.3  # of the state's units, from which on an error counts by its size, and not by its square
 _TOLD = 20  # actions or updates between two reports
 
 
@@ -48,7 +49,7 @@ class DistilOptions:
         updates: Number of updates of the network in a round.
         batch_size: Number of images in an update.
         learning_rate: Learning rate of Adam at first; it falls to a hundredth along half a cosine.
-        action_weight: Weight of `StateActor.imitation` beside the state's mean squared error.
+        action_weight: Weight of `StateActor.imitation` beside the state's error, squared or, where large, by size (Huber).
         noise: Standard deviation of the normal noise on the actions while images are collected, in units of an action.
         keep: Number of images that are kept; older ones are forgotten.
         shift: px, largest random shift of the images.
@@ -222,7 +223,7 @@ def _learn(
         images, pusher, given = frames.draw(options.batch_size, generator)
         state = torch.from_numpy(given)
         found = student.state(augment(torch.from_numpy(images)), torch.from_numpy(pusher))
-        loss = mse_loss(found, state)
+        loss = 2.0 * huber_loss(found, state, delta=_FAR)  # what cannot be seen does not outweigh the rest
         loss = loss + options.action_weight * student.actor.imitation(found, state)
         optimizer.zero_grad()
         loss.backward()

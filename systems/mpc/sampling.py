@@ -112,7 +112,9 @@ class SamplingMpc:
         """
         self.options = options or SamplingOptions()
         task = (setup.task if task is None else task).for_training()
-        settings = EnvOptions(task=task, max_translation=max_translation, max_steps=self.options.horizon)
+        settings = EnvOptions(
+            task=task, max_translation=max_translation, max_steps=self.options.horizon, time_step=task.training_step
+        )
         self.worlds = Worlds(setup, "twin", self.options.samples, settings)
         self.task = self.worlds.task
         self._random = np.random.default_rng(self.options.seed)
