@@ -45,7 +45,6 @@ class Ours:
 
     def __init__(self, worlds: TrainingWorlds, kind: str) -> None:
         self.env: TaskVecEnv = worlds.worlds(KINDS[kind])
-        self.env.set_attr("exploring", 0.0)  # episodes begin as MuJoCo's do
         self._random = np.random.default_rng(0)
         self.env.seed(0)
         self._seen = self.env.reset()

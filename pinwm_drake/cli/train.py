@@ -170,6 +170,8 @@ class _Lines:
 
 def _figures(step: "Step") -> str:
     """Text of the numbers of a training that are known."""
+    if step.stage == "waypoints":
+        return f"{step.steps} states of plans, of which the best did the task in {step.best:.0%} of its replays"
     if not step.steps:
         return "getting ready (the first run compiles for minutes)"
     words = [f"{step.steps:,} steps"]

@@ -21,6 +21,8 @@ from pinwm_drake.learning.sac import SacOptions
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.report.figures.training import training_figure
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
+from pinwm_drake.systems.mpc.waypoints import STAGE as WAYPOINTS
+from pinwm_drake.systems.mpc.waypoints import find_waypoints
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks import PushTask, Task, default_scene
@@ -101,6 +103,9 @@ def train(request: TrainRequest, *, report: Report = silent) -> Policy:
     if request.threads is not None:
         torch.set_num_threads(request.threads)
     worlds = _training_worlds(request)
+    if worlds.setup.task.waypoints and request.teacher is None:
+        folder = prepare_folder(out / WAYPOINTS)
+        worlds.waypoints = find_waypoints(worlds, folder, seed=request.seed, resume=request.resume, report=report)
     method = _method(request, worlds.setup.task)
     policy = method.train(MethodData(), worlds, out, seed=request.seed, resume=request.resume, report=report)
     assert isinstance(policy, Policy)

@@ -31,7 +31,7 @@ from pinwm_drake.learning.progress import Report, silent
 from pinwm_drake.learning.rounds import EVALUATION_SEED, OnRound, Rounds
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import pack, set_weights, unpack, weights
-from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from pinwm_drake.learning.world_evaluation import evaluate_worlds, usual_starts
 
 STAGE = "distil"
 _COLLECTING = 0.4  # share of a round's time, roughly; the rest goes into updates
@@ -49,7 +49,7 @@ class DistilOptions:
         updates: Number of updates of the network in a round.
         batch_size: Number of images in an update.
         learning_rate: Learning rate of Adam at first; it falls to a hundredth along half a cosine.
-        action_weight: Weight of `StateActor.imitation` beside the state's error, squared or, where large, by size (Huber).
+        action_weight: Weight of `StateActor.imitation` beside the state's error (Huber's).
         noise: Standard deviation of the normal noise on the actions while images are collected, in units of an action.
         keep: Number of images that are kept; older ones are forgotten.
         shift: px, largest random shift of the images.
@@ -131,7 +131,8 @@ def train_distil(
         if kept is None:
             # In the first round the teacher acts: an untrained student would see little that matters.
             actor = teacher if rounds.number == 0 else Policy(spec, student)
-            chunk = _collect(env, actor, options, generator, rounds)
+            with usual_starts(env):
+                chunk = _collect(env, actor, options, generator, rounds)
             chunk.write(path)
         else:
             chunk = Chunk.read(path)

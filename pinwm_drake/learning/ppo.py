@@ -55,17 +55,17 @@ class PpoOptions:
 
     steps: int = 3_000_000
     round_steps: int = 100_000
-    n_steps: int = 128
-    batch_size: int = 1024
+    n_steps: int = 64
+    batch_size: int = 512
     n_epochs: int = 10
-    learning_rate: float = 1e-3
+    learning_rate: float = 5e-4
     last_share: float = 0.1
     gamma: float = 0.98
     gae_lambda: float = 0.95
     clip_range: float = 0.2
     shift: int = 0
     gain: float = 0.0
-    entropy: float = 0.005
+    entropy: float = 0.0
     value: float = 0.05
     episodes: int = 128
     patience: int = 3
@@ -79,10 +79,9 @@ class PpoOptions:
         """
         return cls(
             steps=2_000_000,
-            batch_size=512,
+            n_steps=128,
             n_epochs=4,
             learning_rate=2e-4,
-            entropy=0.0,
             value=0.5,
             shift=1,
             gain=0.2,

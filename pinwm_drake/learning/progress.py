@@ -11,7 +11,7 @@ class Step:
     """State of a training that goes on.
 
     Attributes:
-        stage: "teacher", "distil" or "ppo".
+        stage: "waypoints", "teacher", "distil" or "ppo".
         done: Share of the stage's work that is done, 0 to 1.
         steps: Number of steps of all worlds so far, in this stage.
         success: Share of the episodes of the last round's evaluation that succeeded; NaN before the first.

@@ -8,6 +8,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.evaluation import Acts, EpisodeResult, Evaluation, result_of
+from pinwm_drake.learning.waypoints import Waypoints
 
 
 def evaluate_worlds(
@@ -23,7 +24,7 @@ def evaluate_worlds(
     The number of episodes of each world is settled beforehand, one more in the first worlds where it is not even.
     To take those that end first would favour the short ones, which are the successes. With as many episodes as worlds
     each world runs one, and no action is wasted but those of worlds that wait for the longest. All of them begin where
-    the scene says, also in worlds of a training that begin elsewhere at times (`exploring`).
+    the scene says, also in worlds of a training that begin elsewhere at times (`waypoints`).
 
     Args:
         env: The worlds; `infos` at the end of an episode have `distance`, `angle` and `success` or `is_success`.
@@ -42,25 +43,25 @@ def evaluate_worlds(
     """
     if episodes < 1:
         raise ParameterError(f"episodes: got {episodes}; allowed: 1 or more")
-    with _usual_starts(env):
+    with usual_starts(env):
         return _run(env, policy, episodes, seed, progress)
 
 
 @contextmanager
-def _usual_starts(env: VecEnv) -> Iterator[None]:
+def usual_starts(env: VecEnv) -> Iterator[None]:
     """Worlds whose episodes all begin where the scene says, for the time being."""
     try:
-        share = env.get_attr("exploring")[0]
+        known = env.get_attr("waypoints")[0]
     except AttributeError:  # worlds of no task
-        share = None
-    if not share:
+        known = ()
+    if not len(known):
         yield
         return
-    env.set_attr("exploring", 0.0)
+    env.set_attr("waypoints", Waypoints())
     try:
         yield
     finally:
-        env.set_attr("exploring", share)
+        env.set_attr("waypoints", known)
 
 
 def _run(

@@ -63,7 +63,7 @@ class FlipTask(Task):
     heading: ClassVar[int | None] = 15
     level_vectors: ClassVar[tuple[int, ...]] = (0, 3, 6, 9, 12, 15)
     algorithm: ClassVar[str] = "ppo"
-    exploring: ClassVar[float] = 0.7  # chance hardly ever turns an object over
+    waypoints: ClassVar[bool] = True  # chance hardly ever turns an object over
 
     up: tuple[float, float, float] = (0.0, 0.0, -1.0)
     side: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -102,17 +102,6 @@ class FlipTask(Task):
     def placed(self, q_WO: Sequence[float], vertices: np.ndarray, floor_height: float) -> Self:
         """The task of an object on a floor, with the height that its origin has at the goal; see `Task.placed`."""
         return replace(self, height=float(floor_height - (np.asarray(vertices) @ self._axes_O[0]).min()))
-
-    def nearer(self, q_WO: np.ndarray, share: float) -> np.ndarray | None:
-        """Orientation after a share of the turn that brings `up` upright the shortest way; see `Task.nearer`."""
-        from scipy.spatial.transform import Rotation
-
-        up = self._axes_W(np.asarray(q_WO, float)[None])[0, 0]
-        axis = np.array([up[1], -up[0], 0.0])  # up x z
-        length = float(np.linalg.norm(axis))
-        axis = axis / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
-        turn = Rotation.from_rotvec(share * math.atan2(length, up[2]) * axis)
-        return np.roll((turn * Rotation.from_quat(np.roll(q_WO, -1))).as_quat(), 1)
 
     def for_training(self) -> Self:
         """The task with the shaped reward."""

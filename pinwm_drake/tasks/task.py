@@ -57,7 +57,7 @@ class Task(ABC):
             at any yaw: policies see and act along that way. None where directions of the world matter.
         level_vectors: Indices in the state of the x of each vector, whose y follows, where there is a heading.
         algorithm: Name of the algorithm that a teacher learns with: "sac" or "ppo".
-        exploring: Share of a training's episodes that begin on the way to the goal, 0 to 1; see `nearer`.
+        waypoints: Flag: most episodes of a training begin in states of plans, as chance hardly ever succeeds.
     """
 
     name: ClassVar[str]
@@ -71,7 +71,7 @@ class Task(ABC):
     heading: ClassVar[int | None] = None
     level_vectors: ClassVar[tuple[int, ...]] = ()
     algorithm: ClassVar[str] = "sac"
-    exploring: ClassVar[float] = 0.0
+    waypoints: ClassVar[bool] = False
 
     @abstractmethod
     def measure(self, object_state: np.ndarray, p_WP: np.ndarray) -> Progress:
@@ -155,17 +155,6 @@ class Task(ABC):
             floor_height: m, world: z of the floor.
         """
         return self
-
-    def nearer(self, q_WO: np.ndarray, share: float) -> np.ndarray | None:
-        """Orientation (4,) wxyz after a share of the turn from another one, q_WO (4,) wxyz, to the goal.
-
-        None where episodes of a training all begin as the scene says.
-
-        Args:
-            q_WO: (4,) wxyz, unit norm.
-            share: Share of the turn; 0 is q_WO, 1 the goal, and more is beyond it.
-        """
-        return None
 
     def for_training(self) -> Self:
         """The task with the rewards that a policy learns from."""

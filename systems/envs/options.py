@@ -28,11 +28,9 @@ class EnvOptions:
         time_step: s, step of the twin's physics; None for that of the scene. It divides the horizon of an action.
         friction_directions: Has no effect, as the friction cone is round; kept for older calls and files.
         image_size: px, width and height of images; None for those of the scene's camera.
-        exploring: Share of the episodes that begin on the way to the goal, 0 to 1, as trainings have them; see
-            `ExploringStarts`.
 
     Raises:
-        ParameterError: `max_steps` is less than 1, or `exploring` no share.
+        ParameterError: `max_steps` is less than 1.
     """
 
     observation: Kind = "state"
@@ -43,12 +41,9 @@ class EnvOptions:
     time_step: float | None = None
     friction_directions: int | None = None
     image_size: int | None = None
-    exploring: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validates the number of steps and the share; scene and task validate the rest."""
-        if not 0.0 <= self.exploring <= 1.0:
-            raise ParameterError(f"exploring: got {self.exploring}; allowed: 0 to 1")
+        """Validates the number of steps; scene and task validate the rest."""
         if self.max_steps is not None and self.max_steps < 1:
             raise ParameterError(f"max_steps: got {self.max_steps}; allowed: 1 or more")
 

@@ -10,6 +10,7 @@ from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.cousins import CousinDomains, Domain, DomainDraw, DomainSource
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import Observes, PolicySpec
+from pinwm_drake.learning.waypoints import Waypoints
 from pinwm_drake.systems.envs.env import changed_options
 from pinwm_drake.systems.envs.observation import Kind
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
@@ -83,7 +84,7 @@ class TrainingWorlds:
         setup: The scene, of one world, with the task that a policy's specification names.
         options: Options of the environments.
         pool: Domains of the episodes; None where every world is the twin.
-        about: Scene, task, domains and starts, as JSON takes them.
+        waypoints: States in which most episodes begin beside the scene's starts; none at first.
     """
 
     def __init__(
@@ -123,20 +124,27 @@ class TrainingWorlds:
         domains = CousinDomains() if domains is None else domains
         draw = domains.draw(setup.twin)
         self.pool = None if draw is None else DomainPool(draw)
-        self.about: dict[str, object] = {
+        self.waypoints = Waypoints()
+        self._about: dict[str, object] = {
             "scene": setup.scenario.name,
             "scene_sha256": scene_hash(setup),
             "task": setup.task.to_document(),
             **domains.about(),
             "start_yaw": list(setup.scenario.start.yaw),
-            "exploring": setup.task.exploring,
         }
+
+    @property
+    def about(self) -> dict[str, object]:
+        """Scene, task, domains and starts, as JSON takes them."""
+        return {**self._about, "waypoints": self.waypoints.digest()}
 
     def worlds(self, observation: Kind) -> TaskVecEnv:
         """Worlds of one diagram, with the rewards that the task has for training."""
         task = self.setup.task.for_training()
-        options = dataclasses.replace(self.options, observation=observation, task=task, exploring=task.exploring)
-        return TaskVecEnv(self.setup, self._num_worlds, options, domain=self.pool)
+        options = dataclasses.replace(self.options, observation=observation, task=task)
+        env = TaskVecEnv(self.setup, self._num_worlds, options, domain=self.pool)
+        env.worlds.waypoints = self.waypoints
+        return env
 
     def spec(self, observes: Observes) -> PolicySpec:
         """Specification of a policy that acts in these worlds."""

@@ -11,15 +11,16 @@ from pydrake.math import RigidTransform
 from pinwm_drake.checkpoints import Resumable, generator_state, set_generator_state
 from pinwm_drake.cousins import Domain
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.learning.waypoints import Waypoints
 from pinwm_drake.systems.envs.observation import Observation, Observer
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.station_run import FAILURES, StationRun
-from pinwm_drake.systems.scenario.exploring import ExploringStarts
 from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.tasks import Progress
 
 _DOMAIN = "domain."
+_MIDWAY = 0.7  # share of the episodes that begin in a waypoint, where there are any
 RESET_OPTIONS = ("place", "X_WO", "p_WP")
 OnReset = Callable[[int], Domain | None]
 
@@ -68,7 +69,8 @@ class Worlds:
         engine: Name of the engine.
         max_steps: Number of actions after which an episode is truncated.
         observation_space: Observation space of one world.
-        exploring: Share of the episodes that begin on the way to the goal; `evaluate_worlds` sets it to 0 meanwhile.
+        waypoints: States in which most episodes of a training begin, so that all of the way to the goal is met; none at
+            first, and none within `usual_starts`.
         domain: Called with a world's index before it begins an episode; gives the theta and colours of that episode, or
             None to leave them. Colours are not asked for where no images are seen.
     """
@@ -105,8 +107,7 @@ class Worlds:
         self.engine = self.run.station.engine.name
         self._observer = Observer(self.setup, options.observation, options.frames)
         self.observation_space = self._observer.space
-        self._start, self._exploring_start = StartDistribution(self.setup), ExploringStarts(self.setup)
-        self.exploring = options.exploring
+        self._start, self.waypoints = StartDistribution(self.setup), Waypoints()
         self._steps = np.zeros(num_worlds, int)
         self._random = [seeding.np_random(None)[0] for _ in range(num_worlds)]
         self._take_state()
@@ -169,19 +170,19 @@ class Worlds:
         for world in worlds.tolist():
             if self.domain is not None and (domain := self.domain(world)) is not None:
                 self.run.set_domain(domain, world, colours=self._observer.needs_images)
-            drawn = self._draw(self._random[world])
-            self.run.place(_chosen_place(drawn, options[world] if options else None), world)
+            generator = self._random[world]
+            if len(self.waypoints) and generator.random() < _MIDWAY:
+                row = generator.integers(len(self.waypoints))
+                self.run.set_world_state(self.waypoints.object_state[row], self.waypoints.p_WP[row], world)
+            else:
+                drawn = self._start.draw(generator)
+                self.run.place(_chosen_place(drawn, options[world] if options else None), world)
         self._steps[worlds] = 0
         self._take_state()
         if self._observer.needs_images:
             # The port renders all worlds; at the start of an episode those that begin are enough.
             images = self.run.images() if self.run.world_model is None else self.run.images_of(worlds)
             self._observer.begin(worlds, images)
-
-    def _draw(self, generator: np.random.Generator) -> Place:
-        """Random place of an episode's start; without exploring starts the generator is asked for nothing else."""
-        explores = self.exploring > 0.0 and generator.random() < self.exploring
-        return (self._exploring_start if explores else self._start).draw(generator)
 
     def set_object_states(self, object_state: np.ndarray, p_WP: np.ndarray) -> None:
         """Puts every one of the twin's worlds into a state, at the beginning of an episode; images are not taken.

@@ -4,7 +4,7 @@ Source: cross-entropy method with elites that are kept, noise that is correlated
     Pinneri et al., "Sample-efficient cross-entropy method for real-time planning" (iCEM, CoRL 2020).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.systems.envs.options import EnvOptions
-from pinwm_drake.systems.envs.worlds import Worlds
+from pinwm_drake.systems.envs.worlds import Advance, Worlds
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.tasks import Task
@@ -29,6 +29,7 @@ class SamplingOptions:
         horizon: Number of actions of a sequence.
         iterations: Number of rounds for each action that is carried out.
         first_iterations: Number of rounds for the first action of an episode.
+        polish: Number of rounds after the first that found a success, at most.
         elites: Number of the best sequences, which the next round is drawn around.
         kept: Number of these that are tried again in the next round.
         spread: Standard deviation of an action's components in the first round, in units of the longest translation.
@@ -41,10 +42,11 @@ class SamplingOptions:
         ParameterError: An option is out of range.
     """
 
-    samples: int = 64
-    horizon: int = 8
+    samples: int = 256
+    horizon: int = 10
     iterations: int = 3
-    first_iterations: int = 8
+    first_iterations: int = 12
+    polish: int = 3
     elites: int = 8
     kept: int = 3
     spread: float = 0.7
@@ -57,7 +59,7 @@ class SamplingOptions:
         """Checks the numbers."""
         require("samples", self.samples, 2 <= self.samples <= 65536, "2 to 65536")
         require("horizon", self.horizon, 1 <= self.horizon <= 1000, "1 to 1000")
-        for name in ("iterations", "first_iterations"):
+        for name in ("iterations", "first_iterations", "polish"):
             require(name, getattr(self, name), 1 <= getattr(self, name) <= 1000, "1 to 1000")
         require("elites", self.elites, 1 <= self.elites <= self.samples, "1 to the number of samples")
         require("kept", self.kept, 0 <= self.kept <= self.elites, "0 to the number of elites")
@@ -141,8 +143,8 @@ class SamplingMpc:
         if last is not None:
             kept = np.concatenate([last.actions[1:], last.actions[-1:]])[None]
             mean, spread = kept[0].copy(), np.full_like(spread, 0.5 * options.spread)
-        best: ActionPlan | None = None
-        for _ in range(options.first_iterations if last is None else options.iterations):
+        best, left = None, options.first_iterations if last is None else options.iterations
+        while left > 0:
             drawn = np.clip(mean + spread * self._noise(n), -1.0, 1.0)
             drawn[: len(kept)] = kept
             values, successes = self._values(drawn, object_state, p_WP)
@@ -154,8 +156,13 @@ class SamplingMpc:
             spread = options.momentum * spread + (1.0 - options.momentum) * elites.std(0)
             spread = np.maximum(spread, options.least_spread)
             kept = elites[: options.kept]
+            left = min(left - 1, options.polish) if best.success else left - 1
         assert best is not None
         return best
+
+    def reseed(self, seed: int | Sequence[int]) -> None:
+        """Draws from now on as a planner does that was made with this seed."""
+        self._random = np.random.default_rng(seed)
 
     def _noise(self, n: int) -> np.ndarray:
         """Noise (samples, horizon, n) of unit variance, correlated over time."""
@@ -169,18 +176,27 @@ class SamplingMpc:
         """Sums (W,) of rewards, and successes (W,), of sequences (W, horizon, n); a failure of the physics ends one."""
         worlds, W = self.worlds, len(actions)
         worlds.set_object_states(np.tile(object_state, (W, 1)), np.tile(p_WP, (W, 1)))
-        total, going, success = np.zeros(W), np.ones(W, bool), np.zeros(W, bool)
-        for k in range(self.options.horizon):
-            out = worlds.advance(actions[:, k])
-            failed = np.zeros(W, bool)
-            failed[list(out.failures)] = True
-            total[going & ~failed] += out.reward[going & ~failed]
-            total[going & failed] -= _FAILURE
+        total, success = np.zeros(W), np.zeros(W, bool)
+        for going, out in carried_out(worlds, actions):
+            failed = np.isin(np.arange(W), list(out.failures))
+            total += going * np.where(failed, -_FAILURE, out.reward)
             success |= going & out.terminated
-            going &= ~(failed | out.terminated)
-            if not going.any():
-                break
         return total, success
+
+
+def carried_out(worlds: Worlds, actions: np.ndarray) -> Iterator[tuple[np.ndarray, Advance]]:
+    """Carries sequences of actions (W, horizon, n) out; gives (W,) bool, which still went on, and the outcome, of each.
+
+    It ends where no world goes on any more, as all succeeded or failed.
+    """
+    going = np.ones(len(actions), bool)
+    for k in range(actions.shape[1]):
+        out = worlds.advance(actions[:, k])
+        yield going.copy(), out
+        going &= ~out.terminated
+        going[list(out.failures)] = False
+        if not going.any():
+            return
 
 
 class SamplingMpcPolicy:

@@ -3,6 +3,7 @@ import pytest
 
 from pinwm_drake.cousins import CousinDomains, CousinDraw
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.learning.waypoints import Waypoints
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.systems.envs.training_worlds import DomainPool, TrainingWorlds, training_options
 
@@ -134,19 +135,19 @@ class Still:
         return np.zeros((len(observation), 3), np.float32), None
 
 
-def test_episodes_of_a_training_begin_on_the_way_and_those_of_its_evaluations_where_the_scene_says():
+def test_episodes_of_a_training_begin_at_waypoints_too_and_those_of_its_evaluations_where_the_scene_says():
     worlds = TrainingWorlds("flip_cube", training_options(image_size=16), num_worlds=16, domains=CousinDomains(0.0))
-    assert worlds.about["exploring"] == 0.7
+    before = worlds.about
+    tipped = np.zeros((1, 13))
+    tipped[0, :7] = np.cos(0.3), np.sin(0.3), 0.0, 0.0, 0.1, 0.0, 0.05
+    worlds.waypoints = Waypoints(tipped, np.array([[0.0, 0.2, 0.05]]))
+    assert worlds.about["waypoints"] != before["waypoints"]
     env, policy = worlds.worlds("state"), Still()
     env.seed(1)
-    upright = env.reset()[:, 5]
-    assert 0 < (np.abs(upright) > 0.05).sum() < 16  # of cubes that do not lie
+    begun = env.reset()
+    there = np.isclose(begun[:, 0], 1.0, atol=1e-6) & np.isclose(begun[:, 16], 2.0, atol=1e-6)
+    assert 4 < there.sum() < 16
     evaluate_worlds(env, policy, 16, seed=1)
     assert np.abs(policy.seen[:, 5]).max() < 1e-6
     env.seed(1)
-    assert np.array_equal(env.reset()[:, 5], upright)
-
-
-def test_a_share_of_exploring_starts_is_a_share():
-    with pytest.raises(ParameterError, match="exploring"):
-        training_options(exploring=1.5)
+    assert np.array_equal(env.reset(), begun)

@@ -1,0 +1,58 @@
+"""States on the way to a goal, in which episodes of a training begin."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+import numpy as np
+
+from pinwm_drake.checkpoints import read_arrays, write_arrays
+
+WAYPOINTS_FILE = "waypoints.npz"
+_WORK = "waypoints"
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints:
+    """States from which a task was done.
+
+    Attributes:
+        object_state: (n, 13) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
+        p_WP: (n, 3) m, world: positions of the pusher.
+    """
+
+    object_state: np.ndarray = field(default_factory=lambda: np.zeros((0, 13)))
+    p_WP: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def __len__(self) -> int:
+        """Number of states, n."""
+        return len(self.p_WP)
+
+    def digest(self) -> str | None:
+        """SHA-256 of the states, which tells waypoints apart; None without any."""
+        return hashlib.sha256(self.object_state.tobytes() + self.p_WP.tobytes()).hexdigest() if len(self) else None
+
+    def write(self, folder: Path, about: Mapping[str, object], **more: np.ndarray) -> None:
+        """Writes them to a folder.
+
+        Args:
+            folder: Existing folder.
+            about: What they follow from, as JSON takes it.
+            more: Other arrays to keep with them.
+
+        Raises:
+            InputError: The file cannot be written.
+        """
+        write_arrays(folder / WAYPOINTS_FILE, about, {one.name: getattr(self, one.name) for one in fields(self)} | more)
+
+    @classmethod
+    def read(cls, folder: Path) -> "Waypoints":
+        """Waypoints in a folder; none where it has no file of them.
+
+        Raises:
+            InputError: The file cannot be read.
+        """
+        names = [one.name for one in fields(cls)]
+        arrays = read_arrays(folder / WAYPOINTS_FILE, {}, _WORK, names)
+        return cls() if arrays is None else cls(*(arrays[name] for name in names))

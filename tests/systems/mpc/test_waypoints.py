@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from pinwm_drake.cousins import CousinDomains
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.learning.waypoints import WAYPOINTS_FILE, Waypoints
+from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
+from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
+
+QUICK = WaypointOptions(attempts=3, plans=2, share=1.0)
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    return TrainingWorlds("flip_cube", training_options(image_size=16), num_worlds=16, domains=CousinDomains())
+
+
+@pytest.fixture(scope="module")
+def found(worlds, tmp_path_factory):
+    """Waypoints of a search, its folder, and what it reported."""
+    folder, steps = tmp_path_factory.mktemp("search"), []
+    return find_waypoints(worlds, folder, QUICK, seed=3, report=steps.append), folder, steps
+
+
+def test_a_cube_is_turned_over_from_the_last_waypoints_by_nothing_but_letting_go(worlds, found):
+    waypoints, _, _ = found
+    assert len(waypoints) > 20
+    env = worlds.worlds("state").worlds
+    angles = env.task.measure(waypoints.object_state, waypoints.p_WP).angle
+    assert angles.max() > 1.4  # of a cube that lies
+    assert angles.min() < 0.5
+    near = np.argsort(angles)[:16]
+    env.reset()
+    env.set_object_states(waypoints.object_state[near], waypoints.p_WP[near])
+    success = np.zeros(16, bool)
+    for _ in range(8):
+        success |= env.advance(np.zeros((16, 3))).terminated
+    assert success.sum() >= 8
+
+
+def test_its_file_holds_what_was_found_and_how_robust_it_is(found):
+    waypoints, folder, steps = found
+    known = Waypoints.read(folder)
+    assert known.digest() == waypoints.digest()
+    with np.load(folder / WAYPOINTS_FILE) as file:
+        assert file["sizes"].sum() == len(waypoints)
+        assert np.all(np.diff(file["shares"]) <= 0)
+        assert file["shares"][0] == steps[-1].best
+    assert [step.done for step in steps] == pytest.approx([1 / 3, 2 / 3, 1.0])
+    assert len(Waypoints.read(folder / "nothing")) == 0
+
+
+def test_an_interrupted_search_goes_on_with_the_same_result(worlds, found, tmp_path):
+    class Killed(Exception):
+        pass
+
+    def kill(step):
+        raise Killed
+
+    with pytest.raises(Killed):
+        find_waypoints(worlds, tmp_path, QUICK, seed=3, report=kill)
+    assert find_waypoints(worlds, tmp_path, QUICK, seed=3, resume=True).digest() == found[0].digest()
+    with pytest.raises(InputError, match="seed = 3"):
+        find_waypoints(worlds, tmp_path, QUICK, seed=4, resume=True)
+
+
+@pytest.mark.parametrize("wrong", [{"attempts": 0}, {"plans": 0}, {"share": 1.5}, {"noise": -0.1}])
+def test_options_out_of_range_are_refused(wrong):
+    with pytest.raises(ParameterError, match=next(iter(wrong))):
+        WaypointOptions(**wrong)
