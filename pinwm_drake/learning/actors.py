@@ -18,8 +18,10 @@ from torch.nn.functional import cross_entropy, mse_loss
 
 from pinwm_drake.learning.heading import Heading
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.learning.window import Window
 from pinwm_drake.tasks import Task
 
+_FAR = 0.3  # m, unit of places that layers take
 LEVELS = tuple(k / 3.0 for k in range(-3, 4))
 Seen = Tensor | Mapping[str, Tensor]
 
@@ -134,11 +136,12 @@ class ImageActor(nn.Module):
     """Network from images and the pusher's position to an action, by way of an estimate of the state.
 
     Between the two stands a state as `StateActor` takes it, so that what was learned from the state can be taken over.
-    The task says what of it has to be estimated (`Task.assembly`).
-    The convolutions have strides of 4, 2 and 1, so that what is left tells where things are.
+    The task says what of it has to be estimated (`Task.assembly`). Where the specification has a window, the layers see
+    that part of the images, and the estimate of the place is added to the place that the window shows.
 
     Attributes:
         actor: Network from the state to the action.
+        window: Module that cuts the window out; None where the layers see all of an image.
         assembly: Module from estimate and pusher to the state; None where the estimate is the state.
     """
 
@@ -151,8 +154,13 @@ class ImageActor(nn.Module):
         """
         super().__init__()
         height, width, channels = spec.image_shape
+        self.window = None if spec.window is None else Window(spec)
+        if spec.window is not None:
+            height = width = spec.window
+        # What is left after the strides tells where things are.
+        first = nn.Conv2d(channels, 32, 4, 4) if spec.window is None else nn.Conv2d(channels, 32, 3, 2, 1)
         self.convolutions = nn.Sequential(
-            nn.Conv2d(channels, 32, 4, 4),
+            first,
             nn.ReLU(),
             nn.Conv2d(32, 64, 3, 2, 1),
             nn.ReLU(),
@@ -167,7 +175,9 @@ class ImageActor(nn.Module):
         self.assembly = task.assembly(np.array(spec.pusher_low), np.array(spec.pusher_high))
         size_of_estimate = task.state_size if self.assembly is None else self.assembly.estimate_size
         self.estimate = nn.Sequential(
-            nn.Linear(features + task.action_size, features), nn.ReLU(), nn.Linear(features, size_of_estimate)
+            nn.Linear(features + task.action_size + (0 if spec.window is None else 2), features),
+            nn.ReLU(),
+            nn.Linear(features, size_of_estimate),
         )
         self.actor = state_actor(spec)
         # As images come; convolutions take two thirds of the time with it.
@@ -204,10 +214,14 @@ class ImageActor(nn.Module):
             dark: (B, channels, height, width) float32, as `darken` gives them.
             pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1.
         """
-        estimate: Tensor = self.estimate(torch.cat([self.features(self.convolutions(dark)), pusher], 1))
+        place = None
+        if self.window is not None:
+            dark, place = self.window(dark)
+        known = [pusher] if place is None else [pusher, place / _FAR]
+        estimate: Tensor = self.estimate(torch.cat([self.features(self.convolutions(dark)), *known], 1))
         if self.assembly is None:
             return estimate
-        state: Tensor = self.assembly(estimate, pusher)
+        state: Tensor = self.assembly(estimate, pusher, place)
         return state
 
     def latent(self, seen: Seen) -> Tensor:

@@ -46,7 +46,7 @@ class PpoOptions:
         value: Weight of the critic's loss in the objective; actor and critic share nothing but the bound of the
             gradient's norm.
         episodes: Number of episodes in an evaluation.
-        patience: Number of rounds with longer episodes in their evaluation than one before them, which mostly
+        patience: Number of rounds with hardly shorter episodes in their evaluation than one before them, which mostly
             succeeded, after which the training ends.
 
     Raises:

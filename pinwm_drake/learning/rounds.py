@@ -37,6 +37,7 @@ ROUND_FILE = "round.npz"  # the state of a round that is not done
 OnRound = Callable[[int], None]
 EVALUATION_SEED = 1_000_000  # seed of the first world, in every round: rounds are compared on the same starts
 _BEST, _WORLDS = "best.", "worlds."
+_LITTLE = 0.05  # of the episodes' length, by which a round has to be better to count
 _PERIOD = 30.0  # s, between two checkpoints within a round, at least
 
 
@@ -132,10 +133,12 @@ class Rounds:
         return min(self.history, key=lambda one: one.length, default=None)
 
     def ended(self, patience: int) -> bool:
-        """Flag: all rounds are done, or one succeeded mostly and the `patience` ones after it were no better."""
+        """Flag: all rounds are done, or one succeeded mostly and `patience` ones after it were hardly better."""
         best = self.best
-        settled = best is not None and best.success > 0.8 and self.number - 1 - best.number >= patience
-        return self.number >= self.total or settled
+        if best is None or best.success <= 0.8:
+            return self.number >= self.total
+        enough = next(one for one in self.history if one.length <= best.length * (1.0 + _LITTLE))
+        return self.number >= self.total or self.number - 1 - enough.number >= patience
 
     def begin(self, env: VecEnv, on_round: OnRound | None = None) -> None:
         """Seeds the generators of python, numpy and torch, and the worlds, for the next round.

@@ -53,7 +53,7 @@ class SacOptions:
         tau: Share of the critics that their slow copies take over in an update.
         entropy: Weight of the entropy at first; it is learned.
         episodes: Number of episodes in an evaluation.
-        patience: Number of rounds with longer episodes in their evaluation than one before them, which mostly
+        patience: Number of rounds with hardly shorter episodes in their evaluation than one before them, which mostly
             succeeded, after which the training ends.
 
     Raises:

@@ -140,6 +140,7 @@ class PolicySpec:
         max_steps: Largest number of actions in an episode.
         scene: Object, pusher and floor; None where nothing is known of them, as in older policies.
         head: "levels" or "tanh": how the network ends; see `actors`.
+        window: px, side of the part of the images that the network sees, around the object; None for all.
 
     Raises:
         ParameterError: A value is not finite, not positive, or not among those allowed.
@@ -157,6 +158,7 @@ class PolicySpec:
     max_steps: int
     scene: SceneSpec | None = None
     head: Head = "levels"
+    window: int | None = None
 
     def __post_init__(self) -> None:
         """Checks the values."""
@@ -176,6 +178,10 @@ class PolicySpec:
             raise ParameterError(f"pusher_low, pusher_high: got {low} and {high}; allowed: {axes}, m, low below high")
         if self.camera.width < 1 or self.camera.height < 1:
             raise ParameterError(f"camera: got {self.camera.width} by {self.camera.height} px; allowed: 1 or more")
+        if self.window is not None:
+            whole = isinstance(self.window, int) and 1 <= self.window <= min(self.camera.width, self.camera.height)
+            if not whole or self.scene is None:
+                raise ParameterError(f"window: got {self.window!r}; allowed: 1 to the size of an image, with a scene")
 
     @property
     def action_size(self) -> int:
@@ -188,24 +194,26 @@ class PolicySpec:
         return (self.camera.height, self.camera.width, 3 * self.frames)
 
     def to_document(self) -> dict[str, Any]:
-        """The specification as plain data, for YAML; without the head where that is "levels", the only one once."""
+        """The specification as plain data, for YAML; without a head or window that older ones had no choice of."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         if self.head == "levels":
             del values["head"]
+        if self.window is None:
+            del values["window"]
         values |= {"camera": asdict(self.camera), "task": self.task.to_document()}
         values["scene"] = None if self.scene is None else asdict(self.scene)
         return {name: _plain(value) for name, value in values.items()}
 
     @classmethod
     def from_document(cls, document: Any) -> "PolicySpec":
-        """The specification that `to_document` described, of this version, without scene or head too, or of the first.
+        """The specification that `to_document` described, of this version or an older one.
 
         Raises:
             ParameterError: A key is missing or unknown, or a value is out of range.
         """
         document = from_version_1(document)
         if isinstance(document, dict):
-            document = {"scene": None, "head": "levels", **document}
+            document = {"scene": None, "head": "levels", "window": None, **document}
         values = _values(cls, document, "spec")
         values["camera"] = CameraSpec(**_values(CameraSpec, values["camera"], "camera"))
         values["task"] = task_from_document(values["task"])

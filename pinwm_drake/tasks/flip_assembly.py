@@ -32,17 +32,20 @@ class FlipAssembly(nn.Module):
         """
         super().__init__()
         middle = 0.5 * (np.asarray(low) + high) - [0.0, 0.0, height]
-        self._round = round
+        self._round, self._length = round, length
         self.register_buffer("scale", torch.tensor(0.5 * (high - low) / length).float(), persistent=False)
         self.register_buffer("middle", torch.tensor(middle / length).float(), persistent=False)
 
-    def forward(self, estimate: Tensor, pusher: Tensor) -> Tensor:
+    def forward(self, estimate: Tensor, pusher: Tensor, place: Tensor | None = None) -> Tensor:
         """State (B, 18) of `FlipTask`.
 
         Args:
             estimate: (B, 15): position, both axes (of any length) and velocities, in units of the state.
             pusher: (B, 3), position of the pusher across its box, -1 to 1.
+            place: (B, 2) m, world: x and y from which the estimated position counts; None for the world's origin.
         """
+        if place is not None:
+            estimate = torch.cat([estimate[:, :2] + place / self._length, estimate[:, 2:]], 1)
         up = nn.functional.normalize(estimate[:, 3:6])
         side = torch.zeros_like(up) if self._round else nn.functional.normalize(estimate[:, 6:9])
         away = pusher * self.scale + self.middle - estimate[:, :3]

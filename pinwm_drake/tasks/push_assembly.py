@@ -14,11 +14,15 @@ class PushAssembly(nn.Module):
         estimate_size: Number of components that a network estimates: position, heading and velocity of the object.
         placing: (2, 2) float32, map of the pusher's observation into the goal's frame, in units of the state.
         origin: (2,) float32, middle of the pusher's box in the goal's frame, in units of the state.
+        turning: (2, 2) float32, turn into the goal's frame, by the unit of lengths.
+        goal: (2,) float32 m, world: place of the goal.
     """
 
     estimate_size = MOTION_SIZE
     placing: Tensor
     origin: Tensor
+    turning: Tensor
+    goal: Tensor
 
     def __init__(self, goal: np.ndarray, length: float, low: np.ndarray, high: np.ndarray) -> None:
         """Builds the map from the pusher's box to the goal's frame.
@@ -33,16 +37,21 @@ class PushAssembly(nn.Module):
         c, s = np.cos(goal[2]), np.sin(goal[2])
         R_GW = np.array([[c, s], [-s, c]]) / length
         placing, origin = 0.5 * R_GW * (high - low), R_GW @ (0.5 * (low + high) - goal[:2])
+        self.register_buffer("turning", torch.tensor(R_GW, dtype=torch.float32), persistent=False)
+        self.register_buffer("goal", torch.tensor(goal[:2], dtype=torch.float32), persistent=False)
         self.register_buffer("placing", torch.tensor(placing, dtype=torch.float32), persistent=False)
         self.register_buffer("origin", torch.tensor(origin, dtype=torch.float32), persistent=False)
 
-    def forward(self, estimate: Tensor, pusher: Tensor) -> Tensor:
+    def forward(self, estimate: Tensor, pusher: Tensor, place: Tensor | None = None) -> Tensor:
         """State (B, 11) of `PushTask`, the goal's frame.
 
         Args:
             estimate: (B, 7): x and y, heading (of any length), velocity and rate of turn, in units of the state.
             pusher: (B, 2), x and y of the pusher across its box, -1 to 1.
+            place: (B, 2) m, world: place from which the estimated x and y count; None for the goal's.
         """
+        if place is not None:
+            estimate = torch.cat([estimate[:, :2] + (place - self.goal) @ self.turning.T, estimate[:, 2:]], 1)
         heading = nn.functional.normalize(estimate[:, 2:4])
         c, s = heading.unbind(1)
         p = pusher @ self.placing.T + self.origin

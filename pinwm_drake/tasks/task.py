@@ -196,6 +196,7 @@ class Task(ABC):
     def assembly(self, low: np.ndarray, high: np.ndarray) -> Any:
         """A torch module from a network's estimate (B, n) and the pusher (B, action_size) to the state (B, state_size).
 
+        Its third argument is a place (B, 2) m on the floor from which the estimated one of the object counts, or None.
         It has `estimate_size`, n, which may be less than `state_size`, as the pusher is known and need not be
         estimated. None means that the estimate is the state itself.
 

@@ -14,6 +14,7 @@ from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.learning.spec import CameraSpec, ObjectSpec, Observes, PolicySpec, PusherSpec, SceneSpec
+from pinwm_drake.learning.window import window_size
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions, longest_translation
 from pinwm_drake.systems.scenario.load import Scene, shipped_scenarios
@@ -39,7 +40,7 @@ def policy_spec(setup: Setup, options: EnvOptions, observes: Observes) -> Policy
     scenario, camera, task = setup.scenario, setup.camera, setup.task
     fx, fy, cx, cy = (float(value) for value in camera.intrinsics)
     low, high = (np.array(corner)[task.axis_indices] for corner in (scenario.pusher.low, scenario.pusher.high))
-    return PolicySpec(
+    spec = PolicySpec(
         observes=observes,
         frames=options.frames,
         camera=CameraSpec(
@@ -61,6 +62,7 @@ def policy_spec(setup: Setup, options: EnvOptions, observes: Observes) -> Policy
         max_steps=task.max_steps if options.max_steps is None else int(options.max_steps),
         scene=scene_spec(setup),
     )
+    return dataclasses.replace(spec, window=window_size(spec)) if observes == "rgb" else spec
 
 
 def scene_spec(setup: Setup, camera: CameraSpec | None = None) -> SceneSpec:

@@ -1,0 +1,85 @@
+"""The window of an image that a policy looks at: as large as its object needs, around what is not background."""
+
+import math
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+from torch import Tensor, nn
+from torch.nn.functional import pad
+
+from pinwm_drake.learning.spec import PolicySpec
+
+_MARGIN = 1.7  # side of the window by the diagonal of the object: it moves between the images, and so does the pusher
+_MULTIPLE = 4  # px, so that strides leave no remainder
+_STEEP = -0.05  # z of a line of sight from which on it counts as meeting the floor
+
+
+def window_size(spec: PolicySpec) -> int | None:
+    """Side [px] of a window around a policy's object; None where its scene is not known, or the image has no more."""
+    if spec.scene is None:
+        return None
+    camera = spec.camera
+    away = Rotation.from_quat(np.roll(camera.q_WC, -1)).as_matrix()[2, 2]
+    far = (spec.scene.floor_height - camera.p_WC[2]) / min(away, _STEEP)  # m, to the floor in the middle of the image
+    diagonal = max(camera.fx, camera.fy) * math.hypot(*spec.scene.object.size) / far
+    side = _MULTIPLE * math.ceil(_MARGIN * diagonal / _MULTIPLE)
+    return side if side < min(camera.width, camera.height) else None
+
+
+class Window(nn.Module):
+    """Module from images (B, 3 k, height, width) to a window of them around the object, and to its place on the floor.
+
+    The window is around the middle of what is not white in the newest image: the object, and where it is seen the
+    pusher. All images are cut at the same place, so that they show how it moves.
+    """
+
+    _R_CW: Tensor
+    _p_WC: Tensor
+    _columns: Tensor
+    _rows: Tensor
+    _steps: Tensor
+
+    def __init__(self, spec: PolicySpec) -> None:
+        """Takes camera, floor and object of a policy whose specification has a window."""
+        super().__init__()
+        assert spec.window is not None
+        assert spec.scene is not None
+        self._side, self._spec = spec.window, spec.camera
+        level = spec.scene.floor_height + 0.5 * min(spec.scene.object.size)
+        R_WC = Rotation.from_quat(np.roll(spec.camera.q_WC, -1)).as_matrix()
+        self._above = float(spec.camera.p_WC[2]) - level
+        self.register_buffer("_R_CW", torch.tensor(R_WC.T).float(), persistent=False)
+        self.register_buffer("_p_WC", torch.tensor(spec.camera.p_WC[:2]).float(), persistent=False)
+        self.register_buffer("_columns", torch.arange(spec.camera.width).float(), persistent=False)
+        self.register_buffer("_rows", torch.arange(spec.camera.height).float(), persistent=False)
+        self.register_buffer("_steps", torch.arange(spec.window), persistent=False)
+
+    def forward(self, dark: Tensor) -> tuple[Tensor, Tensor]:
+        """Window (B, 3 k, side, side) of images, and the place (B, 2) m, world, that its middle shows.
+
+        Args:
+            dark: (B, 3 k, height, width) float32, 0 for the white background.
+        """
+        there = dark[:, -3:].sum(1).clamp(0.0, 1.0)
+        total = there.sum((1, 2))
+        some, total = total > 0.0, total.clamp(min=1e-3)
+        x = torch.where(some, (there.sum(1) * self._columns).sum(1) / total, self._spec.cx).round()
+        y = torch.where(some, (there.sum(2) * self._rows).sum(1) / total, self._spec.cy).round()
+        return self._cut(dark, x.long(), y.long()), self._place(x, y)
+
+    def _cut(self, dark: Tensor, x: Tensor, y: Tensor) -> Tensor:
+        """Windows of images around pixels (B,); what is beyond the image is background."""
+        half = self._side // 2
+        padded = pad(dark, (half, half, half, half))
+        rows, columns = y[:, None] + self._steps, x[:, None] + self._steps
+        at = (rows[:, :, None] * padded.shape[3] + columns[:, None, :]).flatten(1)
+        at = at[:, None, :].expand(-1, dark.shape[1], -1)
+        return padded.flatten(2).gather(2, at).unflatten(2, (self._side, self._side))
+
+    def _place(self, x: Tensor, y: Tensor) -> Tensor:
+        """Places (B, 2) m, world, where the lines of sight of pixels (B,) meet the level of the object's middle."""
+        camera = self._spec
+        across, down = (x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy
+        ray_W = torch.stack([across, down, torch.ones_like(x)], 1) @ self._R_CW
+        return self._p_WC - self._above / ray_W[:, 2:].clamp(max=_STEEP) * ray_W[:, :2]
