@@ -60,7 +60,7 @@ class DistilOptions:
         ParameterError: A number is out of range.
     """
 
-    rounds: int = 8
+    rounds: int = 5
     round_images: int = 24_576
     updates: int = 600
     batch_size: int = 256

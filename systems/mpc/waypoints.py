@@ -37,9 +37,9 @@ class WaypointOptions:
         ParameterError: A number is out of range.
     """
 
-    attempts: int = 60
+    attempts: int = 40
     plans: int = 3
-    share: float = 0.25
+    share: float = 0.1
     noise: float = 0.05
     planner: SamplingOptions = field(default_factory=lambda: SamplingOptions(first_iterations=15))
 
