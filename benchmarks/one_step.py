@@ -3,9 +3,9 @@
     python -m benchmarks.one_step SCENE [--twin TWIN] [--engine ENGINE] [--draws N] [--seed S]
 
 Object and pusher begin as the scene draws them; the action is one of full length towards a random point of the box
-around the object; actions that miss it do not count. Compared are the poses of the object when the action ends, while it
-still moves. The plant has SCENE's theta. The twin is another one that takes the object's place, such as an identified
-one; without --twin it is the scene's, so that what is left is the difference of the engines.
+around the object; actions that miss it do not count. Compared are the poses of the object when the action ends, while
+it still moves. The plant has SCENE's theta. The twin is another one that takes the object's place, such as an
+identified one; without --twin it is the scene's, so that what is left is the difference of the engines.
 """
 
 import argparse

@@ -98,7 +98,7 @@ def test_a_poke_rocks_an_object_and_leaves_it_on_its_face(pinwm, tmp_path, body,
     code, _, errors = pinwm(
         "capture", "simulate", str(tmp_path / "poked"), "--task", "flip", "--object", *body, "--friction", "0.2",
         "--pusher-friction", "0.9", "--seed", "1", "--episodes", "1", "--size", "48", "--static-views", "1",
-        "--frames", "30", "--rate", "60", "--supersampling", "1",
+        "--frames", "60", "--rate", "120", "--supersampling", "1",
     )  # fmt: skip
     assert (code, errors) == (0, "")
     capture = read_capture(tmp_path / "poked")
@@ -110,7 +110,7 @@ def test_a_poke_rocks_an_object_and_leaves_it_on_its_face(pinwm, tmp_path, body,
         episode.object_poses.p_WO[:, 2],
         quaternion_to_matrix(torch.from_numpy(episode.object_poses.q_WO))[:, 2],
     )
-    assert heights.max() - heights[0] > 0.0005  # of pictures; between two of them it is higher
+    assert heights.max() - heights[0] > 0.001
     np.testing.assert_allclose(ups[-1][list(axes)], ups[0][list(axes)], atol=0.27)
 
 
