@@ -54,7 +54,7 @@ def usual_starts(env: VecEnv) -> Iterator[None]:
         known = env.get_attr("waypoints")[0]
     except AttributeError:  # worlds of no task
         known = ()
-    if not len(known):
+    if not known:
         yield
         return
     env.set_attr("waypoints", Waypoints())

@@ -31,6 +31,7 @@ class Progress:
         reach: (W,) m, from the pusher to the object's origin, as the task measures it.
         at_rest: (W,) bool, true where the object rests.
         success: (W,) bool, true where the task is done.
+        astray: (W,) m, level distance of the object from the middle of the floor; None where it does not matter.
     """
 
     distance: np.ndarray
@@ -38,6 +39,7 @@ class Progress:
     reach: np.ndarray
     at_rest: np.ndarray
     success: np.ndarray
+    astray: np.ndarray | None = None
 
 
 class Task(ABC):
@@ -85,6 +87,10 @@ class Task(ABC):
     @abstractmethod
     def rewards(self, before: Progress, after: Progress) -> np.ndarray:
         """Rewards (W,) of the actions that led from one progress to another."""
+
+    def worth(self, progress: Progress) -> np.ndarray:
+        """What successes (W,) are worth in training, 0 to 1: less where they came about as none should."""
+        return np.ones(len(progress.success))
 
     @abstractmethod
     def state(self, object_state: np.ndarray, p_WP: np.ndarray) -> np.ndarray:

@@ -124,7 +124,14 @@ class SamplingMpc:
         self._usual = np.zeros(13), place.p_WP
         self._usual[0][:7] = [*place.X_WO.rotation().ToQuaternion().wxyz(), *place.X_WO.translation()]
 
-    def plan(self, object_state: np.ndarray, p_WP: np.ndarray, last: ActionPlan | None = None) -> ActionPlan:
+    def plan(
+        self,
+        object_state: np.ndarray,
+        p_WP: np.ndarray,
+        last: ActionPlan | None = None,
+        *,
+        like: np.ndarray | None = None,
+    ) -> ActionPlan:
         """The best sequence of actions that is found.
 
         Args:
@@ -132,6 +139,7 @@ class SamplingMpc:
                 the middle of the scene's starts, or 0.
             p_WP: (3,) m, world: position of the pusher; likewise.
             last: Plan whose first action has been carried out, for a warm start; None at the beginning.
+            like: (horizon, n) actions around which the search begins, such as those of a plan from another start.
         """
         options, n = self.options, self.task.action_size
         object_state, p_WP = (
@@ -141,8 +149,10 @@ class SamplingMpc:
         mean, spread = np.zeros((options.horizon, n)), np.full((options.horizon, n), options.spread)
         kept = np.zeros((0, options.horizon, n))
         if last is not None:
-            kept = np.concatenate([last.actions[1:], last.actions[-1:]])[None]
-            mean, spread = kept[0].copy(), np.full_like(spread, 0.5 * options.spread)
+            like = np.concatenate([last.actions[1:], last.actions[-1:]])
+        if like is not None:
+            kept = like[None]
+            mean, spread = like.copy(), np.full_like(spread, 0.5 * options.spread)
         best, left = None, options.first_iterations if last is None else options.iterations
         while left > 0:
             drawn = np.clip(mean + spread * self._noise(n), -1.0, 1.0)

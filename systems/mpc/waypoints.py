@@ -1,5 +1,6 @@
 """Waypoints of a planner's plans, for trainings of tasks that chance hardly ever does."""
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -7,6 +8,7 @@ from math import nan as NAN
 from pathlib import Path
 
 import numpy as np
+from pydrake.math import RotationMatrix
 
 from pinwm_drake.checkpoints import read_arrays
 from pinwm_drake.errors import require
@@ -18,6 +20,7 @@ from pinwm_drake.systems.mpc.sampling import ActionPlan, SamplingMpc, SamplingOp
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 
 STAGE = "waypoints"
+_WORTH = 0.5  # of a success that counts
 _SLIP = 0.002  # m, standard deviation of the pusher's place at the start of a replay
 
 
@@ -37,9 +40,9 @@ class WaypointOptions:
         ParameterError: A number is out of range.
     """
 
-    attempts: int = 40
-    plans: int = 3
-    share: float = 0.1
+    attempts: int = 30
+    plans: int = 2
+    share: float = 0.3
     noise: float = 0.05
     planner: SamplingOptions = field(default_factory=lambda: SamplingOptions(first_iterations=15))
 
@@ -91,7 +94,7 @@ def find_waypoints(
         search.attempt(done)
         done += 1
         found, share = search.found(), done / options.attempts
-        found.write(folder, about, attempts=np.array(done), shares=search.shares(), sizes=search.sizes())
+        found.write(folder, about, attempts=np.array(done), **search.arrays())
         _, left = pace(share, done)
         seconds = time.monotonic() - begun
         report(Step(STAGE, share, len(found), search.best, NAN, NAN, search.best, seconds, left=left))
@@ -100,10 +103,14 @@ def find_waypoints(
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """States of those replays of a plan that did the task, and their share of all its replays."""
+    """States of those replays of a plan that did the task, their share of all its replays, and its actions.
+
+    The actions (horizon, n) are told from a start with the pusher along x from the object.
+    """
 
     waypoints: Waypoints
     share: float
+    actions: np.ndarray
 
 
 class _Search:
@@ -114,7 +121,7 @@ class _Search:
         self._replays: Worlds = worlds.worlds("state").worlds
         setup = self._replays.setup
         self._planner = SamplingMpc(setup, worlds.setup.task, worlds.options.max_translation, options.planner)
-        self._start = StartDistribution(setup)
+        self._start, self._turns = StartDistribution(setup), setup.task.axes == ("x", "y", "z")
         self._plans: list[_Plan] = []  # the most robust one first
 
     @property
@@ -132,23 +139,25 @@ class _Search:
         known = [plan.waypoints for plan in self._plans] or [Waypoints()]
         return Waypoints(np.concatenate([one.object_state for one in known]), np.concatenate([o.p_WP for o in known]))
 
-    def shares(self) -> np.ndarray:
-        """Share of each plan, (plans,)."""
-        return np.array([plan.share for plan in self._plans])
-
-    def sizes(self) -> np.ndarray:
-        """Number of states of each plan in `found`, (plans,) int."""
-        return np.array([len(plan.waypoints) for plan in self._plans], int)
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What `restore` needs beside the states: the number of states of each plan in `found`, share and actions."""
+        plans = self._plans
+        return {
+            "sizes": np.array([len(plan.waypoints) for plan in plans], int),
+            "shares": np.array([plan.share for plan in plans]),
+            "actions": np.array([plan.actions for plan in plans]),
+        }
 
     def restore(self, folder: Path, about: Mapping[str, object]) -> int:
         """Takes over what an earlier search found; gives the number of its attempts."""
-        arrays = read_arrays(folder / WAYPOINTS_FILE, about, STAGE, ["attempts", "shares", "sizes"])
+        names = ("sizes", "shares", "actions")
+        arrays = read_arrays(folder / WAYPOINTS_FILE, about, STAGE, ["attempts", *names])
         if arrays is None:
             return 0
         known, ends = Waypoints.read(folder), np.cumsum(arrays["sizes"])
-        for end, size, share in zip(ends, arrays["sizes"], arrays["shares"], strict=True):
+        for end, size, share, actions in zip(ends, *(arrays[name] for name in names), strict=True):
             at = slice(end - size, end)
-            self._plans.append(_Plan(Waypoints(known.object_state[at], known.p_WP[at]), float(share)))
+            self._plans.append(_Plan(Waypoints(known.object_state[at], known.p_WP[at]), float(share), actions))
         return int(arrays["attempts"])
 
     def attempt(self, number: int) -> None:
@@ -158,15 +167,21 @@ class _Search:
         place = self._start.draw(generator)
         state = np.zeros(13)
         state[:7] = [*place.X_WO.rotation().ToQuaternion().wxyz(), *place.X_WO.translation()]
-        plan = self._planner.plan(state, place.p_WP)
+        away = place.p_WP - place.X_WO.translation()
+        turn = RotationMatrix.MakeZRotation(math.atan2(away[1], away[0])).matrix() if self._turns else np.eye(3)
+        # Two of three are like the best one so far, from another start: the most robust one of them is kept again.
+        like = self._plans[0].actions @ turn.T if self._plans and number % 3 else None
+        plan = self._planner.plan(state, place.p_WP, like=like)
         if not plan.success:
             return
         self._begin(int(generator.integers(1 << 31)))
-        replayed = self._replay(plan, state, place, generator)
+        replayed = self._replay(plan, state, place, generator, plan.actions @ turn)
         if replayed.share > 0.0:
             self._plans = sorted([*self._plans, replayed], key=lambda one: -one.share)[: self._options.plans]
 
-    def _replay(self, plan: ActionPlan, state: np.ndarray, place: Place, generator: np.random.Generator) -> _Plan:
+    def _replay(
+        self, plan: ActionPlan, state: np.ndarray, place: Place, generator: np.random.Generator, actions: np.ndarray
+    ) -> _Plan:
         """States of the replays of a plan from a state (13,) and place that did the task, until it was done."""
         worlds, W = self._replays, self._replays.num_worlds
         worlds.begin(np.arange(W))  # for the domains
@@ -176,10 +191,10 @@ class _Search:
         for going, out in carried_out(worlds, np.clip(plan.actions + noise, -1.0, 1.0)):
             seen.append(_states(worlds))
             went.append(going)
-            success |= going & out.terminated
+            success |= going & out.terminated & (worlds.task.worth(out.progress) > _WORTH)
         kept = np.array(went) & success  # (T, W)
         object_state, p_WP = (np.array(column)[:-1][kept] for column in zip(*seen, strict=True))
-        return _Plan(Waypoints(object_state, p_WP), float(success.mean()))
+        return _Plan(Waypoints(object_state, p_WP), float(success.mean()), actions)
 
 
 def _states(worlds: Worlds) -> tuple[np.ndarray, np.ndarray]:

@@ -70,12 +70,21 @@ def test_the_papers_reward_is_minus_height_and_angle():
 
 
 def test_the_shaped_reward_is_of_angle_and_reach_and_pays_success():
-    task = cube(reward="shaped")
+    task = cube(reward="shaped", room=0.25)
     far, near = measured(task, lying(tilt=1.0)), measured(task, lying())
     # The pusher is 0.3 m above the object both times.
     np.testing.assert_allclose(task.rewards(far, near), [2.0 - task.cost + task.bonus], atol=1e-6)
     away = task.measure(np.array([lying(tilt=1.0)]), np.array([[0.1, 0.2, 0.43]]))
     np.testing.assert_allclose(task.rewards(far, away), [-0.2 - task.cost], atol=1e-6)
+
+
+@pytest.mark.parametrize(("room", "share"), [(0.25, 1.0), (0.2, 2.0 - math.hypot(0.1, 0.2) / 0.2), (0.1, 0.0)])
+def test_a_success_far_from_the_middle_of_the_floor_is_worth_less(room, share):
+    task = cube(reward="shaped", room=room)
+    far, near = measured(task, lying(tilt=1.0)), measured(task, lying())
+    np.testing.assert_allclose(task.worth(near), [share], atol=1e-9)
+    np.testing.assert_allclose(task.rewards(far, near), [2.0 - task.cost + share * task.bonus], atol=1e-6)
+    assert near.success.all()  # as a success it counts all the same
 
 
 @pytest.mark.parametrize("side", [SIDE, (0.0, 0.0, 0.0)])
