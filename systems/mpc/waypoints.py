@@ -34,6 +34,7 @@ class WaypointOptions:
         share: Share of a plan's replays with success from which it counts as robust; the search ends with `plans` of
             them.
         noise: Standard deviation of the noise on the actions of a replay, in units of an action.
+        speed: Longest translation of a plan's actions, in units of an action: slow ways to the goal bear more noise.
         planner: Options of the planner.
 
     Raises:
@@ -44,12 +45,14 @@ class WaypointOptions:
     plans: int = 2
     share: float = 0.3
     noise: float = 0.05
-    planner: SamplingOptions = field(default_factory=lambda: SamplingOptions(first_iterations=15))
+    speed: float = 0.6
+    planner: SamplingOptions = field(default_factory=lambda: SamplingOptions(horizon=12, first_iterations=15))
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
         for name in ("attempts", "plans"):
             require(name, getattr(self, name), getattr(self, name) >= 1, "1 or more")
+        require("speed", self.speed, 0.0 < self.speed <= 1.0, "more than 0, up to 1")
         for name in ("share", "noise"):
             require(name, getattr(self, name), 0.0 <= getattr(self, name) <= 1.0, "0 to 1")
 
@@ -120,7 +123,8 @@ class _Search:
         self._options, self._seed, self._begin = options, seed, worlds.begin
         self._replays: Worlds = worlds.worlds("state").worlds
         setup = self._replays.setup
-        self._planner = SamplingMpc(setup, worlds.setup.task, worlds.options.max_translation, options.planner)
+        longest = options.speed * self._replays.run.max_translation
+        self._planner = SamplingMpc(setup, worlds.setup.task, longest, options.planner)
         self._start, self._turns = StartDistribution(setup), setup.task.axes == ("x", "y", "z")
         self._plans: list[_Plan] = []  # the most robust one first
 
@@ -187,8 +191,11 @@ class _Search:
         worlds.begin(np.arange(W))  # for the domains
         worlds.set_object_states(np.tile(state, (W, 1)), place.p_WP + generator.normal(0.0, _SLIP, (W, 3)))
         noise = generator.normal(0.0, self._options.noise, (W, *plan.actions.shape))
+        wanted = (
+            self._options.speed * plan.actions / np.maximum(np.linalg.norm(plan.actions, axis=1, keepdims=True), 1.0)
+        )
         seen, went, success = [_states(worlds)], [], np.zeros(W, bool)
-        for going, out in carried_out(worlds, np.clip(plan.actions + noise, -1.0, 1.0)):
+        for going, out in carried_out(worlds, np.clip(wanted + noise, -1.0, 1.0)):
             seen.append(_states(worlds))
             went.append(going)
             success |= going & out.terminated & (worlds.task.worth(out.progress) > _WORTH)
