@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor, nn
 
 from pinwm_drake.learning.actors import LEVELS, Seen
-from pinwm_drake.learning.augment import Augment
+from pinwm_drake.learning.images.augment import Augment
 
 
 class _AsSeen(BaseFeaturesExtractor):

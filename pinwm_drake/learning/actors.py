@@ -17,8 +17,8 @@ from torch import Tensor, nn
 from torch.nn.functional import cross_entropy, mse_loss
 
 from pinwm_drake.learning.heading import Heading
+from pinwm_drake.learning.images.window import Window
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.learning.window import Window
 from pinwm_drake.tasks import Task
 
 _FAR = 0.3  # m, unit of places that layers take

@@ -23,8 +23,8 @@ from torch.nn.functional import huber_loss
 from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.actors import ImageActor
-from pinwm_drake.learning.augment import Augment
-from pinwm_drake.learning.image_buffer import Chunk, Frames
+from pinwm_drake.learning.images.augment import Augment
+from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent

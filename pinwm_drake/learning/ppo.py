@@ -11,8 +11,8 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
 from pinwm_drake.learning.actors import ImageActor
-from pinwm_drake.learning.augment import Augment
 from pinwm_drake.learning.heading import AlongHeading
+from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent

@@ -180,8 +180,8 @@ class PolicySpec:
             raise ParameterError(f"camera: got {self.camera.width} by {self.camera.height} px; allowed: 1 or more")
         if self.window is not None:
             whole = isinstance(self.window, int) and 1 <= self.window <= min(self.camera.width, self.camera.height)
-            if not whole or self.scene is None:
-                raise ParameterError(f"window: got {self.window!r}; allowed: 1 to the size of an image, with a scene")
+            if not whole:
+                raise ParameterError(f"window: got {self.window!r}; allowed: 1 to the size of an image")
 
     @property
     def action_size(self) -> int:

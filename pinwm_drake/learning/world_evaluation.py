@@ -8,7 +8,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.evaluation import Acts, EpisodeResult, Evaluation, result_of
-from pinwm_drake.learning.waypoints import Waypoints
+from pinwm_drake.tasks.waypoints import Waypoints
 
 
 def evaluate_worlds(

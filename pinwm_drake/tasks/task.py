@@ -89,7 +89,7 @@ class Task(ABC):
         """Rewards (W,) of the actions that led from one progress to another."""
 
     def worth(self, progress: Progress) -> np.ndarray:
-        """What successes (W,) are worth in training, 0 to 1: less where they came about as none should."""
+        """Worth (W,) of successes in training, 0 to 1: less where they came about as none should."""
         return np.ones(len(progress.success))
 
     @abstractmethod

@@ -13,8 +13,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.learning.images.window import window_size
 from pinwm_drake.learning.spec import CameraSpec, ObjectSpec, Observes, PolicySpec, PusherSpec, SceneSpec
-from pinwm_drake.learning.window import window_size
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions, longest_translation
 from pinwm_drake.systems.scenario.load import Scene, shipped_scenarios

@@ -10,7 +10,6 @@ from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.cousins import CousinDomains, Domain, DomainDraw, DomainSource
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import Observes, PolicySpec
-from pinwm_drake.learning.waypoints import Waypoints
 from pinwm_drake.systems.envs.env import changed_options
 from pinwm_drake.systems.envs.observation import Kind
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
@@ -18,6 +17,7 @@ from pinwm_drake.systems.envs.policy_scene import policy_spec
 from pinwm_drake.systems.envs.vector import TaskVecEnv
 from pinwm_drake.systems.scenario.load import Scene, load_setup, scene_hash
 from pinwm_drake.systems.scenario.start import with_start_yaw
+from pinwm_drake.tasks.waypoints import Waypoints
 
 _OPTIONS = EnvOptions(frames=3, image_size=64)
 _POOL = 64  # domains in a round

@@ -11,13 +11,13 @@ from pydrake.math import RigidTransform
 from pinwm_drake.checkpoints import Resumable, generator_state, set_generator_state
 from pinwm_drake.cousins import Domain
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.learning.waypoints import Waypoints
 from pinwm_drake.systems.envs.observation import Observation, Observer
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.station_run import FAILURES, StationRun
 from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.tasks import Progress
+from pinwm_drake.tasks.waypoints import Waypoints
 
 _DOMAIN = "domain."
 _MIDWAY = 0.7  # share of the episodes that begin in a waypoint, where there are any

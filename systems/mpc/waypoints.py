@@ -13,11 +13,11 @@ from pydrake.math import RotationMatrix
 from pinwm_drake.checkpoints import read_arrays
 from pinwm_drake.errors import require
 from pinwm_drake.learning.progress import Pace, Report, Step, silent
-from pinwm_drake.learning.waypoints import WAYPOINTS_FILE, Waypoints
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
 from pinwm_drake.systems.envs.worlds import Worlds
 from pinwm_drake.systems.mpc.sampling import ActionPlan, SamplingMpc, SamplingOptions, carried_out
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
+from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE, Waypoints
 
 STAGE = "waypoints"
 _WORTH = 0.5  # of a success that counts
@@ -144,7 +144,7 @@ class _Search:
         return Waypoints(np.concatenate([one.object_state for one in known]), np.concatenate([o.p_WP for o in known]))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """What `restore` needs beside the states: the number of states of each plan in `found`, share and actions."""
+        """Arrays that `restore` needs beside the states: number of states of each plan, its share and actions."""
         plans = self._plans
         return {
             "sizes": np.array([len(plan.waypoints) for plan in plans], int),

@@ -65,9 +65,16 @@ def test_a_bundle_is_written_with_what_the_policy_sees(pinwm, folder, policy, tm
     assert lines[7] == f"SHA-256 of the bundle: {bundle.sha256}"
 
 
-def test_an_older_bundle_is_written_anew(pinwm, folder, tmp_path):
+def without_window(policy: Policy, **changes) -> Policy:
+    """A policy that sees all of its images, as older ones do."""
+    spec = dataclasses.replace(policy.spec, window=None)
+    return Policy(dataclasses.replace(spec, **changes), make_actor(spec))
+
+
+def test_an_older_bundle_is_written_anew(pinwm, policy, tmp_path):
     new, old = tmp_path / "new", tmp_path / "old"
-    assert pinwm("export", str(folder), str(new))[0] == 0
+    write_policy(tmp_path / "policy", without_window(policy))
+    assert pinwm("export", str(tmp_path / "policy"), str(new))[0] == 0
     code, output, errors = pinwm("export", str(as_version_1(new, old)), str(tmp_path / "again"))
     assert (code, errors) == (0, "")
     assert output.splitlines()[1].startswith("16 golden samples")
@@ -79,8 +86,8 @@ def test_an_older_bundle_is_written_anew(pinwm, folder, tmp_path):
 
 
 def test_a_policy_without_a_scene_gets_that_of_the_command(folder, policy, tmp_path):
-    write_policy(tmp_path / "policy", Policy(dataclasses.replace(policy.spec, scene=None), policy.actor))
-    assert export_bundle(tmp_path / "policy", tmp_path / "bundle").spec == policy.spec
+    write_policy(tmp_path / "policy", without_window(policy, scene=None))
+    assert export_bundle(tmp_path / "policy", tmp_path / "bundle").spec == without_window(policy).spec
 
 
 def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, policy, tmp_path):

@@ -1,16 +1,22 @@
+from functools import partial
+
 import numpy as np
 import pytest
 
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.experiments import training
 from pinwm_drake.experiments.training import TrainRequest, train
 from pinwm_drake.learning.policy import read_policy
+from pinwm_drake.systems.mpc.sampling import SamplingOptions
+from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
 from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE
 from pinwm_drake.twin import write_twin
 
 
 @pytest.mark.parametrize(
     ("algorithm", "worlds", "steps"),
-    [("sac", 4, [0, 80, 160, 240, 320, 400, 480, 512]), ("ppo", 2, [0, 256, 512, 512])],
+    [("sac", 4, [0, 80, 160, 240, 320, 400, 480, 512]), ("ppo", 2, [0, 128, 256, 384, 512, 512])],
 )
 def test_a_training_is_a_call_that_prints_nothing(tmp_path, capsys, algorithm, worlds, steps):
     told = []
@@ -66,7 +72,9 @@ def test_options_that_make_no_sense_are_refused(tmp_path, values):
         TrainRequest(scene="push_t", out=tmp_path, **values)
 
 
-def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
+def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path, monkeypatch):
+    brief = WaypointOptions(attempts=1, planner=SamplingOptions(samples=16, first_iterations=1))
+    monkeypatch.setattr(training, "find_waypoints", partial(find_waypoints, options=brief))
     twin = load_setup("flip_mug").with_theta(friction_floor=0.22).twin
     write_twin(tmp_path / "twin", twin)
     cases = ({"task": "flip"}, {"in_scene": "flip_mug"})
@@ -76,6 +84,7 @@ def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
             **options,
         )  # fmt: skip
         policy = train(request)
+        assert (tmp_path / str(k) / "waypoints" / WAYPOINTS_FILE).exists()
         assert policy.provenance["task"] == "flip"
         assert policy.spec.scene.object.name == "mug"
         assert policy.provenance["trained_in"]["scene"] == "flip_mug"

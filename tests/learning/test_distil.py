@@ -7,7 +7,7 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning import distil, rounds
 from pinwm_drake.learning.actors import ImageActor, LevelActor
 from pinwm_drake.learning.distil import DistilOptions, train_distil
-from pinwm_drake.learning.image_buffer import Chunk, Frames
+from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.policy import Policy
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.tasks import PushTask

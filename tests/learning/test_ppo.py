@@ -9,7 +9,7 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning import rounds
 from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
 from pinwm_drake.learning.actors import ImageActor, StateActor, chosen
-from pinwm_drake.learning.augment import Augment
+from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.policy import make_actor
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
 from pinwm_drake.learning.world_evaluation import evaluate_worlds

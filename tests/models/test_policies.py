@@ -36,6 +36,11 @@ def test_the_policy_of_the_push_task_pushes_in_a_plant_that_it_was_not_trained_i
     assert evaluate(spec_environment(bundle.spec, "push_t", "point"), bundle, range(3)).successes == 3
 
 
+def test_the_policy_of_the_flip_task_flips_in_a_plant_that_it_was_not_trained_in():
+    bundle = read_bundle("flip_mug")
+    assert evaluate(spec_environment(bundle.spec, "flip_mug", "hydroelastic"), bundle, range(3)).successes == 3
+
+
 def test_the_golden_samples_are_those_of_version_1_and_so_are_the_answers():
     with np.load(policy_path("push_t") / "golden.npz") as golden:
         assert {name: hashlib.sha256(golden[name].tobytes()).hexdigest() for name in GOLDEN} == GOLDEN

@@ -3,9 +3,9 @@ import pytest
 
 from pinwm_drake.cousins import CousinDomains, CousinDraw
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.learning.waypoints import Waypoints
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.systems.envs.training_worlds import DomainPool, TrainingWorlds, training_options
+from pinwm_drake.tasks.waypoints import Waypoints
 
 
 def training_worlds(**changes):

@@ -69,7 +69,7 @@ def test_a_state_that_is_no_number_moves_nothing_and_a_wrong_one_is_refused(cube
         policy.predict({"image": np.zeros(3)})
 
 
-@pytest.mark.parametrize("wrong", [{"samples": 1}, {"elites": 100}, {"kept": 9}, {"spread": 0.0}, {"correlation": 1.0}])
+@pytest.mark.parametrize("wrong", [{"samples": 1}, {"elites": 300}, {"kept": 9}, {"spread": 0.0}, {"correlation": 1.0}])
 def test_options_out_of_range_are_refused(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         SamplingOptions(**wrong)

@@ -3,9 +3,9 @@ import pytest
 
 from pinwm_drake.cousins import CousinDomains
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.learning.waypoints import WAYPOINTS_FILE, Waypoints
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
+from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE, Waypoints
 
 QUICK = WaypointOptions(attempts=3, plans=2, share=1.0)
 
@@ -64,7 +64,7 @@ def test_an_interrupted_search_goes_on_with_the_same_result(worlds, found, tmp_p
         find_waypoints(worlds, tmp_path, QUICK, seed=4, resume=True)
 
 
-@pytest.mark.parametrize("wrong", [{"attempts": 0}, {"plans": 0}, {"share": 1.5}, {"noise": -0.1}])
+@pytest.mark.parametrize("wrong", [{"attempts": 0}, {"plans": 0}, {"share": 1.5}, {"noise": -0.1}, {"speed": 0.0}])
 def test_options_out_of_range_are_refused(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         WaypointOptions(**wrong)

@@ -1,7 +1,7 @@
 import torch
 
 from pinwm_drake.learning.actors import ImageActor
-from pinwm_drake.learning.augment import Augment
+from pinwm_drake.learning.images.augment import Augment
 
 
 def picture(batch=16):

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import PolicySpec
 
 _MARGIN = 1.7  # side of the window by the diagonal of the object: it moves between the images, and so does the pusher
@@ -41,10 +42,15 @@ class Window(nn.Module):
     _steps: Tensor
 
     def __init__(self, spec: PolicySpec) -> None:
-        """Takes camera, floor and object of a policy whose specification has a window."""
+        """Takes camera, floor and object of a policy whose specification has a window.
+
+        Raises:
+            ParameterError: It has no scene.
+        """
         super().__init__()
         assert spec.window is not None
-        assert spec.scene is not None
+        if spec.scene is None:
+            raise ParameterError(f"scene: got none beside a window of {spec.window} px; allowed: object and floor")
         self._side, self._spec = spec.window, spec.camera
         level = spec.scene.floor_height + 0.5 * min(spec.scene.object.size)
         R_WC = Rotation.from_quat(np.roll(spec.camera.q_WC, -1)).as_matrix()

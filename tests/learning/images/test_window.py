@@ -7,9 +7,9 @@ import torch
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.learning.golden import TOLERANCE
+from pinwm_drake.learning.images.window import Window, window_size
 from pinwm_drake.learning.policy import make_actor, read_policy, write_policy
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.learning.window import Window, window_size
 from pinwm_drake.tasks import FlipTask
 from tests.learning.bundles import SCENE, exported, image_spec, untrained_policy
 
@@ -70,7 +70,7 @@ def test_its_size_follows_from_the_object_and_the_camera():
 @pytest.mark.parametrize("changes", [{"window": 0}, {"window": 49}, {"window": 16, "scene": None}])
 def test_windows_that_cannot_be_are_refused(changes):
     with pytest.raises(ParameterError, match="window"):
-        image_spec(48, **{"scene": SCENE, **changes})
+        Window(image_spec(48, **{"scene": SCENE, **changes}))
 
 
 def test_a_policy_with_a_window_is_read_back_and_its_document_names_it(tmp_path):

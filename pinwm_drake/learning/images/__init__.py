@@ -1,0 +1,1 @@
+"""Images as policies learn from them: changed at random, kept, and cut out."""
