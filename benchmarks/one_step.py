@@ -16,8 +16,7 @@ from benchmarks import timing
 
 timing.limit_threads(1)  # before numba and torch are imported
 
-from pydrake.math import RigidTransform  # noqa: E402
-
+from pinwm_drake.systems.crosscheck.difference import angles_between  # noqa: E402
 from pinwm_drake.systems.envs.env import TaskEnv  # noqa: E402
 from pinwm_drake.systems.envs.options import EnvOptions  # noqa: E402
 from pinwm_drake.systems.scenario.load import load_setup  # noqa: E402
@@ -52,25 +51,17 @@ def errors(scene: str, twin: str | None, engine: str, draws: int, seed: int) -> 
         vertices_W = start.vertices @ place.X_WO.rotation().matrix().T + place.X_WO.translation()
         target = generator.uniform(vertices_W.min(0), vertices_W.max(0))
         action = (target - place.p_WP) / np.linalg.norm(target - place.p_WP)
-        poses = []
+        states = []
         for env in envs:
             env.reset(seed=0, options={"X_WO": place.X_WO, "p_WP": place.p_WP})
-            env.step(action[: env.action_space.shape[0]].astype(np.float32))
-            poses.append(_pose(env.worlds.run.object_state[0]))
-        ours, theirs = poses
-        if np.linalg.norm(theirs.translation() - place.X_WO.translation()) < _TOUCHED:
+            env.step(action[env.worlds.task.axis_indices].astype(np.float32))
+            states.append(env.worlds.run.object_state[0].copy())
+        ours, theirs = states
+        if np.linalg.norm(theirs[4:7] - place.X_WO.translation()) < _TOUCHED:
             continue
-        turn = (ours.rotation().inverse() @ theirs.rotation()).ToAngleAxis().angle()
-        rows.append((float(np.linalg.norm(ours.translation() - theirs.translation())), abs(turn)))
+        q, other = (state[:4] / np.linalg.norm(state[:4]) for state in states)
+        rows.append((float(np.linalg.norm(ours[4:7] - theirs[4:7])), float(angles_between(q, other))))
     return np.array(rows)
-
-
-def _pose(object_state: np.ndarray) -> RigidTransform:
-    """Pose X_WO of a state (13,)."""
-    from pydrake.common.eigen_geometry import Quaternion
-
-    q = object_state[:4] / np.linalg.norm(object_state[:4])
-    return RigidTransform(Quaternion(wxyz=q), object_state[4:7])
 
 
 if __name__ == "__main__":

@@ -170,13 +170,13 @@ class Worlds:
         for world in worlds.tolist():
             if self.domain is not None and (domain := self.domain(world)) is not None:
                 self.run.set_domain(domain, world, colours=self._observer.needs_images)
-            generator = self._random[world]
-            if len(self.waypoints) and generator.random() < _MIDWAY:
+            generator, given = self._random[world], options[world] if options else None
+            if not given and len(self.waypoints) and generator.random() < _MIDWAY:
                 row = generator.integers(len(self.waypoints))
                 self.run.set_world_state(self.waypoints.object_state[row], self.waypoints.p_WP[row], world)
             else:
                 drawn = self._start.draw(generator)
-                self.run.place(_chosen_place(drawn, options[world] if options else None), world)
+                self.run.place(_chosen_place(drawn, given), world)
         self._steps[worlds] = 0
         self._take_state()
         if self._observer.needs_images:

@@ -121,8 +121,7 @@ class SamplingMpc:
         self.task = self.worlds.task
         self._random = np.random.default_rng(self.options.seed)
         place = StartDistribution(self.worlds.setup).middle()
-        self._usual = np.zeros(13), place.p_WP
-        self._usual[0][:7] = [*place.X_WO.rotation().ToQuaternion().wxyz(), *place.X_WO.translation()]
+        self._usual = place.object_state, place.p_WP
 
     def plan(
         self,
@@ -189,15 +188,15 @@ class SamplingMpc:
         total, success = np.zeros(W), np.zeros(W, bool)
         for going, out in carried_out(worlds, actions):
             failed = np.isin(np.arange(W), list(out.failures))
-            total += going * np.where(failed, -_FAILURE, out.reward)
+            total += np.where(going, np.where(failed, -_FAILURE, out.reward), 0.0)
             success |= going & out.terminated
         return total, success
 
 
 def carried_out(worlds: Worlds, actions: np.ndarray) -> Iterator[tuple[np.ndarray, Advance]]:
-    """Carries sequences of actions (W, horizon, n) out; gives (W,) bool, which still went on, and the outcome, of each.
+    """Outcomes of sequences of actions (W, horizon, n), one action after another, until no world goes on any more.
 
-    It ends where no world goes on any more, as all succeeded or failed.
+    Each comes with (W,) bool, true for the worlds that had neither succeeded nor failed before that action.
     """
     going = np.ones(len(actions), bool)
     for k in range(actions.shape[1]):

@@ -125,7 +125,7 @@ class _Search:
         setup = self._replays.setup
         longest = options.speed * self._replays.run.max_translation
         self._planner = SamplingMpc(setup, worlds.setup.task, longest, options.planner)
-        self._start, self._turns = StartDistribution(setup), setup.task.axes == ("x", "y", "z")
+        self._start = StartDistribution(setup)
         self._plans: list[_Plan] = []  # the most robust one first
 
     @property
@@ -155,10 +155,10 @@ class _Search:
     def restore(self, folder: Path, about: Mapping[str, object]) -> int:
         """Takes over what an earlier search found; gives the number of its attempts."""
         names = ("sizes", "shares", "actions")
-        arrays = read_arrays(folder / WAYPOINTS_FILE, about, STAGE, ["attempts", *names])
+        arrays = read_arrays(folder / WAYPOINTS_FILE, about, STAGE, ["attempts", "object_state", "p_WP", *names])
         if arrays is None:
             return 0
-        known, ends = Waypoints.read(folder), np.cumsum(arrays["sizes"])
+        known, ends = Waypoints(arrays["object_state"], arrays["p_WP"]), np.cumsum(arrays["sizes"])
         for end, size, share, actions in zip(ends, *(arrays[name] for name in names), strict=True):
             at = slice(end - size, end)
             self._plans.append(_Plan(Waypoints(known.object_state[at], known.p_WP[at]), float(share), actions))
@@ -169,31 +169,32 @@ class _Search:
         generator = np.random.default_rng([self._seed, number])
         self._planner.reseed([self._seed, number, 1])
         place = self._start.draw(generator)
-        state = np.zeros(13)
-        state[:7] = [*place.X_WO.rotation().ToQuaternion().wxyz(), *place.X_WO.translation()]
-        away = place.p_WP - place.X_WO.translation()
-        turn = RotationMatrix.MakeZRotation(math.atan2(away[1], away[0])).matrix() if self._turns else np.eye(3)
+        turn = self._turn(place)
         # Two of three are like the best one so far, from another start: the most robust one of them is kept again.
         like = self._plans[0].actions @ turn.T if self._plans and number % 3 else None
-        plan = self._planner.plan(state, place.p_WP, like=like)
+        plan = self._planner.plan(place.object_state, place.p_WP, like=like)
         if not plan.success:
             return
         self._begin(int(generator.integers(1 << 31)))
-        replayed = self._replay(plan, state, place, generator, plan.actions @ turn)
+        replayed = self._replay(plan, place, generator, plan.actions @ turn)
         if replayed.share > 0.0:
             self._plans = sorted([*self._plans, replayed], key=lambda one: -one.share)[: self._options.plans]
 
-    def _replay(
-        self, plan: ActionPlan, state: np.ndarray, place: Place, generator: np.random.Generator, actions: np.ndarray
-    ) -> _Plan:
-        """States of the replays of a plan from a state (13,) and place that did the task, until it was done."""
+    def _turn(self, place: Place) -> np.ndarray:
+        """Turn (n, n) of actions from x to the way from object to pusher, where the task is the same at any yaw."""
+        away = place.p_WP - place.X_WO.translation()
+        yaw = 0.0 if self._planner.task.heading is None else math.atan2(away[1], away[0])
+        axes = self._planner.task.axis_indices
+        turn: np.ndarray = RotationMatrix.MakeZRotation(yaw).matrix()[np.ix_(axes, axes)]
+        return turn
+
+    def _replay(self, plan: ActionPlan, place: Place, generator: np.random.Generator, actions: np.ndarray) -> _Plan:
+        """The states, until the task was done, of those replays of a plan from a place that did it."""
         worlds, W = self._replays, self._replays.num_worlds
         worlds.begin(np.arange(W))  # for the domains
-        worlds.set_object_states(np.tile(state, (W, 1)), place.p_WP + generator.normal(0.0, _SLIP, (W, 3)))
+        worlds.set_object_states(np.tile(place.object_state, (W, 1)), place.p_WP + generator.normal(0.0, _SLIP, (W, 3)))
         noise = generator.normal(0.0, self._options.noise, (W, *plan.actions.shape))
-        wanted = (
-            self._options.speed * plan.actions / np.maximum(np.linalg.norm(plan.actions, axis=1, keepdims=True), 1.0)
-        )
+        wanted = worlds.task.translation(plan.actions, self._options.speed)[:, worlds.task.axis_indices]
         seen, went, success = [_states(worlds)], [], np.zeros(W, bool)
         for going, out in carried_out(worlds, np.clip(wanted + noise, -1.0, 1.0)):
             seen.append(_states(worlds))

@@ -26,6 +26,11 @@ class Place:
     X_WO: RigidTransform
     p_WP: np.ndarray
 
+    @property
+    def object_state(self) -> np.ndarray:
+        """State (13,) of the object at rest there: q_WO wxyz, p_WO [m], then zeros for ω_WO and v_WO."""
+        return np.array([*self.X_WO.rotation().ToQuaternion().wxyz(), *self.X_WO.translation(), *np.zeros(6)])
+
 
 class StartDistribution:
     """Distribution of starts that `Scenario.start` describes, for the object and the pusher of a setup.

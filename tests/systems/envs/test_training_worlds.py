@@ -151,3 +151,6 @@ def test_episodes_of_a_training_begin_at_waypoints_too_and_those_of_its_evaluati
     assert np.abs(policy.seen[:, 5]).max() < 1e-6
     env.seed(1)
     assert np.array_equal(env.reset(), begun)
+    env.set_options({"p_WP": np.array([0.2, 0.0, 0.1])})  # what is asked for is given
+    env.reset()
+    np.testing.assert_allclose(env.worlds.run.p_WP, [[0.2, 0.0, 0.1]] * 16, atol=1e-6)
