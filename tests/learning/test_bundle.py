@@ -103,7 +103,7 @@ def test_the_numbers_of_pixels_are_those_of_the_pictures_alone(bundle):
 def test_a_bundle_is_found_by_a_text(folder, bundle):
     assert read_bundle(str(folder)).sha256 == bundle.sha256
     assert read_bundle("push_t").spec.scene.object.name == "t_block"
-    with pytest.raises(InputError, match=r"^nowhere: .*allowed: a folder, or one of push_t$"):
+    with pytest.raises(InputError, match=r"^nowhere: .*allowed: a folder, or one of flip_mug, push_t$"):
         read_bundle("nowhere")
 
 
