@@ -23,7 +23,7 @@ timing.limit_threads(1, cpus=1)  # before numba and torch are imported
 
 from benchmarks.next_push.engines import bullet, mujoco  # noqa: E402
 from benchmarks.next_push.engines.rollout import LOG_RATE, Rollout, Theta  # noqa: E402
-from benchmarks.next_push.objects import Thing, make_thing  # noqa: E402
+from benchmarks.next_push.objects import StandingAnyhow, Thing, make_thing  # noqa: E402
 from benchmarks.next_push.pushes import Push  # noqa: E402
 from pinwm_drake.files import replacing  # noqa: E402
 from pinwm_drake.systems.crosscheck.crosscheck import unlimited  # noqa: E402
@@ -38,14 +38,6 @@ SCENES = ("flip_mug", "flip_cube")
 _STEPS = (240, 480, 960, 1920)  # Hz, of the twin
 _AFTERWARDS = 2.0  # s, of an engine that is not ours, after the pusher stops
 _Poked = Callable[[Trial], Motion]
-
-
-class StandingAnyhow(Thing):
-    """Object that MuJoCo has touch the floor with any corner of its convex hull, not with its base alone."""
-
-    def base_points(self, reach: float = math.inf) -> np.ndarray:
-        """Corners (n, 3) m, frame O, of its convex hull."""
-        return super().base_points(math.inf)
 
 
 def engines_of(setup: Setup, folder: Path) -> dict[str, _Poked]:

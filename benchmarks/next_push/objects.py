@@ -1,5 +1,6 @@
 """The six objects that are pushed: their meshes in colours, and the exact convex pieces that engines get."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,6 +51,14 @@ class Thing:
         """Corners (n, 3) m, frame O, of its convex hull that are as near as `reach` [m] to the plane it stands on."""
         corners = np.unique(np.concatenate([self.mesh().convex_hull.vertices]).round(9), axis=0)
         return corners[corners[:, 2] < corners[:, 2].min() + reach]
+
+
+class StandingAnyhow(Thing):
+    """Object that MuJoCo has touch the floor with any corner of its convex hull, not with its base alone."""
+
+    def base_points(self, reach: float = math.inf) -> np.ndarray:
+        """Corners (n, 3) m, frame O, of its convex hull."""
+        return super().base_points(math.inf)
 
 
 def make_thing(name: str, folder: Path) -> Thing:

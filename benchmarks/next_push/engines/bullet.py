@@ -17,6 +17,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, Rollout, Theta
 from benchmarks.next_push.objects import Thing
 from benchmarks.next_push.pushes import Push
+from pinwm_drake.capture.scene import PusherShape
 
 _STEPS_PER_LOG = 8  # 1/1920 s
 _ITERATIONS = 200
@@ -36,7 +37,8 @@ def roll_out(thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None
     """
     client = pybullet.connect(pybullet.DIRECT)
     try:
-        return _Scene(client, thing, theta, X_WO, push).run(np.asarray(t))
+        tip = None if push is None else (push.shape, push.motion.p_WP)
+        return _Scene(client, thing, theta, X_WO, tip).run(np.asarray(t), push)
     finally:
         pybullet.disconnect(client)
 
@@ -44,9 +46,11 @@ def roll_out(thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None
 class _Scene:
     """Floor, object and pusher in a physics server."""
 
-    def __init__(self, client: int, thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None) -> None:
+    def __init__(
+        self, client: int, thing: Thing, theta: Theta, X_WO: RigidTransform, tip: tuple[PusherShape, np.ndarray] | None
+    ) -> None:
         self.on = {"physicsClientId": client}
-        self.dt, self.push = 1 / (LOG_RATE * _STEPS_PER_LOG), push
+        self.dt, self.pusher = 1 / (LOG_RATE * _STEPS_PER_LOG), -1
         pybullet.setGravity(0, 0, -GRAVITY, **self.on)
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=self.dt, numSolverIterations=_ITERATIONS, solverResidualThreshold=0.0, **self.on
@@ -56,12 +60,11 @@ class _Scene:
         pybullet.changeDynamics(floor, -1, lateralFriction=1.0, **_STILL, **self.on)
         self.object, self.X_OI = self._add_object(thing, theta)
         self._place(self.object, X_WO @ self.X_OI)
-        if push is not None:
-            shape = push.shape
+        if tip is not None:
+            shape, start = tip
             kind = pybullet.GEOM_SPHERE if shape.kind == "sphere" else pybullet.GEOM_CAPSULE
-            tip = pybullet.createCollisionShape(kind, radius=shape.radius, height=shape.length, **self.on)
-            start = push.motion.p_WP.tolist()
-            self.pusher = pybullet.createMultiBody(_PUSHER_MASS, tip, basePosition=start, **self.on)
+            form = pybullet.createCollisionShape(kind, radius=shape.radius, height=shape.length, **self.on)
+            self.pusher = pybullet.createMultiBody(_PUSHER_MASS, form, basePosition=start.tolist(), **self.on)
             share = theta.friction_pusher / theta.friction_floor
             pybullet.changeDynamics(self.pusher, -1, lateralFriction=share, **_STILL, **self.on)
             pybullet.setCollisionFilterPair(floor, self.pusher, -1, -1, 0, **self.on)
@@ -96,32 +99,73 @@ class _Scene:
         pybullet.resetBasePositionAndOrientation(body, X_WI.translation().tolist(), _xyzw(X_WI), **self.on)
         pybullet.resetBaseVelocity(body, [0.0] * 3, [0.0] * 3, **self.on)
 
-    def _pose(self) -> RigidTransform:
+    def step(self, v_WP: np.ndarray) -> None:
+        """Takes a step with a velocity (3,) m/s of the pusher, where there is one."""
+        if self.pusher >= 0:
+            up = np.array([0.0, 0.0, GRAVITY * self.dt])  # what gravity takes within the step
+            pybullet.resetBaseVelocity(self.pusher, (v_WP + up).tolist(), [0.0] * 3, **self.on)
+        pybullet.stepSimulation(**self.on)
+
+    def pose(self) -> RigidTransform:
+        """Pose X_WO of the object."""
         p, (x, y, z, w) = pybullet.getBasePositionAndOrientation(self.object, **self.on)
         q = np.array([w, x, y, z])
         return RigidTransform(RotationMatrix(Quaternion(wxyz=q / np.linalg.norm(q))), p) @ self.X_OI.inverse()
 
-    def _pusher_place(self) -> np.ndarray:
-        if self.push is None:
+    def velocity(self) -> tuple[np.ndarray, np.ndarray]:
+        """Angular velocity [rad/s] of the object and velocity [m/s] of its origin, world."""
+        v, w = (np.array(one) for one in pybullet.getBaseVelocity(self.object, **self.on))
+        p_WI = np.array(pybullet.getBasePositionAndOrientation(self.object, **self.on)[0])
+        return w, v + np.cross(w, self.pose().translation() - p_WI)
+
+    def pusher_place(self) -> np.ndarray:
+        """Position (3,) m of the pusher, world; 0 without one."""
+        if self.pusher < 0:
             return np.zeros(3)
         return np.array(pybullet.getBasePositionAndOrientation(self.pusher, **self.on)[0])
 
-    def run(self, t: np.ndarray) -> Rollout:
+    def run(self, t: np.ndarray, push: Push | None) -> Rollout:
         """Steps through the times t (n,) s."""
         poses, places, step = [], [], 0
         for time in t:
             for _ in range(round(time / self.dt) - step):
-                if self.push is not None:
-                    # Upwards: what gravity adds within the step.
-                    velocity = self.push.motion.average_velocity(step, self.dt) + np.array(
-                        [0.0, 0.0, GRAVITY * self.dt]
-                    )
-                    pybullet.resetBaseVelocity(self.pusher, velocity.tolist(), [0.0] * 3, **self.on)
-                pybullet.stepSimulation(**self.on)
+                self.step(np.zeros(3) if push is None else push.motion.average_velocity(step, self.dt))
                 step += 1
-            poses.append(self._pose())
-            places.append(self._pusher_place())
+            poses.append(self.pose())
+            places.append(self.pusher_place())
         return Rollout(t, poses, np.array(places))
+
+
+class PokedScene:
+    """Floor, object and a pusher that goes anywhere, in a server of its own; see MuJoCo's.
+
+    Attributes:
+        p_WP: (3,) m, world: position of the pusher.
+    """
+
+    def __init__(self, thing: Thing, theta: Theta, X_WO: RigidTransform, shape: PusherShape, p_WP: np.ndarray) -> None:
+        """Makes the scene, at rest."""
+        self._client = pybullet.connect(pybullet.DIRECT)
+        self._scene = _Scene(self._client, thing, theta, X_WO, (shape, p_WP))
+
+    def __del__(self) -> None:
+        """Ends the server."""
+        pybullet.disconnect(self._client)
+
+    def advance(self, v_WP: np.ndarray, seconds: float) -> None:
+        """Goes on while the pusher has a velocity (3,) m/s, world."""
+        for _ in range(round(seconds / self._scene.dt)):
+            self._scene.step(v_WP)
+
+    @property
+    def p_WP(self) -> np.ndarray:  # noqa: D102  # an attribute of the class
+        return self._scene.pusher_place()
+
+    @property
+    def object_state(self) -> np.ndarray:
+        """State (13,): q_WO wxyz, p_WO [m], angular velocity [rad/s] and velocity of the origin [m/s], world."""
+        X_WO = self._scene.pose()
+        return np.concatenate([X_WO.rotation().ToQuaternion().wxyz(), X_WO.translation(), *self._scene.velocity()])
 
 
 def _hulls_obj(thing: Thing, theta: Theta) -> str:

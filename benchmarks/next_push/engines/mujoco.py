@@ -11,6 +11,8 @@ points at a time, and without friction on the floor it does not. Half the time s
 1.8 degrees; a time constant of 0.1 ms instead of 1 ms changes the first push of t_mujoco by 9.5 mm and 13 degrees.
 """
 
+from dataclasses import dataclass
+
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 import trimesh
@@ -20,6 +22,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, Rollout, Theta
 from benchmarks.next_push.objects import Thing
 from benchmarks.next_push.pushes import Push
+from pinwm_drake.capture.scene import PusherShape
 
 _STEPS_PER_LOG = 17  # 1/4080 s
 _PUSHER_MASS = 1e3  # kg
@@ -40,7 +43,8 @@ def roll_out(thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None
         push: What the pusher does; None for no pusher.
         t: (n,) s, increasing from 0, multiples of 1 / `LOG_RATE`.
     """
-    model, data = make_model(thing, theta, X_WO, push)
+    tip = None if push is None else Tip(push.shape, push.motion.p_WP, (push.motion.direction_W,))
+    model, data = make_model(thing, theta, X_WO, tip)
     dt = model.opt.timestep
     poses, places = [], []
     step = 0
@@ -51,15 +55,60 @@ def roll_out(thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None
                 data.qpos[7], data.qvel[6] = here, (there - here) / dt
             mujoco.mj_step(model, data)
             step += 1
-        q = data.qpos[3:7] / np.linalg.norm(data.qpos[3:7])
-        poses.append(RigidTransform(RotationMatrix(Quaternion(wxyz=q)), data.qpos[:3].copy()))
+        poses.append(_pose(data))
         way = 0.0 if push is None else data.qpos[7]
         places.append(np.zeros(3) if push is None else push.motion.p_WP + way * push.motion.direction_W)
     return Rollout(np.asarray(t), poses, np.array(places))
 
 
+@dataclass(frozen=True, eq=False)
+class Tip:
+    """A pusher on slide joints.
+
+    Attributes:
+        shape: Its shape, upright.
+        p_WP: (3,) m, world: where it is at first.
+        axes: Directions (3,) of its joints, world.
+    """
+
+    shape: PusherShape
+    p_WP: np.ndarray
+    axes: tuple[np.ndarray, ...]
+
+
+class PokedScene:
+    """Floor, object and a pusher that goes anywhere, as `systems.envs` has them: goes on by velocities of the pusher.
+
+    Attributes:
+        p_WP: (3,) m, world: position of the pusher.
+    """
+
+    def __init__(self, thing: Thing, theta: Theta, X_WO: RigidTransform, shape: PusherShape, p_WP: np.ndarray) -> None:
+        """Makes the scene, at rest."""
+        self._start = np.array(p_WP, float)
+        self._model, self._data = make_model(thing, theta, X_WO, Tip(shape, self._start, tuple(np.eye(3))))
+
+    def advance(self, v_WP: np.ndarray, seconds: float) -> None:
+        """Goes on while the pusher has a velocity (3,) m/s, world."""
+        data, dt = self._data, self._model.opt.timestep
+        for _ in range(round(seconds / dt)):
+            data.qvel[6:9] = v_WP
+            mujoco.mj_step(self._model, data)
+
+    @property
+    def p_WP(self) -> np.ndarray:  # noqa: D102  # an attribute of the class
+        return self._start + self._data.qpos[7:10]
+
+    @property
+    def object_state(self) -> np.ndarray:
+        """State (13,): q_WO wxyz, p_WO [m], angular velocity [rad/s] and velocity of the origin [m/s], world."""
+        X_WO, v = _pose(self._data), self._data.qvel
+        q_WO = X_WO.rotation().ToQuaternion().wxyz()
+        return np.concatenate([q_WO, X_WO.translation(), X_WO.rotation() @ v[3:6], v[:3]])
+
+
 def make_model(
-    thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None
+    thing: Thing, theta: Theta, X_WO: RigidTransform, tip: Tip | None
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Scene of a push, at its start."""
     q, p = X_WO.rotation().ToQuaternion().wxyz(), X_WO.translation()
@@ -68,11 +117,12 @@ def make_model(
     inertia = _text([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]])
     pairs = [_pair("floor", name, theta.friction_floor) for name in standing]
     pusher = ""
-    if push is not None:
-        shape, start = push.shape, push.motion.p_WP
+    if tip is not None:
+        shape = tip.shape
+        joints = "".join(f'<joint type="slide" axis="{_text(axis)}"/>' for axis in tip.axes)
         size = f"{shape.radius}" if shape.kind == "sphere" else f"{shape.radius} {shape.length / 2}"
         pairs += [_pair("pusher", name, theta.friction_pusher) for name in names]
-        pusher = f"""<body pos="{_text(start)}"><joint type="slide" axis="{_text(push.motion.direction_W)}"/>
+        pusher = f"""<body pos="{_text(tip.p_WP)}" gravcomp="1">{joints}
           <inertial pos="0 0 0" mass="{_PUSHER_MASS}" diaginertia="1 1 1"/>
           <geom name="pusher" type="{shape.kind}" size="{size}"/></body>"""
     xml = f"""<mujoco>
@@ -94,6 +144,11 @@ def make_model(
     data = mujoco.MjData(model)
     mujoco.mj_resetData(model, data)
     return model, data
+
+
+def _pose(data: mujoco.MjData) -> RigidTransform:
+    q = data.qpos[3:7] / np.linalg.norm(data.qpos[3:7])
+    return RigidTransform(RotationMatrix(Quaternion(wxyz=q)), data.qpos[:3].copy())
 
 
 def _object_geoms(thing: Thing, theta: Theta) -> tuple[list[str], list[str], list[str], list[str]]:

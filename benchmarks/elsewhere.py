@@ -1,0 +1,121 @@
+"""A policy in engines that are not ours: episodes in MuJoCo or Bullet, with images by Drake's VTK.
+
+    python -m benchmarks.elsewhere POLICY [--scene SCENE] [--engine ENGINE ...] [--episodes N] [--start S]
+
+Starts, observations, success and the pusher's box are those of `pinwm evaluate POLICY --scene SCENE`; object, floor and
+pusher move in the other engine, with the scene's theta and the object's convex pieces.
+"""
+
+import argparse
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from benchmarks import timing
+
+timing.limit_threads(1)  # before numba and torch are imported
+
+from pydrake.common.eigen_geometry import Quaternion  # noqa: E402
+from pydrake.math import RigidTransform, RotationMatrix  # noqa: E402
+
+from benchmarks.next_push.engines import bullet, mujoco  # noqa: E402
+from benchmarks.next_push.engines.rollout import Theta  # noqa: E402
+from benchmarks.next_push.objects import StandingAnyhow  # noqa: E402
+from pinwm_drake.experiments.evaluation.contestant import read_contestant, usual_scene  # noqa: E402
+from pinwm_drake.experiments.evaluation.request import EvaluateRequest  # noqa: E402
+from pinwm_drake.geometry.stored_pieces import mesh_pieces  # noqa: E402
+from pinwm_drake.learning.evaluation import EpisodeResult, evaluate  # noqa: E402
+from pinwm_drake.learning.spec import PolicySpec  # noqa: E402
+from pinwm_drake.systems.envs.observation import Observer  # noqa: E402
+from pinwm_drake.systems.envs.policy_scene import spec_environment  # noqa: E402
+from pinwm_drake.systems.envs.worlds import progress_info  # noqa: E402
+from pinwm_drake.systems.scenario.start import Place  # noqa: E402
+from pinwm_drake.systems.sdf.twin import twin_solid  # noqa: E402
+
+ENGINES = {"mujoco": mujoco.PokedScene, "bullet": bullet.PokedScene}
+
+
+class ElsewhereEnv(gymnasium.Env):
+    """Environment of a policy whose physics is another engine's; as `TaskEnv` in all else."""
+
+    def __init__(self, spec: PolicySpec, scene: str, engine: str) -> None:
+        self.env, self._engine = spec_environment(spec, scene, "point"), engine  # for starts and images
+        self.observation_space, self.action_space = self.env.observation_space, self.env.action_space
+        setup = self.env.setup
+        self._observer = Observer(setup, "state" if spec.observes == "state" else "rgb", spec.frames)
+        twin, solid = setup.twin, twin_solid(setup.twin)
+        theta = {name: one.value for name, one in twin.theta.items()}
+        self._theta = Theta(
+            solid.mass, theta["friction_floor"], theta["friction_pusher"], solid.p_OB, solid.inertia, np.zeros((0, 3))
+        )
+        hulls = tuple(np.asarray(piece.vertices) for piece in mesh_pieces(twin.mesh_path))
+        self._thing = StandingAnyhow(twin.name, twin.mesh_path, twin.mesh_path, (), hulls)
+        pusher = setup.scenario.pusher
+        self._box, self._horizon = (np.array(pusher.low), np.array(pusher.high)), float(pusher.horizon)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        """Begins the episode that `TaskEnv` begins with this seed."""
+        super().reset(seed=seed)
+        _, info = self.env.reset(seed=seed)
+        q, p = np.split(self.env.run.object_state[0, :7], [4])
+        X_WO = RigidTransform(RotationMatrix(Quaternion(wxyz=q / np.linalg.norm(q))), p)
+        shape = self.env.setup.twin.pusher.shape
+        assert shape is not None
+        self._scene = ENGINES[self._engine](self._thing, self._theta, X_WO, shape, self.env.run.p_WP[0].copy())
+        self._steps = 0
+        if self._observer.needs_images:
+            self._observer.begin(np.arange(1), self.env.run.images())
+        return self._observe(), info
+
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Goes on by one action (n,) in [-1, 1]^n; there is no reward."""
+        scene, run = self._scene, self.env.run
+        d_W = self.env.task.translation(np.asarray(action)[None], run.max_translation)[0]
+        here = scene.p_WP
+        scene.advance((np.clip(here + d_W, *self._box) - here) / self._horizon, self._horizon)
+        self._steps += 1
+        q, p = np.split(scene.object_state[:7], [4])
+        run.place(Place(RigidTransform(RotationMatrix(Quaternion(wxyz=q)), p), scene.p_WP))
+        if self._observer.needs_images:
+            self._observer.see(run.images())
+        progress = self.env.task.measure(scene.object_state[None], scene.p_WP[None])
+        info = progress_info(progress, 0) | {"step": self._steps, "engine": self._engine}
+        return self._observe(), 0.0, info["success"], self._steps >= self.env.max_steps, info
+
+    def _observe(self) -> Any:
+        seen = self._observer.observe(self._scene.object_state[None], self._scene.p_WP[None])
+        return {name: rows[0] for name, rows in seen.items()} if isinstance(seen, dict) else seen[0]
+
+
+def main() -> None:
+    """Prints the successes of each engine."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("policy", help="a folder of a policy or bundle, or one that ships")
+    parser.add_argument("--scene", help="that of the policy's task and object")
+    parser.add_argument("--engine", nargs="+", choices=sorted(ENGINES), default=sorted(ENGINES))
+    parser.add_argument("--episodes", type=int, default=100)
+    parser.add_argument("--start", type=int, default=0, help="seed of the first episode")
+    given = parser.parse_args()
+    contestant = read_contestant(EvaluateRequest(given.policy))
+    assert contestant.spec is not None, "a policy or bundle is meant"
+    scene = given.scene or usual_scene(given.policy, None)
+    for engine in given.engine:
+        env = ElsewhereEnv(contestant.spec, scene, engine)
+        policy, seeds = contestant.make(env.env), range(given.start, given.start + given.episodes)
+        found = evaluate(env, policy, seeds, progress=lambda one, engine=engine: tell(engine, one))
+        low, high = found.interval
+        print(
+            f"{engine}: {found.successes} of {found.episodes} ({100 * low:.1f} to {100 * high:.1f} %), "
+            f"{found.mean_steps:.1f} actions"
+        )
+
+
+def tell(engine: str, one: EpisodeResult) -> None:
+    """Prints an episode that failed."""
+    if not one.success:
+        print(f"{engine}, seed {one.seed}: {one.distance:.3f} m, {one.angle:.2f} rad at the end", flush=True)
+
+
+if __name__ == "__main__":
+    main()
