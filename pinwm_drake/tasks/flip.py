@@ -30,7 +30,8 @@ class FlipTask(Task):
                  phi = 2 d_r + 2 max(0, reach - 0.1)    with the pusher's distance `reach` [m] in space,
                  worth = 1 up to `room` from the middle of the floor, 0 from twice that on, and linear between
 
-    An object that is slapped over flies or rolls off in most engines and on most tables, and out of the camera's view.
+    An object that is slapped over spins, flies or rolls off, differently in each engine and on each table, and out of
+    the camera's view.
 
     The state, float32 (18), each within [-20, 20], world axes:
 
@@ -67,7 +68,15 @@ class FlipTask(Task):
     heading: ClassVar[int | None] = 15
     level_vectors: ClassVar[tuple[int, ...]] = (0, 3, 6, 9, 12, 15)
     algorithm: ClassVar[str] = "ppo"
+    disturbance: ClassVar[float] = 0.1  # one action of random ones ends 0.1 rad from where another engine has it
     waypoints: ClassVar[bool] = True  # chance hardly ever turns an object over
+    # Down to its foot, then up along its side as fast as may be: friction lifts it.
+    manoeuvre: ClassVar[tuple[tuple[float, float, float], ...]] = (
+        (-0.028, 0.0, -0.05),
+        (0.0, 0.0, -0.03),
+        (-0.065, 0.0, 0.1),
+        (-0.02, 0.0, 0.09),
+    )
 
     up: tuple[float, float, float] = (0.0, 0.0, -1.0)
     side: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -59,7 +59,11 @@ class Task(ABC):
             at any yaw: policies see and act along that way. None where directions of the world matter.
         level_vectors: Indices in the state of the x of each vector, whose y follows, where there is a heading.
         algorithm: Name of the algorithm that a teacher learns with: "sac" or "ppo".
+        disturbance: Standard deviation of what training adds to the object's velocities after each action, in shares of
+            them: as far as engines differ, where little things have other outcomes.
         waypoints: Flag: most episodes of a training begin in states of plans, as chance hardly ever succeeds.
+        manoeuvre: Translations (n, 3) m of the pusher that more or less do the task from a start with the pusher along
+            x from the object: a first guess for the search of such plans, where there are any.
     """
 
     name: ClassVar[str]
@@ -73,7 +77,9 @@ class Task(ABC):
     heading: ClassVar[int | None] = None
     level_vectors: ClassVar[tuple[int, ...]] = ()
     algorithm: ClassVar[str] = "sac"
+    disturbance: ClassVar[float] = 0.0
     waypoints: ClassVar[bool] = False
+    manoeuvre: ClassVar[tuple[tuple[float, float, float], ...]] = ()
 
     @abstractmethod
     def measure(self, object_state: np.ndarray, p_WP: np.ndarray) -> Progress:

@@ -70,16 +70,16 @@ class StationRun:
         """Puts object and pusher of a world into place, at rest."""
         self.station.SetPlace(self._context, place, world)
 
-    def set_world_state(self, object_state: np.ndarray, p_WP: np.ndarray, world: int) -> None:
-        """Sets the state of object and pusher in one of the twin's worlds.
+    def set_world_state(self, object_state: np.ndarray, p_WP: np.ndarray, world: int | None = None) -> None:
+        """Sets the state of object and pusher in one of the twin's worlds, or in all of them.
 
         Args:
-            object_state: (13,) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
-            p_WP: (3,) m, world: position of the pusher.
-            world: Index of the world.
+            object_state: (13,) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world; (W, 13) of all worlds.
+            p_WP: (3,) m, world: position of the pusher; (W, 3) of all worlds.
+            world: Index of the world; None for all.
         """
         model, object_state = self._world_model, object_state.copy()
-        object_state[:4] /= np.linalg.norm(object_state[:4])
+        object_state[..., :4] /= np.linalg.norm(object_state[..., :4], axis=-1, keepdims=True)
         model.SetState(model.GetMyMutableContextFromRoot(self._context), object_state, p_WP, world)
 
     def set_domain(self, domain: Domain, world: int, *, colours: bool = True) -> None:

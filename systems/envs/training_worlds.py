@@ -131,6 +131,7 @@ class TrainingWorlds:
             "task": setup.task.to_document(),
             **domains.about(),
             "start_yaw": list(setup.scenario.start.yaw),
+            "disturbance": setup.task.disturbance,
         }
 
     @property
@@ -143,7 +144,7 @@ class TrainingWorlds:
         task = self.setup.task.for_training()
         options = dataclasses.replace(self.options, observation=observation, task=task)
         env = TaskVecEnv(self.setup, self._num_worlds, options, domain=self.pool)
-        env.worlds.waypoints = self.waypoints
+        env.worlds.waypoints, env.worlds.disturbance = self.waypoints, task.disturbance
         return env
 
     def spec(self, observes: Observes) -> PolicySpec:

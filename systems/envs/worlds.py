@@ -71,6 +71,8 @@ class Worlds:
         observation_space: Observation space of one world.
         waypoints: States in which most episodes of a training begin, so that all of the way to the goal is met; none at
             first, and none within `usual_starts`.
+        disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
+            0 at first.
         domain: Called with a world's index before it begins an episode; gives the theta and colours of that episode, or
             None to leave them. Colours are not asked for where no images are seen.
     """
@@ -107,7 +109,7 @@ class Worlds:
         self.engine = self.run.station.engine.name
         self._observer = Observer(self.setup, options.observation, options.frames)
         self.observation_space = self._observer.space
-        self._start, self.waypoints = StartDistribution(self.setup), Waypoints()
+        self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
         self._steps = np.zeros(num_worlds, int)
         self._random = [seeding.np_random(None)[0] for _ in range(num_worlds)]
         self._take_state()
@@ -191,8 +193,7 @@ class Worlds:
             object_state: (W, 13) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
             p_WP: (W, 3) m, world: positions of the pushers.
         """
-        for world in range(self.num_worlds):
-            self.run.set_world_state(object_state[world], p_WP[world], world)
+        self.run.set_world_state(object_state, p_WP)
         self._steps[:] = 0
         self._take_state()
 
@@ -210,6 +211,8 @@ class Worlds:
         before = self._progress
         self._steps += 1
         failures = self._advance(actions)
+        if self.disturbance:
+            self._disturb()
         progress, failed = self._progress, np.zeros(self.num_worlds, bool)
         failed[list(failures)] = True
         terminated = progress.success & ~failed
@@ -270,6 +273,15 @@ class Worlds:
             self.run.set_world_state(last[0][world], last[1][world], world)
         self._take_state()
         return failures
+
+    def _disturb(self) -> None:
+        """Changes the velocities of the twin's objects by chance, each as far as it is fast."""
+        object_state = self._object_state.copy()
+        noise = np.array([generator.normal(0.0, self.disturbance, (2, 3)) for generator in self._random])
+        velocities = object_state[:, 7:].reshape(-1, 2, 3)  # a view
+        velocities += noise * np.linalg.norm(velocities, axis=2, keepdims=True)
+        self.run.set_world_state(object_state, self._p_WP)
+        self._take_state()
 
     def _stay(self, last: tuple[np.ndarray, np.ndarray], failures: dict[int, str]) -> dict[int, str]:
         """Leaves the only world in the state before an action that failed, (1, 13) and (1, 3) m; gives the failures."""

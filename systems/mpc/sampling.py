@@ -4,11 +4,13 @@ Source: cross-entropy method with elites that are kept, noise that is correlated
     Pinneri et al., "Sample-efficient cross-entropy method for real-time planning" (iCEM, CoRL 2020).
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pydrake.math import RotationMatrix
 
 from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.systems.envs.options import EnvOptions
@@ -17,6 +19,7 @@ from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.tasks import Task
 
+_MANOEUVRES = 0.5  # share of a first round's sequences that are like the task's manoeuvre
 _FAILURE = 10.0  # cost of a sequence that the physics finds no solution for
 
 
@@ -120,6 +123,7 @@ class SamplingMpc:
         self.worlds = Worlds(setup, "twin", self.options.samples, settings)
         self.task = self.worlds.task
         self._random = np.random.default_rng(self.options.seed)
+        self._manoeuvre = self._as_actions(self.task.manoeuvre)
         place = StartDistribution(self.worlds.setup).middle()
         self._usual = place.object_state, place.p_WP
 
@@ -132,6 +136,8 @@ class SamplingMpc:
         like: np.ndarray | None = None,
     ) -> ActionPlan:
         """The best sequence of actions that is found.
+
+        A part of the first round's sequences are like the manoeuvre of the task, where there is one.
 
         Args:
             object_state: (13,) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world; a component that is NaN is that of
@@ -156,6 +162,10 @@ class SamplingMpc:
         while left > 0:
             drawn = np.clip(mean + spread * self._noise(n), -1.0, 1.0)
             drawn[: len(kept)] = kept
+            if best is None and self._manoeuvre is not None:
+                known = self._manoeuvre @ self.turn(object_state, p_WP).T
+                part = drawn[-round(_MANOEUVRES * options.samples) :]
+                part[:] = np.clip(known + 0.5 * options.spread * self._noise(n)[: len(part)], -1.0, 1.0)
             values, successes = self._values(drawn, object_state, p_WP)
             order = np.argsort(-values, kind="stable")[: options.elites]
             elites, first = drawn[order], order[0]
@@ -169,9 +179,31 @@ class SamplingMpc:
         assert best is not None
         return best
 
+    def turn(self, object_state: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
+        """Turn (n, n) of actions from x to the way from object to pusher; none where the task minds its yaw.
+
+        Args:
+            object_state: (13,), as for `plan`.
+            p_WP: (3,) m, world: position of the pusher.
+        """
+        away = p_WP - object_state[4:7]
+        yaw = 0.0 if self.task.heading is None else math.atan2(away[1], away[0])
+        axes = self.task.axis_indices
+        turn: np.ndarray = RotationMatrix.MakeZRotation(yaw).matrix()[np.ix_(axes, axes)]
+        return turn
+
     def reseed(self, seed: int | Sequence[int]) -> None:
         """Draws from now on as a planner does that was made with this seed."""
         self._random = np.random.default_rng(seed)
+
+    def _as_actions(self, manoeuvre: Sequence[Sequence[float]]) -> np.ndarray | None:
+        """Actions (horizon, n) of translations [m]; None where there are none."""
+        if not manoeuvre:
+            return None
+        actions = np.zeros((self.options.horizon, self.task.action_size))
+        d_W = np.array(manoeuvre)[: len(actions)]
+        actions[: len(d_W)] = np.clip(d_W[:, self.task.axis_indices] / self.worlds.run.max_translation, -1.0, 1.0)
+        return actions
 
     def _noise(self, n: int) -> np.ndarray:
         """Noise (samples, horizon, n) of unit variance, correlated over time."""

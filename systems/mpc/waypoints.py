@@ -1,6 +1,5 @@
 """Waypoints of a planner's plans, for trainings of tasks that chance hardly ever does."""
 
-import math
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -8,7 +7,6 @@ from math import nan as NAN
 from pathlib import Path
 
 import numpy as np
-from pydrake.math import RotationMatrix
 
 from pinwm_drake.checkpoints import read_arrays
 from pinwm_drake.errors import require
@@ -34,7 +32,6 @@ class WaypointOptions:
         share: Share of a plan's replays with success from which it counts as robust; the search ends with `plans` of
             them.
         noise: Standard deviation of the noise on the actions of a replay, in units of an action.
-        speed: Longest translation of a plan's actions, in units of an action: slow ways to the goal bear more noise.
         planner: Options of the planner.
 
     Raises:
@@ -43,16 +40,14 @@ class WaypointOptions:
 
     attempts: int = 30
     plans: int = 2
-    share: float = 0.3
+    share: float = 0.35
     noise: float = 0.05
-    speed: float = 0.6
     planner: SamplingOptions = field(default_factory=lambda: SamplingOptions(horizon=12, first_iterations=15))
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
         for name in ("attempts", "plans"):
             require(name, getattr(self, name), getattr(self, name) >= 1, "1 or more")
-        require("speed", self.speed, 0.0 < self.speed <= 1.0, "more than 0, up to 1")
         for name in ("share", "noise"):
             require(name, getattr(self, name), 0.0 <= getattr(self, name) <= 1.0, "0 to 1")
 
@@ -123,8 +118,7 @@ class _Search:
         self._options, self._seed, self._begin = options, seed, worlds.begin
         self._replays: Worlds = worlds.worlds("state").worlds
         setup = self._replays.setup
-        longest = options.speed * self._replays.run.max_translation
-        self._planner = SamplingMpc(setup, worlds.setup.task, longest, options.planner)
+        self._planner = SamplingMpc(setup, worlds.setup.task, self._replays.run.max_translation, options.planner)
         self._start = StartDistribution(setup)
         self._plans: list[_Plan] = []  # the most robust one first
 
@@ -169,7 +163,7 @@ class _Search:
         generator = np.random.default_rng([self._seed, number])
         self._planner.reseed([self._seed, number, 1])
         place = self._start.draw(generator)
-        turn = self._turn(place)
+        turn = self._planner.turn(place.object_state, place.p_WP)
         # Two of three are like the best one so far, from another start: the most robust one of them is kept again.
         like = self._plans[0].actions @ turn.T if self._plans and number % 3 else None
         plan = self._planner.plan(place.object_state, place.p_WP, like=like)
@@ -180,21 +174,13 @@ class _Search:
         if replayed.share > 0.0:
             self._plans = sorted([*self._plans, replayed], key=lambda one: -one.share)[: self._options.plans]
 
-    def _turn(self, place: Place) -> np.ndarray:
-        """Turn (n, n) of actions from x to the way from object to pusher, where the task is the same at any yaw."""
-        away = place.p_WP - place.X_WO.translation()
-        yaw = 0.0 if self._planner.task.heading is None else math.atan2(away[1], away[0])
-        axes = self._planner.task.axis_indices
-        turn: np.ndarray = RotationMatrix.MakeZRotation(yaw).matrix()[np.ix_(axes, axes)]
-        return turn
-
     def _replay(self, plan: ActionPlan, place: Place, generator: np.random.Generator, actions: np.ndarray) -> _Plan:
         """The states, until the task was done, of those replays of a plan from a place that did it."""
         worlds, W = self._replays, self._replays.num_worlds
         worlds.begin(np.arange(W))  # for the domains
         worlds.set_object_states(np.tile(place.object_state, (W, 1)), place.p_WP + generator.normal(0.0, _SLIP, (W, 3)))
         noise = generator.normal(0.0, self._options.noise, (W, *plan.actions.shape))
-        wanted = worlds.task.translation(plan.actions, self._options.speed)[:, worlds.task.axis_indices]
+        wanted = worlds.task.translation(plan.actions, 1.0)[:, worlds.task.axis_indices]
         seen, went, success = [_states(worlds)], [], np.zeros(W, bool)
         for going, out in carried_out(worlds, np.clip(wanted + noise, -1.0, 1.0)):
             seen.append(_states(worlds))

@@ -154,3 +154,20 @@ def test_episodes_of_a_training_begin_at_waypoints_too_and_those_of_its_evaluati
     env.set_options({"p_WP": np.array([0.2, 0.0, 0.1])})  # what is asked for is given
     env.reset()
     np.testing.assert_allclose(env.worlds.run.p_WP, [[0.2, 0.0, 0.1]] * 16, atol=1e-6)
+
+
+def test_velocities_in_a_training_of_flips_are_disturbed_in_shares_of_themselves():
+    worlds = TrainingWorlds("flip_cube", training_options(image_size=16), num_worlds=256, domains=CousinDomains(0.0))
+    env = worlds.worlds("state").worlds
+    env.reset([*range(256)])
+    sliding = np.zeros((256, 13))
+    sliding[:, 0], sliding[:, 6], sliding[:, 10] = 1.0, env.task.height, 0.5
+    sliding[:128, 10] = 0.0  # the others rest
+    env.set_object_states(sliding, np.tile([0.2, 0.2, 0.1], (256, 1)))
+    env.advance(np.zeros((256, 3)))
+    v = env.run.object_state[:, 10:13]
+    assert np.abs(v[:128]).max() < 1e-3
+    slower = 0.5 - 0.1 * 9.81 * env.setup.twin.theta["friction_floor"].value
+    assert v[128:].mean(0) == pytest.approx([slower, 0.0, 0.0], abs=0.02)
+    assert v[128:].std(0) == pytest.approx(np.full(3, 0.1 * slower), rel=0.2)
+    assert TrainingWorlds("push_t", num_worlds=1).worlds("state").worlds.disturbance == 0.0

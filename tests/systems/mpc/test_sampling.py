@@ -50,6 +50,25 @@ def test_a_plan_keeps_what_it_promises(cube):
     assert sum(rewards) == pytest.approx(plan.value, abs=1e-3)
 
 
+def test_the_first_sequences_of_a_plan_have_the_manoeuvre_along_the_way_from_pusher_to_object(cube, monkeypatch):
+    planner = SamplingMpc(cube, options=SamplingOptions(samples=400, horizon=3, first_iterations=1))
+    tried = []
+
+    def values(actions, object_state, p_WP):
+        tried.append(actions)
+        return np.zeros(len(actions)), np.zeros(len(actions), bool)
+
+    monkeypatch.setattr(planner, "_values", values)
+    state = np.array([1, 0, 0, 0, 0, 0, 0.03, *np.zeros(6)], float)
+    for away, along in (([0.1, 0, 0.03], [1.0, 0.0]), ([0, 0.1, 0.03], [0.0, 1.0]), ([-0.06, -0.06, 0.03], [-0.71, -0.71])):
+        planner.plan(state, np.array(away))
+        third = tried.pop()[200:, 2].mean(0)  # up along the object's side
+        assert third[:2] == pytest.approx(-0.6 * np.array(along), abs=0.1)
+        assert third[2] > 0.7
+    planner.plan(state, np.array([0.1, 0, 0.03]), like=np.zeros((3, 3)))
+    assert np.abs(tried.pop()[:200].mean(0)).max() < 0.1
+
+
 def test_more_rounds_find_no_worse_plans(cube):
     env = TaskEnv(cube, "twin", COARSE)
     state, p_WP = env.task.object_state(np.asarray(env.reset(seed=2)[0])[None])

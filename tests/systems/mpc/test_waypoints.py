@@ -64,7 +64,7 @@ def test_an_interrupted_search_goes_on_with_the_same_result(worlds, found, tmp_p
         find_waypoints(worlds, tmp_path, QUICK, seed=4, resume=True)
 
 
-@pytest.mark.parametrize("wrong", [{"attempts": 0}, {"plans": 0}, {"share": 1.5}, {"noise": -0.1}, {"speed": 0.0}])
+@pytest.mark.parametrize("wrong", [{"attempts": 0}, {"plans": 0}, {"share": 1.5}, {"noise": -0.1}])
 def test_options_out_of_range_are_refused(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         WaypointOptions(**wrong)
