@@ -60,7 +60,11 @@ def test_the_first_sequences_of_a_plan_have_the_manoeuvre_along_the_way_from_pus
 
     monkeypatch.setattr(planner, "_values", values)
     state = np.array([1, 0, 0, 0, 0, 0, 0.03, *np.zeros(6)], float)
-    for away, along in (([0.1, 0, 0.03], [1.0, 0.0]), ([0, 0.1, 0.03], [0.0, 1.0]), ([-0.06, -0.06, 0.03], [-0.71, -0.71])):
+    for away, along in (
+        ([0.1, 0, 0.03], [1.0, 0.0]),
+        ([0, 0.1, 0.03], [0.0, 1.0]),
+        ([-0.06, -0.06, 0.03], [-0.71, -0.71]),
+    ):
         planner.plan(state, np.array(away))
         third = tried.pop()[200:, 2].mean(0)  # up along the object's side
         assert third[:2] == pytest.approx(-0.6 * np.array(along), abs=0.1)
