@@ -9,6 +9,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from pinwm_drake.learning.evaluation import Acts
 from pinwm_drake.learning.progress import Report
 from pinwm_drake.learning.spec import Observes, PolicySpec
+from pinwm_drake.tasks.waypoints import Waypoints
 
 Observation = Literal["state", "rgb", "rgb_state"]
 
@@ -32,6 +33,10 @@ class MakeWorlds(Protocol):
     @property
     def about(self) -> dict[str, object]:
         """Description of scene, task and domains as JSON takes it: checkpoints of other ones are refused."""
+
+    @property
+    def waypoints(self) -> Waypoints:
+        """States in which most episodes begin beside the scene's starts, and what is to be done there; maybe none."""
 
     def worlds(self, observation: Observation) -> VecEnv:
         """Worlds with the rewards of training, in one vectorised environment."""

@@ -40,6 +40,7 @@ class StatePpo:
             out / TEACHER,
             self.options,
             stage=TEACHER,
+            shown=make_worlds.waypoints,
             **_common(make_worlds, seed, resume, report),
         )
         write_policy(out / TEACHER / "policy", policy)

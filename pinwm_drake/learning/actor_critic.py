@@ -13,9 +13,12 @@ from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor, nn
+from torch.nn.functional import cross_entropy
 
-from pinwm_drake.learning.actors import LEVELS, Seen
+from pinwm_drake.learning.actors import LEVELS, Seen, level_shares
 from pinwm_drake.learning.images.augment import Augment
+
+_RATE, _BATCH = 1e-3, 256  # of imitation
 
 
 class _AsSeen(BaseFeaturesExtractor):
@@ -109,6 +112,27 @@ class ActorCritic(ActorCriticPolicy):
         head: Any = self.action_net
         self._actor.head.load_state_dict(head.state_dict())
         return self._actor
+
+    def imitate(self, state: Tensor, action: Tensor, *, updates: int, seed: int) -> None:
+        """Trains the actor, one of the state, to act as it is shown.
+
+        Source: behaviour cloning, Pomerleau, "ALVINN" (NIPS 1988).
+
+        Args:
+            state: (B, state_size) float32, of the world's axes.
+            action: (B, n) float32 in [-1, 1], along the world's axes.
+            updates: Number of updates.
+            seed: Seed of the batches.
+        """
+        shares = level_shares(self._actor.heading.along(action, state))
+        layers = [*self._actor.body.parameters(), *self.action_net.parameters()]
+        optimizer, generator = torch.optim.Adam(layers, lr=_RATE), torch.Generator().manual_seed(seed)
+        for _ in range(updates):
+            rows = torch.randint(len(state), (_BATCH,), generator=generator)
+            logits = self.action_net(self.mlp_extractor.forward_actor(state[rows])).unflatten(1, shares.shape[1:])
+            optimizer.zero_grad()
+            cross_entropy(logits.flatten(0, 1), shares[rows].flatten(0, 1)).backward()
+            optimizer.step()
 
 
 def _size(env: VecEnv) -> int:

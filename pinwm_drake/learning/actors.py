@@ -38,6 +38,14 @@ def chosen(logits: Tensor) -> Tensor:
     return actions
 
 
+def level_shares(action: Tensor) -> Tensor:
+    """Shares (B, n, len(LEVELS)) of the levels next to each component of actions (B, n), whose mean it is."""
+    levels = torch.tensor(LEVELS, device=action.device)
+    spacing = LEVELS[1] - LEVELS[0]
+    shares: Tensor = (1.0 - (action.unsqueeze(-1) - levels).abs() / spacing).clamp(min=0.0)
+    return shares
+
+
 class StateActor(nn.Module):
     """Network from the state (B, state_size) to an action: two hidden layers and a head.
 

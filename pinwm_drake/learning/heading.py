@@ -52,6 +52,14 @@ class Heading(nn.Module):
         x, y, *others = (action / torch.linalg.vector_norm(action, dim=1, keepdim=True).clamp(min=1.0)).unbind(1)
         return torch.stack([c * x - s * y, s * x + c * y, *others], 1)
 
+    def along(self, action: Tensor, state: Tensor) -> Tensor:
+        """Actions (B, n) along and across the heading, of actions along the world's axes; the inverse of `action`."""
+        if self._pusher is None:
+            return action
+        c, s = self._direction(state)
+        x, y, *others = action.unbind(1)
+        return torch.stack([c * x + s * y, c * y - s * x, *others], 1)
+
     def _direction(self, state: Tensor) -> tuple[Tensor, Tensor]:
         """Cosine and sine (B,) of the yaw of the heading."""
         assert self._pusher is not None

@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+import torch
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -21,6 +23,7 @@ from pinwm_drake.learning.rounds import EVALUATION_SEED, OnRound, Rounds
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import pack, unpack
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from pinwm_drake.tasks.waypoints import Waypoints
 
 _NEVER = 1 << 30
 
@@ -45,6 +48,7 @@ class PpoOptions:
         entropy: Weight of the actions' entropy in the objective.
         value: Weight of the critic's loss in the objective; actor and critic share nothing but the bound of the
             gradient's norm.
+        imitation: Number of updates by the actions that are shown, where there are any.
         episodes: Number of episodes in an evaluation.
         patience: Number of rounds with hardly shorter episodes in their evaluation than one before them, which mostly
             succeeded, after which the training ends.
@@ -67,6 +71,7 @@ class PpoOptions:
     gain: float = 0.0
     entropy: float = 0.0
     value: float = 0.05
+    imitation: int = 500
     episodes: int = 128
     patience: int = 3
 
@@ -89,7 +94,7 @@ class PpoOptions:
 
     def __post_init__(self) -> None:
         """Checks the values."""
-        check_options(self, ("shift", "gain", "entropy"))
+        check_options(self, ("shift", "gain", "entropy", "imitation"))
 
 
 def train_ppo(
@@ -101,6 +106,7 @@ def train_ppo(
     stage: str,
     seed: int = 0,
     about: Mapping[str, object] | None = None,
+    shown: Waypoints | None = None,
     on_round: OnRound | None = None,
     resume: bool = False,
     report: Report = silent,
@@ -116,6 +122,8 @@ def train_ppo(
         stage: Name of the stage in progress and messages.
         seed: Seed of networks and worlds, 0 or more.
         about: Description of the worlds, as JSON takes it: a checkpoint with another one is refused.
+        shown: Actions in states, which a policy of the state imitates before it is trained; None, or none of them, to
+            begin with weights drawn at random.
         on_round: Called with a seed before worlds are reset at the beginning of a round, to draw its domains.
         resume: Flag: the training goes on from a checkpoint, where there is one.
         report: Called with the progress of the training.
@@ -135,6 +143,10 @@ def train_ppo(
     model = _model(env, spec, options, seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     networks = partial(pack, model.policy, model.policy.optimizer)
+    if shown is not None and len(shown):
+        state = torch.from_numpy(spec.task.state(shown.object_state, shown.p_WP))
+        action = torch.from_numpy(shown.action.astype(np.float32))
+        model.policy.imitate(state, action, updates=options.imitation, seed=seed)
     if rounds.number:
         unpack(rounds.arrays, model.policy, model.policy.optimizer)
     while not rounds.ended(options.patience):

@@ -1,4 +1,4 @@
-"""States on the way to a goal, in which episodes of a training begin."""
+"""States on the way to a goal, in which episodes of a training begin, and what a plan does there."""
 
 import hashlib
 from collections.abc import Mapping
@@ -15,23 +15,26 @@ _WORK = "waypoints"
 
 @dataclass(frozen=True, eq=False)
 class Waypoints:
-    """States from which a task was done.
+    """States from which a task was done, and how.
 
     Attributes:
         object_state: (n, 13) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
         p_WP: (n, 3) m, world: positions of the pusher.
+        action: (n, k) in [-1, 1], of norm 1 at most, along the task's axes.
     """
 
     object_state: np.ndarray = field(default_factory=lambda: np.zeros((0, 13)))
     p_WP: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    action: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __len__(self) -> int:
         """Number of states, n."""
         return len(self.p_WP)
 
     def digest(self) -> str | None:
-        """SHA-256 of the states, which tells waypoints apart; None without any."""
-        return hashlib.sha256(self.object_state.tobytes() + self.p_WP.tobytes()).hexdigest() if len(self) else None
+        """SHA-256 of states and actions, which tells waypoints apart; None without any."""
+        parts = (self.object_state, self.p_WP, self.action)
+        return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest() if len(self) else None
 
     def write(self, folder: Path, about: Mapping[str, object], **more: np.ndarray) -> None:
         """Writes them to a folder.

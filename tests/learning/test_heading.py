@@ -13,6 +13,7 @@ from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
 from pinwm_drake.learning.sac import SacOptions, train_sac
 from pinwm_drake.tasks import FlipTask, PushTask
+from pinwm_drake.tasks.waypoints import Waypoints
 from tests.learning.toy_worlds import toy_spec
 
 TASK = FlipTask(up=(0.0, 0.6, -0.8), side=(1.0, 0.2, 0.1))
@@ -76,6 +77,14 @@ def test_a_pusher_right_above_looks_along_x_and_other_tasks_have_no_heading():
     other = torch.randn(3, 11)
     assert Heading(PushTask()).state(other) is other
     assert Heading(PushTask()).action(other, other) is other
+
+
+def test_actions_are_told_along_the_heading_and_back():
+    states, p_WP = scenes(20)
+    state, action = torch.from_numpy(TASK.state(states, p_WP)), torch.rand(20, 3) / 2
+    heading = Heading(TASK)
+    np.testing.assert_allclose(heading.action(heading.along(action, state), state), action, atol=1e-6)
+    assert Heading(PushTask()).along(action, state) is action
 
 
 class Turntable(VecEnv):
@@ -207,3 +216,23 @@ def test_what_is_learned_at_some_yaws_is_known_at_all(tmp_path):
     with torch.no_grad():
         one, other = policy.actor(state).numpy(), policy.actor(turn).numpy()
     np.testing.assert_allclose(other, one @ RotationMatrix.MakeZRotation(2.0).matrix().T, atol=2e-5)
+
+
+def test_a_policy_begins_with_what_it_is_shown(tmp_path):
+    along = torch.tensor([[-0.5, 0.2, 0.1]])
+    options = PpoOptions(steps=128, round_steps=128, n_steps=16, batch_size=64, episodes=8, learning_rate=1e-9)
+
+    def shown(number, seed):
+        states, p_WP = scenes(number, seed)
+        state = torch.from_numpy(TASK.state(states, p_WP))
+        action = Heading(TASK).action(along.repeat(number, 1), state).numpy()
+        return Waypoints(states, p_WP, action), state
+
+    known, (other, state) = shown(500, 1)[0], shown(100, 2)
+    errors = []
+    for k, one in enumerate((known, known, Waypoints(), None)):
+        policy = train_ppo(Turntable(), flip_spec(), tmp_path / str(k), options, stage="teacher", shown=one)
+        errors.append(np.abs(policy.predict(state.numpy())[0] - other.action).max())
+    assert errors[0] < 0.1
+    assert errors[1] == errors[0]
+    assert errors[2] == errors[3] > 0.3

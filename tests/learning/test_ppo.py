@@ -8,7 +8,7 @@ import torch
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning import rounds
 from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
-from pinwm_drake.learning.actors import ImageActor, StateActor, chosen
+from pinwm_drake.learning.actors import LEVELS, ImageActor, StateActor, chosen, level_shares
 from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.policy import make_actor
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
@@ -28,6 +28,14 @@ def weights(policy):
 
 def same(a, b):
     return all(np.array_equal(a[name], b[name]) for name in a)
+
+
+def test_the_mean_of_the_levels_next_to_an_action_is_that_action():
+    action = torch.tensor([[-1.0, 1.0, 0.0], [0.2, -0.51, 1 / 3]])
+    shares = level_shares(action)
+    torch.testing.assert_close(shares.sum(-1), torch.ones(2, 3))
+    torch.testing.assert_close(shares @ torch.tensor(LEVELS), action)
+    assert ((shares > 1e-6).sum(-1) <= 2).all()
 
 
 def test_it_learns_from_the_state(tmp_path):

@@ -7,7 +7,7 @@ from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_op
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE, Waypoints
 
-QUICK = WaypointOptions(attempts=3, plans=2, share=1.0)
+QUICK = WaypointOptions(attempts=3, share=1.0, replays=2)
 
 
 @pytest.fixture(scope="module")
@@ -43,11 +43,26 @@ def test_its_file_holds_what_was_found_and_how_robust_it_is(found):
     known = Waypoints.read(folder)
     assert known.digest() == waypoints.digest()
     with np.load(folder / WAYPOINTS_FILE) as file:
-        assert file["sizes"].sum() == len(waypoints)
-        assert np.all(np.diff(file["shares"]) <= 0)
-        assert file["shares"][0] == steps[-1].best
+        assert file["share"] == steps[-1].best > 0.1
     assert [step.done for step in steps] == pytest.approx([1 / 3, 2 / 3, 1.0])
     assert len(Waypoints.read(folder / "nothing")) == 0
+
+
+def test_the_plan_turns_the_cube_over_from_other_starts_with_noise_and_in_cousins(worlds, found):
+    waypoints, _, _ = found
+    env = worlds.worlds("state").worlds
+    state = env.task.state(waypoints.object_state, waypoints.p_WP)
+    away = state[:, 15:18]
+    begun = (np.abs(waypoints.object_state[:, 10:13]).max(1) < 1e-3) & (np.hypot(*away.T[:2]) > 0.6)
+    assert len(np.unique(waypoints.object_state[begun, 4:6].round(3), axis=0)) > 5  # starts of its own each
+    assert np.linalg.norm(waypoints.action, axis=1).max() <= 1.0 + 1e-9
+    # Told along the heading, the first actions of all replays are one.
+    first = begun & (away[:, 2] == away[begun, 2].max())
+    yaw = np.arctan2(away[begun, 1], away[begun, 0])
+    x, y = waypoints.action[begun, :2].T
+    along = np.cos(yaw) * x + np.sin(yaw) * y
+    assert first.any()
+    assert len(np.unique(along.round(2))) < 8
 
 
 def test_an_interrupted_search_goes_on_with_the_same_result(worlds, found, tmp_path):
@@ -64,7 +79,7 @@ def test_an_interrupted_search_goes_on_with_the_same_result(worlds, found, tmp_p
         find_waypoints(worlds, tmp_path, QUICK, seed=4, resume=True)
 
 
-@pytest.mark.parametrize("wrong", [{"attempts": 0}, {"plans": 0}, {"share": 1.5}, {"noise": -0.1}])
+@pytest.mark.parametrize("wrong", [{"attempts": 0}, {"replays": 0}, {"share": 1.5}, {"noise": -0.1}])
 def test_options_out_of_range_are_refused(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         WaypointOptions(**wrong)
