@@ -21,7 +21,7 @@ def rehearse(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the results, new or empty.")] = Path(
         "out/rehearsal"
     ),
-    scene: Annotated[str, typer.Option(help=SCENE)] = "push_t",
+    scene: Annotated[str | None, typer.Option(help=SCENE, show_default="that of the bundle's task and object")] = None,
     faults: Annotated[bool, typer.Option("--faults", help="Bring about faults at random moments.")] = False,
     moments: Annotated[int, typer.Option(help="Random moments of each kind of fault.")] = 5,
     kind: Annotated[

@@ -60,7 +60,7 @@ def write_rehearsal_report(path: Path, request: RehearseRequest, trials: list[Tr
     ]
     parts = {
         "title": text(f"Rehearsal of {request.bundle}"),
-        "about": text(f"With a simulated arm over LCM, in real time, in the scene {request.scene}"),
+        "about": text(f"With a simulated arm over LCM, in real time, in the scene {request.scene or 'of the bundle'}"),
         "notices": paragraph(f"{good} of {len(trials)} trials as they should be", "headline"),
         "body": "\n".join(part for part in sections if part),
     }

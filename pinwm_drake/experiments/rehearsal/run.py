@@ -34,6 +34,7 @@ from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.systems.control.loop import ControlLoop
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+from pinwm_drake.systems.envs.policy_scene import usual_scene
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.schema import LcmLink
 from pinwm_drake.systems.scenario.setup import Setup
@@ -54,7 +55,7 @@ class RehearseRequest:
 
     Attributes:
         bundle: Folder of a bundle, or the name of one that ships.
-        scene: Scene; see `load_setup`.
+        scene: Scene; see `load_setup`. None for that of the bundle's task and object.
         moments: Number of random moments of each kind of fault; 0 for none.
         kinds: Names of the kinds of fault; empty for all.
         minutes: Least duration of the normal work, min; 0 for none.
@@ -68,7 +69,7 @@ class RehearseRequest:
     """
 
     bundle: str
-    scene: str = "push_t"
+    scene: str | None = None
     moments: int = 5
     kinds: tuple[str, ...] = ()
     minutes: float = 0.0
@@ -189,6 +190,7 @@ def rehearse(
     """
     out = prepare_folder(out)
     bundle = read_bundle(request.bundle)
+    request = replace(request, scene=request.scene or usual_scene(bundle.spec))
     trials = _begun(out, request, bundle.sha256, resume)
     kinds = [kind for kind in KINDS if not request.kinds or kind.name in request.kinds]
     with ExitStack() as stack, (out / TRIALS_FILE).open("a") as file:
@@ -311,6 +313,7 @@ def _parties(request: RehearseRequest, bundle: Bundle) -> Iterator["_Parties"]:
 
 def _begin_parties(request: RehearseRequest, bundle: Bundle) -> Iterator["_Parties"]:
     """The parties, until they are not needed any more."""
+    assert request.scene is not None
     setup = environment_setup(load_setup(request.scene), EnvOptions(image_size=bundle.spec.camera.width))
     link = replace(setup.scenario.lcm, url=f"udpm://239.255.76.67:{request.port}?ttl=0", period=_PERIOD)
     context = multiprocessing.get_context("spawn")
