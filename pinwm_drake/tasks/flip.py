@@ -26,7 +26,7 @@ class FlipTask(Task):
     [rad], between the axis and the world's z:
 
         paper    -d_t - d_r
-        shaped   phi(before) - phi(after) - cost - spin * (turn / 10 rad/s)^2 + bonus * worth on success,
+        shaped   phi(before) - phi(after) - cost + bonus * worth on success,
                  phi = 2 d_r + 2 max(0, reach - 0.1)    with the pusher's distance `reach` [m] in space,
                  worth = 1 up to `room` from the middle of the floor, 0 from twice that on, and linear between
 
@@ -52,7 +52,6 @@ class FlipTask(Task):
         rest_speed: m/s, speed of the origin below which the object rests.
         rest_turn: rad/s, rate of turn below which the object rests.
         cost: Cost of an action in the shaped reward.
-        spin: Cost of a turn at 10 rad/s at the end of an action, in the shaped reward; it grows with the square.
         bonus: Bonus on success in the shaped reward.
         room: m, from the middle of the floor, within which a success has all of the bonus.
 
@@ -88,7 +87,6 @@ class FlipTask(Task):
     rest_speed: float = 0.02
     rest_turn: float = 0.3
     cost: float = 0.02
-    spin: float = 0.5
     bonus: float = 10.0
     room: float = 0.2
 
@@ -101,7 +99,7 @@ class FlipTask(Task):
         along = float(np.linalg.norm(np.cross(self.up, self.side)))
         if not math.isfinite(math.hypot(*self.side)) or (any(self.side) and along == 0.0):
             raise ParameterError(f"side: got {self.side}; allowed: zero, or an axis in O that is not along `up`")
-        for name in ("cost", "spin", "bonus", "height"):
+        for name in ("cost", "bonus", "height"):
             if not math.isfinite(getattr(self, name)):
                 raise ParameterError(f"{name}: got {getattr(self, name)}; allowed: a finite number")
         for name in ("tolerance", "turn_tolerance", "rest_speed", "rest_turn", "room"):
@@ -136,7 +134,7 @@ class FlipTask(Task):
         speed, turn = _lengths(object_state[:, 10:13]), _lengths(object_state[:, 7:10])
         at_rest = (speed < self.rest_speed) & (turn < self.rest_turn)
         success = (distance < self.tolerance) & (angle < self.turn_tolerance) & at_rest
-        return Progress(distance, angle, reach, at_rest, success, _lengths(p_WO[:, :2]), turn)
+        return Progress(distance, angle, reach, at_rest, success, _lengths(p_WO[:, :2]))
 
     def worth(self, progress: Progress) -> np.ndarray:
         """Worth (W,) of successes: 1 in the room, and less farther off; see the class."""
@@ -148,10 +146,9 @@ class FlipTask(Task):
         """Rewards (W,) of the kind `reward`."""
         if self.reward == "paper":
             return -after.distance - after.angle
-        assert after.turning is not None
-        price = self.cost + self.spin * (after.turning / TURN) ** 2
-        prize = self.bonus * after.success * self.worth(after)
-        gain: np.ndarray = _potential(before) - _potential(after) - price + prize
+        gain: np.ndarray = (
+            _potential(before) - _potential(after) - self.cost + self.bonus * after.success * self.worth(after)
+        )
         return gain
 
     def state(self, object_state: np.ndarray, p_WP: np.ndarray) -> np.ndarray:

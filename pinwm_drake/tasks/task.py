@@ -32,7 +32,6 @@ class Progress:
         at_rest: (W,) bool, true where the object rests.
         success: (W,) bool, true where the task is done.
         astray: (W,) m, level distance of the object from the middle of the floor; None where it does not matter.
-        turning: (W,) rad/s, rate of the object's turn; None where it does not matter.
     """
 
     distance: np.ndarray
@@ -41,7 +40,6 @@ class Progress:
     at_rest: np.ndarray
     success: np.ndarray
     astray: np.ndarray | None = None
-    turning: np.ndarray | None = None
 
 
 class Task(ABC):

@@ -87,13 +87,6 @@ def test_a_success_far_from_the_middle_of_the_floor_is_worth_less(room, share):
     assert near.success.all()  # as a success it counts all the same
 
 
-def test_a_fast_turn_costs_by_its_square_in_the_shaped_reward():
-    task = cube(reward="shaped")
-    before = measured(task, lying(tilt=1.0))
-    costs = [-task.rewards(before, measured(task, lying(tilt=1.0, turn=turn)))[0] for turn in (0.0, 5.0, 10.0)]
-    np.testing.assert_allclose(costs, task.cost + task.spin * np.array([0.0, 0.25, 1.0]), atol=1e-6)
-
-
 @pytest.mark.parametrize("side", [SIDE, (0.0, 0.0, 0.0)])
 def test_the_state_tells_object_and_pusher(side):
     task = FlipTask(up=UP, side=side, height=0.05)
