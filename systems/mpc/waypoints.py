@@ -143,6 +143,8 @@ class _Search:
         if not plan.success:
             return
         self._begin(int(generator.integers(1 << 31)))
+        for world, own in enumerate(generator.spawn(self._replays.num_worlds)):
+            self._replays.set_generator(world, own)
         actions = self._replays.task.translation(plan.actions, 1.0)[:, self._replays.task.axis_indices] @ turn
         replays = [self._replay(actions, generator) for _ in range(self._options.replays)]
         share = float(np.mean([share for _, share in replays]))
