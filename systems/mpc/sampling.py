@@ -39,6 +39,8 @@ class SamplingOptions:
         least_spread: The least one, in any round.
         correlation: Correlation of an action's noise with that of the action before, 0 to below 1.
         momentum: Share of the last mean and spread in the next ones.
+        effort: Cost of an action of full length; it grows with the square. Of plans that do the task the one that leaves
+            the object alone is also the one that holds where the twin is wrong.
         seed: Seed of the draws.
 
     Raises:
@@ -56,6 +58,7 @@ class SamplingOptions:
     least_spread: float = 0.1
     correlation: float = 0.5
     momentum: float = 0.1
+    effort: float = 0.1
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -68,6 +71,7 @@ class SamplingOptions:
         require("kept", self.kept, 0 <= self.kept <= self.elites, "0 to the number of elites")
         for name in ("spread", "least_spread"):
             require(name, getattr(self, name), 0 < getattr(self, name) <= 10, "more than 0, up to 10")
+        require("effort", self.effort, 0 <= self.effort <= 100, "0 to 100")
         for name in ("correlation", "momentum"):
             require(name, getattr(self, name), 0 <= getattr(self, name) < 1, "0 to below 1")
 
@@ -218,7 +222,8 @@ class SamplingMpc:
         worlds, W = self.worlds, len(actions)
         worlds.set_object_states(np.tile(object_state, (W, 1)), np.tile(p_WP, (W, 1)))
         total, success = np.zeros(W), np.zeros(W, bool)
-        for going, out in carried_out(worlds, actions):
+        for k, (going, out) in enumerate(carried_out(worlds, actions)):
+            total -= np.where(going, self.options.effort * (actions[:, k] ** 2).sum(1), 0.0)
             failed = np.isin(np.arange(W), list(out.failures))
             total += np.where(going, np.where(failed, -_FAILURE, out.reward), 0.0)
             success |= going & out.terminated
