@@ -39,8 +39,8 @@ class SamplingOptions:
         least_spread: The least one, in any round.
         correlation: Correlation of an action's noise with that of the action before, 0 to below 1.
         momentum: Share of the last mean and spread in the next ones.
-        effort: Cost of an action of full length; it grows with the square. Of plans that do the task the one that leaves
-            the object alone is also the one that holds where the twin is wrong.
+        effort: Cost of an action of full length; it grows with the square. Of plans that do the task, one that
+            leaves the object alone is also one that holds where the twin is wrong.
         seed: Seed of the draws.
 
     Raises:
