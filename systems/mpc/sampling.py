@@ -82,7 +82,7 @@ class ActionPlan:
 
     Attributes:
         actions: (horizon, n) in [-1, 1], the next one first.
-        value: Sum of its rewards in the twin.
+        value: Sum of its rewards in the twin, less the effort.
         success: Flag: the twin ends it with success.
     """
 
