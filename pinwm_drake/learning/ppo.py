@@ -146,6 +146,7 @@ def train_ppo(
     if shown is not None and len(shown):
         state = torch.from_numpy(spec.task.state(shown.object_state, shown.p_WP))
         action = torch.from_numpy(shown.action.astype(np.float32))
+        assert isinstance(model.policy, ActorCritic)
         model.policy.imitate(state, action, updates=options.imitation, seed=seed)
     if rounds.number:
         unpack(rounds.arrays, model.policy, model.policy.optimizer)
