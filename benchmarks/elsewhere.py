@@ -20,7 +20,7 @@ from pydrake.common.eigen_geometry import Quaternion  # noqa: E402
 from pydrake.math import RigidTransform, RotationMatrix  # noqa: E402
 
 from benchmarks.next_push.engines import bullet, mujoco  # noqa: E402
-from benchmarks.next_push.engines.rollout import Theta  # noqa: E402
+from benchmarks.next_push.engines.rollout import twin_truth  # noqa: E402
 from benchmarks.next_push.objects import StandingAnyhow  # noqa: E402
 from pinwm_drake.experiments.evaluation.contestant import read_contestant, usual_scene  # noqa: E402
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest  # noqa: E402
@@ -31,7 +31,6 @@ from pinwm_drake.systems.envs.observation import Observer  # noqa: E402
 from pinwm_drake.systems.envs.policy_scene import spec_environment  # noqa: E402
 from pinwm_drake.systems.envs.worlds import progress_info  # noqa: E402
 from pinwm_drake.systems.scenario.start import Place  # noqa: E402
-from pinwm_drake.systems.sdf.twin import twin_solid  # noqa: E402
 
 ENGINES = {"mujoco": mujoco.PokedScene, "bullet": bullet.PokedScene}
 
@@ -44,11 +43,7 @@ class ElsewhereEnv(gymnasium.Env):
         self.observation_space, self.action_space = self.env.observation_space, self.env.action_space
         setup = self.env.setup
         self._observer = Observer(setup, "state" if spec.observes == "state" else "rgb", spec.frames)
-        twin, solid = setup.twin, twin_solid(setup.twin)
-        theta = {name: one.value for name, one in twin.theta.items()}
-        self._theta = Theta(
-            solid.mass, theta["friction_floor"], theta["friction_pusher"], solid.p_OB, solid.inertia, np.zeros((0, 3))
-        )
+        twin, self._theta = setup.twin, twin_truth(setup.twin)
         hulls = tuple(np.asarray(piece.vertices) for piece in mesh_pieces(twin.mesh_path))
         self._thing = StandingAnyhow(twin.name, twin.mesh_path, twin.mesh_path, (), hulls)
         pusher = setup.scenario.pusher
@@ -98,7 +93,8 @@ def main() -> None:
     parser.add_argument("--start", type=int, default=0, help="seed of the first episode")
     given = parser.parse_args()
     contestant = read_contestant(EvaluateRequest(given.policy))
-    assert contestant.spec is not None, "a policy or bundle is meant"
+    if contestant.spec is None:
+        parser.error(f"POLICY: got {given.policy}; allowed: a policy or bundle")
     scene = given.scene or usual_scene(given.policy, None)
     for engine in given.engine:
         env = ElsewhereEnv(contestant.spec, scene, engine)

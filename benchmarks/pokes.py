@@ -22,7 +22,7 @@ from benchmarks import timing
 timing.limit_threads(1, cpus=1)  # before numba and torch are imported
 
 from benchmarks.next_push.engines import bullet, mujoco  # noqa: E402
-from benchmarks.next_push.engines.rollout import LOG_RATE, Rollout, Theta  # noqa: E402
+from benchmarks.next_push.engines.rollout import LOG_RATE, Rollout, Theta, twin_truth  # noqa: E402
 from benchmarks.next_push.objects import StandingAnyhow, Thing, make_thing  # noqa: E402
 from benchmarks.next_push.pushes import Push  # noqa: E402
 from pinwm_drake.files import replacing  # noqa: E402
@@ -32,7 +32,6 @@ from pinwm_drake.systems.crosscheck.pokes import PokeVerdict, draw_pokes, judge 
 from pinwm_drake.systems.crosscheck.trials import Trial  # noqa: E402
 from pinwm_drake.systems.scenario.load import load_setup  # noqa: E402
 from pinwm_drake.systems.scenario.setup import Setup  # noqa: E402
-from pinwm_drake.systems.sdf.twin import twin_solid  # noqa: E402
 
 SCENES = ("flip_mug", "flip_cube")
 _STEPS = (240, 480, 960, 1920)  # Hz, of the twin
@@ -45,10 +44,7 @@ def engines_of(setup: Setup, folder: Path) -> dict[str, _Poked]:
     found: dict[str, _Poked] = {name: PushRig(setup, name).run for name in ("twin", "hydroelastic", "point")}
     thing = make_thing(str(setup.scenario.object), folder / "objects")
     thing = StandingAnyhow(**{field.name: getattr(thing, field.name) for field in dataclasses.fields(thing)})
-    solid, theta = twin_solid(setup.twin), {name: one.value for name, one in setup.twin.theta.items()}
-    truth = Theta(
-        solid.mass, theta["friction_floor"], theta["friction_pusher"], solid.p_OB, solid.inertia, np.zeros((0, 3))
-    )
+    truth = twin_truth(setup.twin)
     for name, engine in (("mujoco", mujoco), ("bullet", bullet)):
         found[name] = lambda trial, engine=engine: _elsewhere(setup, engine.roll_out, thing, truth, trial)
     return found

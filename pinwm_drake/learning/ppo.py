@@ -143,13 +143,13 @@ def train_ppo(
     model = _model(env, spec, options, seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     networks = partial(pack, model.policy, model.policy.optimizer)
-    if shown is not None and len(shown):
+    if rounds.number:
+        unpack(rounds.arrays, model.policy, model.policy.optimizer)
+    elif shown is not None and len(shown):
         state = torch.from_numpy(spec.task.state(shown.object_state, shown.p_WP))
         action = torch.from_numpy(shown.action.astype(np.float32))
         assert isinstance(model.policy, ActorCritic)
         model.policy.imitate(state, action, updates=options.imitation, seed=seed)
-    if rounds.number:
-        unpack(rounds.arrays, model.policy, model.policy.optimizer)
     while not rounds.ended(options.patience):
         rounds.begin(env, on_round)
         left = 1.0 - rounds.number / total

@@ -149,8 +149,8 @@ class _Search:
         replays = [self._replay(actions, generator) for _ in range(self._options.replays)]
         share = float(np.mean([share for _, share in replays]))
         if share > self.best.share:
-            parts = [[getattr(one, name.name) for one, _ in replays] for name in fields(Waypoints)]
-            self.best = _Plan(Waypoints(*(np.concatenate(part) for part in parts)), share, actions)
+            columns = [[getattr(found, column.name) for found, _ in replays] for column in fields(Waypoints)]
+            self.best = _Plan(Waypoints(*map(np.concatenate, columns)), share, actions)
 
     def _replay(self, actions: np.ndarray, generator: np.random.Generator) -> tuple[Waypoints, float]:
         """The waypoints, until the task was done, of those replays of a plan that did it, and the share of these."""

@@ -137,11 +137,7 @@ class _Scene:
 
 
 class PokedScene:
-    """Floor, object and a pusher that goes anywhere, in a server of its own; see MuJoCo's.
-
-    Attributes:
-        p_WP: (3,) m, world: position of the pusher.
-    """
+    """Floor, object and a pusher that goes anywhere, in a server of its own; see MuJoCo's."""
 
     def __init__(self, thing: Thing, theta: Theta, X_WO: RigidTransform, shape: PusherShape, p_WP: np.ndarray) -> None:
         """Makes the scene, at rest."""
@@ -158,7 +154,8 @@ class PokedScene:
             self._scene.step(v_WP)
 
     @property
-    def p_WP(self) -> np.ndarray:  # noqa: D102  # an attribute of the class
+    def p_WP(self) -> np.ndarray:
+        """Position (3,) m of the pusher, world."""
         return self._scene.pusher_place()
 
     @property

@@ -77,11 +77,7 @@ class Tip:
 
 
 class PokedScene:
-    """Floor, object and a pusher that goes anywhere, as `systems.envs` has them: goes on by velocities of the pusher.
-
-    Attributes:
-        p_WP: (3,) m, world: position of the pusher.
-    """
+    """Floor, object and a pusher that goes anywhere, as environments have; it goes on by the pusher's velocities."""
 
     def __init__(self, thing: Thing, theta: Theta, X_WO: RigidTransform, shape: PusherShape, p_WP: np.ndarray) -> None:
         """Makes the scene, at rest."""
@@ -96,7 +92,8 @@ class PokedScene:
             mujoco.mj_step(self._model, data)
 
     @property
-    def p_WP(self) -> np.ndarray:  # noqa: D102  # an attribute of the class
+    def p_WP(self) -> np.ndarray:
+        """Position (3,) m of the pusher, world."""
         return self._start + self._data.qpos[7:10]
 
     @property

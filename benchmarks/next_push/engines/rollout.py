@@ -5,6 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.math import RigidTransform
 
+from pinwm_drake.systems.sdf.twin import twin_solid
+from pinwm_drake.twin.twin import Twin
+
 GRAVITY = 9.81  # m/s^2
 FLOOR_HEIGHT = 0.0  # m
 LOG_RATE = 240  # Hz, of the pusher's log
@@ -29,6 +32,13 @@ class Theta:
     p_com: np.ndarray
     inertia: np.ndarray
     feet: np.ndarray
+
+
+def twin_truth(twin: Twin) -> Theta:
+    """Truth as a twin has it, on an even face."""
+    solid, value = twin_solid(twin), {name: one.value for name, one in twin.theta.items()}
+    frictions = value["friction_floor"], value["friction_pusher"]
+    return Theta(solid.mass, *frictions, solid.p_OB, solid.inertia, np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,17 +52,16 @@ def test_the_plan_turns_the_cube_over_from_other_starts_with_noise_and_in_cousin
     waypoints, _, _ = found
     env = worlds.worlds("state").worlds
     state = env.task.state(waypoints.object_state, waypoints.p_WP)
-    away = state[:, 15:18]
-    begun = (np.abs(waypoints.object_state[:, 10:13]).max(1) < 1e-3) & (np.hypot(*away.T[:2]) > 0.6)
+    begun = (waypoints.object_state[:, 7:] == 0.0).all(1)  # nothing has moved yet
+    away = state[begun, 15:18]
     assert len(np.unique(waypoints.object_state[begun, 4:6].round(3), axis=0)) > 5  # starts of its own each
     assert np.linalg.norm(waypoints.action, axis=1).max() <= 1.0 + 1e-9
-    # Told along the heading, the first actions of all replays are one.
-    first = begun & (away[:, 2] == away[begun, 2].max())
-    yaw = np.arctan2(away[begun, 1], away[begun, 0])
-    x, y = waypoints.action[begun, :2].T
-    along = np.cos(yaw) * x + np.sin(yaw) * y
-    assert first.any()
-    assert len(np.unique(along.round(2))) < 8
+    # Told along the heading, the first actions of all replays are one; the pusher's place is off by some millimetres.
+    yaw = np.arctan2(away[:, 1], away[:, 0])
+    x, y, z = waypoints.action[begun].T
+    along = np.column_stack([np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x, z])
+    assert np.ptp(yaw) > 0.5
+    assert along.std(0).max() < 0.1
 
 
 def test_an_interrupted_search_goes_on_with_the_same_result(worlds, found, tmp_path):
