@@ -11,6 +11,7 @@ from pinwm_drake.errors import RenderingError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.kernels import backward, forward, pose
 from pinwm_drake.rendering.kernels.columns import COLUMNS, TILE
+from pinwm_drake.rendering.kernels.project import BLOCK, SAME
 from pinwm_drake.rendering.surfels import Surfels, require_shapes
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.threads import share
@@ -76,6 +77,13 @@ def _inputs(inputs: tuple[Tensor, ...], intrinsics: np.ndarray) -> tuple[tuple, 
     return (p, q, log_scale, logit_opacity), sh if sh.ndim == 4 else sh[None], q_CO, (R, t, intrinsics)
 
 
+def _prepared(surfels: tuple) -> np.ndarray:
+    """What is the same of the surfels in all views."""
+    same = np.empty((-(-len(surfels[0]) // BLOCK), SAME, BLOCK), np.float32)
+    forward.prepare(surfels, same)
+    return same
+
+
 def _images(V: int, size: tuple[int, int], full: bool) -> tuple[np.ndarray, ...]:
     """Color, alpha, two moments of depth, normal; the last three empty unless `full`."""
     color, alpha = np.empty((V, *size, 3), np.float32), np.empty((V, *size), np.float32)
@@ -90,7 +98,7 @@ def _render(full: bool, fixed: _Fixed, num_threads: int, inputs: tuple[Tensor, .
     intrinsics, size, background = fixed
     surfels, sh, _, view = _inputs(inputs, intrinsics)
     images = _images(len(intrinsics), size, full)
-    share(forward.render_views, (surfels, sh, view, size, background, full, images), len(intrinsics), num_threads)
+    share(forward.render_views, (_prepared(surfels), sh, view, size, background, full, images), len(intrinsics), num_threads)
     return images
 
 
@@ -105,7 +113,7 @@ def _forward(
     depths = np.empty((V, N), np.float32)
     boxes = np.empty((V, N, 5), np.int32)
     totals = np.empty(V, np.int64)
-    share(forward.project_views, (surfels, sh, view, size, splats, depths, boxes, totals), V, num_threads)
+    share(forward.project_views, (_prepared(surfels), sh, view, size, splats, depths, boxes, totals), V, num_threads)
     rows, columns = -(-size[0] // TILE), -(-size[1] // TILE)
     starts = np.empty((V, rows * columns + 1), np.int64)
     starts[:, 0] = np.cumsum(totals) - totals

@@ -6,16 +6,22 @@ from pinwm_drake.jit import entry_point
 from pinwm_drake.rendering.kernels.bins import RADIX, bin_surfels
 from pinwm_drake.rendering.kernels.blend import CHANNELS, X, Y, blend_tile, fill_places
 from pinwm_drake.rendering.kernels.columns import COLUMNS, PIXELS, TILE
-from pinwm_drake.rendering.kernels.project import BLOCK, project_surfels
+from pinwm_drake.rendering.kernels.project import BLOCK, prepare_surfels, project_surfels
 from pinwm_drake.rendering.kernels.project import CHANNELS as PROJECT_CHANNELS
 
 
 @entry_point
-def project_views(surfels, sh, view, size, splats, depths, boxes, totals, first, last):
+def prepare(surfels, same):
+    """Finds what is the same in all views; see `prepare_surfels`."""
+    prepare_surfels(surfels, same)
+
+
+@entry_point
+def project_views(same, sh, view, size, splats, depths, boxes, totals, first, last):
     """Projects surfels into views first..last-1; totals (V,) receives the lengths of their lists."""
     basis, work = np.empty(16, np.float32), np.empty(PROJECT_CHANNELS * BLOCK, np.float32)
     for v in range(first, last):
-        totals[v] = project_surfels(v, v, surfels, sh, view, size, splats, depths, boxes, basis, work)
+        totals[v] = project_surfels(v, v, same, sh, view, size, True, splats, depths, boxes, basis, work)
 
 
 @entry_point
@@ -43,9 +49,9 @@ def blend_rows(splats, boxes, starts, entries, background, full, origins, images
 
 
 @entry_point
-def render_views(surfels, sh, view, size, background, full, images, first, last):
+def render_views(same, sh, view, size, background, full, images, first, last):
     """Renders views first..last-1 from end to end and keeps nothing but their images: work of one view at a time."""
-    N = surfels[0].shape[0]
+    N = sh.shape[1]
     rows, columns = (size[0] + TILE - 1) // TILE, (size[1] + TILE - 1) // TILE
     basis, work = np.empty(16, np.float32), np.empty(PROJECT_CHANNELS * BLOCK, np.float32)
     tile_work = np.empty(CHANNELS * PIXELS, np.float32)
@@ -59,7 +65,7 @@ def render_views(surfels, sh, view, size, background, full, images, first, last)
     starts = np.zeros((1, rows * columns + 1), np.int64)
     keys = depths.view(np.int32)
     for v in range(first, last):
-        total = project_surfels(v, 0, surfels, sh, view, size, splats, depths, boxes, basis, work)
+        total = project_surfels(v, 0, same, sh, view, size, full, splats, depths, boxes, basis, work)
         entries = np.empty(total, np.int32)
         bin_surfels(0, size, boxes, keys, starts, entries, order, spare, counts)
         for row in range(rows):

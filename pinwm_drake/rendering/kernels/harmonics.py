@@ -5,7 +5,7 @@ import numpy as np
 from pinwm_drake.jit import kernel
 from pinwm_drake.rendering import harmonics as constants
 
-_Y0 = np.float32(constants.Y0)
+Y0 = np.float32(constants.Y0)
 _Y1 = np.float32(constants.Y1)
 _A0, _A1, _A2, _A3, _A4 = (np.float32(value) for value in constants.Y2)
 _B0, _B1, _B2, _B3, _B4, _B5, _B6 = (np.float32(value) for value in constants.Y3)
@@ -16,7 +16,7 @@ _2, _3, _4, _6, _8 = (np.float32(value) for value in (2, 3, 4, 6, 8))
 @kernel
 def fill_basis(x, y, z, number, basis):
     """The first `number` (1, 4, 9 or 16) basis functions at the unit vector (x, y, z)."""
-    basis[0] = _Y0
+    basis[0] = Y0
     if number > 1:
         basis[1], basis[2], basis[3] = -_Y1 * y, _Y1 * z, -_Y1 * x
     if number > 4:

@@ -1,7 +1,7 @@
 """Surfels to the image plane (numba): plane, colour, opacity and the box of pixels that each can reach.
 
-Surfels are worked on in blocks, whose numbers lie in one small flat array, a channel after the other, so that the loop
-over a block becomes vector instructions.
+Surfels are worked on in blocks, whose numbers lie in small flat arrays, a channel after the other, so that the loop
+over a block becomes vector instructions. What is the same in all views, such as a surfel's axes, is found once.
 """
 
 import math
@@ -29,7 +29,7 @@ from pinwm_drake.rendering.kernels.columns import (
     YC,
     Z,
 )
-from pinwm_drake.rendering.kernels.harmonics import MOST_BASIS, fill_basis
+from pinwm_drake.rendering.kernels.harmonics import MOST_BASIS, Y0, fill_basis
 
 ZERO, HALF, ONE, TWO, FOUR = (np.float32(value) for value in (0.0, 0.5, 1.0, 2.0, 4.0))
 NEAR = np.float32(reference.NEAR)
@@ -50,19 +50,11 @@ _MOST_REACH = np.float32(-math.log(reference.LEAST_ALPHA))
 # A smallest squared stretch above which the disc hides the plane; a little more, for rounding.
 _PLANE_HIDDEN = np.float32(1.001 * reference.PIXEL_FILTER)
 
-# A block of surfels, and the channels of its work array: what is read, and what is found.
+# A block of surfels; the channels of what is the same in all views; and those of the work array, of what is found in one.
 BLOCK = 64
+_PX, _PY, _PZ, _AX, _AY, _AZ, _BX, _BY, _BZ, _UX, _UY, _UZ, _ALPHA, _REACH = range(14)
+SAME = 14
 (
-    _PX,
-    _PY,
-    _PZ,
-    _QW,
-    _QX,
-    _QY,
-    _QZ,
-    _SA,
-    _SB,
-    _OPACITY,
     _XC,
     _YC,
     _J00,
@@ -83,8 +75,8 @@ BLOCK = 64
     _DY,
     _DZ,
     _SMALL,
-) = (BLOCK * channel for channel in range(30))
-CHANNELS = 30
+) = (BLOCK * channel for channel in range(20))
+CHANNELS = 20
 
 
 @kernel
@@ -138,18 +130,35 @@ def turn_back(R, v, x, y, z):
 
 
 @kernel
-def _read_block(first, surfels, work):
-    """Copies a block of surfels; beyond the last one it repeats that."""
+def prepare_surfels(surfels, same):
+    """Finds what is the same in all views of surfels: centres, axes in their lengths, normals, opacities, reaches.
+
+    Args:
+        surfels: p_OS (N, 3), q_OS (N, 4), log_scale (N, 2), logit_opacity (N,).
+        same: (blocks, 14, 64), receives it; beyond the last surfel that is repeated.
+    """
     p, q, log_scale, logit = surfels
-    for i in range(BLOCK):
-        s = np.uint64(min(first + i, p.shape[0] - 1))
-        work[_PX + i], work[_PY + i], work[_PZ + i] = p[s, 0], p[s, 1], p[s, 2]
-        work[_QW + i], work[_QX + i], work[_QY + i], work[_QZ + i] = q[s, 0], q[s, 1], q[s, 2], q[s, 3]
-        work[_SA + i], work[_SB + i], work[_OPACITY + i] = log_scale[s, 0], log_scale[s, 1], logit[s]
+    for block in range(same.shape[0]):
+        to = same[block]
+        for i in range(BLOCK):
+            s = np.uint64(min(block * BLOCK + i, p.shape[0] - 1))
+            to[_PX, i], to[_PY, i], to[_PZ, i] = p[s, 0], p[s, 1], p[s, 2]
+            to[_AX, i], to[_AY, i], to[_AZ, i], to[_BX, i] = q[s, 0], q[s, 1], q[s, 2], q[s, 3]
+            to[_UX, i], to[_UY, i], to[_ALPHA, i] = log_scale[s, 0], log_scale[s, 1], logit[s]
+        for i in range(BLOCK):
+            ax, ay, az, bx, by, bz, ux, uy, uz = rotation_columns(to[_AX, i], to[_AY, i], to[_AZ, i], to[_BX, i])
+            scale_a, scale_b = exponential(to[_UX, i]), exponential(to[_UY, i])
+            opacity = ONE / (ONE + exponential(-to[_ALPHA, i]))
+            # At least the logarithm, by its tangents at 1, 0.3 and 0.1: the box may be too large, never too small.
+            logarithm = min(opacity - ONE, min(opacity * _SLOPE_2 + _BASE_2, opacity * _SLOPE_3 + _BASE_3))
+            to[_AX, i], to[_AY, i], to[_AZ, i] = scale_a * ax, scale_a * ay, scale_a * az
+            to[_BX, i], to[_BY, i], to[_BZ, i] = scale_b * bx, scale_b * by, scale_b * bz
+            to[_UX, i], to[_UY, i], to[_UZ, i] = ux, uy, uz
+            to[_ALPHA, i], to[_REACH, i] = opacity, TWO * (logarithm + _MOST_REACH)
 
 
 @kernel
-def _project_block(v, view, size, work):
+def _project_block(v, view, size, same, work):
     """Projects a block into view v; a surfel that is not seen gets an empty box, from 1 to 0."""
     R, t, intrinsics = view
     height, width = np.float32(size[0]), np.float32(size[1])
@@ -160,24 +169,17 @@ def _project_block(v, view, size, work):
     tx, ty, tz = t[v, 0], t[v, 1], t[v, 2]
     ox, oy, oz = turn_back(R, v, tx, ty, tz)
     for i in range(BLOCK):
-        px, py, pz = work[_PX + i], work[_PY + i], work[_PZ + i]
+        px, py, pz = same[_PX, i], same[_PY, i], same[_PZ, i]
         x, y, z = (
             r00 * px + r01 * py + r02 * pz + tx,
             r10 * px + r11 * py + r12 * pz + ty,
             r20 * px + r21 * py + r22 * pz + tz,
         )
-        ux, uy, uz, vx, vy, vz, nx, ny, nz = rotation_columns(
-            work[_QW + i], work[_QX + i], work[_QY + i], work[_QZ + i]
-        )
-        scale_a, scale_b = exponential(work[_SA + i]), exponential(work[_SB + i])
-        opacity = ONE / (ONE + exponential(-work[_OPACITY + i]))
-        work[_OPACITY + i] = opacity
-        # At least the logarithm, by its tangents at 1, 0.3 and 0.1: the box may be too large, never too small.
-        logarithm = min(opacity - ONE, min(opacity * _SLOPE_2 + _BASE_2, opacity * _SLOPE_3 + _BASE_3))
-        reach = TWO * (logarithm + _MOST_REACH)
-        ax, bx = scale_a * (r00 * ux + r01 * uy + r02 * uz), scale_b * (r00 * vx + r01 * vy + r02 * vz)
-        ay, by = scale_a * (r10 * ux + r11 * uy + r12 * uz), scale_b * (r10 * vx + r11 * vy + r12 * vz)
-        az, bz = scale_a * (r20 * ux + r21 * uy + r22 * uz), scale_b * (r20 * vx + r21 * vy + r22 * vz)
+        ux, uy, uz, vx, vy, vz = same[_AX, i], same[_AY, i], same[_AZ, i], same[_BX, i], same[_BY, i], same[_BZ, i]
+        opacity, reach = same[_ALPHA, i], same[_REACH, i]
+        ax, bx = r00 * ux + r01 * uy + r02 * uz, r00 * vx + r01 * vy + r02 * vz
+        ay, by = r10 * ux + r11 * uy + r12 * uz, r10 * vx + r11 * vy + r12 * vz
+        az, bz = r20 * ux + r21 * uy + r22 * uz, r20 * vx + r21 * vy + r22 * vz
         inverse = ONE / z
         # The image of the plane's u and v at the centre, px, and how z grows along them, relative to z.
         w0, w1, x_z, y_z = az * inverse, bz * inverse, x * inverse, y * inverse
@@ -220,6 +222,7 @@ def _project_block(v, view, size, work):
         squares, det = j00 * j00 + j01 * j01 + j10 * j10 + j11 * j11, j00 * j11 - j01 * j10
         stretch = HALF * (squares - math.sqrt(max(squares * squares - FOUR * det * det, ZERO)))
         work[_SMALL + i] = ONE if stretch > _PLANE_HIDDEN * bend * bend else ZERO
+        nx, ny, nz = same[_UX, i], same[_UY, i], same[_UZ, i]
         nx, ny, nz = (
             r00 * nx + r01 * ny + r02 * nz,
             r10 * nx + r11 * ny + r12 * nz,
@@ -233,31 +236,33 @@ def _project_block(v, view, size, work):
 
 
 @kernel
-def project_surfels(v, slot, surfels, sh, view, size, splats, depths, boxes, basis, work):
+def project_surfels(v, slot, same, sh, view, size, whole, splats, depths, boxes, basis, work):
     """Projects all surfels into view v.
 
     Args:
         v: the view.
         slot: index in `splats`, `depths` and `boxes` that receives the view.
-        surfels: p_OS (N, 3), q_OS (N, 4), log_scale (N, 2), logit_opacity (N,).
+        same: (blocks, 14, 64), of `prepare_surfels`.
         sh: (1 or V, N, K, 3).
         view: R_CO (V, 3, 3), p_CO (V, 3), intrinsics (V, 4).
         size: height and width, px.
+        whole: whether all columns of `splats` are wanted; else only those that `blend_tile` reads without `full`.
         splats: (slots, N, 16), receives the columns of `columns.py`.
         depths: (slots, N), receives the centres' z, m.
         boxes: (slots, N, 5) int32, receives first and last-plus-one pixel row, and tile column, empty if
             not to be seen; and whether only its disc is.
-        basis: (16,); work: (30 * 64,).
+        basis: (16,); work: (20 * 64,).
 
     Returns:
         How many tiles the boxes have in all.
     """
     own, slot = np.uint64(v if sh.shape[0] > 1 else 0), np.uint64(slot)
     number = sh.shape[2]
+    basis[0] = Y0
     total = np.int64(0)
-    for first in range(0, boxes.shape[1], BLOCK):
-        _read_block(first, surfels, work)
-        _project_block(v, view, size, work)
+    for block in range(same.shape[0]):
+        first = block * BLOCK
+        _project_block(v, view, size, same[block], work)
         for i in range(min(BLOCK, boxes.shape[1] - first)):
             s = np.uint64(first + i)
             if work[_LEFT + i] > work[_RIGHT + i]:
@@ -270,13 +275,18 @@ def project_surfels(v, slot, surfels, sh, view, size, splats, depths, boxes, bas
             boxes[slot, s, 2], boxes[slot, s, 3] = left, right + 1
             boxes[slot, s, 4] = 1 if work[_SMALL + i] > ZERO else 0
             depths[slot, s] = work[_Z + i]
-            splats[slot, s, XC], splats[slot, s, YC], splats[slot, s, Z] = work[_XC + i], work[_YC + i], work[_Z + i]
-            splats[slot, s, J00], splats[slot, s, J01] = work[_J00 + i], work[_J01 + i]
-            splats[slot, s, J10], splats[slot, s, J11] = work[_J10 + i], work[_J11 + i]
-            splats[slot, s, P0], splats[slot, s, P1] = work[_P0 + i], work[_P1 + i]
-            splats[slot, s, NX], splats[slot, s, NY], splats[slot, s, NZ] = work[_NX + i], work[_NY + i], work[_NZ + i]
-            splats[slot, s, OPACITY] = work[_OPACITY + i]
-            fill_basis(work[_DX + i], work[_DY + i], work[_DZ + i], number, basis)
+            splats[slot, s, XC], splats[slot, s, YC] = work[_XC + i], work[_YC + i]
+            splats[slot, s, OPACITY] = same[block, _ALPHA, i]
+            if whole or work[_SMALL + i] <= ZERO:
+                splats[slot, s, Z] = work[_Z + i]
+                splats[slot, s, J00], splats[slot, s, J01] = work[_J00 + i], work[_J01 + i]
+                splats[slot, s, J10], splats[slot, s, J11] = work[_J10 + i], work[_J11 + i]
+                splats[slot, s, P0], splats[slot, s, P1] = work[_P0 + i], work[_P1 + i]
+            if whole:
+                splats[slot, s, NX], splats[slot, s, NY] = work[_NX + i], work[_NY + i]
+                splats[slot, s, NZ] = work[_NZ + i]
+            if number > 1:
+                fill_basis(work[_DX + i], work[_DY + i], work[_DZ + i], number, basis)
             red, green, blue = HALF, HALF, HALF
             if number == MOST_BASIS:
                 # The same as below, but of a length that the compiler knows.
