@@ -163,7 +163,9 @@ def _show(meshcat: "Meshcat", before: str, row: "ControlRow") -> None:
 def _announce(
     console: Console, armed: bool, simulated: bool, engine: str, setup: "Setup", limits: "SafetyLimits"
 ) -> None:
-    """Prints the name of the controlled robot or engine, whether the pusher moves, and its limits."""
+    """Prints the name of the controlled robot or engine, whether the pusher moves, its limits, and what an arm lacks."""
+    from pinwm_drake.systems.arm.driver import arm_limits
+
     what = {True: "[bold]armed[/]: the pusher moves", False: "[bold]dry run[/]: nothing moves (--arm does)"}
     where = "a simulated arm" if simulated else engine
     if engine == "lcm" and not simulated:
@@ -175,6 +177,9 @@ def _announce(
         highlight=False,
         soft_wrap=True,
     )
+    short = limits.shortfall(arm_limits(setup)) if simulated else ""
+    if short:
+        console.print(f"[yellow]the arm is slower than the policy was trained for[/]: {short}", highlight=False)
 
 
 def _await_browser(console: Console, meshcat: "Meshcat") -> None:

@@ -38,7 +38,7 @@ def rehearse(
 ) -> None:
     """Rehearses a bundle with a simulated arm over LCM in real time: normal work, or faults that have to stop it."""
     from pinwm_drake.experiments.rehearsal.report import REPORT_FILE, write_rehearsal_report
-    from pinwm_drake.experiments.rehearsal.run import RehearseRequest, summary
+    from pinwm_drake.experiments.rehearsal.run import RehearseRequest, shortfall, summary
     from pinwm_drake.experiments.rehearsal.run import rehearse as run
 
     normal = 0 if faults or minutes else 10
@@ -53,6 +53,9 @@ def rehearse(
         port=port,
         seed=seed,
     )
+    short = shortfall(request)
+    if short:
+        say(f"the arm is slower than the policy was trained for: {short}")
     done, bad = 0, 0
     try:
         with progress_bar("{task.completed:.0f} trials  {task.fields[figures]}") as bar:

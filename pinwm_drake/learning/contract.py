@@ -60,6 +60,9 @@ def make_contract(
             "success": "spec.task: tolerance in m, turn_tolerance in rad; at rest below rest_speed in m/s and "
             "rest_turn in rad/s",
             "safety": "kept by the controller, whatever the network asks for; m, m/s, m/s^2 and s",
+            "robot": "it has to follow commands up to safety.max_speed and safety.max_acceleration within the box: in "
+            "training the pusher takes a new velocity at once. One that is slower does other motions than those that "
+            "were learned; the simulated arm says so",
         },
         "onnx": {"opset": OPSET},
         "inputs": [

@@ -9,6 +9,7 @@ import numpy as np
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import PolicySpec
 
+_UNITS = {"max_speed": "m/s", "max_acceleration": "m/s^2"}
 _CORNERS = ("box_low", "box_high")
 _COMMAND_AGE = 0.25  # s, two actions of 0.1 s and a half
 _HALF_HEIGHT = 0.01  # m, half the default box's size along axes that the task does not move
@@ -59,6 +60,11 @@ class SafetyLimits:
     def to_document(self) -> dict[str, Any]:
         """The limits as plain data, for YAML."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+    def shortfall(self, robot: "SafetyLimits") -> str:
+        """What a robot with limits of its own is short of, such as "max_acceleration: 4 of 20 m/s^2"; "" for nothing."""
+        pairs = [(name, unit, getattr(robot, name), getattr(self, name)) for name, unit in _UNITS.items()]
+        return ", ".join(f"{name}: {has:g} of {wants:g} {unit}" for name, unit, has, wants in pairs if has < wants)
 
     @classmethod
     def from_document(cls, document: Any) -> "SafetyLimits":

@@ -114,3 +114,10 @@ def test_limits_need_neither_torch_nor_drake():
     root = Path(__file__).resolve().parents[2]
     done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_robot_is_short_of_what_it_has_less_of():
+    wanted = default_limits(spec_of(horizon=0.1, max_translation=0.1))
+    slow = dataclasses.replace(wanted, max_acceleration=4.0, max_image_age=0.01)
+    assert wanted.shortfall(slow) == "max_acceleration: 4 of 20 m/s^2"
+    assert slow.shortfall(wanted) == wanted.shortfall(wanted) == ""

@@ -32,6 +32,7 @@ from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.bundle import Bundle, read_bundle
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.provenance import timestamp, versions
+from pinwm_drake.systems.arm.driver import arm_limits
 from pinwm_drake.systems.control.loop import ControlLoop
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.policy_scene import usual_scene
@@ -215,6 +216,16 @@ def rehearse(
             number, spent = number + 1, spent + trials[-1].duration
     _write_results(out, request, bundle.sha256, trials)
     return trials
+
+
+def shortfall(request: RehearseRequest) -> str:
+    """What the simulated arm is short of for a bundle, as `SafetyLimits.shortfall` says it.
+
+    Raises:
+        InputError: Bundle or scene cannot be used.
+    """
+    bundle = read_bundle(request.bundle)
+    return bundle.limits.shortfall(arm_limits(load_setup(request.scene or usual_scene(bundle.spec))))
 
 
 def _begun(out: Path, request: RehearseRequest, sha256: str, resume: bool) -> list[Trial]:
