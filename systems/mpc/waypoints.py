@@ -14,12 +14,13 @@ from pinwm_drake.learning.progress import Pace, Report, Step, silent
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
 from pinwm_drake.systems.envs.worlds import Worlds
 from pinwm_drake.systems.mpc.sampling import SamplingMpc, SamplingOptions, carried_out
-from pinwm_drake.systems.scenario.start import StartDistribution
+from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE, Waypoints
 
 STAGE = "waypoints"
 _WORTH = 0.5  # of a success that counts
 _SLIP = 0.002  # m, standard deviation of the pusher's place at the start of a replay
+_ELITE, _MOMENTUM, _LEAST = 0.25, 0.2, 0.03  # of the rounds that make a plan more robust
 
 
 @dataclass(frozen=True)
@@ -28,9 +29,13 @@ class WaypointOptions:
 
     Attributes:
         attempts: Largest number of starts from which the task is planned.
-        share: Share of a plan's replays with success from which it counts as robust, and the search ends.
+        share: Share of a plan's replays with success from which no more starts are tried.
         replays: Number of a plan's replays, in units of the worlds.
         noise: Standard deviation of the noise on the actions of a replay, in units of an action.
+        rounds: Number of the rounds that make the best plan more robust.
+        plans: Number of the changed plans of a round.
+        starts: Number of the starts from which each of these is carried out, at most that of the worlds.
+        change: Standard deviation of the first changes, in units of an action.
         planner: Options of the planner.
 
     Raises:
@@ -38,16 +43,20 @@ class WaypointOptions:
     """
 
     attempts: int = 20
-    share: float = 0.35
+    share: float = 0.2
     replays: int = 4
     noise: float = 0.05
+    rounds: int = 15
+    plans: int = 32
+    starts: int = 16
+    change: float = 0.08
     planner: SamplingOptions = field(default_factory=lambda: SamplingOptions(horizon=12, first_iterations=15))
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
-        for name in ("attempts", "replays"):
-            require(name, getattr(self, name), getattr(self, name) >= 1, "1 or more")
-        for name in ("share", "noise"):
+        for name, least in (("attempts", 1), ("replays", 1), ("rounds", 0), ("plans", 2), ("starts", 1)):
+            require(name, getattr(self, name), getattr(self, name) >= least, f"{least} or more")
+        for name in ("share", "noise", "change"):
             require(name, getattr(self, name), 0.0 <= getattr(self, name) <= 1.0, "0 to 1")
 
 
@@ -63,8 +72,9 @@ def find_waypoints(
     """Waypoints of the most robust plan from the starts of a scene, in `folder` as well.
 
     A plan that works in the twin may hang on a hair there. So each is carried out again in the worlds of the training,
-    from other starts and with noise on the actions; what is kept are the states of such replays that did the task, and
-    what the plan does there, of the plan with most of them.
+    from other starts and with noise on the actions, and the plan that does the task most often is changed by
+    cross-entropy to do it more often still. What is kept are the states of its replays that did the task, and what it
+    does there.
 
     Sources: starts from the states of demonstrations as in Salimans and Chen, "Learning Montezuma's Revenge from a
         single demonstration" (2018), with all distances from the goal at once; noise on what is shown, not on what is
@@ -87,14 +97,15 @@ def find_waypoints(
     options = options or WaypointOptions()
     about = {**worlds.about, "search": asdict(options), "seed": seed}
     search = _Search(worlds, options, seed)
-    done, pace, begun = search.restore(folder, about) if resume else 0, Pace(), time.monotonic()
-    while done < options.attempts and search.best.share < options.share:
-        search.attempt(done)
-        done += 1
-        found, best, share = search.best.waypoints, search.best.share, done / options.attempts
-        found.write(folder, about, attempts=np.array(done), share=np.array(best), actions=search.best.actions)
-        _, left = pace(share, done)
-        report(Step(STAGE, share, len(found), best, NAN, NAN, best, time.monotonic() - begun, left=left))
+    if resume:
+        search.restore(folder, about)
+    pace, begun = Pace(), time.monotonic()
+    while search.goes_on():
+        best = search.best
+        best.waypoints.write(folder, about, share=np.array(best.share), actions=best.actions, **search.get_state())
+        _, left = pace(search.done, search.steps)
+        seconds = time.monotonic() - begun
+        report(Step(STAGE, search.done, len(best.waypoints), best.share, NAN, NAN, best.share, seconds, left=left))
     return search.best.waypoints
 
 
@@ -111,7 +122,12 @@ class _Plan:
 
 
 class _Search:
-    """A plan and its replays, of one attempt after another; each draws from a seed of its own."""
+    """Plans and their replays, attempt after attempt, then rounds around the best one; each has a seed of its own.
+
+    Attributes:
+        best: The most robust plan so far.
+        attempts, rounds: Numbers of those that are over.
+    """
 
     def __init__(self, worlds: TrainingWorlds, options: WaypointOptions, seed: int) -> None:
         self._options, self._seed, self._begin = options, seed, worlds.begin
@@ -119,20 +135,56 @@ class _Search:
         setup = self._replays.setup
         self._planner = SamplingMpc(setup, worlds.setup.task, self._replays.run.max_translation, options.planner)
         self._start = StartDistribution(setup)
-        self.best = _Plan(Waypoints(), 0.0, np.zeros((options.planner.horizon, setup.task.action_size)))
+        shape = options.planner.horizon, setup.task.action_size
+        self.best = _Plan(Waypoints(), 0.0, np.zeros(shape))
+        self.attempts, self.rounds = 0, 0
+        self._mean, self._deviation = np.zeros(shape), np.full(shape, options.change)
 
-    def restore(self, folder: Path, about: Mapping[str, object]) -> int:
-        """Takes over what an earlier search found; gives the number of its attempts."""
+    @property
+    def steps(self) -> int:
+        """Number of attempts and rounds that are over."""
+        return self.attempts + self.rounds
+
+    @property
+    def done(self) -> float:
+        """Share of the search that is over, if it goes on to the last attempt and round."""
+        if self._tries():
+            return self.attempts / (self._options.attempts + self._options.rounds)
+        return 1.0 - (self._options.rounds - self.rounds) / (self._options.attempts + self._options.rounds)
+
+    def goes_on(self) -> bool:
+        """Does the next attempt or round; false where there is none."""
+        if self._tries():
+            self._attempt()
+        elif self.best.share and self.rounds < self._options.rounds:
+            self._strengthen()
+        else:
+            return False
+        return True
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Arrays of everything but the best plan, for `restore`."""
+        counts = {"attempts": np.array(self.attempts), "rounds": np.array(self.rounds)}
+        return counts | {"mean": self._mean, "deviation": self._deviation}
+
+    def restore(self, folder: Path, about: Mapping[str, object]) -> None:
+        """Takes over what an earlier search found, where there is a file of it."""
         names = [one.name for one in fields(Waypoints)]
-        arrays = read_arrays(folder / WAYPOINTS_FILE, about, STAGE, ["attempts", "share", "actions", *names])
+        arrays = read_arrays(folder / WAYPOINTS_FILE, about, STAGE, ["share", "actions", *self.get_state(), *names])
         if arrays is None:
-            return 0
+            return
         found = Waypoints(*(arrays[name] for name in names))
         self.best = _Plan(found, float(arrays["share"]), arrays["actions"])
-        return int(arrays["attempts"])
+        self.attempts, self.rounds = int(arrays["attempts"]), int(arrays["rounds"])
+        self._mean, self._deviation = arrays["mean"], arrays["deviation"]
 
-    def attempt(self, number: int) -> None:
+    def _tries(self) -> bool:
+        """Flag: the next thing is an attempt."""
+        return self.attempts < self._options.attempts and self.best.share < self._options.share
+
+    def _attempt(self) -> None:
         """Plans from one start, and replays the plan."""
+        number, self.attempts = self.attempts, self.attempts + 1
         generator = np.random.default_rng([self._seed, number])
         self._planner.reseed([self._seed, number, 1])
         place = self._start.draw(generator)
@@ -142,26 +194,78 @@ class _Search:
         plan = self._planner.plan(place.object_state, place.p_WP, like=like)
         if not plan.success:
             return
-        self._begin(int(generator.integers(1 << 31)))
-        for world, own in enumerate(generator.spawn(self._replays.num_worlds)):
-            self._replays.set_generator(world, own)
-        actions = self._replays.task.translation(plan.actions, 1.0)[:, self._replays.task.axis_indices] @ turn
+        self._seed_worlds(generator)
+        self._keep(self._bounded(plan.actions) @ turn, generator)
+
+    def _strengthen(self) -> None:
+        """Draws plans around the best one, and the next round's around those with most reward from several starts."""
+        options, W = self._options, self._replays.num_worlds
+        if self.rounds == 0:
+            self._mean = self.best.actions
+        generator = np.random.default_rng([self._seed, options.attempts + self.rounds])
+        self._seed_worlds(generator)
+        starts = min(options.starts, W)
+        at, noise = self._draw(starts, generator), self._noise(starts, generator)
+        plans = self._mean + self._deviation * generator.normal(size=(options.plans, *self._mean.shape))
+        plans = np.array([self._bounded(plan) for plan in plans])
+        worth = []
+        for some in np.array_split(plans, -(-len(plans) // (W // starts))):
+            # Worlds that are left over do what others do.
+            which, start = np.arange(W) // starts % len(some), np.arange(W) % starts
+            wanted = some[which] @ self._place([at[k] for k in start]).swapaxes(1, 2)
+            total = np.zeros(W)
+            for going, out in carried_out(self._replays, np.clip(wanted + noise[start], -1.0, 1.0)):
+                total += np.where(going, out.reward, 0.0)
+            worth += [total[which == k].mean() for k in range(len(some))]
+        elites = plans[np.argsort(-np.array(worth), kind="stable")[: max(round(_ELITE * len(plans)), 1)]]
+        self._mean = _MOMENTUM * self._mean + (1.0 - _MOMENTUM) * elites.mean(0)
+        self._deviation = np.maximum(_MOMENTUM * self._deviation + (1.0 - _MOMENTUM) * elites.std(0), _LEAST)
+        self.rounds += 1
+        if self.rounds == options.rounds:
+            self._keep(self._mean, generator)
+
+    def _keep(self, actions: np.ndarray, generator: np.random.Generator) -> None:
+        """Replays a plan, and keeps it if it does the task more often than the best one."""
         replays = [self._replay(actions, generator) for _ in range(self._options.replays)]
         share = float(np.mean([share for _, share in replays]))
         if share > self.best.share:
             columns = [[getattr(found, column.name) for found, _ in replays] for column in fields(Waypoints)]
             self.best = _Plan(Waypoints(*map(np.concatenate, columns)), share, actions)
 
+    def _seed_worlds(self, generator: np.random.Generator) -> None:
+        self._begin(int(generator.integers(1 << 31)))
+        for world, own in enumerate(generator.spawn(self._replays.num_worlds)):
+            self._replays.set_generator(world, own)
+
+    def _bounded(self, actions: np.ndarray) -> np.ndarray:
+        """Actions (horizon, n) as the task carries them out, of a length of 1 at most."""
+        bounded: np.ndarray = self._replays.task.translation(actions, 1.0)[:, self._replays.task.axis_indices]
+        return bounded
+
+    def _draw(self, number: int, generator: np.random.Generator) -> list[Place]:
+        """Starts of replays, with the pusher a little off."""
+        places = [self._start.draw(generator) for _ in range(number)]
+        slips = generator.normal(0.0, _SLIP, (number, 3))
+        return [Place(place.X_WO, place.p_WP + slip) for place, slip in zip(places, slips, strict=True)]
+
+    def _noise(self, number: int, generator: np.random.Generator) -> np.ndarray:
+        """Noise (number, horizon, n) on the actions of replays."""
+        noise: np.ndarray = generator.normal(0.0, self._options.noise, (number, *self._mean.shape))
+        return noise
+
+    def _place(self, places: list[Place]) -> np.ndarray:
+        """Begins episodes of the training from places (W); gives the turns (W, n, n) of a plan's actions there."""
+        self._replays.begin(np.arange(len(places)))  # for the domains
+        self._replays.set_object_states(
+            np.array([place.object_state for place in places]), np.array([place.p_WP for place in places])
+        )
+        return np.array([self._planner.turn(place.object_state, place.p_WP) for place in places])
+
     def _replay(self, actions: np.ndarray, generator: np.random.Generator) -> tuple[Waypoints, float]:
         """The waypoints, until the task was done, of those replays of a plan that did it, and the share of these."""
         worlds, W = self._replays, self._replays.num_worlds
-        worlds.begin(np.arange(W))  # for the domains
-        places = [self._start.draw(generator) for _ in range(W)]
-        p_WP = np.array([place.p_WP for place in places]) + generator.normal(0.0, _SLIP, (W, 3))
-        worlds.set_object_states(np.array([place.object_state for place in places]), p_WP)
-        turns = [self._planner.turn(place.object_state, place.p_WP) for place in places]
-        wanted = np.array([actions @ turn.T for turn in turns])
-        noise = generator.normal(0.0, self._options.noise, wanted.shape)
+        wanted = actions @ self._place(self._draw(W, generator)).swapaxes(1, 2)
+        noise = self._noise(W, generator)
         seen, went, success = [_states(worlds)], [], np.zeros(W, bool)
         for going, out in carried_out(worlds, np.clip(wanted + noise, -1.0, 1.0)):
             seen.append(_states(worlds))

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_op
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE, Waypoints
 
-QUICK = WaypointOptions(attempts=3, share=1.0, replays=2)
+QUICK = WaypointOptions(attempts=3, share=1.0, replays=2, rounds=2, plans=4, starts=8)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +46,7 @@ def test_its_file_holds_what_was_found_and_how_robust_it_is(found):
     assert known.digest() == waypoints.digest()
     with np.load(folder / WAYPOINTS_FILE) as file:
         assert file["share"] == steps[-1].best > 0.1
-    assert [step.done for step in steps] == pytest.approx([1 / 3, 2 / 3, 1.0])
+    assert [step.done for step in steps] == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
     assert len(Waypoints.read(folder / "nothing")) == 0
 
 
@@ -64,12 +66,27 @@ def test_the_plan_turns_the_cube_over_from_other_starts_with_noise_and_in_cousin
     assert along.std(0).max() < 0.1
 
 
-def test_an_interrupted_search_goes_on_with_the_same_result(worlds, found, tmp_path):
+def test_rounds_make_a_plan_more_robust(worlds, tmp_path):
+    shares = []
+    for rounds in (0, 6):
+        options = dataclasses.replace(QUICK, attempts=1, replays=8, rounds=rounds, plans=16, starts=16)
+        find_waypoints(worlds, tmp_path, options, seed=3)
+        with np.load(tmp_path / WAYPOINTS_FILE) as file:
+            shares.append(float(file["share"]))
+    assert shares[1] > shares[0] + 0.1 > 0.1
+
+
+@pytest.mark.parametrize("after", [1, 4])
+def test_an_interrupted_search_goes_on_with_the_same_result(worlds, found, tmp_path, after):
     class Killed(Exception):
         pass
 
+    steps = []
+
     def kill(step):
-        raise Killed
+        steps.append(step)
+        if len(steps) == after:
+            raise Killed
 
     with pytest.raises(Killed):
         find_waypoints(worlds, tmp_path, QUICK, seed=3, report=kill)
@@ -78,7 +95,9 @@ def test_an_interrupted_search_goes_on_with_the_same_result(worlds, found, tmp_p
         find_waypoints(worlds, tmp_path, QUICK, seed=4, resume=True)
 
 
-@pytest.mark.parametrize("wrong", [{"attempts": 0}, {"replays": 0}, {"share": 1.5}, {"noise": -0.1}])
+@pytest.mark.parametrize(
+    "wrong", [{"attempts": 0}, {"replays": 0}, {"share": 1.5}, {"noise": -0.1}, {"rounds": -1}, {"plans": 1}]
+)
 def test_options_out_of_range_are_refused(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         WaypointOptions(**wrong)
