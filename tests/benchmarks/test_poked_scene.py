@@ -35,10 +35,10 @@ def test_a_cube_is_pushed_as_fast_as_the_pusher_and_slides_to_rest(make):
     pushed = scene.object_state
     np.testing.assert_allclose(scene.p_WP, [-HALF - RADIUS - 0.01 + 0.06, 0.0, HALF], atol=1e-3)
     np.testing.assert_allclose(pushed[4:7], [0.05, 0.0, HALF], atol=2e-3)
-    np.testing.assert_allclose(pushed[10:13], [0.3, 0.0, 0.0], atol=0.02)
+    np.testing.assert_allclose(pushed[10:13], [0.3, 0.0, 0.0], atol=0.03)
     scene.advance(np.array([-0.3, 0.0, 0.0]), 0.3)
     rest = scene.object_state
-    assert rest[4] - pushed[4] == pytest.approx(0.3**2 / (2 * FRICTION * 9.81), abs=2e-3)
+    assert rest[4] - pushed[4] == pytest.approx(0.3**2 / (2 * FRICTION * 9.81), abs=3e-3)
     assert np.abs(rest[7:]).max() < 5e-3
 
 
