@@ -37,13 +37,13 @@ def test_a_policy_is_read_as_it_was_written(tmp_path, policy):
 def test_the_likeliest_level_is_taken_and_its_neighbours_are_heard():
     logits = torch.full((4, 2, len(LEVELS)), -50.0)
     logits[0, 0, 0] = logits[0, 1, -1] = 0.0
-    logits[1, 0, 3] = logits[1, 0, 4] = 0.0  # between two
+    logits[1, 0, 9] = logits[1, 0, 10] = 0.0  # between two
     logits[1, 1, 0], logits[1, 1, -1] = 0.1, 0.0  # two ways: one of them, and not their mean
     logits[2] = 0.0
     logits[2, :, 1] = 1e-6
     logits[3, 0, 1] = torch.nan
     actions = chosen(logits)
-    assert actions[:3].numpy() == pytest.approx(np.array([[-1.0, 1.0], [1 / 6, -1.0], [-2 / 3, -2 / 3]]), abs=1e-6)
+    assert actions[:3].numpy() == pytest.approx(np.array([[-1.0, 1.0], [1 / 18, -1.0], [-8 / 9, -8 / 9]]), abs=1e-6)
     assert actions[3].isnan().tolist() == [True, False]
 
 
