@@ -14,6 +14,7 @@ from pinwm_drake.learning.distil import STAGE, DistilOptions, train_distil
 from pinwm_drake.learning.policy import Policy, read_policy, weights_digest, write_policy
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
 from pinwm_drake.learning.progress import Report
+from pinwm_drake.learning.rounds import ANY, Until, minutes_of
 from pinwm_drake.learning.sac import SacOptions, train_sac
 
 TEACHER, IMAGES = "teacher", "ppo"  # folders of stages, beside STAGE of the distillation
@@ -26,9 +27,11 @@ class StatePpo:
 
     Attributes:
         options: Settings of PPO.
+        until: What ends it before its last round.
     """
 
     options: PpoOptions = field(default_factory=PpoOptions)
+    until: Until = ANY
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
@@ -41,7 +44,7 @@ class StatePpo:
             self.options,
             stage=TEACHER,
             shown=make_worlds.waypoints,
-            **_common(make_worlds, seed, resume, report),
+            **_common(make_worlds, seed, resume, report, self.until),
         )
         write_policy(out / TEACHER / "policy", policy)
         return policy
@@ -53,9 +56,11 @@ class StateSac:
 
     Attributes:
         options: Settings of SAC.
+        until: What ends it before its last round.
     """
 
     options: SacOptions = field(default_factory=SacOptions)
+    until: Until = ANY
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
@@ -67,7 +72,7 @@ class StateSac:
             out / TEACHER,
             self.options,
             stage=TEACHER,
-            **_common(make_worlds, seed, resume, report),
+            **_common(make_worlds, seed, resume, report, self.until),
         )
         write_policy(out / TEACHER / "policy", policy)
         return policy
@@ -79,9 +84,11 @@ class ImagePpo:
 
     Attributes:
         options: Settings of PPO.
+        until: What ends it before its last round.
     """
 
     options: PpoOptions = field(default_factory=PpoOptions.for_images)
+    until: Until = ANY
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
@@ -93,7 +100,7 @@ class ImagePpo:
             out / IMAGES,
             self.options,
             stage=IMAGES,
-            **_common(make_worlds, seed, resume, report),
+            **_common(make_worlds, seed, resume, report, self.until),
         )
 
 
@@ -104,10 +111,12 @@ class Distillation:
     Attributes:
         teacher: Training of the teacher; or the folder of a trained one, a policy of the state.
         options: Settings of the distillation.
+        until: What ends the training before its last round; of the minutes, a teacher takes half at most.
     """
 
     teacher: StateSac | StatePpo | Path = field(default_factory=StateSac)
     options: DistilOptions = field(default_factory=DistilOptions)
+    until: Until = ANY
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
@@ -118,19 +127,22 @@ class Distillation:
             if teacher.spec.observes != "state":
                 raise InputError(self.teacher, value="a policy of images", allowed="one of the state")
         else:
-            teacher = self.teacher.train(data, make_worlds, out, seed=seed, resume=resume, report=report)
-        common = _common(make_worlds, seed, resume, report)
+            own = replace(self.teacher, until=self.until.within(0.5 * self.until.minutes))
+            teacher = own.train(data, make_worlds, out, seed=seed, resume=resume, report=report)
+        spent = 0.0 if isinstance(self.teacher, Path) else minutes_of(out / TEACHER)
+        common = _common(make_worlds, seed, resume, report, self.until.within(self.until.minutes - spent))
         common["about"] = {**make_worlds.about, "teacher": weights_digest(teacher)}
         spec = replace(make_worlds.spec("rgb"), head=teacher.spec.head)
         return train_distil(make_worlds.worlds("rgb_state"), teacher, spec, out / STAGE, self.options, **common)
 
 
-def _common(make_worlds: MakeWorlds, seed: int, resume: bool, report: Report) -> dict[str, Any]:
+def _common(make_worlds: MakeWorlds, seed: int, resume: bool, report: Report, until: Until) -> dict[str, Any]:
     """Arguments that every stage of a training takes, by name."""
     return {
         "seed": seed,
         "about": make_worlds.about,
         "on_round": make_worlds.begin,
         "resume": resume,
+        "until": until,
         "report": report,
     }

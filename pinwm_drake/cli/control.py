@@ -163,7 +163,7 @@ def _show(meshcat: "Meshcat", before: str, row: "ControlRow") -> None:
 def _announce(
     console: Console, armed: bool, simulated: bool, engine: str, setup: "Setup", limits: "SafetyLimits"
 ) -> None:
-    """Prints the name of the controlled robot or engine, whether the pusher moves, its limits, and what an arm lacks."""
+    """Prints the name of the controlled robot or engine, whether the pusher moves, its limits, and what it lacks."""
     from pinwm_drake.systems.arm.driver import arm_limits
 
     what = {True: "[bold]armed[/]: the pusher moves", False: "[bold]dry run[/]: nothing moves (--arm does)"}

@@ -87,6 +87,12 @@ def train(
     teacher: Annotated[
         Path | None, typer.Option(help="A policy of the state to learn from, instead of training one.")
     ] = None,
+    target: Annotated[
+        float | None, typer.Option(help="Success rate of an evaluation at which a stage is over, up to 1.")
+    ] = None,
+    minutes: Annotated[
+        float | None, typer.Option(help="That it may take in all; the best policy so far is what comes out.")
+    ] = None,
     threads: Annotated[int | None, typer.Option(help="Of torch.", show_default="one on each core")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run ended.")] = False,
 ) -> None:
@@ -119,6 +125,8 @@ def train(
         episodes=episodes,
         shift=shift,
         teacher=teacher,
+        target=target,
+        minutes=minutes,
         threads=threads,
         resume=resume,
     )
@@ -129,8 +137,8 @@ def train(
     except KeyboardInterrupt:
         say(f"interrupted; go on with --resume (what is done is in {out})")
         raise SystemExit(1) from None
-    minutes = (time.monotonic() - begun) / 60
-    say(f"trained for {minutes:.1f} minutes in this run; wrote {out / training.FIGURE_FILE}")
+    took = (time.monotonic() - begun) / 60
+    say(f"trained for {took:.1f} minutes in this run; wrote {out / training.FIGURE_FILE}")
     say(f"wrote {out / POLICY_FILE}; try it with: pinwm evaluate {out} --engine hydroelastic")
 
 

@@ -1,6 +1,7 @@
 """The training of a policy of a task in the cousins of a twin, in one or two stages, with all files that it leaves."""
 
 import math
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from pinwm_drake.learning.distil import DistilOptions
 from pinwm_drake.learning.policy import Policy, write_policy
 from pinwm_drake.learning.ppo import PpoOptions
 from pinwm_drake.learning.progress import Report, silent
-from pinwm_drake.learning.rounds import CHECKPOINT_FILE, HISTORY_FILE
+from pinwm_drake.learning.rounds import ANY, CHECKPOINT_FILE, HISTORY_FILE
 from pinwm_drake.learning.sac import SacOptions
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.report.figures.training import training_figure
@@ -64,6 +65,8 @@ class TrainRequest:
     episodes: int | None = None
     shift: int | None = None
     teacher: Path | None = None
+    target: float | None = None
+    minutes: float | None = None
     threads: int | None = None
     resume: bool = False
 
@@ -75,6 +78,9 @@ class TrainRequest:
         for name in ("worlds", "threads", "steps", "round_steps", "rounds", "images", "updates", "episodes"):
             value = getattr(self, name)
             require(f"--{name.replace('_', '-')}", value, value is None or value >= 1, "1 or more")
+        reached = self.target is None or 0.0 < self.target <= 1.0
+        require("--target", self.target, reached, "more than 0, up to 1")
+        require("--minutes", self.minutes, self.minutes is None or self.minutes > 0.0, "more than 0")
         require("--seed", self.seed, self.seed >= 0, "0 or more")
         require("--yaw", self.yaw, self.yaw is None or 0.0 <= self.yaw <= math.pi + 1e-9, "0 to pi")
         with_teacher = self.teacher is None or self.method == "distil"
@@ -102,11 +108,11 @@ def train(request: TrainRequest, *, report: Report = silent) -> Policy:
         raise InputError(out, value="a training that was begun", allowed="a new folder, or --resume to go on")
     if request.threads is not None:
         torch.set_num_threads(request.threads)
-    worlds = _training_worlds(request)
+    begun, worlds = time.monotonic(), _training_worlds(request)
     if worlds.setup.task.waypoints and request.teacher is None:
         folder = prepare_folder(out / WAYPOINTS)
         worlds.waypoints = find_waypoints(worlds, folder, seed=request.seed, resume=request.resume, report=report)
-    method = _method(request, worlds.setup.task)
+    method = _method(request, worlds.setup.task, (time.monotonic() - begun) / 60.0)
     policy = method.train(MethodData(), worlds, out, seed=request.seed, resume=request.resume, report=report)
     assert isinstance(policy, Policy)
     histories = {stage.name: stage / HISTORY_FILE for stage in stages if (stage / HISTORY_FILE).exists()}
@@ -157,15 +163,20 @@ def _algorithm(request: TrainRequest, task: Task) -> str:
     return request.algorithm or task.algorithm
 
 
-def _method(request: TrainRequest, task: Task) -> Method:
-    """The method of a request, with the settings that are given."""
+def _method(request: TrainRequest, task: Task, spent: float) -> Method:
+    """The method of a request, with the settings that are given, of whose minutes some are spent."""
+    limits = {
+        "target": request.target,
+        "minutes": None if request.minutes is None else max(request.minutes - spent, 0.01),
+    }
+    until = _with(ANY, **limits)
     steps = {"steps": request.steps, "round_steps": request.round_steps, "episodes": request.episodes}
     if request.method == "ppo":
-        return ImagePpo(_with(PpoOptions.for_images(), **steps, shift=request.shift))
+        return ImagePpo(_with(PpoOptions.for_images(), **steps, shift=request.shift), until)
     sac = _algorithm(request, task) == "sac"
     teacher = StateSac(_with(SacOptions(), **steps)) if sac else StatePpo(_with(PpoOptions(), **steps))
     if request.method == "state":
-        return teacher
+        return replace(teacher, until=until)
     options = _with(
         DistilOptions(),
         rounds=request.rounds,
@@ -174,7 +185,7 @@ def _method(request: TrainRequest, task: Task) -> Method:
         episodes=request.episodes,
         shift=request.shift,
     )
-    return Distillation(request.teacher or teacher, options)
+    return Distillation(request.teacher or teacher, options, until)
 
 
 def _with(options: Any, **values: Any) -> Any:

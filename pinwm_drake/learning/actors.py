@@ -22,8 +22,8 @@ from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.tasks import Task
 
 _FAR = 0.3  # m, unit of places that layers take
-# An action between two levels, such as one of a plan that is imitated, is done by chance while PPO tries it: with levels
-# of thirds, 60 % of flips after imitation became 20 %; with ninths they became 90 %.
+# An action between two levels, such as one of a plan that is imitated, is done by chance while PPO tries it: with
+# thirds, 60 % of flips after imitation became 20 %; with ninths they became 90 %.
 LEVELS = tuple(k / 9.0 for k in range(-9, 10))
 Seen = Tensor | Mapping[str, Tensor]
 

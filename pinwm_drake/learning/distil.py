@@ -28,7 +28,7 @@ from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
-from pinwm_drake.learning.rounds import EVALUATION_SEED, OnRound, Rounds
+from pinwm_drake.learning.rounds import ANY, EVALUATION_SEED, OnRound, Rounds, Until
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import pack, set_weights, unpack, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds, usual_starts
@@ -88,6 +88,7 @@ def train_distil(
     about: Mapping[str, object] | None = None,
     on_round: OnRound | None = None,
     resume: bool = False,
+    until: Until = ANY,
     report: Report = silent,
 ) -> Policy:
     """Trains a policy of images.
@@ -102,6 +103,7 @@ def train_distil(
         about: Description of worlds and teacher, as JSON takes it: a checkpoint with another one is refused.
         on_round: Called with a seed at the beginning of a round, to draw its domains.
         resume: Flag: the training goes on from a checkpoint, where there is one.
+        until: What ends it before its last round.
         report: Called with the progress of the training.
 
     Returns:
@@ -112,7 +114,7 @@ def train_distil(
     """
     told = {"options": asdict(options), "seed": seed, "spec": spec.to_document(), "worlds": env.num_envs}
     about = {**told, **(about or {})}
-    rounds = Rounds(folder, STAGE, about, seed, resume=resume, total=options.rounds, report=report)
+    rounds = Rounds(folder, STAGE, about, seed, resume=resume, total=options.rounds, until=until, report=report)
     student, optimizer = _begin(spec, teacher, options)
     logger = configure(str(folder / "tensorboard"), ["tensorboard"])
     frames, images = Frames(env.num_envs, spec.frames, options.keep), prepare_folder(folder / "images")
@@ -121,7 +123,7 @@ def train_distil(
     for number in range(rounds.number):
         frames.add(Chunk.read(images / f"{number:04}.npz"))
     augment = Augment(options.shift, options.gain)
-    while rounds.number < options.rounds:
+    while not rounds.ended(options.rounds):
         rounds.begin(env, on_round)
         generator = np.random.default_rng(np.random.randint(1 << 31))  # noqa: NPY002  # seeded by `begin`
         if rounds.number == 0:

@@ -19,7 +19,7 @@ from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
 from pinwm_drake.learning.round_callback import RoundCallback, begin_round
-from pinwm_drake.learning.rounds import EVALUATION_SEED, OnRound, Rounds
+from pinwm_drake.learning.rounds import ANY, EVALUATION_SEED, OnRound, Rounds, Until
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import pack, unpack
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
@@ -109,6 +109,7 @@ def train_ppo(
     shown: Waypoints | None = None,
     on_round: OnRound | None = None,
     resume: bool = False,
+    until: Until = ANY,
     report: Report = silent,
 ) -> Policy:
     """Trains a policy; the best by its evaluations is kept in the checkpoint.
@@ -126,6 +127,7 @@ def train_ppo(
             begin with weights drawn at random.
         on_round: Called with a seed before worlds are reset at the beginning of a round, to draw its domains.
         resume: Flag: the training goes on from a checkpoint, where there is one.
+        until: What ends it before its last round.
         report: Called with the progress of the training.
 
     Returns:
@@ -139,7 +141,7 @@ def train_ppo(
     size = rollout * math.ceil(min(options.round_steps, options.steps) / rollout)
     total = math.ceil(options.steps / size)
     about = {**told, **(about or {})}
-    rounds = Rounds(folder, stage, about, seed, resume=resume, total=total, report=report)
+    rounds = Rounds(folder, stage, about, seed, resume=resume, total=total, until=until, report=report)
     model = _model(env, spec, options, seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     networks = partial(pack, model.policy, model.policy.optimizer)

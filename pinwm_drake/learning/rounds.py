@@ -12,7 +12,7 @@ import math
 import random
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 from pinwm_drake.checkpoints import Resumable, read_arrays, write_arrays
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.evaluation import Evaluation
 from pinwm_drake.learning.policy import make_actor
@@ -62,6 +62,44 @@ class Round:
     seconds: float
 
 
+@dataclass(frozen=True)
+class Until:
+    """What ends a stage before its last round.
+
+    Attributes:
+        target: Share of an evaluation's episodes with success from which the stage is over; infinite for none.
+        minutes: min, all runs together, that the stage may take, judged by its last round; infinite for any. One round
+            is done in any case.
+
+    Raises:
+        ParameterError: A number is not positive.
+    """
+
+    target: float = math.inf
+    minutes: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        require("target", self.target, 0.0 < self.target <= 1.0 or self.target == math.inf, "more than 0, up to 1")
+        require("minutes", self.minutes, self.minutes > 0.0, "more than 0")
+
+    def within(self, minutes: float) -> "Until":
+        """The same with other minutes, at least a second."""
+        return replace(self, minutes=max(minutes, 1.0 / 60.0))
+
+
+ANY = Until()
+
+
+def minutes_of(folder: Path) -> float:
+    """Minutes that a stage took, by its table of rounds; 0 where there is none."""
+    try:
+        rows = list(csv.DictReader((folder / HISTORY_FILE).open(newline="", encoding="utf-8")))
+    except FileNotFoundError:
+        return 0.0
+    return float(rows[-1]["seconds"]) / 60.0 if rows else 0.0
+
+
 class Rounds:
     """The memory of a stage of training, in a folder.
 
@@ -82,6 +120,7 @@ class Rounds:
         *,
         resume: bool,
         total: int,
+        until: Until = ANY,
         report: Report = silent,
     ) -> None:
         """Begins empty, or as an earlier run left the stage.
@@ -93,6 +132,7 @@ class Rounds:
             seed: Seed of the training, 0 or more.
             resume: Flag: the stage goes on from a checkpoint, if there is one.
             total: Number of rounds of the stage.
+            until: What ends it before; a continued stage may have another one.
             report: Called with the progress of the stage.
 
         Raises:
@@ -106,7 +146,7 @@ class Rounds:
         self.history = [Round(int(row[0]), int(row[1]), *(float(value) for value in row[2:])) for row in rows]
         best = [name for name in self.arrays if name.startswith(_BEST)]
         self._weights = {name.removeprefix(_BEST): self.arrays.pop(name) for name in best}
-        self.total, self._report = total, report
+        self.total, self._until, self._report = total, until, report
         self._resume, self._pace = resume, Pace()
         self._begun = time.monotonic() - self.seconds
         self._kept = time.monotonic()
@@ -133,12 +173,21 @@ class Rounds:
         return min(self.history, key=lambda one: one.length, default=None)
 
     def ended(self, patience: int) -> bool:
-        """Flag: all rounds are done, or one succeeded mostly and `patience` ones after it were hardly better."""
+        """Flag: all rounds are done, or one succeeded mostly and `patience` ones after it were hardly better.
+
+        So it is where a round has reached the target, or the next one would take too long.
+        """
         best = self.best
+        if best is not None and self._enough(best):
+            return True
         if best is None or best.success <= 0.8:
             return self.number >= self.total
         enough = next(one for one in self.history if one.length <= best.length * (1.0 + _LITTLE))
         return self.number >= self.total or self.number - 1 - enough.number >= patience
+
+    def _enough(self, best: Round) -> bool:
+        before = self.history[-2].seconds if len(self.history) > 1 else 0.0
+        return best.success >= self._until.target or 2.0 * self.seconds - before > 60.0 * self._until.minutes
 
     def begin(self, env: VecEnv, on_round: OnRound | None = None) -> None:
         """Seeds the generators of python, numpy and torch, and the worlds, for the next round.

@@ -24,7 +24,7 @@ from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
 from pinwm_drake.learning.round_callback import Arrays, RoundCallback, begin_round
-from pinwm_drake.learning.rounds import EVALUATION_SEED, OnRound, Rounds
+from pinwm_drake.learning.rounds import ANY, EVALUATION_SEED, OnRound, Rounds, Until
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import pack, set_weights, unpack, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
@@ -89,6 +89,7 @@ def train_sac(
     about: Mapping[str, object] | None = None,
     on_round: OnRound | None = None,
     resume: bool = False,
+    until: Until = ANY,
     report: Report = silent,
 ) -> Policy:
     """Trains a policy of the state; the best by its evaluations is kept in the checkpoint.
@@ -106,6 +107,7 @@ def train_sac(
         about: Description of the worlds, as JSON takes it: a checkpoint with another one is refused.
         on_round: Called with a seed before worlds are reset at the beginning of a round, to draw its domains.
         resume: Flag: the training goes on from a checkpoint, where there is one.
+        until: What ends it before its last round.
         report: Called with the progress of the training.
 
     Returns:
@@ -121,7 +123,9 @@ def train_sac(
     actions = math.ceil(min(options.round_steps, options.steps) / env.num_envs)  # of each world in a round
     size = env.num_envs * actions
     total = math.ceil(options.steps / size)
-    rounds = Rounds(folder, stage, {**told, **(about or {})}, seed, resume=resume, total=total, report=report)
+    rounds = Rounds(
+        folder, stage, {**told, **(about or {})}, seed, resume=resume, total=total, until=until, report=report
+    )
     replay, model = prepare_folder(folder / "replay"), _model(AlongHeading(env, spec.task), spec.task, options, seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     if rounds.number:

@@ -98,7 +98,12 @@ def _render(full: bool, fixed: _Fixed, num_threads: int, inputs: tuple[Tensor, .
     intrinsics, size, background = fixed
     surfels, sh, _, view = _inputs(inputs, intrinsics)
     images = _images(len(intrinsics), size, full)
-    share(forward.render_views, (_prepared(surfels), sh, view, size, background, full, images), len(intrinsics), num_threads)
+    share(
+        forward.render_views,
+        (_prepared(surfels), sh, view, size, background, full, images),
+        len(intrinsics),
+        num_threads,
+    )
     return images
 
 

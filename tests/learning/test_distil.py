@@ -5,7 +5,7 @@ from torch.nn.functional import cross_entropy
 
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning import distil, rounds
-from pinwm_drake.learning.actors import ImageActor, LevelActor
+from pinwm_drake.learning.actors import LEVELS, ImageActor, LevelActor
 from pinwm_drake.learning.distil import DistilOptions, train_distil
 from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.policy import Policy
@@ -26,7 +26,8 @@ def teacher():
         state = torch.zeros(256, 11)
         state[:, :2], state[:, 2] = 2.0 * torch.rand(256, 2) - 1.0, 1.0
         state[:, 7:] = torch.randn(256, 4)  # where the pusher is does not matter
-        wanted = (-15.0 * state[:, :2]).clamp(-3.0, 3.0).round().long() + 3
+        most = len(LEVELS) // 2
+        wanted = (-5.0 * most * state[:, :2]).clamp(-most, most).round().long() + most
         loss = cross_entropy(actor.logits(state).flatten(0, 1), wanted.flatten())
         optimizer.zero_grad()
         loss.backward()

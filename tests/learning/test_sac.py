@@ -109,6 +109,31 @@ def test_it_goes_on_while_nothing_succeeds(tmp_path):
     assert [float(row["success"]) for row in _history(tmp_path)] == [0.0] * 4
 
 
+def test_it_ends_with_the_first_round_that_reaches_the_target(tmp_path):
+    options = SacOptions(
+        steps=24_000, round_steps=400, learning_starts=100, update_every=2, batch_size=128, episodes=64, patience=20
+    )
+    until = rounds.Until(target=0.9)
+    policy = train_sac(ToyWorlds(images=False), SPEC, tmp_path, options, stage="sac", until=until)
+    *before, last = [float(row["success"]) for row in _history(tmp_path)]
+    assert last >= 0.9 > max(before, default=0.0)
+    assert evaluate_worlds(ToyWorlds(images=False), policy, 64, seed=5).success_rate > 0.5
+
+
+def test_it_ends_before_it_takes_longer_than_it_may(tmp_path):
+    train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac", until=rounds.Until(minutes=1e-6))
+    assert len(_history(tmp_path)) == 1
+    train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac", resume=True)  # with all the time it needs
+    assert len(_history(tmp_path)) == 3
+    assert rounds.minutes_of(tmp_path) > 0.0 == rounds.minutes_of(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize("values", [{"target": 0.0}, {"target": 1.5}, {"minutes": 0.0}, {"minutes": float("nan")}])
+def test_ends_that_make_no_sense_are_refused(values):
+    with pytest.raises(ParameterError, match=next(iter(values))):
+        rounds.Until(**values)
+
+
 def test_steps_that_are_missing_are_named(tmp_path):
     train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac")
     (tmp_path / "replay" / "0001.npz").unlink()

@@ -50,7 +50,7 @@ _MOST_REACH = np.float32(-math.log(reference.LEAST_ALPHA))
 # A smallest squared stretch above which the disc hides the plane; a little more, for rounding.
 _PLANE_HIDDEN = np.float32(1.001 * reference.PIXEL_FILTER)
 
-# A block of surfels; the channels of what is the same in all views; and those of the work array, of what is found in one.
+# A block of surfels; the channels of what is the same in all views; and of the work array, of what is found in one.
 BLOCK = 64
 _PX, _PY, _PZ, _AX, _AY, _AZ, _BX, _BY, _BZ, _UX, _UY, _UZ, _ALPHA, _REACH = range(14)
 SAME = 14
