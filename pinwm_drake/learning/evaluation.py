@@ -41,6 +41,7 @@ class EpisodeResult:
         failure: Reason why the physics failed; empty where it did not.
         start_distance: m, distance from the goal at the start; NaN likewise.
         start_angle: rad, angle from the goal at the start; NaN likewise.
+        coverage: Share of the goal's outline that the object covers at the end, from above; NaN where there is none.
     """
 
     seed: int | None
@@ -51,6 +52,7 @@ class EpisodeResult:
     failure: str = ""
     start_distance: float = math.nan
     start_angle: float = math.nan
+    coverage: float = math.nan
 
     @property
     def outcome(self) -> str:
@@ -124,6 +126,8 @@ class Evaluation:
             "steps": {"successes": _middle(self.steps(successful=True)), "all": _middle(self.steps())},
             "final_distance": _middle([result.distance for result in self.results]),
             "final_angle": _middle([result.angle for result in self.results]),
+            "within_10_mm_and_0.1_rad": sum(one.distance <= 0.01 and one.angle <= 0.1 for one in self.results),
+            "coverage": _middle([result.coverage for result in self.results]),
         }
 
 

@@ -53,6 +53,7 @@ def test_an_episode_whose_physics_fails_is_kept(scenario, tmp_path, monkeypatch)
     record = runner.run(4)
     assert (record.result.outcome, record.result.failure, record.result.steps) == ("failure", "no solution", 3)
     assert record.p_WO.shape == (4, 3)
+    assert 0.0 <= record.result.coverage < 1.0
     store = EpisodeStore(tmp_path, {"a": 1}, resume=False)
     store.write(4, record)
     assert (store.read(3), store.read(5)) == (None, None)

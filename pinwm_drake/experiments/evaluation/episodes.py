@@ -1,20 +1,26 @@
 """Runs the episodes of an evaluation, in this process or shared among several."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+import torch
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.experiments.evaluation.contestant import Contestant, make_environment, read_contestant
+from pinwm_drake.experiments.evaluation.coverage import coverage
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.store import EpisodeStore
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.learning.evaluation import run_episode
 from pinwm_drake.parallel import Executor
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.report import strip_steps
+from pinwm_drake.spatial.poses import Pose, pose_to_matrix
 
 # Of a process, by what the policy is and what is asked for.
 _runners: dict[tuple[str, EvaluateRequest], "EpisodeRunner"] = {}
@@ -36,6 +42,7 @@ class EpisodeRunner:
         """
         self.contestant, self.env = contestant, make_environment(contestant, request)
         self._policy = contestant.make(self.env)
+        self._mesh = load_mesh(self.env.setup.twin.mesh_path)
 
     def run(self, seed: int) -> EpisodeRecord:
         """Runs an episode, all of which follows from its seed."""
@@ -53,9 +60,18 @@ class EpisodeRunner:
         result = run_episode(self.env, self._policy, seed, watch=watch)
         seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
         table = np.array(rows)
+        result = replace(result, coverage=self._coverage(table[-1]))
         at = np.array(strip_steps(len(rows) - 1) if views else [], int)
         shown = np.array([views[step] for step in at]) if views else np.zeros((0, 0, 0, 3), np.uint8)
         return EpisodeRecord(result, table[:, :4], table[:, 4:7], table[:, 7:], shown, at, seconds, cpu)
+
+    def _coverage(self, row: np.ndarray) -> float:
+        """Coverage with the object at (7,) q_WO wxyz, p_WO [m]; NaN where the task has no pose for a goal."""
+        X_WG = self.env.task.goal_pose(float(row[6]))
+        if X_WG is None or not np.isfinite(row).all():
+            return math.nan
+        X_WO = Pose(*(torch.from_numpy(part.copy()) for part in (row[:4], row[4:7])))
+        return coverage(self._mesh, pose_to_matrix(X_WO).numpy(), pose_to_matrix(X_WG).numpy())
 
 
 def run_episodes(

@@ -29,7 +29,7 @@ from pinwm_drake.systems.envs.env import TaskEnv
 _TILE, _SECTIONS = 200, 12  # px of a picture of an episode, and sides of a pusher that is shown that small
 _COLUMNS = (
     *("seed", "outcome", "success", "steps", "distance", "angle", "start_x", "start_y", "start_yaw"),
-    *("pusher_x", "pusher_y", "start_distance", "start_angle", "failure"),
+    *("pusher_x", "pusher_y", "start_distance", "start_angle", "failure", "coverage"),
 )
 
 
@@ -113,7 +113,7 @@ def write_episodes(path: Path, records: Sequence[EpisodeRecord], q_WO: tuple[flo
             one = record.result
             begun = [*record.start(q_WO), *record.p_WP[0, :2].tolist(), one.start_distance, one.start_angle]
             ended = [one.seed, one.outcome, int(one.success), one.steps, one.distance, one.angle]
-            table.writerow([*ended, *begun, one.failure])
+            table.writerow([*ended, *begun, one.failure, one.coverage])
 
 
 def story_of(

@@ -13,7 +13,7 @@ from pinwm_drake.report.evaluation.episode import EpisodeRecord
 
 _TABLES = ("q_WO", "p_WO", "p_WP", "views", "at")
 _TIMES = ("seconds", "cpu_seconds")
-_FIGURES = ("success", "steps", "distance", "angle", "start_distance", "start_angle")
+_FIGURES = ("success", "steps", "distance", "angle", "start_distance", "start_angle", "coverage")
 
 
 class EpisodeStore:

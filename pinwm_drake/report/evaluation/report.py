@@ -115,6 +115,12 @@ def details(evaluation: Evaluation) -> list[str]:
     distance, angle = summary["final_distance"]["median"], summary["final_angle"]["median"]
     if distance is not None and angle is not None:
         lines.append(f"in the end the object was {1e3 * distance:.1f} mm and {math.degrees(angle):.1f}° away, median")
+    covered = summary["coverage"]["mean"]
+    if covered is not None:
+        near = summary["within_10_mm_and_0.1_rad"]
+        lines.append(
+            f"it then covered {100 * covered:.1f} % of the goal's outline on average; {near} within 10 mm, 0.1 rad"
+        )
     if summary["time_limits"]:
         lines.append(f"{summary['time_limits']} ran into the time limit")
     if summary["failures"]:
