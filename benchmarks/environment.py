@@ -26,7 +26,7 @@ from pinwm_drake.systems.scenario.schema import Physics, Plant, Scenario, load_s
 SCENE = "package://pinwm_models/scenarios/push_t.scenario.yaml"
 WORLDS, PROCESSES, ACTIONS, OTHERS_ACTIONS = 32, 2, 100, 5
 TIME_STEP, SIZE = 1 / 120, 64
-BARS = {"state": 8000, "rgb": 2000}
+BARS = {"state": 8000, "rgb": 6000}
 DIRECTIONS = (8, 32)
 KINDS = {"state": "state", "rgb": "rgb_state"}  # the policy that acts needs the state
 PLANT_STEPS = {"384": None, "12": TIME_STEP}

@@ -64,7 +64,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Until:
-    """What ends a stage before its last round.
+    """End of a stage before its last round.
 
     Attributes:
         target: Share of an evaluation's episodes with success from which the stage is over; infinite for none.
@@ -84,7 +84,7 @@ class Until:
         require("minutes", self.minutes, self.minutes > 0.0, "more than 0")
 
     def within(self, minutes: float) -> "Until":
-        """The same with other minutes, at least a second."""
+        """End with the same target and other minutes, at least a second."""
         return replace(self, minutes=max(minutes, 1.0 / 60.0))
 
 

@@ -62,7 +62,7 @@ class SafetyLimits:
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
     def shortfall(self, robot: "SafetyLimits") -> str:
-        """What a robot with such limits is short of, as "max_acceleration: 4 of 20 m/s^2"; "" for nothing."""
+        """Shortfall of a robot with such limits, as "max_acceleration: 4 of 20 m/s^2"; "" for none."""
         pairs = [(name, unit, getattr(robot, name), getattr(self, name)) for name, unit in _UNITS.items()]
         return ", ".join(f"{name}: {has:g} of {wants:g} {unit}" for name, unit, has, wants in pairs if has < wants)
 

@@ -78,7 +78,7 @@ def _inputs(inputs: tuple[Tensor, ...], intrinsics: np.ndarray) -> tuple[tuple, 
 
 
 def _prepared(surfels: tuple) -> np.ndarray:
-    """What is the same of the surfels in all views."""
+    """Numbers of the surfels that are the same in all views; see `prepare_surfels`."""
     same = np.empty((-(-len(surfels[0]) // BLOCK), SAME, BLOCK), np.float32)
     forward.prepare(surfels, same)
     return same

@@ -219,7 +219,7 @@ def rehearse(
 
 
 def shortfall(request: RehearseRequest) -> str:
-    """What the simulated arm is short of for a bundle, as `SafetyLimits.shortfall` says it.
+    """Shortfall of the simulated arm for a bundle, as `SafetyLimits.shortfall` says it.
 
     Raises:
         InputError: Bundle or scene cannot be used.
