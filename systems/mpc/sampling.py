@@ -162,15 +162,19 @@ class SamplingMpc:
         if like is not None:
             kept = like[None]
             mean, spread = like.copy(), np.full_like(spread, 0.5 * options.spread)
-        best, left = None, options.first_iterations if last is None else options.iterations
+        best, middle, left = None, None, options.first_iterations if last is None else options.iterations
         while left > 0:
             drawn = np.clip(mean + spread * self._noise(n), -1.0, 1.0)
             drawn[: len(kept)] = kept
+            if best is not None:
+                drawn[len(kept)] = mean
             if best is None and self._manoeuvre is not None:
                 known = self._manoeuvre @ self.turn(object_state, p_WP).T
                 part = drawn[-round(_MANOEUVRES * options.samples) :]
                 part[:] = np.clip(known + 0.5 * options.spread * self._noise(n)[: len(part)], -1.0, 1.0)
             values, successes = self._values(drawn, object_state, p_WP)
+            if best is not None:
+                middle = ActionPlan(mean.copy(), float(values[len(kept)]), bool(successes[len(kept)]))
             order = np.argsort(-values, kind="stable")[: options.elites]
             elites, first = drawn[order], order[0]
             if best is None or values[first] > best.value:
@@ -181,7 +185,8 @@ class SamplingMpc:
             kept = elites[: options.kept]
             left = min(left - 1, options.polish) if best.success else left - 1
         assert best is not None
-        return best
+        # The middle of many good plans bears more than the best of them, which may hang on a hair.
+        return middle if middle is not None and middle.success else best
 
     def turn(self, object_state: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
         """Turn (n, n) of actions from x to the way from object to pusher; none where the task minds its yaw.
