@@ -139,8 +139,9 @@ class SamplingMpc:
         *,
         like: np.ndarray | None = None,
     ) -> ActionPlan:
-        """The best sequence of actions that is found.
+        """A sequence of actions that succeeds in the twin, or the best that is found.
 
+        It is the middle of the last round's good ones where that succeeds, which bears more than the best of them.
         A part of the first round's sequences are like the manoeuvre of the task, where there is one.
 
         Args:
@@ -167,14 +168,14 @@ class SamplingMpc:
             drawn = np.clip(mean + spread * self._noise(n), -1.0, 1.0)
             drawn[: len(kept)] = kept
             if best is not None:
-                drawn[len(kept)] = mean
+                drawn[-1] = mean
             if best is None and self._manoeuvre is not None:
                 known = self._manoeuvre @ self.turn(object_state, p_WP).T
                 part = drawn[-round(_MANOEUVRES * options.samples) :]
                 part[:] = np.clip(known + 0.5 * options.spread * self._noise(n)[: len(part)], -1.0, 1.0)
             values, successes = self._values(drawn, object_state, p_WP)
             if best is not None:
-                middle = ActionPlan(mean.copy(), float(values[len(kept)]), bool(successes[len(kept)]))
+                middle = ActionPlan(mean.copy(), float(values[-1]), bool(successes[-1]))
             order = np.argsort(-values, kind="stable")[: options.elites]
             elites, first = drawn[order], order[0]
             if best is None or values[first] > best.value:

@@ -74,6 +74,30 @@ def test_the_first_sequences_of_a_plan_have_the_manoeuvre_along_the_way_from_pus
     assert np.abs(tried.pop()[:200].mean(0)).max() < 0.1
 
 
+@pytest.mark.parametrize("bears", [True, False])
+def test_the_middle_of_good_plans_is_taken_where_it_succeeds_and_the_best_one_otherwise(cube, monkeypatch, bears):
+    planner = SamplingMpc(cube, options=SamplingOptions(samples=64, horizon=2, first_iterations=4, elites=8, kept=0))
+    tried, worth = [], []
+
+    def values(actions, object_state, p_WP):
+        tried.append(actions.copy())
+        worth.append(-((actions - 0.3) ** 2).sum((1, 2)))
+        successes = np.ones(len(actions), bool)
+        successes[-1] = bears
+        return worth[-1], successes
+
+    monkeypatch.setattr(planner, "_values", values)
+    plan = planner.plan(np.full(13, np.nan), np.full(3, np.nan))
+    if bears:
+        np.testing.assert_array_equal(plan.actions, tried[-1][-1])
+        good = tried[-2][np.argsort(-worth[-2])[:8]].mean(0)
+        assert np.abs(plan.actions - good).max() < 0.1  # but for the momentum
+        assert np.abs(plan.actions - 0.3).max() < 0.3
+    else:
+        every, values_of = np.concatenate(tried), np.concatenate(worth)
+        np.testing.assert_array_equal(plan.actions, every[values_of.argmax()])
+
+
 def test_more_rounds_find_no_worse_plans(cube):
     env = TaskEnv(cube, "twin", COARSE)
     state, p_WP = env.task.object_state(np.asarray(env.reset(seed=2)[0])[None])
