@@ -5,6 +5,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from pinwm_drake.learning.actors import LEVELS
 from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.learning.export import export_policy
 from pinwm_drake.learning.policy import Policy, make_actor
@@ -34,10 +35,11 @@ def policy():
         )
         logits = logits.unflatten(1, (2, -1))
         scale = 1.0 / logits[:, 0].std(0)
-        actor.head.bias[:7] = (actor.head.bias[:7] - logits[:, 0].mean(0)) * scale
-        actor.head.weight[:7] *= scale[:, None]
-        actor.head.bias[[0, 1, 5, 6]] -= 100.0  # no more than a third along x
-        actor.head.bias[8] = 100.0  # two thirds back along y
+        n, levels = len(LEVELS), torch.tensor(LEVELS)
+        actor.head.bias[:n] = (actor.head.bias[:n] - logits[:, 0].mean(0)) * scale
+        actor.head.weight[:n] *= scale[:, None]
+        actor.head.bias[:n][levels.abs() > 0.34] -= 100.0  # no more than a third along x
+        actor.head.bias[n:][(levels + 2 / 3).abs().argmin()] = 100.0  # two thirds back along y
     return Policy(spec, actor)
 
 
