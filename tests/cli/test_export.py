@@ -77,7 +77,10 @@ def test_an_older_bundle_is_written_anew(pinwm, policy, tmp_path):
     assert pinwm("export", str(tmp_path / "policy"), str(new))[0] == 0
     code, output, errors = pinwm("export", str(as_version_1(new, old)), str(tmp_path / "again"))
     assert (code, errors) == (0, "")
-    assert output.splitlines()[1].startswith("16 golden samples")
+    with np.load(new / "golden.npz") as golden:
+        kept = len(golden["image"])  # without samples in which a network that was not trained is undecided
+    assert kept > 8
+    assert output.splitlines()[1].startswith(f"{kept} golden samples")
     first, again = read_bundle(new), read_bundle(tmp_path / "again")
     assert again.contract == first.contract
     assert again.spec.scene.object.name == "t_block"
