@@ -91,7 +91,10 @@ def train(
         float | None, typer.Option(help="Success rate of an evaluation at which a stage is over, up to 1.")
     ] = None,
     minutes: Annotated[
-        float | None, typer.Option(help="That it may take in all; the best policy so far is what comes out.")
+        float | None,
+        typer.Option(
+            help="After which no round begins; one of each stage is done in any case. The best policy so far comes out."
+        ),
     ] = None,
     threads: Annotated[int | None, typer.Option(help="Of torch.", show_default="one on each core")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run ended.")] = False,
