@@ -19,6 +19,7 @@ from pinwm_drake.learning.sac import SacOptions, train_sac
 
 TEACHER, IMAGES = "teacher", "ppo"  # folders of stages, beside STAGE of the distillation
 STAGES = (TEACHER, STAGE, IMAGES)
+_SAC_WIDTH = 128  # of networks; 256 took three times as long to the same success
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class StateSac:
         """Trains the policy in `out/teacher`, and writes it there; see `Method.train`."""
         policy = train_sac(
             make_worlds.worlds("state"),
-            replace(make_worlds.spec("state"), head="tanh"),
+            replace(make_worlds.spec("state"), head="tanh", width=_SAC_WIDTH),
             out / TEACHER,
             self.options,
             stage=TEACHER,
@@ -132,7 +133,7 @@ class Distillation:
         spent = 0.0 if isinstance(self.teacher, Path) else minutes_of(out / TEACHER)
         common = _common(make_worlds, seed, resume, report, self.until.within(self.until.minutes - spent))
         common["about"] = {**make_worlds.about, "teacher": weights_digest(teacher)}
-        spec = replace(make_worlds.spec("rgb"), head=teacher.spec.head)
+        spec = replace(make_worlds.spec("rgb"), head=teacher.spec.head, width=teacher.spec.width)
         return train_distil(make_worlds.worlds("rgb_state"), teacher, spec, out / STAGE, self.options, **common)
 
 

@@ -84,6 +84,13 @@ def train(
         int | None, typer.Option(help="Of each evaluation, after every round.", show_default="as the method needs")
     ] = None,
     shift: Annotated[int | None, typer.Option(help="px, random shift of the student's images.")] = None,
+    auxiliary: Annotated[
+        bool,
+        typer.Option(
+            "--auxiliary/--no-auxiliary",
+            help="Of ppo: learn from the worlds' states to estimate them from images, or by reward alone.",
+        ),
+    ] = True,
     teacher: Annotated[
         Path | None, typer.Option(help="A policy of the state to learn from, instead of training one.")
     ] = None,
@@ -127,6 +134,7 @@ def train(
         updates=updates,
         episodes=episodes,
         shift=shift,
+        auxiliary=auxiliary,
         teacher=teacher,
         target=target,
         minutes=minutes,

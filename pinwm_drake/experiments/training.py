@@ -64,6 +64,7 @@ class TrainRequest:
     updates: int | None = None
     episodes: int | None = None
     shift: int | None = None
+    auxiliary: bool = True
     teacher: Path | None = None
     target: float | None = None
     minutes: float | None = None
@@ -83,6 +84,7 @@ class TrainRequest:
         require("--minutes", self.minutes, self.minutes is None or self.minutes > 0.0, "more than 0")
         require("--seed", self.seed, self.seed >= 0, "0 or more")
         require("--yaw", self.yaw, self.yaw is None or 0.0 <= self.yaw <= math.pi + 1e-9, "0 to pi")
+        require("--no-auxiliary", f"method {self.method}", self.auxiliary or self.method == "ppo", "with method ppo")
         with_teacher = self.teacher is None or self.method == "distil"
         require("--teacher", f"one for method {self.method}", with_teacher, "with method distil")
 
@@ -172,7 +174,8 @@ def _method(request: TrainRequest, task: Task, spent: float) -> Method:
     until = _with(ANY, **limits)
     steps = {"steps": request.steps, "round_steps": request.round_steps, "episodes": request.episodes}
     if request.method == "ppo":
-        return ImagePpo(_with(PpoOptions.for_images(), **steps, shift=request.shift), until)
+        options = PpoOptions.for_images(auxiliary=request.auxiliary)
+        return ImagePpo(_with(options, **steps, shift=request.shift), until)
     sac = _algorithm(request, task) == "sac"
     teacher = StateSac(_with(SacOptions(), **steps)) if sac else StatePpo(_with(PpoOptions(), **steps))
     if request.method == "state":

@@ -17,6 +17,7 @@ from torch.nn.functional import cross_entropy
 
 from pinwm_drake.learning.actors import LEVELS, Seen, level_shares
 from pinwm_drake.learning.images.augment import Augment
+from pinwm_drake.learning.images.estimated import TRUTH
 
 _RATE, _BATCH = 1e-3, 256  # of imitation
 
@@ -48,7 +49,7 @@ class _Latents(nn.Module):
         return latent
 
     def forward_critic(self, seen: Seen) -> Tensor:
-        state = seen["state"] if isinstance(seen, Mapping) else seen
+        state = seen.get(TRUTH, seen["state"]) if isinstance(seen, Mapping) else seen
         latent: Tensor = self.critic(self.actor.heading.state(state))
         return latent
 

@@ -9,7 +9,7 @@ Sources: Tang and Agrawal, "Discretizing continuous action space for on-policy o
 al., "Soft actor-critic" (ICML 2018).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import torch
@@ -57,7 +57,7 @@ class StateActor(nn.Module):
         heading: Frame that the layers see and act in, where the task has one.
     """
 
-    def __init__(self, task: Task, outputs: int, activation: type[nn.Module], width: int = 256) -> None:
+    def __init__(self, task: Task, outputs: int, activation: type[nn.Module], width: int) -> None:
         """Builds layers of a width for a task's state and action."""
         super().__init__()
         self.latent_size, self._components = width, task.action_size
@@ -90,9 +90,9 @@ class StateActor(nn.Module):
 class LevelActor(StateActor):
     """Network from the state to an action by levels; hidden layers of tanh."""
 
-    def __init__(self, task: Task) -> None:
-        """Builds the layers for a task's state and action."""
-        super().__init__(task, len(LEVELS), nn.Tanh)
+    def __init__(self, task: Task, width: int = 256) -> None:
+        """Builds layers of a width for a task's state and action."""
+        super().__init__(task, len(LEVELS), nn.Tanh, width)
 
     def logits(self, seen: Seen) -> Tensor:
         """Logits (B, n, len(LEVELS)) of an observation."""
@@ -118,9 +118,9 @@ class LevelActor(StateActor):
 class TanhActor(StateActor):
     """Network from the state to an action by numbers; hidden layers of ReLU, as SB3's SAC has them."""
 
-    def __init__(self, task: Task) -> None:
-        """Builds the layers for a task's state and action."""
-        super().__init__(task, 1, nn.ReLU)
+    def __init__(self, task: Task, width: int = 256) -> None:
+        """Builds layers of a width for a task's state and action."""
+        super().__init__(task, 1, nn.ReLU, width)
 
     def forward(self, state: Tensor) -> Tensor:
         """Actions (B, n) of states (B, state_size) float32."""
@@ -139,7 +139,8 @@ class TanhActor(StateActor):
 
 def state_actor(spec: PolicySpec) -> StateActor:
     """An untrained network from the state to the action, with the head that a specification names."""
-    return LevelActor(spec.task) if spec.head == "levels" else TanhActor(spec.task)
+    kind = LevelActor if spec.head == "levels" else TanhActor
+    return kind(spec.task, spec.width)
 
 
 class ImageActor(nn.Module):
@@ -192,6 +193,11 @@ class ImageActor(nn.Module):
         self.actor = state_actor(spec)
         # As images come; convolutions take two thirds of the time with it.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # its stub lacks that
+
+    def estimation(self) -> Iterator[nn.Parameter]:
+        """Parameters of the layers from images to the estimate."""
+        for layers in (self.convolutions, self.features, self.estimate):
+            yield from layers.parameters()
 
     @property
     def latent_size(self) -> int:

@@ -18,12 +18,12 @@ import numpy as np
 import torch
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
-from torch.nn.functional import huber_loss
 
 from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
+from pinwm_drake.learning.images.estimated import estimation_loss
 from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
@@ -35,7 +35,6 @@ from pinwm_drake.learning.world_evaluation import evaluate_worlds, usual_starts
 
 STAGE = "distil"
 _COLLECTING = 0.4  # share of a round's time, roughly; the rest goes into updates
-_FAR = 0.3  # of the state's units, from which on an error counts by its size, and not by its square
 _TOLD = 20  # actions or updates between two reports
 
 
@@ -226,8 +225,7 @@ def _learn(
         images, pusher, given = frames.draw(options.batch_size, generator)
         state = torch.from_numpy(given)
         found = student.state(augment(torch.from_numpy(images)), torch.from_numpy(pusher))
-        loss = 2.0 * huber_loss(found, state, delta=_FAR)  # what cannot be seen does not outweigh the rest
-        loss = loss + options.action_weight * student.actor.imitation(found, state)
+        loss = estimation_loss(found, state) + options.action_weight * student.actor.imitation(found, state)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

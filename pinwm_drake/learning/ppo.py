@@ -3,22 +3,24 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
 from stable_baselines3.common.logger import configure
+from stable_baselines3.common.utils import ConstantSchedule, set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
 
 from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.heading import AlongHeading
 from pinwm_drake.learning.images.augment import Augment
+from pinwm_drake.learning.images.estimated import Estimated, Regression
 from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
-from pinwm_drake.learning.round_callback import RoundCallback, begin_round
+from pinwm_drake.learning.round_callback import Arrays, RoundCallback, begin_round
 from pinwm_drake.learning.rounds import ANY, EVALUATION_SEED, OnRound, Rounds, Until
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import pack, unpack
@@ -26,6 +28,8 @@ from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.tasks.waypoints import Waypoints
 
 _NEVER = 1 << 30
+_IMAGES = 256  # in an update of estimates
+_ESTIMATION = "estimation/"
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,9 @@ class PpoOptions:
         value: Weight of the critic's loss in the objective; actor and critic share nothing but the bound of the
             gradient's norm.
         imitation: Number of updates by the actions that are shown, where there are any.
+        auxiliary: Number of passes over a rollout's images by which an estimate of the state is learned, on which a
+            policy of images acts; 0 learns from images to actions by the reward alone.
+        auxiliary_rate: Learning rate of that at first; it falls as the other one does.
         episodes: Number of episodes in an evaluation.
         patience: Number of rounds with hardly shorter episodes in their evaluation than one before them, which mostly
             succeeded, after which the training ends.
@@ -72,29 +79,28 @@ class PpoOptions:
     entropy: float = 0.0
     value: float = 0.05
     imitation: int = 500
+    auxiliary: int = 0
+    auxiliary_rate: float = 1e-3
     episodes: int = 128
     patience: int = 3
 
     @classmethod
-    def for_images(cls) -> "PpoOptions":
-        """Settings for policies of images: fewer steps, as they take longer, and smaller updates.
+    def for_images(cls, *, auxiliary: bool = True) -> "PpoOptions":
+        """Settings for policies of images.
 
-        With a learning rate of 0.0005 and six epochs of a rollout half as long, the divergence (KL) of an update was
-        0.12 to 0.20, and the entropy fell while success did not grow; with these it is 0.02 to 0.04.
+        Args:
+            auxiliary: Flag: the policy acts on an estimate of the state, which is learned beside it. Otherwise updates
+                are smaller: with a learning rate of 0.0005 and six epochs of a rollout half as long, the divergence
+                (KL) of an update was 0.12 to 0.20, and the entropy fell while success did not grow; with these it is
+                0.02 to 0.04.
         """
-        return cls(
-            steps=2_000_000,
-            n_steps=128,
-            n_epochs=4,
-            learning_rate=2e-4,
-            value=0.5,
-            shift=1,
-            gain=0.2,
-        )
+        if auxiliary:
+            return cls(steps=4_000_000, auxiliary=1, gain=0.2)
+        return cls(steps=4_000_000, n_steps=128, n_epochs=4, learning_rate=2e-4, value=0.5, shift=1, gain=0.2)
 
     def __post_init__(self) -> None:
         """Checks the values."""
-        check_options(self, ("shift", "gain", "entropy", "imitation"))
+        check_options(self, ("shift", "gain", "entropy", "imitation", "auxiliary"))
 
 
 def train_ppo(
@@ -142,56 +148,109 @@ def train_ppo(
     total = math.ceil(options.steps / size)
     about = {**told, **(about or {})}
     rounds = Rounds(folder, stage, about, seed, resume=resume, total=total, until=until, report=report)
-    model = _model(env, spec, options, seed)
+    learner = _Learner(env, spec, options, seed)
+    model = learner.model
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
-    networks = partial(pack, model.policy, model.policy.optimizer)
     if rounds.number:
-        unpack(rounds.arrays, model.policy, model.policy.optimizer)
+        learner.unpack(rounds.arrays)
     elif shown is not None and len(shown):
         state = torch.from_numpy(spec.task.state(shown.object_state, shown.p_WP))
         action = torch.from_numpy(shown.action.astype(np.float32))
-        assert isinstance(model.policy, ActorCritic)
-        model.policy.imitate(state, action, updates=options.imitation, seed=seed)
+        learner.policy.imitate(state, action, updates=options.imitation, seed=seed)
     while not rounds.ended(options.patience):
         rounds.begin(env, on_round)
-        left = 1.0 - rounds.number / total
-        rate = options.learning_rate * (options.last_share + (1.0 - options.last_share) * left)
-        model.lr_schedule = partial(_constant, rate)
+        learner.set_rate(rounds.falling(options.last_share))
         kept = rounds.restore(env)
         if kept is not None:
-            unpack(kept, model.policy, model.policy.optimizer)
+            learner.unpack(kept)
         done = begin_round(model, rounds, kept)
-        callback = RoundCallback(rounds, env, size, networks, loss="train/value_loss")
-        model.learn(size - done, callback=callback, reset_num_timesteps=False, log_interval=_NEVER)
+        callback = RoundCallback(rounds, env, size, learner.pack, loss="train/value_loss")
+        callbacks = [callback, *learner.regression]
+        model.learn(size - done, callback=callbacks, reset_num_timesteps=False, log_interval=_NEVER)
         loss = float(model.logger.name_to_value.get("train/value_loss", math.nan))
-        assert isinstance(model.policy, ActorCritic)
-        now = model.policy.pull().eval()
+        now = learner.network()
         found = evaluate_worlds(env, Policy(spec, now), options.episodes, seed=EVALUATION_SEED)
-        rounds.end(networks(), now, found, steps=size, loss=loss, logger=model.logger)
+        rounds.end(learner.pack(), now, found, steps=size, loss=loss, logger=model.logger)
     return Policy(spec, rounds.best_actor(spec))
 
 
-def _constant(rate: float, _: float) -> float:
-    return rate
+class _Learner:
+    """SB3's PPO of a policy and, where it acts on estimates, the regression of these.
 
+    Attributes:
+        model: SB3's algorithm.
+        regression: The regression's callback, or none.
+    """
 
-def _model(env: VecEnv, spec: PolicySpec, options: PpoOptions, seed: int) -> Ppo:
-    actor = make_actor(spec)
-    if isinstance(actor, ImageActor):
-        env = Augmented(env, Augment(options.shift, options.gain))
-    return Ppo(
-        ActorCritic,
-        AlongHeading(env, spec.task),
-        n_steps=options.n_steps,
-        batch_size=min(options.batch_size, options.n_steps * env.num_envs),
-        n_epochs=options.n_epochs,
-        learning_rate=options.learning_rate,
-        gamma=options.gamma,
-        gae_lambda=options.gae_lambda,
-        clip_range=options.clip_range,
-        ent_coef=options.entropy,
-        vf_coef=options.value,
-        seed=seed,
-        device="cpu",
-        policy_kwargs={"actor": actor},
-    )
+    def __init__(self, env: VecEnv, spec: PolicySpec, options: PpoOptions, seed: int) -> None:
+        """Draws all weights from a seed."""
+        set_random_seed(seed)
+        self._actor, self._options = make_actor(spec), options
+        self.regression: list[Regression] = []
+        acts = self._actor
+        if isinstance(self._actor, ImageActor) and options.auxiliary:
+            env = worlds = Estimated(env, self._actor, options.n_steps)
+            acts = self._actor.actor
+            self._optimizer = torch.optim.Adam(self._actor.estimation(), options.auxiliary_rate)
+            self.regression = [
+                Regression(
+                    worlds,
+                    self._actor,
+                    self._optimizer,
+                    Augment(options.shift, options.gain),
+                    epochs=options.auxiliary,
+                    batch_size=_IMAGES,
+                )
+            ]
+        elif isinstance(self._actor, ImageActor):
+            env = Augmented(env, Augment(options.shift, options.gain))
+        self.model = Ppo(
+            ActorCritic,
+            AlongHeading(env, spec.task),
+            n_steps=options.n_steps,
+            batch_size=min(options.batch_size, options.n_steps * env.num_envs),
+            n_epochs=options.n_epochs,
+            learning_rate=options.learning_rate,
+            gamma=options.gamma,
+            gae_lambda=options.gae_lambda,
+            clip_range=options.clip_range,
+            ent_coef=options.entropy,
+            vf_coef=options.value,
+            seed=seed,
+            device="cpu",
+            policy_kwargs={"actor": acts},
+        )
+
+    @property
+    def policy(self) -> ActorCritic:
+        """Actor and critic."""
+        assert isinstance(self.model.policy, ActorCritic)
+        return self.model.policy
+
+    def network(self) -> nn.Module:
+        """The network of the policy, with its present weights."""
+        self.policy.pull()
+        return self._actor.eval()
+
+    def set_rate(self, share: float) -> None:
+        """Sets all learning rates to a share of those at first."""
+        self.model.lr_schedule = ConstantSchedule(share * self._options.learning_rate)
+        if self.regression:
+            for group in self._optimizer.param_groups:
+                group["lr"] = share * self._options.auxiliary_rate
+
+    def pack(self) -> Arrays:
+        """All that is learned, with the optimizers, as arrays."""
+        arrays = pack(self.policy, self.policy.optimizer)
+        if self.regression:
+            estimation = pack(self._actor, self._optimizer)
+            arrays |= {f"{_ESTIMATION}{name}": values for name, values in estimation.items()}
+        return arrays
+
+    def unpack(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Restores the arrays of `pack`."""
+        if self.regression:
+            names = [name for name in arrays if name.startswith(_ESTIMATION)]
+            estimation = {name.removeprefix(_ESTIMATION): arrays[name] for name in names}
+            unpack(estimation, self._actor, self._optimizer)
+        unpack(arrays, self.policy, self.policy.optimizer)

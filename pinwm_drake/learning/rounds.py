@@ -189,6 +189,10 @@ class Rounds:
         before = self.history[-2].seconds if len(self.history) > 1 else 0.0
         return best.success >= self._until.target or 2.0 * self.seconds - before > 60.0 * self._until.minutes
 
+    def falling(self, last: float) -> float:
+        """Share of the first learning rate that the next round has: it falls evenly from 1, to `last` after all."""
+        return 1.0 - (1.0 - last) * self.number / self.total
+
     def begin(self, env: VecEnv, on_round: OnRound | None = None) -> None:
         """Seeds the generators of python, numpy and torch, and the worlds, for the next round.
 

@@ -12,6 +12,7 @@ import torch
 from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.logger import configure
+from stable_baselines3.common.utils import ConstantSchedule
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
@@ -28,7 +29,6 @@ from pinwm_drake.learning.rounds import ANY, EVALUATION_SEED, OnRound, Rounds, U
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import pack, set_weights, unpack, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
-from pinwm_drake.tasks import Task
 
 _NEVER = 1 << 30
 _TOLD = 20  # actions of each world between two reports
@@ -48,7 +48,8 @@ class SacOptions:
         update_every: Number of steps, all worlds together, for each update.
         batch_size: Number of steps in an update.
         buffer_size: Number of steps that are kept to learn from; older ones are forgotten.
-        learning_rate: Learning rate of Adam, for actor, critics and entropy.
+        learning_rate: Learning rate of Adam at first, for actor, critics and entropy.
+        last_share: Share of the learning rate that is left at the end; it falls evenly from round to round.
         gamma: Discount of an action.
         tau: Share of the critics that their slow copies take over in an update.
         entropy: Weight of the entropy at first; it is learned.
@@ -60,13 +61,14 @@ class SacOptions:
         ParameterError: A number is out of range.
     """
 
-    steps: int = 200_000
-    round_steps: int = 20_000
+    steps: int = 400_000
+    round_steps: int = 40_000
     learning_starts: int = 3_200
-    update_every: int = 4
-    batch_size: int = 512
+    update_every: int = 8
+    batch_size: int = 256
     buffer_size: int = 1_000_000
     learning_rate: float = 1e-3
+    last_share: float = 0.1
     gamma: float = 0.95
     tau: float = 0.01
     entropy: float = 0.1
@@ -126,7 +128,7 @@ def train_sac(
     rounds = Rounds(
         folder, stage, {**told, **(about or {})}, seed, resume=resume, total=total, until=until, report=report
     )
-    replay, model = prepare_folder(folder / "replay"), _model(AlongHeading(env, spec.task), spec.task, options, seed)
+    replay, model = prepare_folder(folder / "replay"), _model(AlongHeading(env, spec.task), spec, options, seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     if rounds.number:
         _unpack(rounds.arrays, model)
@@ -134,6 +136,7 @@ def train_sac(
         _refill(model.replay_buffer, _read(replay / f"{number:04}.npz"))
     while not rounds.ended(options.patience):
         rounds.begin(env, on_round)
+        model.lr_schedule = ConstantSchedule(options.learning_rate * rounds.falling(options.last_share))
         kept = rounds.restore(env)
         if kept is not None:
             _unpack(kept, model)
@@ -151,7 +154,7 @@ def train_sac(
     return Policy(spec, rounds.best_actor(spec))
 
 
-def _model(env: VecEnv, task: Task, options: SacOptions, seed: int) -> SAC:
+def _model(env: VecEnv, spec: PolicySpec, options: SacOptions, seed: int) -> SAC:
     return SAC(
         "MlpPolicy",
         env,
@@ -165,9 +168,9 @@ def _model(env: VecEnv, task: Task, options: SacOptions, seed: int) -> SAC:
         gradient_steps=max(1, env.num_envs // options.update_every),
         ent_coef=f"auto_{options.entropy}",
         policy_kwargs={
-            "net_arch": [256, 256],
+            "net_arch": [spec.width, spec.width],
             "features_extractor_class": HeadingExtractor,
-            "features_extractor_kwargs": {"task": task},
+            "features_extractor_kwargs": {"task": spec.task},
         },
         seed=seed,
         device="cpu",

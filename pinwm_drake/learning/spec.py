@@ -17,6 +17,7 @@ Head = Literal["levels", "tanh"]
 HEADS = ("levels", "tanh")
 PUSHER_SHAPES = ("sphere", "capsule", "cylinder", "mesh")
 _FLAT = ("goal", "q_WO", "tolerance", "turn_tolerance")  # in version 1, which knew the push task alone
+_LATER = {"head": "levels", "window": None, "width": 256}  # fields that came later, as specifications were before
 
 
 @dataclass(frozen=True)
@@ -141,6 +142,7 @@ class PolicySpec:
         scene: Object, pusher and floor; None where nothing is known of them, as in older policies.
         head: "levels" or "tanh": how the network ends; see `actors`.
         window: px, side of the part of the images that the network sees, around the object; None for all.
+        width: Width of the two hidden layers from the state to the action.
 
     Raises:
         ParameterError: A value is not finite, not positive, or not among those allowed.
@@ -159,6 +161,7 @@ class PolicySpec:
     scene: SceneSpec | None = None
     head: Head = "levels"
     window: int | None = None
+    width: int = 256
 
     def __post_init__(self) -> None:
         """Checks the values."""
@@ -166,7 +169,7 @@ class PolicySpec:
             raise ParameterError(f"observes: got {self.observes!r}; allowed: {', '.join(OBSERVES)}")
         if self.head not in HEADS:
             raise ParameterError(f"head: got {self.head!r}; allowed: {', '.join(HEADS)}")
-        for name in ("frames", "max_steps"):
+        for name in ("frames", "max_steps", "width"):
             if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
                 raise ParameterError(f"{name}: got {getattr(self, name)!r}; allowed: a whole number, 1 or more")
         for name in ("horizon", "max_translation"):
@@ -194,12 +197,11 @@ class PolicySpec:
         return (self.camera.height, self.camera.width, 3 * self.frames)
 
     def to_document(self) -> dict[str, Any]:
-        """The specification as plain data, for YAML; without a head or window that older ones had no choice of."""
+        """The specification as plain data, for YAML; what came later is left out where it is as before."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        if self.head == "levels":
-            del values["head"]
-        if self.window is None:
-            del values["window"]
+        for name, before in _LATER.items():
+            if values[name] == before:
+                del values[name]
         values |= {"camera": asdict(self.camera), "task": self.task.to_document()}
         values["scene"] = None if self.scene is None else asdict(self.scene)
         return {name: _plain(value) for name, value in values.items()}
@@ -213,7 +215,7 @@ class PolicySpec:
         """
         document = from_version_1(document)
         if isinstance(document, dict):
-            document = {"scene": None, "head": "levels", "window": None, **document}
+            document = {"scene": None, **_LATER, **document}
         values = _values(cls, document, "spec")
         values["camera"] = CameraSpec(**_values(CameraSpec, values["camera"], "camera"))
         values["task"] = task_from_document(values["task"])

@@ -82,11 +82,11 @@ def often(monkeypatch):
 # The first report is that of the beginning; then one for each of a round's two rollouts, and one for the round. A round
 # is kept before its second rollout, so that after the sixth report, in the second round, its first one is not redone.
 @pytest.mark.parametrize(("reports", "redone", "kept"), [(4, 3, 0), (5, 3, 0), (6, 3, 1), (7, 2, 0)])
-@pytest.mark.parametrize(("observes", "images"), [("state", False), ("rgb", True)])
+@pytest.mark.parametrize(("observes", "auxiliary"), [("state", 0), ("rgb", 0), ("rgb", 1)])
 @pytest.mark.usefixtures("often")
-def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, observes, images, reports, redone, kept):
-    spec, begun = toy_spec(observes), []
-    whole = train_ppo(ToyWorlds(images=images), spec, tmp_path / "a", SHORT, stage="ppo", on_round=begun.append)
+def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, observes, auxiliary, reports, redone, kept):
+    spec, begun, images, short = toy_spec(observes), [], observes == "rgb", replace(SHORT, auxiliary=auxiliary)
+    whole = train_ppo(ToyWorlds(images=images), spec, tmp_path / "a", short, stage="ppo", on_round=begun.append)
 
     told = []
 
@@ -96,10 +96,10 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, obser
             raise Killed
 
     with pytest.raises(Killed):
-        train_ppo(ToyWorlds(images=images), spec, tmp_path / "b", SHORT, stage="ppo", report=kill)
+        train_ppo(ToyWorlds(images=images), spec, tmp_path / "b", short, stage="ppo", report=kill)
     again, told = [], []
     follow = {"on_round": again.append, "report": told.append}
-    rest = train_ppo(ToyWorlds(images=images), spec, tmp_path / "b", SHORT, stage="ppo", resume=True, **follow)
+    rest = train_ppo(ToyWorlds(images=images), spec, tmp_path / "b", short, stage="ppo", resume=True, **follow)
     assert same(weights(whole), weights(rest))
     assert len(begun) == 4
     assert begun[-redone:] == again

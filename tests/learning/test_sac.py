@@ -93,7 +93,7 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monke
 
 def test_the_policy_acts_as_sb3s_does():
     env = ToyWorlds(images=False)
-    model = sac._model(env, SPEC.task, SHORT, 0)
+    model = sac._model(env, SPEC, SHORT, 0)
     env.seed(0)
     seen = env.reset()
     with torch.no_grad():

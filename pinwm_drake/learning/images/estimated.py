@@ -1,0 +1,132 @@
+"""Worlds in which a policy acts on what a network sees in their images: an estimate of the state.
+
+The estimate is learned by regression on the true state, which the worlds know; rewards do not reach it. A policy of the
+state can so be trained as fast as without images, on the estimates that it will have.
+
+Sources: a critic that sees the true state: Pinto et al., "Asymmetric actor critic for image-based robot learning" (RSS
+2018); auxiliary targets: Jaderberg et al., "Reinforcement learning with unsupervised auxiliary tasks" (ICLR 2017); an
+encoder without the actor's gradients: Yarats et al., "Improving sample efficiency in model-free reinforcement learning
+from images" (AAAI 2021).
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+from torch import Tensor
+from torch.nn.functional import huber_loss
+
+from pinwm_drake.learning.actors import ImageActor
+from pinwm_drake.learning.images.augment import Augment
+
+FAR = 0.3  # of the state's units, from which on an error counts by its size, and not by its square
+TRUTH = "truth"  # the true state, beside its estimate "state"
+
+
+def estimation_loss(found: Tensor, state: Tensor) -> Tensor:
+    """Loss () of estimates of states (B, state_size): Huber's, as what cannot be seen is not to outweigh the rest."""
+    return 2.0 * huber_loss(found, state, delta=FAR)
+
+
+class Estimated(VecEnvWrapper):
+    """Worlds whose observation is a dict of `state`, as a network estimates it, and of the true one, `truth`.
+
+    The last observations are kept to learn from: as many as a rollout has.
+    """
+
+    def __init__(self, env: VecEnv, actor: ImageActor, length: int) -> None:
+        """Wraps worlds whose observation is a dict with `image`, `pusher` and `state`.
+
+        Args:
+            env: The worlds.
+            actor: The network; it is asked for each observation, and trained elsewhere.
+            length: Number of observations of each world that are kept, 1 or more.
+        """
+        space: Any = env.observation_space
+        super().__init__(env, spaces.Dict({"state": space["state"], TRUTH: space["state"]}))
+        self._actor, self._next = actor, 0
+        shape = (length, env.num_envs)
+        self._kept = {name: np.zeros((*shape, *space[name].shape), space[name].dtype) for name in space.spaces}
+
+    def reset(self) -> Any:
+        """Begins an episode in every world, and gives their observation."""
+        return self._seen(self.venv.reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Outcome of the step: observation, rewards (W,), ends of episodes (W,) bool, and infos."""
+        seen, rewards, ended, infos = self.venv.step_wait()
+        for info in infos:
+            if "terminal_observation" in info:
+                alone = {name: values[None] for name, values in info["terminal_observation"].items()}
+                last = self._estimated(alone)
+                info["terminal_observation"] = {name: values[0] for name, values in last.items()}
+        return self._seen(seen), rewards, ended, infos
+
+    def kept(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Images (N, height, width, 3 k) uint8, pushers (N, action_size) and states (N, state_size), oldest first."""
+        image, pusher, state = (
+            torch.from_numpy(np.roll(self._kept[name], -self._next, axis=0)).flatten(0, 1)
+            for name in ("image", "pusher", "state")
+        )
+        return image, pusher, state
+
+    def _seen(self, seen: Any) -> dict[str, np.ndarray]:
+        for name, values in seen.items():
+            self._kept[name][self._next] = values
+        self._next = (self._next + 1) % len(self._kept["state"])
+        return self._estimated(seen)
+
+    def _estimated(self, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        with torch.inference_mode():
+            dark = self._actor.darken(torch.from_numpy(seen["image"]))
+            found = self._actor.state(dark, torch.from_numpy(seen["pusher"]))
+        return {"state": found.numpy(), TRUTH: seen["state"]}
+
+
+class Regression(BaseCallback):
+    """Callback that trains the network of `Estimated` worlds, after every rollout, on what was seen in it."""
+
+    def __init__(
+        self,
+        worlds: Estimated,
+        actor: ImageActor,
+        optimizer: torch.optim.Optimizer,
+        augment: Augment,
+        *,
+        epochs: int,
+        batch_size: int,
+    ) -> None:
+        """Takes the worlds and their network.
+
+        Args:
+            worlds: The worlds.
+            actor: Their network, of which the optimizer has the part that estimates.
+            optimizer: Optimizer of that part.
+            augment: Random changes of the images that are learned from.
+            epochs: Number of passes over a rollout.
+            batch_size: Number of images in an update.
+        """
+        super().__init__()
+        self._worlds, self._network, self._optimizer = worlds, actor, optimizer
+        self._augment, self._epochs, self._batch_size = augment, epochs, batch_size
+
+    def _on_rollout_end(self) -> None:
+        image, pusher, state = self._worlds.kept()
+        losses = []
+        for _ in range(self._epochs):
+            for rows in torch.randperm(len(state)).split(self._batch_size):
+                found = self._network.state(self._augment(image[rows]), pusher[rows])
+                loss = estimation_loss(found, state[rows])
+                self._optimizer.zero_grad()
+                loss.backward()
+                self._optimizer.step()
+                losses.append(float(loss.detach()))
+        self.logger.record("train/estimation_loss", float(np.mean(losses)))
+
+    def _on_step(self) -> bool:
+        return True
