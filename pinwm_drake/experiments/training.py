@@ -129,6 +129,7 @@ def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]
         "task": worlds.setup.task.name,
         "method": request.method,
         "algorithm": "ppo" if request.method == "ppo" else _algorithm(request, worlds.setup.task),
+        **({"auxiliary": request.auxiliary} if request.method == "ppo" else {}),
         "trained_in": worlds.about,
         "seed": request.seed,
         "worlds": request.worlds,

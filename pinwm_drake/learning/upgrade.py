@@ -72,8 +72,8 @@ def upgrade_bundle(folder: Path, out: Path, scene: SceneSpec, limits: Mapping[st
 
 
 def taught_the_state(provenance: Mapping[str, Any]) -> bool:
-    """Flag: a policy of images was taught to estimate the state; one that PPO made of images alone was not."""
-    return provenance.get("method") != "ppo"
+    """Flag: a policy of images was taught to estimate the state; one that PPO made by the reward alone was not."""
+    return provenance.get("method") != "ppo" or bool(provenance.get("auxiliary", False))
 
 
 def with_estimate(content: bytes, path: Path, state_size: int) -> bytes:

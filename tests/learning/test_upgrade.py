@@ -48,6 +48,8 @@ def test_an_estimate_that_was_not_taught_is_not_told(old, tmp_path):
     bundle = upgrade_bundle(old, tmp_path / "new", SCENE)
     assert bundle.provenance["schema_version"] == 2
     assert not bundle.network.estimates
+    rehash(old, policy=policy | {"method": "ppo", "auxiliary": True})
+    assert upgrade_bundle(old, tmp_path / "taught", SCENE).network.estimates
 
 
 def test_what_cannot_be_upgraded_is_refused(folder, old, tmp_path):

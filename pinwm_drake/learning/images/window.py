@@ -6,7 +6,6 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor, nn
-from torch.nn.functional import pad
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import PolicySpec
@@ -76,12 +75,17 @@ class Window(nn.Module):
 
     def _cut(self, dark: Tensor, x: Tensor, y: Tensor) -> Tensor:
         """Windows of images around pixels (B,); what is beyond the image is background."""
-        half = self._side // 2
-        padded = pad(dark, (half, half, half, half))
-        rows, columns = y[:, None] + self._steps, x[:, None] + self._steps
-        at = (rows[:, :, None] * padded.shape[3] + columns[:, None, :]).flatten(1)
-        at = at[:, None, :].expand(-1, dark.shape[1], -1)
-        return padded.flatten(2).gather(2, at).unflatten(2, (self._side, self._side))
+        height, width = dark.shape[2:]
+        rows = y[:, None] + self._steps - self._side // 2
+        columns = x[:, None] + self._steps - self._side // 2
+        inside = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[:, None, :]
+        # Pixels, whose channels lie side by side, are copied whole: a quarter of the time that single numbers take.
+        pixels = dark.permute(0, 2, 3, 1).flatten(0, 2)
+        first = height * width * torch.arange(len(dark), device=dark.device)
+        row = first[:, None] + width * rows.clamp(0, height - 1)
+        at = (row[:, :, None] + columns.clamp(0, width - 1)[:, None, :]).flatten()
+        found = pixels.index_select(0, at).unflatten(0, (len(dark), self._side, self._side))
+        return (found * inside[:, :, :, None]).permute(0, 3, 1, 2)
 
     def _place(self, x: Tensor, y: Tensor) -> Tensor:
         """Places (B, 2) m, world, where the lines of sight of pixels (B,) meet the level of the object's middle."""
