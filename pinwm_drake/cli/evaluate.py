@@ -49,6 +49,7 @@ def evaluate(
         float | None,
         typer.Option(help="rad, by which the object is turned at the start, at most.", show_default="the scene's"),
     ] = None,
+    latency: Annotated[float, typer.Option(help="s, after which actions take effect.")] = 0.0,
     max_steps: Annotated[
         int | None, typer.Option(help="Actions in an episode.", show_default="the policy's, or the task's")
     ] = None,
@@ -82,6 +83,7 @@ def evaluate(
         tolerance=tolerance,
         turn_tolerance=turn_tolerance,
         yaw=yaw,
+        latency=latency,
         max_steps=max_steps,
         max_translation=max_translation,
         model=model,

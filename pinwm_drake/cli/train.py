@@ -60,6 +60,9 @@ def train(
     turn_tolerance: Annotated[
         float | None, typer.Option(help="rad, from the goal's, for success.", show_default="the task's")
     ] = None,
+    latency: Annotated[
+        float, typer.Option(help="s, after which actions take effect, at most; drawn from 0 on for each episode.")
+    ] = 0.0,
     seed: Annotated[int, typer.Option(help="Of networks, worlds and cousins.")] = 0,
     worlds: Annotated[int, typer.Option(help="That are trained in at once.")] = 64,
     image_size: Annotated[int, typer.Option(help="px.")] = 64,
@@ -122,6 +125,7 @@ def train(
         yaw=yaw,
         tolerance=tolerance,
         turn_tolerance=turn_tolerance,
+        latency=latency,
         seed=seed,
         worlds=worlds,
         image_size=image_size,

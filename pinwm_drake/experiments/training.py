@@ -52,6 +52,7 @@ class TrainRequest:
     yaw: float | None = None
     tolerance: float | None = None
     turn_tolerance: float | None = None
+    latency: float = 0.0
     seed: int = 0
     worlds: int = 64
     image_size: int = 64
@@ -84,6 +85,7 @@ class TrainRequest:
         require("--minutes", self.minutes, self.minutes is None or self.minutes > 0.0, "more than 0")
         require("--seed", self.seed, self.seed >= 0, "0 or more")
         require("--yaw", self.yaw, self.yaw is None or 0.0 <= self.yaw <= math.pi + 1e-9, "0 to pi")
+        require("--latency", self.latency, 0.0 <= self.latency < math.inf, "0 or more")
         require("--no-auxiliary", f"method {self.method}", self.auxiliary or self.method == "ppo", "with method ppo")
         with_teacher = self.teacher is None or self.method == "distil"
         require("--teacher", f"one for method {self.method}", with_teacher, "with method distil")
@@ -147,6 +149,7 @@ def _training_worlds(request: TrainRequest) -> TrainingWorlds:
         image_size=request.image_size,
         frames=request.frames,
         max_translation=request.max_translation,
+        latency=(0.0, request.latency),
     )
     domains = CousinDomains(request.delta, request.from_intervals, request.seed)
     return TrainingWorlds(setup, options, num_worlds=request.worlds, domains=domains, yaw=request.yaw)

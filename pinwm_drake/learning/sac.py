@@ -51,6 +51,7 @@ class SacOptions:
         learning_rate: Learning rate of Adam at first, for actor, critics and entropy.
         last_share: Share of the learning rate that is left at the end; it falls evenly from round to round.
         gamma: Discount of an action.
+        n_steps: Number of actions whose rewards are added up before the critics' value of the state after them.
         tau: Share of the critics that their slow copies take over in an update.
         entropy: Weight of the entropy at first; it is learned.
         episodes: Number of episodes in an evaluation.
@@ -61,19 +62,20 @@ class SacOptions:
         ParameterError: A number is out of range.
     """
 
-    steps: int = 400_000
+    steps: int = 640_000
     round_steps: int = 40_000
     learning_starts: int = 3_200
-    update_every: int = 8
-    batch_size: int = 256
+    update_every: int = 16
+    batch_size: int = 512
     buffer_size: int = 1_000_000
     learning_rate: float = 1e-3
     last_share: float = 0.1
     gamma: float = 0.95
+    n_steps: int = 3
     tau: float = 0.01
     entropy: float = 0.1
     episodes: int = 128
-    patience: int = 3
+    patience: int = 5
 
     def __post_init__(self) -> None:
         """Checks the values."""
@@ -164,6 +166,7 @@ def _model(env: VecEnv, spec: PolicySpec, options: SacOptions, seed: int) -> SAC
         batch_size=options.batch_size,
         tau=options.tau,
         gamma=options.gamma,
+        n_steps=options.n_steps,
         train_freq=1,
         gradient_steps=max(1, env.num_envs // options.update_every),
         ent_coef=f"auto_{options.entropy}",

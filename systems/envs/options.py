@@ -28,6 +28,7 @@ class EnvOptions:
         time_step: s, step of the twin's physics; None for that of the scene. It divides the horizon of an action.
         friction_directions: Has no effect, as the friction cone is round; kept for older calls and files.
         image_size: px, width and height of images; None for those of the scene's camera.
+        latency: s, least and largest time after which an action takes effect; drawn for each episode. See `Delay`.
 
     Raises:
         ParameterError: `max_steps` is less than 1.
@@ -41,6 +42,7 @@ class EnvOptions:
     time_step: float | None = None
     friction_directions: int | None = None
     image_size: int | None = None
+    latency: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Validates the number of steps; scene and task validate the rest."""

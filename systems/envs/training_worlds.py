@@ -132,6 +132,7 @@ class TrainingWorlds:
             **domains.about(),
             "start_yaw": list(setup.scenario.start.yaw),
             "disturbance": setup.task.disturbance,
+            "latency": list(self.options.latency),
         }
 
     @property

@@ -11,6 +11,7 @@ from pydrake.math import RigidTransform
 from pinwm_drake.checkpoints import Resumable, generator_state, set_generator_state
 from pinwm_drake.cousins import Domain
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.envs.delay import Delay
 from pinwm_drake.systems.envs.observation import Observation, Observer
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.station_run import FAILURES, StationRun
@@ -110,6 +111,7 @@ class Worlds:
         self._observer = Observer(self.setup, options.observation, options.frames)
         self.observation_space = self._observer.space
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
+        self._delay = Delay(options.latency, self.setup.scenario.pusher.horizon, num_worlds, self.task)
         self._steps = np.zeros(num_worlds, int)
         self._random = [seeding.np_random(None)[0] for _ in range(num_worlds)]
         self._take_state()
@@ -179,6 +181,7 @@ class Worlds:
             else:
                 drawn = self._start.draw(generator)
                 self.run.place(_chosen_place(drawn, given), world)
+            self._delay.begin(world, generator)
         self._steps[worlds] = 0
         self._take_state()
         if self._observer.needs_images:
@@ -210,7 +213,7 @@ class Worlds:
         """
         before = self._progress
         self._steps += 1
-        failures = self._advance(actions)
+        failures = self._advance(self._delay(actions))
         if self.disturbance:
             self._disturb()
         progress, failed = self._progress, np.zeros(self.num_worlds, bool)
@@ -228,7 +231,8 @@ class Worlds:
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Arrays of everything that changes, for `set_state`: station, images, steps, generators, state of `domain`."""
-        state = self.run.get_state() | self._observer.get_state() | {"steps": self._steps.copy()}
+        state = self.run.get_state() | self._observer.get_state() | self._delay.get_state()
+        state["steps"] = self._steps.copy()
         state["generators"] = np.stack([generator_state(one) for one in self._random])
         if isinstance(self.domain, Resumable):
             state |= {f"{_DOMAIN}{name}": values for name, values in self.domain.get_state().items()}
@@ -238,6 +242,7 @@ class Worlds:
         """Restores the arrays of `get_state`, in worlds that were made alike; they go on bit by bit."""
         self.run.set_state(arrays)
         self._observer.set_state(arrays)
+        self._delay.set_state(arrays)
         self._steps = arrays["steps"].copy()
         for generator, state in zip(self._random, arrays["generators"], strict=True):
             set_generator_state(generator, state)

@@ -121,14 +121,17 @@ def make_environment(contestant: Contestant, request: EvaluateRequest) -> TaskEn
         setup = with_start_yaw(setup, request.yaw, None if spec is None else spec.task.goal_yaw)
     named = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
     task = {name: value for name, value in named.items() if value is not None}
+    latency = (request.latency, request.latency)
     if spec is None:
         task |= {} if request.task is None else {"name": request.task}
-        options = EnvOptions(task=task, max_steps=request.max_steps, max_translation=request.max_translation)
+        options = EnvOptions(
+            task=task, max_steps=request.max_steps, max_translation=request.max_translation, latency=latency
+        )
         if request.max_translation is None:
             options = dataclasses.replace(options, max_translation=options.task_in(setup).max_translation)
         return TaskEnv(setup, request.engine, options)
     steps: dict[str, Any] = {} if request.max_steps is None else {"max_steps": request.max_steps}
-    return policy_scene.spec_environment(spec, setup, request.engine, task=task, **steps)
+    return policy_scene.spec_environment(spec, setup, request.engine, task=task, latency=latency, **steps)
 
 
 def _model(request: EvaluateRequest) -> Setup:

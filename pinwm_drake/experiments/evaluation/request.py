@@ -26,6 +26,7 @@ class EvaluateRequest:
     tolerance: float | None = None
     turn_tolerance: float | None = None
     yaw: float | None = None
+    latency: float = 0.0
     max_steps: int | None = None
     max_translation: float | None = None
     model: str | None = None
@@ -38,6 +39,7 @@ class EvaluateRequest:
         last = _LARGEST - self.episodes
         require("--seed", self.seed, 0 <= self.seed <= last, f"0 to {last}")
         require("--yaw", self.yaw, self.yaw is None or 0.0 <= self.yaw <= math.pi + 1e-9, "0 to pi")
+        require("--latency", self.latency, 0.0 <= self.latency < math.inf, "0 or more")
         free = self.max_translation is None or self.policy in (MPC, RANDOM)
         require("--max-translation", "one beside a policy, which has its own", free, "with mpc, random")
         named = self.task is None or self.policy in (MPC, RANDOM)

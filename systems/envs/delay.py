@@ -1,0 +1,66 @@
+"""The latency of a robot and its network: actions that take effect later than they are asked for."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.tasks import Task
+
+
+class Delay:
+    """Delay of the actions of W worlds, drawn for each episode.
+
+    An action asks for a constant velocity during a horizon. With a latency of n + f horizons, what happens during a
+    horizon is a share f of the action n + 1 before, then 1 - f of the one n before; both are taken together here, as
+    one translation. Before an episode's first action the pusher rests.
+    """
+
+    def __init__(self, latency: tuple[float, float], horizon: float, num_worlds: int, task: Task) -> None:
+        """Begins without a delay.
+
+        Args:
+            latency: s, least and largest one; drawn evenly.
+            horizon: s, duration of an action.
+            num_worlds: Number of worlds, W.
+            task: The task, which says what an action is.
+
+        Raises:
+            ParameterError: A latency is not finite or less than 0, or the least is more than the largest.
+        """
+        low, high = (float(value) for value in latency)
+        if not 0.0 <= low <= high < math.inf:
+            raise ParameterError(f"latency: got {low} to {high} s; allowed: 0 or more, finite, the least first")
+        self._range = (low / horizon, high / horizon)
+        self._latency = np.zeros(num_worlds)  # in horizons
+        self._past = np.zeros((2 + math.floor(high / horizon), num_worlds, task.action_size))  # the newest first
+        self._task = task
+
+    def begin(self, world: int, generator: np.random.Generator) -> None:
+        """Begins an episode in a world, whose generator draws the latency where there is a range of it."""
+        low, high = self._range
+        self._latency[world] = generator.uniform(low, high) if high > low else low
+        self._past[:, world] = 0.0
+
+    def __call__(self, actions: np.ndarray) -> np.ndarray:
+        """Actions (W, n) that take effect while those given, (W, n) in [-1, 1]^n, are asked for."""
+        if not self._range[1]:
+            return actions
+        asked = self._task.translation(actions, 1.0)[:, self._task.axis_indices]
+        self._past = np.concatenate([asked[None], self._past[:-1]])
+        whole = np.floor(self._latency).astype(int)
+        share, worlds = (self._latency - whole)[:, None], np.arange(len(whole))
+        # The oldest one has a share of 0 where the latency is the largest, and a whole number of horizons.
+        before = self._past[np.minimum(whole + 1, len(self._past) - 1), worlds]
+        late: np.ndarray = (1.0 - share) * self._past[whole, worlds] + share * before
+        return late
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Latencies and past actions by name, for `set_state`; nothing where there is no latency."""
+        return {"latency": self._latency.copy(), "past": self._past.copy()} if self._range[1] else {}
+
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Restores the arrays of `get_state`."""
+        if self._range[1]:
+            self._latency, self._past = arrays["latency"].copy(), arrays["past"].copy()

@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.envs.delay import Delay
+from pinwm_drake.systems.envs.env import TaskEnv
+from pinwm_drake.systems.envs.vector import TaskVecEnv
+from pinwm_drake.tasks import PushTask
+
+ACTIONS = np.array([[1.0, 0.0], [0.0, 0.5], [-1.0, 0.0], [0.6, -0.8], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+
+
+def delayed(latency, world=0):
+    delay = Delay((latency, latency), 0.1, 1, PushTask())
+    delay.begin(world, np.random.default_rng(0))
+    return np.concatenate([delay(action[None]) for action in ACTIONS])
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.03, 0.1, 0.15, 0.2, 0.249])
+def test_what_takes_effect_is_the_mean_of_what_was_asked_for_so_much_before(latency):
+    # The velocity that is asked for, at 10,000 samples a second.
+    fine = np.repeat(ACTIONS, 1000, axis=0)
+    late = np.concatenate([np.zeros((round(latency * 10_000), 2)), fine])[: len(fine)]
+    np.testing.assert_allclose(delayed(latency), late.reshape(len(ACTIONS), 1000, 2).mean(1), atol=1e-12)
+
+
+def test_an_action_that_is_too_long_is_shortened_before_it_is_mixed_with_others():
+    delay = Delay((0.05, 0.05), 0.1, 1, PushTask())
+    delay.begin(0, np.random.default_rng(0))
+    np.testing.assert_allclose(delay(np.array([[1.0, 1.0]])), [[0.5**1.5, 0.5**1.5]])
+
+
+def test_each_world_has_a_latency_of_its_own_which_an_episode_draws():
+    delay, generator = Delay((0.0, 0.15), 0.1, 200, PushTask()), np.random.default_rng(1)
+    for world in range(200):
+        delay.begin(world, generator)
+    moved = delay(np.tile([1.0, 0.0], (200, 1)))[:, 0]
+    assert np.mean(moved == 0.0) == pytest.approx(1 / 3, abs=0.1)  # 100 to 150 ms
+    assert 0.0 <= moved.min() < moved.max() <= 1.0
+    delay.begin(3, generator)
+    assert delay(np.zeros((200, 2)))[3, 0] == 0.0  # The action before was of another episode.
+
+
+@pytest.mark.parametrize("latency", [(-0.1, 0.0), (0.2, 0.1), (0.0, float("nan")), (0.0, float("inf"))])
+def test_a_latency_that_makes_no_sense_is_refused(latency):
+    with pytest.raises(ParameterError, match="latency"):
+        Delay(latency, 0.1, 1, PushTask())
+
+
+def test_the_pusher_of_an_environment_is_late():
+    prompt, late = (TaskEnv("push_t", "twin", latency=(seconds, seconds)) for seconds in (0.0, 0.1))
+    for env in (prompt, late):
+        env.reset(seed=4)
+    states = {env: [env.step(np.array(action, np.float32))[0] for action in ACTIONS] for env in (prompt, late)}
+    pushers = {env: np.array(seen)[:, 9:11] for env, seen in states.items()}
+    np.testing.assert_allclose(pushers[late][1:], pushers[prompt][:-1], atol=1e-6)
+
+
+def test_worlds_that_are_late_go_on_as_they_were_kept():
+    env = TaskVecEnv("push_t", 3, latency=(0.0, 0.15))
+    env.seed(2)
+    env.reset()
+    generator = np.random.default_rng(0)
+    actions = generator.uniform(-1.0, 1.0, (12, 3, 2)).astype(np.float32)
+    for action in actions[:6]:
+        env.step(action)
+    kept = env.get_state()
+    expected = [env.step(action)[0] for action in actions[6:]]
+    again = TaskVecEnv("push_t", 3, latency=(0.0, 0.15))
+    again.reset()
+    again.set_state(kept)
+    np.testing.assert_array_equal(expected, [again.step(action)[0] for action in actions[6:]])
