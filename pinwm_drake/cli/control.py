@@ -47,6 +47,10 @@ def control(
     force: Annotated[
         bool, typer.Option("--force", help="Control another object or pusher than the policy was trained with.")
     ] = False,
+    goal: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="x [m], y [m] and yaw [rad] of the object, for a bundle that is told its goal."),
+    ] = None,
     duration: Annotated[float, typer.Option(help="s, at most, 0.1 to 600; it ends at the goal.")] = 20.0,
     seed: Annotated[int, typer.Option(help="Of where object and pusher start, 0 or more; not of a robot's.")] = 0,
     lcm_url: Annotated[str | None, typer.Option(help=URL, show_default="that of the scenario")] = None,
@@ -84,6 +88,7 @@ def control(
         console = Console()
         logging.getLogger("drake").setLevel(logging.WARNING)
         found = read_bundle(bundle)
+        found = found if goal is None else found.toward(goal)
         setup = environment_setup(
             load_setup(scene or usual_scene(found.spec)), EnvOptions(image_size=found.spec.camera.width)
         )

@@ -63,6 +63,13 @@ def train(
     latency: Annotated[
         float, typer.Option(help="s, after which actions take effect, at most; drawn from 0 on for each episode.")
     ] = 0.0,
+    goals: Annotated[
+        str, typer.Option(help="fixed, or random: each episode draws its goal, and the policy is told which.")
+    ] = "fixed",
+    goal_reach: Annotated[float, typer.Option(help="m, along x and y, from the task's own goal to random ones.")] = 0.1,
+    goal_turn: Annotated[
+        float, typer.Option(help="rad, from the task's own goal to random ones.", show_default="π")
+    ] = math.pi,
     seed: Annotated[int, typer.Option(help="Of networks, worlds and cousins.")] = 0,
     worlds: Annotated[int, typer.Option(help="That are trained in at once.")] = 64,
     image_size: Annotated[int, typer.Option(help="px.")] = 64,
@@ -126,6 +133,9 @@ def train(
         tolerance=tolerance,
         turn_tolerance=turn_tolerance,
         latency=latency,
+        goals=goals,
+        goal_reach=goal_reach,
+        goal_turn=goal_turn,
         seed=seed,
         worlds=worlds,
         image_size=image_size,

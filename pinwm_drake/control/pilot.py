@@ -8,6 +8,7 @@ import numpy as np
 
 from pinwm_drake.control.image_rules import ImageRules, Sight
 from pinwm_drake.control.safety_filter import HALTED, Mode, Safety, SafetyFilter
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.learning.spec import PolicySpec
 
@@ -134,9 +135,11 @@ class Pilot:
                 the one before. Otherwise they are looked at only when the policy acts, as they may have to be drawn.
 
         Raises:
-            ParameterError: There are no limits.
+            ParameterError: There are no limits, or the policy is told its goal and has none.
         """
         spec = policy.spec
+        if spec.task.goal_size:
+            raise ParameterError("goal: got none; allowed: a policy with one, as Bundle.toward gives it (--goal)")
         self.spec, self.limits, self._policy, self._live = spec, limits, policy, live
         self._filter = SafetyFilter(limits, spec.horizon, (spec.camera.height, spec.camera.width), spec.task)
         low, high = np.array([limits.box_low, limits.box_high])

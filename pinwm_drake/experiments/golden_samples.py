@@ -63,8 +63,8 @@ def _scene(spec: PolicySpec, scene: str) -> SceneSpec:
     return scene_spec(spec_environment(spec, scene, "twin").setup, spec.camera)
 
 
-def seen_samples(policy: Policy, scene: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Images and positions that the policy meets in the twin's station in a few short episodes in which it acts.
+def seen_samples(policy: Policy, scene: str, seed: int) -> tuple[np.ndarray, ...]:
+    """Images, positions and goals that the policy meets in the twin's station in a few short episodes in which it acts.
 
     Args:
         policy: A policy of images.
@@ -72,23 +72,24 @@ def seen_samples(policy: Policy, scene: str, seed: int) -> tuple[np.ndarray, np.
         seed: Seed of the first episode; the next ones count up from it.
 
     Returns:
-        Images (n, height, width, 3 k) uint8, and positions of the pusher (n, action_size) m, world frame, along the
-        task's axes.
+        Images (n, height, width, 3 k) uint8, positions of the pusher (n, action_size) m, world frame, along the
+        task's axes, and goals of the episodes (n, goal_size).
 
     Raises:
         ParameterError: The scene is not one that the policy is made for.
         InputError: The scene cannot be used.
     """
     environment = spec_environment(policy.spec, scene, "twin", observation="rgb_state")
-    images, p_WP = [], []
+    images, p_WP, goals = [], [], []
     for episode in range(_EPISODES):
         observation, _ = environment.reset(seed=seed + episode)
         for step in range(_ACTIONS):
             if step % _EVERY == 0:
                 images.append(observation["image"])
                 p_WP.append(environment.run.p_WP[0, environment.task.axis_indices])
+                goals.append(environment.worlds.goal[0])
             action, _ = policy.predict(observation)
             observation, _, terminated, truncated, _ = environment.step(action)
             if terminated or truncated:
                 break
-    return np.stack(images), np.stack(p_WP)
+    return np.stack(images), np.stack(p_WP), np.stack(goals)

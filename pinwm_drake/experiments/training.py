@@ -30,6 +30,7 @@ from pinwm_drake.tasks import PushTask, Task, default_scene
 
 METHODS = ("distil", "ppo", "state")
 ALGORITHMS = ("sac", "ppo")
+GOALS = ("fixed", "random")
 FIGURE_FILE = "training.png"
 
 
@@ -53,6 +54,9 @@ class TrainRequest:
     tolerance: float | None = None
     turn_tolerance: float | None = None
     latency: float = 0.0
+    goals: str = "fixed"
+    goal_reach: float = 0.1
+    goal_turn: float = math.pi
     seed: int = 0
     worlds: int = 64
     image_size: int = 64
@@ -85,6 +89,11 @@ class TrainRequest:
         require("--minutes", self.minutes, self.minutes is None or self.minutes > 0.0, "more than 0")
         require("--seed", self.seed, self.seed >= 0, "0 or more")
         require("--yaw", self.yaw, self.yaw is None or 0.0 <= self.yaw <= math.pi + 1e-9, "0 to pi")
+        require("--goals", repr(self.goals), self.goals in GOALS, ", ".join(GOALS))
+        drawn = self.goals == "fixed" or (self.method != "ppo" and self.task in (None, PushTask.name))
+        require("--goals", f"{self.goals} with method {self.method}", drawn, "fixed, or push with distil or state")
+        require("--goal-reach", self.goal_reach, 0.0 <= self.goal_reach < math.inf, "0 or more")
+        require("--goal-turn", self.goal_turn, 0.0 <= self.goal_turn <= math.pi + 1e-9, "0 to pi")
         require("--latency", self.latency, 0.0 <= self.latency < math.inf, "0 or more")
         require("--no-auxiliary", f"method {self.method}", self.auxiliary or self.method == "ppo", "with method ppo")
         with_teacher = self.teacher is None or self.method == "distil"
@@ -143,7 +152,9 @@ def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]
 def _training_worlds(request: TrainRequest) -> TrainingWorlds:
     setup = _setup(request)
     changes = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
-    given = {name: value for name, value in changes.items() if value is not None}
+    given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
+    if request.goals == "random":
+        given["goal_range"] = (request.goal_reach, request.goal_reach, request.goal_turn)
     options = training_options(
         task=given if request.task is None else {"name": request.task} | given,
         image_size=request.image_size,

@@ -152,6 +152,7 @@ class ImageActor(nn.Module):
 
     Attributes:
         actor: Network from the state to the action.
+        task: The task.
         window: Module that cuts the window out; None where the layers see all of an image.
         assembly: Module from estimate and pusher to the state; None where the estimate is the state.
     """
@@ -182,7 +183,7 @@ class ImageActor(nn.Module):
         with torch.no_grad():
             size = self.convolutions(torch.zeros(1, channels, height, width)).shape[1]
         self.features = nn.Sequential(nn.Linear(size, features), nn.ReLU())
-        task = spec.task
+        self.task = task = spec.task
         self.assembly = task.assembly(np.array(spec.pusher_low), np.array(spec.pusher_high))
         size_of_estimate = task.state_size if self.assembly is None else self.assembly.estimate_size
         self.estimate = nn.Sequential(
@@ -223,12 +224,13 @@ class ImageActor(nn.Module):
         """
         return 1.0 - image.permute(0, 3, 1, 2).float() / 255.0
 
-    def state(self, dark: Tensor, pusher: Tensor) -> Tensor:
+    def state(self, dark: Tensor, pusher: Tensor, goal: Tensor | None = None) -> Tensor:
         """Estimate of the state (B, state_size), by images and the pusher's position.
 
         Args:
             dark: (B, channels, height, width) float32, as `darken` gives them.
             pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1.
+            goal: (B, task.goal_size) float32, goals of the episodes; None for the task's own.
         """
         place = None
         if self.window is not None:
@@ -237,7 +239,7 @@ class ImageActor(nn.Module):
         estimate: Tensor = self.estimate(torch.cat([self.features(self.convolutions(dark)), *known], 1))
         if self.assembly is None:
             return estimate
-        state: Tensor = self.assembly(estimate, pusher, place)
+        state: Tensor = self.assembly(estimate, pusher, place, goal)
         return state
 
     def latent(self, seen: Seen) -> Tensor:
@@ -245,12 +247,13 @@ class ImageActor(nn.Module):
         assert isinstance(seen, Mapping)
         return self.actor.latent(self.state(self.darken(seen["image"]), seen["pusher"]))
 
-    def forward(self, image: Tensor, pusher: Tensor) -> Tensor:
+    def forward(self, image: Tensor, pusher: Tensor, goal: Tensor | None = None) -> Tensor:
         """Actions (B, n) in [-1, 1]^n of images and positions of the pusher.
 
         Args:
             image: (B, height, width, channels) uint8, RGB.
             pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1.
+            goal: (B, task.goal_size) float32, goals of the episodes; None for the task's own.
         """
-        actions: Tensor = self.actor(self.state(self.darken(image), pusher))
-        return actions
+        actions: Tensor = self.actor(self.state(self.darken(image), pusher, goal))
+        return actions if goal is None else self.task.world_action(actions, goal)

@@ -10,8 +10,9 @@ Neither torch nor Stable-Baselines3 nor Drake is imported here.
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ class Bundle:
         sha256: SHA-256 of the provenance, which holds those of the other files: it tells this bundle from all others.
         network: The network of policy.onnx.
         mask_pixels: Least and largest number of the object's pixels in one of the golden images; see `Golden`.
+        goal: (goal_size,) goal that it acts towards, where the network is told one; None until `toward` gives it.
     """
 
     spec: PolicySpec
@@ -53,6 +55,23 @@ class Bundle:
     sha256: str
     network: Network
     mask_pixels: tuple[int, int]
+    goal: tuple[float, ...] | None = None
+
+    def toward(self, goal: Sequence[float]) -> "Bundle":
+        """The bundle for a goal, that of its task from then on, such as x [m], y [m], yaw [rad] of a push, world.
+
+        Args:
+            goal: (task.goal_size,) the goal.
+
+        Raises:
+            ParameterError: The policy is not told its goal, or the goal is not one of that many finite numbers.
+        """
+        values, size = tuple(float(value) for value in goal), self.network.goal_size
+        if not size or len(values) != size or not all(math.isfinite(value) for value in values):
+            allowed = f"{size} finite numbers" if size else "none: the policy has the goal that it was trained for"
+            raise ParameterError(f"goal: got {list(values)}; allowed: {allowed}")
+        task = self.spec.task.with_goal(np.array(values))
+        return replace(self, spec=replace(self.spec, task=task), goal=values)
 
     def act(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
         """Translation d_W (n,) m of the pusher along the task's n axes over the horizon, at most `max_translation`.
@@ -64,9 +83,9 @@ class Bundle:
             p_WP: (n,) m, world: position of the pusher along the task's axes when the last image was taken.
 
         Raises:
-            StateError: A shape, or the image's type, is another.
+            StateError: A shape, or the image's type, is another, or no goal was given where one has to be.
         """
-        return self.network.run(image, p_WP).astype(float)
+        return self.network.run(image, p_WP, self._goal).astype(float)
 
     def step(self, image: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Translation d_W as by `act`, and the policy's estimate (state_size,) of the task's state.
@@ -81,7 +100,7 @@ class Bundle:
         Raises:
             StateError: A shape, or the image's type, is another.
         """
-        d_W, estimate = self.network.run_all(image, p_WP)
+        d_W, estimate = self.network.run_all(image, p_WP, self._goal)
         return d_W.astype(float), None if estimate is None else estimate.astype(float)
 
     def predict(
@@ -90,8 +109,8 @@ class Bundle:
         """Actions (n,) or (B, n) float32 in [-1, 1]^n and no longer than 1; with the signature of `Policy.predict`.
 
         Args:
-            observation: Observation of one world or of B, as the environment gives it: a dict of which `image` and
-                `pusher`, across the box, are used.
+            observation: Observation of one world or of B, as the environment gives it: a dict of which `image`,
+                `pusher`, across the box, and `goal`, where the policy is told one and has none, are used.
             state: Not used.
             episode_start: Not used.
             deterministic: Not used: it always is.
@@ -103,11 +122,16 @@ class Bundle:
         image, pusher = seen_parts(observation, "image", "pusher")
         low, high = np.array(self.spec.pusher_low), np.array(self.spec.pusher_high)
         p_WP = 0.5 * (low + high) + 0.5 * (high - low) * pusher
-        if image.ndim == 3:
-            d_W = self.act(image, p_WP)
-        else:
-            d_W = np.array([self.act(*one) for one in zip(image, p_WP, strict=True)]).reshape(-1, self.spec.action_size)
-        return (d_W / self.spec.max_translation).astype(np.float32), None
+        told = self.network.goal_size and self.goal is None
+        goal = seen_parts(observation, "goal")[0] if told else np.zeros((len(np.atleast_2d(p_WP)), 0))
+        rows = zip(image.reshape(-1, *image.shape[-3:]), np.atleast_2d(p_WP), np.atleast_2d(goal), strict=True)
+        answers = [self.network.run(*one[:2], one[2] if told else self._goal) for one in rows]
+        actions = np.array(answers).reshape(-1, self.spec.action_size) / self.spec.max_translation
+        return (actions[0] if image.ndim == 3 else actions).astype(np.float32), None
+
+    @property
+    def _goal(self) -> np.ndarray | None:
+        return None if self.goal is None else np.array(self.goal, np.float32)
 
 
 def is_bundle(folder: Path) -> bool:
@@ -186,7 +210,7 @@ def check_golden(path: Path, network: Network, golden: Golden) -> float:
     """
     answers = []
     for row, (image, p_WP, expected) in enumerate(zip(golden.images, golden.p_WP, golden.d_W, strict=True), 1):
-        answer, estimate = network.run_all(image, p_WP)
+        answer, estimate = network.run_all(image, p_WP, None if golden.goal is None else golden.goal[row - 1])
         if not (gap := deviation(answer, expected)) <= TOLERANCE:
             value = f"{expected.tolist()} m, where {ONNX_FILE} answers {answer.tolist()} m, {gap:.2g} m off"
             raise InputError(path, row=row, value=value, allowed=f"{TOLERANCE:g} m between the two")

@@ -12,7 +12,8 @@ from pinwm_drake.learning.spec import PolicySpec
 
 SCHEMA_VERSION, VERSIONS = 2, (1, 2)
 OPSET = 18
-IMAGE, POSITION, TRANSLATION, ESTIMATE = "image", "pusher_position", "pusher_translation", "state_estimate"
+IMAGE, POSITION, GOAL = "image", "pusher_position", "goal"
+TRANSLATION, ESTIMATE = "pusher_translation", "state_estimate"
 _PROSE = ("notes", "meaning")
 _LATER = ("period", "max_latency")  # entries of inputs and outputs that version 1 lacks
 
@@ -39,6 +40,14 @@ def make_contract(
         "unit": list(units),
         "meaning": list(words),
         **often,
+    }
+    goal = {
+        "name": GOAL,
+        "dtype": "float32",
+        "shape": [spec.task.goal_size],
+        "unit": [unit for _, unit in spec.task.goal_components()],
+        "frame": "W",
+        "meaning": [meaning for meaning, _ in spec.task.goal_components()],
     }
     return {
         "schema_version": SCHEMA_VERSION,
@@ -88,6 +97,7 @@ def make_contract(
                 "meaning": f"{axes} of the pusher's frame P when the last image was taken",
                 **often,
             },
+            *([goal] if spec.task.goal_size else []),
         ],
         "outputs": [
             {

@@ -191,12 +191,14 @@ def _collect(
         np.empty(rows, bool),
         np.empty((rows, *seen["pusher"].shape[1:]), np.float32),
         np.empty((rows, *seen["state"].shape[1:]), np.float32),
+        np.zeros((rows, actor.spec.task.goal_size), np.float32),
     )
     starts = np.ones(W, bool)
     for t in range(length):
         at = slice(t * W, (t + 1) * W)
         chunk.image[at] = seen["image"][..., -3:]
         chunk.start[at], chunk.pusher[at], chunk.state[at] = starts, seen["pusher"], seen["state"]
+        chunk.goal[at] = seen.get("goal", chunk.goal[at])
         actions = actor.predict(seen)[0]
         noise = options.noise * generator.standard_normal(actions.shape)
         seen, _, starts, _ = env.step(np.clip(actions + noise, -1.0, 1.0).astype(np.float32))
@@ -222,9 +224,8 @@ def _learn(
         rate = options.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * share)))
         for group in optimizer.param_groups:
             group["lr"] = rate
-        images, pusher, given = frames.draw(options.batch_size, generator)
-        state = torch.from_numpy(given)
-        found = student.state(augment(torch.from_numpy(images)), torch.from_numpy(pusher))
+        images, pusher, state, goal = (torch.from_numpy(one) for one in frames.draw(options.batch_size, generator))
+        found = student.state(augment(images), pusher, goal if goal.shape[1] else None)
         loss = estimation_loss(found, state) + options.action_weight * student.actor.imitation(found, state)
         optimizer.zero_grad()
         loss.backward()

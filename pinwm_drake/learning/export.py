@@ -23,7 +23,16 @@ from pinwm_drake.learning.bundle import (
     contract_bytes,
     write_bundle,
 )
-from pinwm_drake.learning.contract import ESTIMATE, IMAGE, OPSET, POSITION, SCHEMA_VERSION, TRANSLATION, make_contract
+from pinwm_drake.learning.contract import (
+    ESTIMATE,
+    GOAL,
+    IMAGE,
+    OPSET,
+    POSITION,
+    SCHEMA_VERSION,
+    TRANSLATION,
+    make_contract,
+)
 from pinwm_drake.learning.golden import Golden
 from pinwm_drake.learning.policy import Policy
 from pinwm_drake.learning.runtime import Network
@@ -57,14 +66,19 @@ class InMetres(nn.Module):
         low, high = torch.tensor(spec.pusher_low), torch.tensor(spec.pusher_high)
         self.register_buffer("low", low)
         self.register_buffer("size", high - low)
-        self.max_translation, self.estimate = spec.max_translation, estimate
+        self.max_translation, self.estimate, self.task = spec.max_translation, estimate, spec.task
         self.eval()
 
-    def forward(self, image: Tensor, p_WP: Tensor) -> Tensor | tuple[Tensor, Tensor]:
-        """Translation d_W (n,) m of an image (height, width, 3 k) uint8 and a position (n,) m; the state's estimate."""
+    def forward(self, image: Tensor, p_WP: Tensor, goal: Tensor | None = None) -> Tensor | tuple[Tensor, Tensor]:
+        """Translation d_W (n,) m of an image (height, width, 3 k) uint8 and a position (n,) m; the state's estimate.
+
+        The goal (goal_size,) is that of the episode, where the policy is told one.
+        """
         pusher = (2.0 * (p_WP - self.low) / self.size - 1.0).clamp(-1.0, 1.0)
-        state = self.actor.state(self.actor.darken(image[None]), pusher[None])
-        action: Tensor = self.actor.actor(state)[0]
+        told = None if goal is None else goal[None]
+        state = self.actor.state(self.actor.darken(image[None]), pusher[None], told)
+        actions = self.actor.actor(state)
+        action: Tensor = (actions if told is None else self.task.world_action(actions, told))[0]
         length = (action * action).sum().sqrt().clamp(min=1.0)
         d_W = self.max_translation * action / length
         return (d_W, state[0]) if self.estimate else d_W
@@ -75,7 +89,7 @@ def export_policy(
     folder: Path,
     *,
     limits: SafetyLimits,
-    samples: tuple[np.ndarray, np.ndarray],
+    samples: tuple[np.ndarray, ...],
     estimate: bool = True,
 ) -> Bundle:
     """Writes a bundle, which appears whole or not at all, and reads it back.
@@ -84,8 +98,9 @@ def export_policy(
         policy: A policy that observes "rgb".
         folder: Folder of the bundle, new or empty.
         limits: Limits of the pusher's motion that a controller is to keep.
-        samples: Images (n, height, width, 3 k) uint8 and positions p_WP (n, action_size) m of a run of the policy, n of
-            1 or more. A few that no run has, with positions beyond the box, are added.
+        samples: Images (n, height, width, 3 k) uint8, positions p_WP (n, action_size) m and, where the policy is told
+            them, goals (n, goal_size) of a run of the policy, n of 1 or more. A few that no run has, with positions
+            beyond the box, are added.
         estimate: Flag: the network gives its estimate of the state; false where it was not taught the state.
 
     Returns:
@@ -124,7 +139,9 @@ def require_images(policy: Policy) -> None:
         raise ParameterError(f"policy: got one that observes {policy.spec.observes}; allowed: rgb, as bundles do")
 
 
-def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray, *, estimate: bool = True) -> Golden:
+def golden_samples(
+    policy: Policy, images: np.ndarray, p_WP: np.ndarray, goal: np.ndarray | None = None, *, estimate: bool = True
+) -> Golden:
     """Samples with the policy's actions, worked out as its environment does it and not as `InMetres`.
 
     Beside those given there are four: an empty image and one of random blocks, each with the pusher in the upper corner
@@ -134,6 +151,7 @@ def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray, *, esti
         policy: A policy that observes "rgb".
         images: (n, height, width, 3 k) uint8, RGB.
         p_WP: (n, action_size) m, world: positions of the pusher along the axes of the task.
+        goal: (n, goal_size) goals of the episodes; None where they have that of the task.
         estimate: Flag: the policy's estimates of the state are kept too.
 
     Raises:
@@ -146,6 +164,10 @@ def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray, *, esti
         raise ParameterError(f"samples: got images of {images.dtype} {images.shape}; allowed: {wanted}")
     if p_WP.shape != (shape := (len(images), spec.action_size)) or not np.isfinite(p_WP).all():
         raise ParameterError(f"samples: got positions {p_WP.shape}; allowed: {shape} finite numbers, m")
+    size = spec.task.goal_size
+    goal = np.zeros((len(images), 0)) if goal is None else np.asarray(goal)
+    if goal.shape != (len(images), size) or not np.isfinite(goal).all():
+        raise ParameterError(f"samples: got goals {goal.shape}; allowed: {(len(images), size)} finite numbers")
     low, high = np.array(spec.pusher_low, np.float32), np.array(spec.pusher_high, np.float32)
     height, width, channels = spec.image_shape
     blocks = np.random.default_rng(0).integers(0, 256, (-(-height // 8), -(-width // 8), channels), np.uint8)
@@ -154,34 +176,36 @@ def golden_samples(policy: Policy, images: np.ndarray, p_WP: np.ndarray, *, esti
     beyond = low - 0.5 * (high - low)
     images = np.concatenate([images, np.stack([empty, noise, empty, noise])])
     p_WP = np.concatenate([p_WP, np.stack([high, high, beyond, beyond])])
+    goal = np.concatenate([goal, np.tile(goal[:1], (4, 1))]).astype(np.float32)
     pusher = np.clip((p_WP - 0.5 * (low + high)) / (0.5 * (high - low)), -1.0, 1.0)
-    action = policy.predict({"image": images, "pusher": pusher})[0].astype(float)
+    seen = {"image": images, "pusher": pusher.astype(np.float32)} | ({"goal": goal} if size else {})
+    action = policy.predict(seen)[0].astype(float)
     if not np.isfinite(action).all():
         raise ParameterError("policy: got actions that are not finite numbers; allowed: a policy that acts")
-    decided = _margin(policy, images, pusher) > _MARGIN
+    state = _states(policy, seen)
+    decided = _margin(policy, state) > _MARGIN
     if not decided.any():
         raise ParameterError("policy: got one that is undecided in all samples; allowed: a policy that was trained")
     images, p_WP, action = images[decided], p_WP[decided], action[decided]
     d_W = spec.max_translation * action / np.maximum(np.linalg.norm(action, axis=1, keepdims=True), 1.0)
-    told = _states(policy, images, pusher[decided]) if estimate else None
-    return Golden(images, p_WP, d_W.astype(np.float32), told)
+    told = state[decided] if estimate else None
+    return Golden(images, p_WP, d_W.astype(np.float32), told, goal[decided] if size else None)
 
 
-def _states(policy: Policy, images: np.ndarray, pusher: np.ndarray) -> np.ndarray:
+def _states(policy: Policy, seen: dict[str, np.ndarray]) -> np.ndarray:
     """The policy's estimates (n, state_size) float32 of the state."""
     actor: Any = policy.actor
+    given = {name: torch.from_numpy(part) for name, part in seen.items()}
     with torch.inference_mode():
-        dark, across = actor.darken(torch.from_numpy(images)), torch.from_numpy(pusher.astype(np.float32))
-        states: np.ndarray = actor.state(dark, across).numpy()
+        states: np.ndarray = actor.state(actor.darken(given["image"]), given["pusher"], given.get("goal")).numpy()
     return states
 
 
-def _margin(policy: Policy, images: np.ndarray, pusher: np.ndarray) -> np.ndarray:
-    """Lead (n,) of the policy's choices over the next ones; see `StateActor.margin`."""
+def _margin(policy: Policy, state: np.ndarray) -> np.ndarray:
+    """Lead (n,) of the policy's choices over the next ones, by states (n, state_size); see `StateActor.margin`."""
     actor: Any = policy.actor
     with torch.inference_mode():
-        dark, across = actor.darken(torch.from_numpy(images)), torch.from_numpy(pusher.astype(np.float32))
-        margin: np.ndarray = actor.actor.margin(actor.state(dark, across)).numpy()
+        margin: np.ndarray = actor.actor.margin(torch.from_numpy(state)).numpy()
     return margin
 
 
@@ -193,12 +217,12 @@ def onnx_bytes(policy: Policy, *, estimate: bool = True) -> bytes:
         estimate: Flag: the network gives its estimate of the state too.
     """
     assert isinstance(policy.actor, ImageActor)
-    images = torch.full(policy.spec.image_shape, 255, dtype=torch.uint8)
+    images, size = torch.full(policy.spec.image_shape, 255, dtype=torch.uint8), policy.spec.task.goal_size
     with _quiet():
         program = torch.onnx.export(
             InMetres(policy.spec, policy.actor, estimate=estimate),
-            (images, torch.zeros(policy.spec.action_size)),
-            input_names=[IMAGE, POSITION],
+            (images, torch.zeros(policy.spec.action_size), *([torch.zeros(size)] if size else [])),
+            input_names=[IMAGE, POSITION, *([GOAL] if size else [])],
             output_names=[TRANSLATION, ESTIMATE] if estimate else [TRANSLATION],
             opset_version=OPSET,
             dynamo=True,

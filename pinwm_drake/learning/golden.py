@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.learning.contract import ESTIMATE, IMAGE, POSITION, TRANSLATION
+from pinwm_drake.learning.contract import ESTIMATE, GOAL, IMAGE, POSITION, TRANSLATION
 from pinwm_drake.learning.spec import PolicySpec
 
 TOLERANCE = 1e-5  # m, of each component of a translation
@@ -28,12 +28,14 @@ class Golden:
         p_WP: (n, action_size) float32 m, world: positions of the pusher along the axes of the task.
         d_W: (n, action_size) float32 m, world: translations that the policy answered, along the same axes.
         estimate: (n, state_size) float32, the policy's estimates of the task's state; None where it gives none.
+        goal: (n, goal_size) float32, goals of the episodes; None where they have that of the task.
     """
 
     images: np.ndarray
     p_WP: np.ndarray
     d_W: np.ndarray
     estimate: np.ndarray | None = None
+    goal: np.ndarray | None = None
 
     def mask_pixels(self) -> tuple[int, int]:
         """Least and largest number of the object's pixels in an image, among the images that a camera has seen.
@@ -50,6 +52,8 @@ class Golden:
         arrays = {IMAGE: self.images, POSITION: self.p_WP, TRANSLATION: self.d_W}
         if self.estimate is not None:
             arrays[ESTIMATE] = self.estimate
+        if self.goal is not None:
+            arrays[GOAL] = self.goal
         np.savez_compressed(file, allow_pickle=False, **arrays)
         return file.getvalue()
 
@@ -75,6 +79,8 @@ class Golden:
         kinds = {IMAGE: (np.uint8, spec.image_shape), POSITION: along, TRANSLATION: along}
         if estimate:
             kinds[ESTIMATE] = (np.float32, (spec.task.state_size,))
+        if spec.task.goal_size:
+            kinds[GOAL] = (np.float32, (spec.task.goal_size,))
         if set(arrays) != set(kinds):
             raise InputError(path, value=f"arrays {sorted(arrays)}", allowed=f"arrays {sorted(kinds)}")
         number = len(arrays[IMAGE]) if arrays[IMAGE].ndim else 0
@@ -84,7 +90,7 @@ class Golden:
                 given = f"{name} of {array.dtype} {array.shape}"
                 wanted = f"{np.dtype(dtype)} (n, {', '.join(map(str, shape))}), n of 1 or more, as the contract says"
                 raise InputError(path, value=given, allowed=wanted)
-        return cls(arrays[IMAGE], arrays[POSITION], arrays[TRANSLATION], arrays.get(ESTIMATE))
+        return cls(arrays[IMAGE], arrays[POSITION], arrays[TRANSLATION], arrays.get(ESTIMATE), arrays.get(GOAL))
 
 
 def object_pixels(images: np.ndarray) -> np.ndarray:

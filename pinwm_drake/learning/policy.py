@@ -43,7 +43,8 @@ class Policy:
 
         Args:
             observation: Observation of one world or of B, as the environment gives it. A policy that observes "state"
-                takes an array or a dict with `state`; one that observes "rgb" a dict with `image` and `pusher`.
+                takes an array or a dict with `state`; one that observes "rgb" a dict with `image` and `pusher`. Where
+                the task draws goals, `goal` is in the dict; a state without one is of the task's own goal.
             state: Not used.
             episode_start: Not used.
             deterministic: Not used: it always is.
@@ -51,16 +52,21 @@ class Policy:
         Raises:
             ParameterError: An entry that the policy sees is not in the observation.
         """
-        if self.spec.observes == "state":
-            seen = observation if isinstance(observation, np.ndarray) else seen_parts(observation, "state")[0]
-            single = seen.ndim == 1
-            given = [np.atleast_2d(seen.astype(np.float32))]
-        else:
-            image, pusher = seen_parts(observation, "image", "pusher")
-            single = image.ndim == 3
-            given = [image[None] if single else image, np.atleast_2d(pusher.astype(np.float32))]
+        names = ["state"] if self.spec.observes == "state" else ["image", "pusher"]
+        if self.spec.task.goal_size and not isinstance(observation, np.ndarray):
+            names.append("goal")
+        bare = self.spec.observes == "state" and isinstance(observation, np.ndarray)
+        seen = [observation] if bare else seen_parts(observation, *names)
+        single = seen[0].ndim == (1 if self.spec.observes == "state" else 3)
+        given = [torch.from_numpy(part[None] if single else part) for part in seen]
+        given = [part if name == "image" else part.float() for name, part in zip(names, given, strict=True)]
         with torch.inference_mode():
-            actions: np.ndarray = self.actor(*(torch.from_numpy(one) for one in given)).numpy()
+            if names[0] == "state":
+                found = self.actor(given[0])
+                found = self.spec.task.world_action(found, given[1]) if len(given) > 1 else found
+            else:
+                found = self.actor(*given)
+            actions: np.ndarray = found.numpy()
         return (actions[0] if single else actions), None
 
 

@@ -12,7 +12,7 @@ os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 import onnxruntime
 
 from pinwm_drake.errors import InputError, StateError
-from pinwm_drake.learning.contract import ESTIMATE, IMAGE, POSITION, TRANSLATION
+from pinwm_drake.learning.contract import ESTIMATE, GOAL, IMAGE, POSITION, TRANSLATION
 
 _TYPES = {"tensor(uint8)": "uint8", "tensor(float)": "float32"}
 
@@ -50,7 +50,7 @@ class Network:
             if found != wanted:
                 allowed = f"{_listed(wanted)}, as the contract says"
                 raise InputError(path, value=f"{what} {_listed(found)}", allowed=allowed)
-        self._shape, self._position = (tuple(entry["shape"]) for entry in contract["inputs"])
+        self._shapes = {entry["name"]: tuple(entry["shape"]) for entry in contract["inputs"]}
         self._outputs = [entry["name"] for entry in contract["outputs"]]
 
     @property
@@ -58,41 +58,56 @@ class Network:
         """Flag: the network gives its estimate of the task's state."""
         return ESTIMATE in self._outputs
 
-    def run(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
+    @property
+    def goal_size(self) -> int:
+        """Number of components of the goal that the network is told; 0 where it is told none."""
+        return self._shapes.get(GOAL, (0,))[0]
+
+    def run(self, image: np.ndarray, p_WP: np.ndarray, goal: np.ndarray | None = None) -> np.ndarray:
         """Translation d_W (n,) float32 m, world, along the task's axes over the horizon; NaN where the position is NaN.
 
         Args:
             image: (height, width, 3 k) uint8, RGB: the last k images, the oldest first.
             p_WP: (n,) m, world: position of the pusher along the axes of the task.
+            goal: (task.goal_size,) goal of the episode; None where episodes have that of the task.
 
         Raises:
             StateError: A shape, or the image's type, is another.
         """
-        return self._answers(image, p_WP, [TRANSLATION])[TRANSLATION]
+        return self._answers(image, p_WP, goal, [TRANSLATION])[TRANSLATION]
 
-    def run_all(self, image: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    def run_all(
+        self, image: np.ndarray, p_WP: np.ndarray, goal: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray | None]:
         """Translation d_W as by `run`, and the estimate of the state (state_size,) float32, None where there is none.
 
         Args:
             image: As for `run`.
             p_WP: As for `run`.
+            goal: As for `run`.
 
         Raises:
             StateError: A shape, or the image's type, is another.
         """
-        answers = self._answers(image, p_WP, self._outputs)
+        answers = self._answers(image, p_WP, goal, self._outputs)
         return answers[TRANSLATION], answers.get(ESTIMATE)
 
-    def _answers(self, image: np.ndarray, p_WP: np.ndarray, names: list[str]) -> dict[str, np.ndarray]:
+    def _answers(
+        self, image: np.ndarray, p_WP: np.ndarray, goal: np.ndarray | None, names: list[str]
+    ) -> dict[str, np.ndarray]:
         """Some of the network's outputs, by name."""
         image, position = np.asarray(image), np.asarray(p_WP, np.float32)
-        if image.dtype != np.uint8 or image.shape != self._shape:
-            raise StateError(f"image: got {image.dtype} {image.shape}; allowed: uint8 {self._shape}")
-        if position.shape != self._position:
-            raise StateError(
-                f"p_WP: got the shape {position.shape}; allowed: {self._position}, along the axes of the task, m"
-            )
+        if image.dtype != np.uint8 or image.shape != self._shapes[IMAGE]:
+            raise StateError(f"image: got {image.dtype} {image.shape}; allowed: uint8 {self._shapes[IMAGE]}")
+        if position.shape != self._shapes[POSITION]:
+            allowed = f"{self._shapes[POSITION]}, along the axes of the task, m"
+            raise StateError(f"p_WP: got the shape {position.shape}; allowed: {allowed}")
         inputs = {IMAGE: np.ascontiguousarray(image), POSITION: np.ascontiguousarray(position)}
+        if goal is not None:
+            inputs[GOAL] = np.ascontiguousarray(goal, np.float32)
+        if (shape := self._shapes.get(GOAL)) != (None if goal is None else inputs[GOAL].shape):
+            given = "none" if goal is None else f"the shape {inputs[GOAL].shape}"
+            raise StateError(f"goal: got {given}; allowed: {'none' if shape is None else shape}, as the contract says")
         return dict(zip(names, self._session.run(names, inputs), strict=True))
 
 

@@ -46,6 +46,9 @@ class PushTask(Task):
 
     Attributes:
         goal: x [m], y [m], yaw [rad] of the object's frame O in the world; yaw is a turn about z after `q_WO`.
+        goal_range: x [m], y [m], yaw [rad]: how far from `goal`, either way, an episode's goal is drawn. Where that is
+            not zero, policies see the episode's goal (3,) beside what else they see: x [m], y [m], yaw [rad], world.
+            State and reward are those of an object and a pusher that were moved along with the goal to `goal`.
         q_WO: (4,) wxyz, orientation of the object at yaw 0; environments replace it by that of their scene.
         reward: "paper" or "shaped".
         tolerance: m, largest d_t of a success.
@@ -75,6 +78,7 @@ class PushTask(Task):
     rest_turn: float = 0.05
     cost: float = 0.01
     bonus: float = 10.0
+    goal_range: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Validates reward, goal, tolerances and limits of rest."""
@@ -82,6 +86,8 @@ class PushTask(Task):
             raise ParameterError(f"reward: got {self.reward!r}; allowed: {', '.join(REWARDS)}")
         if len(self.goal) != 3 or not all(math.isfinite(value) for value in self.goal):
             raise ParameterError(f"goal: got {self.goal}; allowed: x [m], y [m] and yaw [rad], finite")
+        if len(self.goal_range) != 3 or not all(0.0 <= value < math.inf for value in self.goal_range):
+            raise ParameterError(f"goal_range: got {self.goal_range}; allowed: x [m], y [m] and yaw [rad], 0 or more")
         if not 0.0 < math.hypot(*self.q_WO) < math.inf:
             raise ParameterError(f"q_WO: got {self.q_WO}; allowed: a quaternion wxyz that is finite and not zero")
         for name in ("cost", "bonus"):
@@ -97,6 +103,60 @@ class PushTask(Task):
         w, x, y, z = np.array(self.q_WO) / np.linalg.norm(self.q_WO)
         c, s = math.cos(0.5 * self.goal[2]), math.sin(0.5 * self.goal[2])
         return np.array([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w])
+
+    @property
+    def goal_size(self) -> int:
+        """Number of components of an episode's goal: 3, or 0 without a range of goals."""
+        return 3 if any(self.goal_range) else 0
+
+    def goal_components(self) -> tuple[tuple[str, str], ...]:
+        """Meaning and unit of an episode's goal; see `Task.goal_components`."""
+        words = "of the object's frame O at the goal"
+        all_three = ((f"x {words}", "m"), (f"y {words}", "m"), (f"yaw {words}: a turn about z after q_WO", "rad"))
+        return all_three[: self.goal_size]
+
+    def draw_goal(self, generator: np.random.Generator) -> np.ndarray:
+        """Goal (3,) of an episode: x [m], y [m], yaw [rad], drawn evenly; (0,) without a range of goals."""
+        if not self.goal_size:
+            return np.zeros(0)
+        drawn: np.ndarray = np.array(self.goal) + generator.uniform(-1.0, 1.0, 3) * self.goal_range
+        return drawn
+
+    def with_goal(self, goal: np.ndarray) -> Self:
+        """The task with an episode's goal (3,) alone, and no range; the same one for a goal of no components."""
+        if not len(goal):
+            return self
+        x, y, yaw = (float(value) for value in goal)
+        return replace(self, goal=(x, y, yaw), goal_range=(0.0, 0.0, 0.0))
+
+    def from_goal(self, object_state: np.ndarray, p_WP: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Object and pusher as seen from episodes' goals (W, 3); see `Task.from_goal`."""
+        if not self.goal_size:
+            return object_state, p_WP
+        turn = self.goal[2] - goal[:, 2]
+        moved, pusher = object_state.copy(), p_WP.copy()
+        c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
+        w, x, y, z = object_state[:, :4].T
+        moved[:, :4] = np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=1)
+        moved[:, 4:6] = _turned(object_state[:, 4:6] - goal[:, :2], -turn) + self.goal[:2]
+        for k in (7, 10):
+            moved[:, k : k + 2] = _turned(object_state[:, k : k + 2], -turn)
+        pusher[:, :2] = _turned(p_WP[:, :2] - goal[:, :2], -turn) + self.goal[:2]
+        return moved, pusher
+
+    def world_action(self, action: Any, goal: Any) -> Any:
+        """Actions (B, 2) along the world's axes, of those towards the task's own goal; see `Task.world_action`."""
+        from pinwm_drake.tasks.push_assembly import turned
+
+        short = action / (action * action).sum(1, keepdim=True).sqrt().clamp(min=1.0)
+        return turned(short, goal[:, 2] - self.goal[2])
+
+    def to_document(self) -> dict[str, Any]:
+        """The task as plain data; see `Task.to_document`. Without a range of goals it is as it was before there was."""
+        document = super().to_document()
+        if not self.goal_size:
+            del document["goal_range"]
+        return document
 
     @property
     def goal_yaw(self) -> float:

@@ -154,6 +154,44 @@ class Task(ABC):
         return None
 
     @property
+    def goal_size(self) -> int:
+        """Number of components of the goal that each episode draws; 0 where all episodes have that of the task."""
+        return 0
+
+    def goal_components(self) -> tuple[tuple[str, str], ...]:
+        """Meaning and unit of each component of an episode's goal; none where episodes draw none."""
+        return ()
+
+    def draw_goal(self, generator: np.random.Generator) -> np.ndarray:
+        """Goal (goal_size,) of an episode, in units and frame of the task's own."""
+        return np.zeros(0)
+
+    def with_goal(self, goal: np.ndarray) -> Self:
+        """The task whose own goal is that of an episode, (goal_size,): for pictures, planners and scores."""
+        return self
+
+    def from_goal(self, object_state: np.ndarray, p_WP: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Object (W, 13) and pusher (W, 3) as seen from episodes' goals, moved along with these to the task's own goal.
+
+        `measure` and `state` take what this gives.
+
+        Args:
+            object_state: (W, 13), as for `measure`.
+            p_WP: (W, 3) m, world: position of the pusher.
+            goal: (W, goal_size) goals of the episodes.
+        """
+        return object_state, p_WP
+
+    def world_action(self, action: Any, goal: Any) -> Any:
+        """Torch tensor (B, n) of actions along the world's axes, no longer than 1.
+
+        Args:
+            action: (B, n) torch tensor, as a policy acts on the state that `from_goal` leads to.
+            goal: (B, goal_size) torch tensor, goals of the episodes.
+        """
+        return action
+
+    @property
     def goal_yaw(self) -> float:
         """Turn [rad] of the goal about the world's z, from which ranges of starts are counted."""
         return 0.0
@@ -208,7 +246,8 @@ class Task(ABC):
     def assembly(self, low: np.ndarray, high: np.ndarray) -> Any:
         """A torch module from a network's estimate (B, n) and the pusher (B, action_size) to the state (B, state_size).
 
-        Its third argument is a place (B, 2) m on the floor from which the estimated one of the object counts, or None.
+        Its third argument is a place (B, 2) m on the floor from which the estimated one of the object counts, or None,
+        its fourth the episodes' goals (B, goal_size), or None for the task's own.
         It has `estimate_size`, n, which may be less than `state_size`, as the pusher is known and need not be
         estimated. None means that the estimate is the state itself.
 

@@ -78,8 +78,8 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
 
         Args:
             seed: Seed of this episode and those that follow; None goes on with the last one's generator.
-            options: {"place": Place}, or any of {"X_WO": RigidTransform, "p_WP": (3,) m, world}: places of object and
-                pusher, instead of those that the scenario's start draws.
+            options: {"place": Place}, or any of {"X_WO": RigidTransform, "p_WP": (3,) m, world, "goal":
+                (task.goal_size,)}: places of object and pusher, and the goal, instead of those that are drawn.
 
         Raises:
             ParameterError: There is no such option.

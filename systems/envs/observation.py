@@ -22,7 +22,8 @@ class Observer:
 
     `state`, float32 (task.state_size,): `Task.state`. `rgb`, a dict: `image`, uint8 (height, width, 3 k): the last k
     images of the object on white, the oldest first; and `pusher`, float32 (task.action_size,) in [-1, 1]: its position
-    along the task's axes across the box that it may be in. `rgb_state` has all three.
+    along the task's axes across the box that it may be in. `rgb_state` has all three. Where episodes draw their goals,
+    `goal`, float32 (task.goal_size,), is beside these, and `state` is a dict of state and goal too.
 
     Attributes:
         kind: "state", "rgb" or "rgb_state".
@@ -58,7 +59,13 @@ class Observer:
         }
         if kind == "rgb_state":
             seen["state"] = state
-        self.space: spaces.Space = state if kind == "state" else spaces.Dict(seen)
+        if self._task.goal_size:
+            seen = {"state": state} if kind == "state" else seen
+            seen["goal"] = spaces.Box(-np.inf, np.inf, (self._task.goal_size,), np.float32)
+        elif kind == "state":
+            self.space: spaces.Space = state
+            return
+        self.space = spaces.Dict(seen)
 
     @property
     def needs_images(self) -> bool:
@@ -82,18 +89,29 @@ class Observer:
         if self.needs_images:
             self._images = arrays["images"].copy()
 
-    def observe(self, object_state: np.ndarray, p_WP: np.ndarray, worlds: np.ndarray | slice = np.s_[:]) -> Observation:
+    def observe(
+        self,
+        object_state: np.ndarray,
+        p_WP: np.ndarray,
+        worlds: np.ndarray | slice = np.s_[:],
+        goal: np.ndarray | None = None,
+    ) -> Observation:
         """Observations, in arrays of their own.
 
         Args:
-            object_state: (W, 13), as for `Task.measure`.
+            object_state: (W, 13), as for `Task.measure`, of the world.
             p_WP: (W, 3) m, world: position of the pusher.
             worlds: Indices of the worlds that are observed, or a slice of them.
+            goal: (W, task.goal_size) goals of the episodes; None where episodes draw none.
         """
-        if self.kind == "state":
-            return self._task.state(object_state[worlds], p_WP[worlds])
-        pusher = (p_WP[worlds][:, self._axes] - self._middle) / self._half
-        seen = {"image": self._images[worlds].copy(), "pusher": np.clip(pusher, -1.0, 1.0).astype(np.float32)}
-        if self.kind == "rgb_state":
-            seen["state"] = self._task.state(object_state[worlds], p_WP[worlds])
-        return seen
+        object_state, p_WP = object_state[worlds], p_WP[worlds]
+        goal = np.zeros((len(p_WP), 0)) if goal is None else goal[worlds]
+        seen: dict[str, np.ndarray] = {}
+        if self.needs_images:
+            pusher = (p_WP[:, self._axes] - self._middle) / self._half
+            seen = {"image": self._images[worlds].copy(), "pusher": np.clip(pusher, -1.0, 1.0).astype(np.float32)}
+        if self.kind != "rgb":
+            seen["state"] = self._task.state(*self._task.from_goal(object_state, p_WP, goal))
+        if self._task.goal_size:
+            seen["goal"] = goal.astype(np.float32)
+        return seen if isinstance(self.space, spaces.Dict) else seen["state"]

@@ -5,11 +5,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.cousins import CousinDomains, Domain, DomainDraw, DomainSource
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import Observes, PolicySpec
+from pinwm_drake.learning.toward_goal import TowardGoal
 from pinwm_drake.systems.envs.env import changed_options
 from pinwm_drake.systems.envs.observation import Kind
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
@@ -140,13 +142,18 @@ class TrainingWorlds:
         """Scene, task, domains and starts, as JSON takes them."""
         return {**self._about, "waypoints": self.waypoints.digest()}
 
-    def worlds(self, observation: Kind) -> TaskVecEnv:
+    def task_worlds(self, observation: Kind) -> TaskVecEnv:
         """Worlds of one diagram, with the rewards that the task has for training."""
         task = self.setup.task.for_training()
         options = dataclasses.replace(self.options, observation=observation, task=task)
         env = TaskVecEnv(self.setup, self._num_worlds, options, domain=self.pool)
         env.worlds.waypoints, env.worlds.disturbance = self.waypoints, task.disturbance
         return env
+
+    def worlds(self, observation: Kind) -> VecEnv:
+        """Worlds for an algorithm: where episodes draw goals, those of the state alone are `TowardGoal`."""
+        env, task = self.task_worlds(observation), self.setup.task
+        return TowardGoal(env, task) if observation == "state" and task.goal_size else env
 
     def spec(self, observes: Observes) -> PolicySpec:
         """Specification of a policy that acts in these worlds."""

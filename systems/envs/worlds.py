@@ -22,7 +22,7 @@ from pinwm_drake.tasks.waypoints import Waypoints
 
 _DOMAIN = "domain."
 _MIDWAY = 0.7  # share of the episodes that begin in a waypoint, where there are any
-RESET_OPTIONS = ("place", "X_WO", "p_WP")
+RESET_OPTIONS = ("place", "X_WO", "p_WP", "goal")
 OnReset = Callable[[int], Domain | None]
 
 
@@ -112,6 +112,7 @@ class Worlds:
         self.observation_space = self._observer.space
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
         self._delay = Delay(options.latency, self.setup.scenario.pusher.horizon, num_worlds, self.task)
+        self._goal = np.zeros((num_worlds, self.task.goal_size))
         self._steps = np.zeros(num_worlds, int)
         self._random = [seeding.np_random(None)[0] for _ in range(num_worlds)]
         self._take_state()
@@ -120,6 +121,11 @@ class Worlds:
     def progress(self) -> Progress:
         """Progress of the worlds now."""
         return self._progress
+
+    @property
+    def goal(self) -> np.ndarray:
+        """Goals (W, task.goal_size) of the present episodes."""
+        return self._goal.copy()
 
     @property
     def num_worlds(self) -> int:
@@ -142,8 +148,9 @@ class Worlds:
 
         Args:
             seeds: (W,) seeds of the worlds' generators; None goes on with a generator, or with all.
-            options: (W,) any of {"place": Place, "X_WO": RigidTransform, "p_WP": (3,) m, world}: places of object and
-                pusher, instead of those that the scenario's start draws; None for the drawn ones.
+            options: (W,) any of {"place": Place, "X_WO": RigidTransform, "p_WP": (3,) m, world, "goal":
+                (task.goal_size,)}: places of object and pusher, and the goal, instead of those that are drawn; None for
+                the drawn ones.
 
         Returns:
             The observation of all worlds.
@@ -181,6 +188,7 @@ class Worlds:
             else:
                 drawn = self._start.draw(generator)
                 self.run.place(_chosen_place(drawn, given), world)
+            self._goal[world] = self._chosen_goal(self.task.draw_goal(generator), given)
             self._delay.begin(world, generator)
         self._steps[worlds] = 0
         self._take_state()
@@ -227,12 +235,12 @@ class Worlds:
 
     def observe(self, worlds: np.ndarray | slice = np.s_[:]) -> Observation:
         """Observation of the worlds with indices (m,) int, or of a slice of them, in arrays of its own."""
-        return self._observer.observe(self._object_state, self._p_WP, worlds)
+        return self._observer.observe(self._object_state, self._p_WP, worlds, self._goal)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Arrays of everything that changes, for `set_state`: station, images, steps, generators, state of `domain`."""
         state = self.run.get_state() | self._observer.get_state() | self._delay.get_state()
-        state["steps"] = self._steps.copy()
+        state |= {"steps": self._steps.copy(), "goal": self._goal.copy()}
         state["generators"] = np.stack([generator_state(one) for one in self._random])
         if isinstance(self.domain, Resumable):
             state |= {f"{_DOMAIN}{name}": values for name, values in self.domain.get_state().items()}
@@ -243,7 +251,7 @@ class Worlds:
         self.run.set_state(arrays)
         self._observer.set_state(arrays)
         self._delay.set_state(arrays)
-        self._steps = arrays["steps"].copy()
+        self._steps, self._goal = arrays["steps"].copy(), arrays["goal"].copy()
         for generator, state in zip(self._random, arrays["generators"], strict=True):
             set_generator_state(generator, state)
         if isinstance(self.domain, Resumable):
@@ -300,7 +308,14 @@ class Worlds:
         """Takes the state of the station, or one given, (W, 13) and (W, 3), as that of the worlds."""
         self._object_state = self.run.object_state.copy() if object_state is None else object_state
         self._p_WP = self.run.p_WP.copy() if p_WP is None else p_WP
-        self._progress = self.task.measure(self._object_state, self._p_WP)
+        self._progress = self.task.measure(*self.task.from_goal(self._object_state, self._p_WP, self._goal))
+
+    def _chosen_goal(self, drawn: np.ndarray, options: dict[str, Any] | None) -> np.ndarray:
+        """The drawn goal, or that of a reset's options; raises ParameterError where it is not one of the task's."""
+        goal = np.asarray((options or {}).get("goal", drawn), float)
+        if goal.shape != drawn.shape or not np.isfinite(goal).all():
+            raise ParameterError(f"goal: got {goal.tolist()}; allowed: {len(drawn)} finite numbers")
+        return goal
 
 
 def progress_info(progress: Progress, world: int) -> dict[str, Any]:

@@ -131,7 +131,7 @@ class _Search:
 
     def __init__(self, worlds: TrainingWorlds, options: WaypointOptions, seed: int) -> None:
         self._options, self._seed, self._begin = options, seed, worlds.begin
-        self._replays: Worlds = worlds.worlds("state").worlds
+        self._replays: Worlds = worlds.task_worlds("state").worlds
         setup = self._replays.setup
         self._planner = SamplingMpc(setup, worlds.setup.task, self._replays.run.max_translation, options.planner)
         self._start = StartDistribution(setup)

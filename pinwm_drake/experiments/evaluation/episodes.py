@@ -60,14 +60,15 @@ class EpisodeRunner:
         result = run_episode(self.env, self._policy, seed, watch=watch)
         seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
         table = np.array(rows)
-        result = replace(result, coverage=self._coverage(table[-1]))
+        goal = self.env.worlds.goal[0]
+        result = replace(result, coverage=self._coverage(table[-1], goal))
         at = np.array(strip_steps(len(rows) - 1) if views else [], int)
         shown = np.array([views[step] for step in at]) if views else np.zeros((0, 0, 0, 3), np.uint8)
-        return EpisodeRecord(result, table[:, :4], table[:, 4:7], table[:, 7:], shown, at, seconds, cpu)
+        return EpisodeRecord(result, table[:, :4], table[:, 4:7], table[:, 7:], shown, at, goal, seconds, cpu)
 
-    def _coverage(self, row: np.ndarray) -> float:
+    def _coverage(self, row: np.ndarray, goal: np.ndarray) -> float:
         """Coverage with the object at (7,) q_WO wxyz, p_WO [m]; NaN where the task has no pose for a goal."""
-        X_WG = self.env.task.goal_pose(float(row[6]))
+        X_WG = self.env.task.with_goal(goal).goal_pose(float(row[6]))
         if X_WG is None or not np.isfinite(row).all():
             return math.nan
         X_WO = Pose(*(torch.from_numpy(part.copy()) for part in (row[:4], row[4:7])))

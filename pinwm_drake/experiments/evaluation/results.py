@@ -29,7 +29,7 @@ from pinwm_drake.systems.envs.env import TaskEnv
 _TILE, _SECTIONS = 200, 12  # px of a picture of an episode, and sides of a pusher that is shown that small
 _COLUMNS = (
     *("seed", "outcome", "success", "steps", "distance", "angle", "start_x", "start_y", "start_yaw"),
-    *("pusher_x", "pusher_y", "start_distance", "start_angle", "failure", "coverage"),
+    *("pusher_x", "pusher_y", "start_distance", "start_angle", "failure", "coverage", "goal"),
 )
 
 
@@ -114,7 +114,8 @@ def write_episodes(path: Path, records: Sequence[EpisodeRecord], q_WO: tuple[flo
             one = record.result
             begun = [*record.start(q_WO), *record.p_WP[0, :2].tolist(), one.start_distance, one.start_angle]
             ended = [one.seed, one.outcome, int(one.success), one.steps, one.distance, one.angle]
-            table.writerow([*ended, *begun, one.failure, one.coverage])
+            goal = " ".join(f"{value:.6g}" for value in record.goal)
+            table.writerow([*ended, *begun, one.failure, one.coverage, goal])
 
 
 def story_of(
@@ -163,5 +164,5 @@ def episode_film(env: TaskEnv, height: int = _TILE, visual_path: Path | None = N
         coloured_actors(visual_path or setup.visual_path),
         load_mesh(setup.twin.mesh_path),
         pusher_surface(setup.twin.pusher, sections=_SECTIONS),
-        env.task.goal_pose(setup.twin.floor_height),
+        lambda record: env.task.with_goal(record.goal).goal_pose(setup.twin.floor_height),
     )

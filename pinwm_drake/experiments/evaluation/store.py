@@ -11,7 +11,7 @@ from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.evaluation import EpisodeResult
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 
-_TABLES = ("q_WO", "p_WO", "p_WP", "views", "at")
+_TABLES = ("q_WO", "p_WO", "p_WP", "views", "at", "goal")
 _TIMES = ("seconds", "cpu_seconds")
 _FIGURES = ("success", "steps", "distance", "angle", "start_distance", "start_angle", "coverage")
 

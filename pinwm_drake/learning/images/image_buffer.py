@@ -8,7 +8,7 @@ import numpy as np
 from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError
 
-_NAMES = ("image", "start", "pusher", "state")
+_NAMES = ("image", "start", "pusher", "state", "goal")
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,12 +20,14 @@ class Chunk:
         start: (T W,) bool, true where an episode begins; the first W do.
         pusher: (T W, action_size) float32, along the task's axes across the pusher's box, -1 to 1.
         state: (T W, state_size) float32, as `StateActor` takes it.
+        goal: (T W, goal_size) float32, goals of the episodes.
     """
 
     image: np.ndarray
     start: np.ndarray
     pusher: np.ndarray
     state: np.ndarray
+    goal: np.ndarray
 
     def write(self, path: Path) -> None:
         """Writes the chunk to a file, compressed: most of an image is white."""
@@ -69,7 +71,7 @@ class Frames:
             self._chunks.pop(0)
         self._ends = np.cumsum([len(one.start) for one in self._chunks])
 
-    def draw(self, size: int, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def draw(self, size: int, generator: np.random.Generator) -> tuple[np.ndarray, ...]:
         """Draws a batch of stacks, evenly and with repetition.
 
         Args:
@@ -77,8 +79,8 @@ class Frames:
             generator: Source of randomness.
 
         Returns:
-            Images (B, height, width, 3 k) uint8, the oldest first; pusher (B, action_size) and state (B, state_size),
-            float32.
+            Images (B, height, width, 3 k) uint8, the oldest first; pusher (B, action_size), state (B, state_size)
+            and goal (B, goal_size), float32.
         """
         rows = np.sort(generator.integers(len(self), size=size))
         parts = np.split(rows, np.searchsorted(rows, self._ends[:-1]))
@@ -86,14 +88,13 @@ class Frames:
         batches = [
             self._stacks(chunk, part - begin) for chunk, part, begin in zip(self._chunks, parts, begins, strict=True)
         ]
-        images, pusher, state = (np.concatenate(one) for one in zip(*batches, strict=True))
-        return images, pusher, state
+        return tuple(np.concatenate(one) for one in zip(*batches, strict=True))
 
     def _stacks(self, chunk: Chunk, rows: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Stacks of images, pusher and state of some rows (b,) of a chunk; see `draw`."""
+        """Stacks of images, pusher, state and goal of some rows (b,) of a chunk; see `draw`."""
         before, newest_first = rows, []
         for _ in range(self._frames):
             newest_first.append(chunk.image[before])
             before = np.where(chunk.start[before], before, before - self._worlds)
         images = np.concatenate(newest_first[::-1], axis=3)
-        return images, chunk.pusher[rows], chunk.state[rows]
+        return images, chunk.pusher[rows], chunk.state[rows], chunk.goal[rows]

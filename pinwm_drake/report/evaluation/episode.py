@@ -1,6 +1,6 @@
 """Record of an evaluation's episode, with all that is needed to show it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -19,6 +19,7 @@ class EpisodeRecord:
         p_WP: (n + 1, 3) m, world, of the pusher.
         views: (m, height, width, 3) uint8, sRGB: some of the images that the policy saw; none where it sees none.
         at: (m,) int, number of actions after which it saw each.
+        goal: (goal_size,) goal of the episode; of no components where all have that of the task.
         seconds: Wall time that it took.
         cpu_seconds: Time of the process's cores that it took.
     """
@@ -29,6 +30,7 @@ class EpisodeRecord:
     p_WP: np.ndarray
     views: np.ndarray
     at: np.ndarray
+    goal: np.ndarray = field(default_factory=lambda: np.zeros(0))
     seconds: float = 0.0
     cpu_seconds: float = 0.0
 

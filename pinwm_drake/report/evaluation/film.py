@@ -1,6 +1,6 @@
 """Pictures of an evaluation's episodes: one episode after some actions, and many side by side as a film."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import trimesh
@@ -12,6 +12,7 @@ from pinwm_drake.report.outline import boundary, silhouette
 from pinwm_drake.report.scene import Actor, Stage
 from pinwm_drake.spatial.poses import Pose
 
+Lines = list[tuple[np.ndarray, tuple[float, float, float]]]
 _GOAL, _PUSHER = (0.02, 0.42, 0.10), (0.10, 0.25, 0.55)  # linear RGB
 _FRAMES = {"success": (59, 143, 90), "time limit": (200, 67, 47), "failure": (122, 79, 163)}
 _GOING = (255, 255, 255)
@@ -32,7 +33,7 @@ class EpisodeFilm:
         actors: Sequence[Actor],
         mesh: trimesh.Trimesh,
         pusher: trimesh.Trimesh,
-        X_WG: Pose | None,
+        X_WG: Callable[[EpisodeRecord], Pose | None],
     ) -> None:
         """Takes over the parts of the scene that do not move.
 
@@ -42,21 +43,31 @@ class EpisodeFilm:
             actors: The object's surfaces, frame O.
             mesh: The object, m, frame O.
             pusher: m, frame P.
-            X_WG: Pose of the object at the goal, of which height does not count; None where there is no one goal.
+            X_WG: Function that gives the object's pose at an episode's goal, of which height does not count; None where
+                any of many will do.
         """
         self.camera, self._stage = camera, Stage(camera, floor_height)
         self._object, self._pusher = list(actors), Actor.from_mesh(pusher, _PUSHER, smooth=True)
-        self._goal = []
-        if X_WG is not None:
-            outline = boundary(*silhouette(mesh, rotation(X_WG.q.numpy()).as_matrix())) + X_WG.p[:2].numpy()
-            self._goal = [(segment, _GOAL) for segment in outline]
+        self._mesh, self._X_WG = mesh, X_WG
+        self._goals: dict[tuple[float, ...], Lines] = {}
 
     def picture(self, record: EpisodeRecord, step: int) -> np.ndarray:
         """Picture of an episode after some actions, or at its end: (height, width, 3) uint8, sRGB."""
         k = min(step, record.last)
         R_WO, p_WO = rotation(record.q_WO[k]).as_matrix(), record.p_WO[k]
         actors = [(actor, R_WO, p_WO) for actor in self._object]
-        return self._stage.picture([*actors, (self._pusher, np.eye(3), record.p_WP[k])], self._goal)
+        return self._stage.picture([*actors, (self._pusher, np.eye(3), record.p_WP[k])], self._goal(record))
+
+    def _goal(self, record: EpisodeRecord) -> Lines:
+        """Outline of the object at an episode's goal; none where there is no one pose for it."""
+        key = tuple(record.goal.tolist())
+        if key not in self._goals:
+            X_WG, outline = self._X_WG(record), np.zeros((0, 2, 2))
+            if X_WG is not None:
+                rotated = rotation(X_WG.q.numpy()).as_matrix()
+                outline = boundary(*silhouette(self._mesh, rotated)) + X_WG.p[:2].numpy()
+            self._goals[key] = [(segment, _GOAL) for segment in outline]
+        return self._goals[key]
 
     def captioned(self, record: EpisodeRecord, step: int) -> np.ndarray:
         """Picture with seed and number of the action; at the end in a frame of the outcome's colour."""

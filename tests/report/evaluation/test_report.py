@@ -30,14 +30,14 @@ def record(seed, outcome="success", steps=5, yaw=0.0, views=True):
     shown = np.full((len(at), 8, 8, 3), 200, np.uint8)
     failure = "no <solution>" if outcome == "failure" else ""
     result = EpisodeResult(seed, outcome == "success", steps, 0.0123, 0.3, failure, 0.1, yaw)
-    return EpisodeRecord(result, q_WO, p_WO, p_WO - np.array([0.07, 0.0, 0.0]), shown, at, 0.5)
+    return EpisodeRecord(result, q_WO, p_WO, p_WO - np.array([0.07, 0.0, 0.0]), shown, at, np.zeros(0), 0.5)
 
 
 @pytest.fixture(scope="module")
 def film():
     camera = ViewCamera.look_at(np.array([0.0, -0.45, 0.55]), np.zeros(3), width=64, height=48, field_of_view=0.7)
     actor = Actor.from_mesh(BOX, (0.7, 0.1, 0.1), smooth=False)
-    return EpisodeFilm(camera, 0.0, [actor], BOX, trimesh.creation.icosphere(1, 0.01), identity())
+    return EpisodeFilm(camera, 0.0, [actor], BOX, trimesh.creation.icosphere(1, 0.01), lambda _: identity())
 
 
 def story(film, records):

@@ -1,0 +1,65 @@
+"""Worlds whose episodes draw their goals, for a policy of the state, which is told from the goal.
+
+Object and pusher that are moved along with the goal are the same to such a policy: what it learns holds for all goals.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+
+from pinwm_drake.checkpoints import Resumable
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.tasks import Task
+
+_GOAL = "toward_goal"
+
+
+class TowardGoal(VecEnvWrapper):
+    """Worlds that show the state alone, and take actions as towards the task's own goal."""
+
+    def __init__(self, env: VecEnv, task: Task) -> None:
+        """Wraps worlds whose observation is a dict of `state` and `goal`."""
+        space: Any = env.observation_space
+        super().__init__(env, space["state"])
+        self._task, self._goal = task, np.zeros((env.num_envs, task.goal_size), np.float32)
+
+    def reset(self) -> np.ndarray:
+        """Begins an episode in every world, and gives their states."""
+        return self._state(self.venv.reset())
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Begins a step by actions (W, n) in [-1, 1]^n towards the task's own goal."""
+        given = torch.from_numpy(np.asarray(actions, np.float32))
+        self.venv.step_async(self._task.world_action(given, torch.from_numpy(self._goal)).numpy())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Outcome of the step: states, rewards (W,), ends of episodes (W,) bool, and infos."""
+        seen, rewards, ended, infos = self.venv.step_wait()
+        for info in infos:
+            if "terminal_observation" in info:
+                info["terminal_observation"] = info["terminal_observation"]["state"]
+        return self._state(seen), rewards, ended, infos
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Everything that changes in the worlds, for `set_state`."""
+        return {**self._resumable.get_state(), _GOAL: self._goal.copy()}
+
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Restores the arrays of `get_state`."""
+        self._goal = arrays[_GOAL].copy()
+        self._resumable.set_state({name: values for name, values in arrays.items() if name != _GOAL})
+
+    @property
+    def _resumable(self) -> Resumable:
+        if not isinstance(self.venv, Resumable):
+            raise ParameterError("worlds: got some that cannot be kept; allowed: those with get_state and set_state")
+        return self.venv
+
+    def _state(self, seen: Any) -> np.ndarray:
+        self._goal = seen["goal"]
+        state: np.ndarray = seen["state"]
+        return state
