@@ -239,7 +239,7 @@ class ImageActor(nn.Module):
         estimate: Tensor = self.estimate(torch.cat([self.features(self.convolutions(dark)), *known], 1))
         if self.assembly is None:
             return estimate
-        state: Tensor = self.assembly(estimate, pusher, place, goal)
+        state: Tensor = self.assembly(estimate, pusher, place, *([] if goal is None else [goal]))
         return state
 
     def latent(self, seen: Seen) -> Tensor:

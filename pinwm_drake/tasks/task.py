@@ -247,7 +247,7 @@ class Task(ABC):
         """A torch module from a network's estimate (B, n) and the pusher (B, action_size) to the state (B, state_size).
 
         Its third argument is a place (B, 2) m on the floor from which the estimated one of the object counts, or None,
-        its fourth the episodes' goals (B, goal_size), or None for the task's own.
+        the fourth, of tasks with a `goal_size`, the episodes' goals (B, goal_size), or None for the task's own.
         It has `estimate_size`, n, which may be less than `state_size`, as the pusher is known and need not be
         estimated. None means that the estimate is the state itself.
 
