@@ -22,6 +22,10 @@ def rehearse(
         "out/rehearsal"
     ),
     scene: Annotated[str | None, typer.Option(help=SCENE, show_default="that of the bundle's task and object")] = None,
+    goal: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="x [m], y [m] and yaw [rad] of the object, for a bundle that is told its goal."),
+    ] = None,
     faults: Annotated[bool, typer.Option("--faults", help="Bring about faults at random moments.")] = False,
     moments: Annotated[int, typer.Option(help="Random moments of each kind of fault.")] = 5,
     kind: Annotated[
@@ -45,6 +49,7 @@ def rehearse(
     request = RehearseRequest(
         bundle=bundle,
         scene=scene,
+        goal=goal,
         moments=moments if faults else 0,
         kinds=tuple(kind or ()),
         minutes=minutes,

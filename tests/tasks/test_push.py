@@ -70,6 +70,11 @@ def test_the_shaped_rewards_of_a_path_add_up_to_the_potentials_of_its_ends():
     np.testing.assert_allclose(total, first - last - 8 * task.cost, rtol=1e-12)
 
 
+def test_in_training_success_is_nearer_than_where_it_is_judged():
+    task = PushTask(tolerance=0.02, turn_tolerance=0.2)
+    assert task.for_training() == PushTask(reward="shaped", tolerance=0.015, turn_tolerance=0.15000000000000002)
+
+
 def test_the_shaped_reward_pays_for_success_once():
     task = PushTask(reward="shaped")
     there = measured(task, row())

@@ -57,6 +57,7 @@ class RehearseRequest:
     Attributes:
         bundle: Folder of a bundle, or the name of one that ships.
         scene: Scene; see `load_setup`. None for that of the bundle's task and object.
+        goal: Goal of a bundle that is told one, x [m], y [m], yaw [rad] of a push, world; None for other bundles.
         moments: Number of random moments of each kind of fault; 0 for none.
         kinds: Names of the kinds of fault; empty for all.
         minutes: Least duration of the normal work, min; 0 for none.
@@ -71,6 +72,7 @@ class RehearseRequest:
 
     bundle: str
     scene: str | None = None
+    goal: tuple[float, ...] | None = None
     moments: int = 5
     kinds: tuple[str, ...] = ()
     minutes: float = 0.0
@@ -190,7 +192,7 @@ def rehearse(
         StateError: The arm does not begin, or sends nothing.
     """
     out = prepare_folder(out)
-    bundle = read_bundle(request.bundle)
+    bundle = _aimed(request)
     request = replace(request, scene=request.scene or usual_scene(bundle.spec))
     trials = _begun(out, request, bundle.sha256, resume)
     kinds = [kind for kind in KINDS if not request.kinds or kind.name in request.kinds]
@@ -218,13 +220,19 @@ def rehearse(
     return trials
 
 
+def _aimed(request: RehearseRequest) -> Bundle:
+    """The bundle of a request, for its goal where there is one."""
+    bundle = read_bundle(request.bundle)
+    return bundle if request.goal is None else bundle.toward(request.goal)
+
+
 def shortfall(request: RehearseRequest) -> str:
     """Shortfall of the simulated arm for a bundle, as `SafetyLimits.shortfall` says it.
 
     Raises:
         InputError: Bundle or scene cannot be used.
     """
-    bundle = read_bundle(request.bundle)
+    bundle = _aimed(request)
     return bundle.limits.shortfall(arm_limits(load_setup(request.scene or usual_scene(bundle.spec))))
 
 
@@ -242,7 +250,8 @@ def _begun(out: Path, request: RehearseRequest, sha256: str, resume: bool) -> li
     if not resume:
         raise InputError(out, value="trials of a rehearsal", allowed="a new folder, or --resume to go on")
     before = json.loads((out / RESULTS_FILE).read_text())
-    now = {**asdict(request), "kinds": list(request.kinds), "bundle": sha256}
+    goal = None if request.goal is None else list(request.goal)
+    now = {**asdict(request), "kinds": list(request.kinds), "goal": goal, "bundle": sha256}
     for name, value in {**before["request"], "bundle": before["bundle"]}.items():
         if name not in _AMOUNTS and now[name] != value:
             allowed = f"{value}, as it was begun with; or a new folder"
