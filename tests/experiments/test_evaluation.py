@@ -83,3 +83,13 @@ def test_a_worker_that_is_killed_is_told_of(scenario, tmp_path):
 def test_a_policy_that_changes_meanwhile_is_told_of(scenario):
     with pytest.raises(ParameterError, match="got another policy than a moment ago"):
         _run(EvaluateRequest("random", scenario, "twin"), "something else", 0)
+
+
+def test_an_evaluation_may_be_late(scenario):
+    paths = []
+    for latency in (0.0, 0.1):
+        request = EvaluateRequest("random", scenario, "twin", episodes=1, max_steps=9, latency=latency)
+        paths.append(EpisodeRunner(read_contestant(request), request).run(4).p_WP)
+    np.testing.assert_allclose(paths[1][1:], paths[0][:-1], atol=1e-9)
+    with pytest.raises(ParameterError, match="--latency"):
+        EvaluateRequest("random", scenario, "twin", latency=-0.1)
