@@ -62,7 +62,7 @@ class SacOptions:
         ParameterError: A number is out of range.
     """
 
-    steps: int = 640_000
+    steps: int = 800_000
     round_steps: int = 40_000
     learning_starts: int = 3_200
     update_every: int = 16

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Reward = Literal["paper", "shaped"]
 REWARDS = ("paper", "shaped")
 LENGTH, SPEED, TURN = 0.1, 0.3, 3.0  # m, m/s, rad/s: units of the state's components
-_NEARER = 0.75  # share of the tolerances in training: images tell an object's place to some millimetres
+_NEARER = 0.9  # share of the tolerances in training: images tell an object's place to some millimetres
 
 
 @register
