@@ -72,7 +72,7 @@ def test_the_shaped_rewards_of_a_path_add_up_to_the_potentials_of_its_ends():
 
 def test_in_training_success_is_nearer_than_where_it_is_judged():
     task = PushTask(tolerance=0.02, turn_tolerance=0.2)
-    assert task.for_training() == PushTask(reward="shaped", tolerance=0.018, turn_tolerance=0.18)
+    assert task.for_training() == PushTask(reward="shaped", tolerance=0.9 * 0.02, turn_tolerance=0.9 * 0.2)
 
 
 def test_the_shaped_reward_pays_for_success_once():
