@@ -51,9 +51,7 @@ class Delay:
         self._past = np.concatenate([asked[None], self._past[:-1]])
         whole = np.floor(self._latency).astype(int)
         share, worlds = (self._latency - whole)[:, None], np.arange(len(whole))
-        # The oldest one has a share of 0 where the latency is the largest, and a whole number of horizons.
-        before = self._past[np.minimum(whole + 1, len(self._past) - 1), worlds]
-        late: np.ndarray = (1.0 - share) * self._past[whole, worlds] + share * before
+        late: np.ndarray = (1.0 - share) * self._past[whole, worlds] + share * self._past[whole + 1, worlds]
         return late
 
     def get_state(self) -> dict[str, np.ndarray]:

@@ -118,7 +118,8 @@ def test_the_range_of_the_start_can_be_widened():
 def test_what_success_is_can_be_narrowed():
     worlds = TrainingWorlds("push_t", training_options(task={"tolerance": 0.01, "turn_tolerance": 0.1}), num_worlds=2)
     env = worlds.worlds("state")
-    assert (env.worlds.task.tolerance, env.worlds.task.turn_tolerance) == (0.01, 0.1)
+    nearer = (0.9 * 0.01, 0.9 * 0.1)
+    assert (env.worlds.task.tolerance, env.worlds.task.turn_tolerance) == pytest.approx(nearer)
     spec = worlds.spec("rgb")
     assert (spec.task.tolerance, spec.task.turn_tolerance) == (0.01, 0.1)
     assert (env.worlds.task.reward, spec.task.reward) == ("shaped", "paper")
