@@ -19,7 +19,7 @@ from pinwm_drake.learning.sac import SacOptions, train_sac
 
 TEACHER, IMAGES = "teacher", "ppo"  # folders of stages, beside STAGE of the distillation
 STAGES = (TEACHER, STAGE, IMAGES)
-_SAC_WIDTH = 128  # of networks; 256 took three times as long to the same success
+_SAC_WIDTH = 128  # of networks: an update on 512 steps takes 10 ms, where it takes 25 ms with 256
 
 
 @dataclass(frozen=True)

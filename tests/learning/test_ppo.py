@@ -193,7 +193,9 @@ def test_a_training_from_images_changes_them(tmp_path):
     assert not same(weights(plain), weights(changed))
 
 
-@pytest.mark.parametrize("values", [{"steps": 0}, {"gamma": float("nan")}, {"shift": -1}, {"learning_rate": -1.0}])
+@pytest.mark.parametrize(
+    "values", [{"steps": 0}, {"gamma": float("nan")}, {"shift": -1}, {"learning_rate": -1.0}, {"auxiliary": -1}]
+)
 def test_options_that_make_no_sense_are_refused(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         PpoOptions(**values)

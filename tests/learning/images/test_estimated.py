@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 import torch
 
 from pinwm_drake.learning.actor_critic import ActorCritic, Ppo
@@ -103,9 +102,3 @@ def test_a_policy_of_images_is_learned_on_estimates(tmp_path):
     policy = train_ppo(ToyWorlds(images=True), spec, tmp_path, options, stage="ppo")
     assert evaluate_worlds(ToyWorlds(images=True), policy, 64, seed=5).success_rate > 0.9
     assert isinstance(policy.actor, ImageActor)
-
-
-@pytest.mark.parametrize("auxiliary", [-1])
-def test_a_number_of_passes_that_makes_no_sense_is_refused(auxiliary):
-    with pytest.raises(Exception, match="auxiliary"):
-        PpoOptions(auxiliary=auxiliary)
