@@ -29,10 +29,12 @@ class StatePpo:
     Attributes:
         options: Settings of PPO.
         until: What ends it before its last round.
+        device: Device of the networks, as torch names it.
     """
 
     options: PpoOptions = field(default_factory=PpoOptions)
     until: Until = ANY
+    device: str = "cpu"
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
@@ -45,7 +47,7 @@ class StatePpo:
             self.options,
             stage=TEACHER,
             shown=make_worlds.waypoints,
-            **_common(make_worlds, seed, resume, report, self.until),
+            **_common(self, make_worlds, seed, resume, report),
         )
         write_policy(out / TEACHER / "policy", policy)
         return policy
@@ -58,10 +60,12 @@ class StateSac:
     Attributes:
         options: Settings of SAC.
         until: What ends it before its last round.
+        device: Device of the networks, as torch names it.
     """
 
     options: SacOptions = field(default_factory=SacOptions)
     until: Until = ANY
+    device: str = "cpu"
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
@@ -73,7 +77,7 @@ class StateSac:
             out / TEACHER,
             self.options,
             stage=TEACHER,
-            **_common(make_worlds, seed, resume, report, self.until),
+            **_common(self, make_worlds, seed, resume, report),
         )
         write_policy(out / TEACHER / "policy", policy)
         return policy
@@ -86,10 +90,12 @@ class ImagePpo:
     Attributes:
         options: Settings of PPO.
         until: What ends it before its last round.
+        device: Device of the networks, as torch names it.
     """
 
     options: PpoOptions = field(default_factory=PpoOptions.for_images)
     until: Until = ANY
+    device: str = "cpu"
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
@@ -101,7 +107,7 @@ class ImagePpo:
             out / IMAGES,
             self.options,
             stage=IMAGES,
-            **_common(make_worlds, seed, resume, report, self.until),
+            **_common(self, make_worlds, seed, resume, report),
         )
 
 
@@ -113,11 +119,13 @@ class Distillation:
         teacher: Training of the teacher; or the folder of a trained one, a policy of the state.
         options: Settings of the distillation.
         until: What ends the training before its last round; of the minutes, a teacher takes half at most.
+        device: Device of the networks, as torch names it.
     """
 
     teacher: StateSac | StatePpo | Path = field(default_factory=StateSac)
     options: DistilOptions = field(default_factory=DistilOptions)
     until: Until = ANY
+    device: str = "cpu"
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
@@ -128,22 +136,31 @@ class Distillation:
             if teacher.spec.observes != "state":
                 raise InputError(self.teacher, value="a policy of images", allowed="one of the state")
         else:
-            own = replace(self.teacher, until=self.until.within(0.5 * self.until.minutes))
+            until = self.until.within(0.5 * self.until.minutes)
+            own = replace(self.teacher, until=until, device=self.device)
             teacher = own.train(data, make_worlds, out, seed=seed, resume=resume, report=report)
         spent = 0.0 if isinstance(self.teacher, Path) else minutes_of(out / TEACHER)
-        common = _common(make_worlds, seed, resume, report, self.until.within(self.until.minutes - spent))
+        common = _common(self, make_worlds, seed, resume, report)
+        common["until"] = self.until.within(self.until.minutes - spent)
         common["about"] = {**make_worlds.about, "teacher": weights_digest(teacher)}
         spec = replace(make_worlds.spec("rgb"), head=teacher.spec.head, width=teacher.spec.width)
         return train_distil(make_worlds.worlds("rgb_state"), teacher, spec, out / STAGE, self.options, **common)
 
 
-def _common(make_worlds: MakeWorlds, seed: int, resume: bool, report: Report, until: Until) -> dict[str, Any]:
-    """Arguments that every stage of a training takes, by name."""
+def _common(
+    method: StateSac | StatePpo | ImagePpo | Distillation,
+    make_worlds: MakeWorlds,
+    seed: int,
+    resume: bool,
+    report: Report,
+) -> dict[str, Any]:
+    """Arguments that every stage of a method's training takes, by name."""
     return {
         "seed": seed,
         "about": make_worlds.about,
         "on_round": make_worlds.begin,
         "resume": resume,
-        "until": until,
+        "until": method.until,
+        "device": method.device,
         "report": report,
     }

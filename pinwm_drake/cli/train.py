@@ -114,10 +114,12 @@ def train(
         ),
     ] = None,
     threads: Annotated[int | None, typer.Option(help="Of torch.", show_default="one on each core")] = None,
+    device: Annotated[str, typer.Option(help="Of the networks: cpu, or cuda where there is one.")] = "cpu",
     resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run ended.")] = False,
 ) -> None:
     """Trains a policy in cousins of a twin, with progress, checkpoints and TensorBoard."""
     from pinwm_drake.experiments import training
+    from pinwm_drake.experiments.forecast import forecast
     from pinwm_drake.learning.policy import POLICY_FILE
 
     request = training.TrainRequest(
@@ -153,10 +155,14 @@ def train(
         target=target,
         minutes=minutes,
         threads=threads,
+        device=device,
         resume=resume,
     )
     begun = time.monotonic()
     try:
+        training.check_new(request)
+        if not resume:
+            say(f"this takes {forecast(request)} here; most end before")
         with _shown() as report:
             training.train(request, report=report)
     except KeyboardInterrupt:

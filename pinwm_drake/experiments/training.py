@@ -14,6 +14,7 @@ from pinwm_drake.cousins import CousinDomains
 from pinwm_drake.errors import InputError, require
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.distil import DistilOptions
+from pinwm_drake.learning.export import check_exportable
 from pinwm_drake.learning.policy import Policy, write_policy
 from pinwm_drake.learning.ppo import PpoOptions
 from pinwm_drake.learning.progress import Report, silent
@@ -74,6 +75,7 @@ class TrainRequest:
     target: float | None = None
     minutes: float | None = None
     threads: int | None = None
+    device: str = "cpu"
     resume: bool = False
 
     def __post_init__(self) -> None:
@@ -90,12 +92,13 @@ class TrainRequest:
         require("--seed", self.seed, self.seed >= 0, "0 or more")
         require("--yaw", self.yaw, self.yaw is None or 0.0 <= self.yaw <= math.pi + 1e-9, "0 to pi")
         require("--goals", repr(self.goals), self.goals in GOALS, ", ".join(GOALS))
-        drawn = self.goals == "fixed" or (self.method != "ppo" and self.task in (None, PushTask.name))
-        require("--goals", f"{self.goals} with method {self.method}", drawn, "fixed, or push with distil or state")
+        drawn = self.goals == "fixed" or self.task in (None, PushTask.name)
+        require("--goals", f"{self.goals} with task {self.task}", drawn, "fixed, or random with push")
         require("--goal-reach", self.goal_reach, 0.0 <= self.goal_reach < math.inf, "0 or more")
         require("--goal-turn", self.goal_turn, 0.0 <= self.goal_turn <= math.pi + 1e-9, "0 to pi")
         require("--latency", self.latency, 0.0 <= self.latency < math.inf, "0 or more")
         require("--no-auxiliary", f"method {self.method}", self.auxiliary or self.method == "ppo", "with method ppo")
+        require("--device", self.device, self.device in _devices(), ", ".join(_devices()))
         with_teacher = self.teacher is None or self.method == "distil"
         require("--teacher", f"one for method {self.method}", with_teacher, "with method distil")
 
@@ -117,15 +120,16 @@ def train(request: TrainRequest, *, report: Report = silent) -> Policy:
     """
     out = prepare_folder(request.out)
     stages = [out / stage for stage in STAGES]
-    if not request.resume and any((stage / CHECKPOINT_FILE).exists() for stage in stages):
-        raise InputError(out, value="a training that was begun", allowed="a new folder, or --resume to go on")
+    check_new(request)
     if request.threads is not None:
         torch.set_num_threads(request.threads)
-    begun, worlds = time.monotonic(), _training_worlds(request)
+    begun, worlds = time.monotonic(), worlds_of(request)
+    if request.method != "state" and not request.resume:
+        check_exportable(worlds.spec("rgb"))
     if worlds.setup.task.waypoints and request.teacher is None:
         folder = prepare_folder(out / WAYPOINTS)
         worlds.waypoints = find_waypoints(worlds, folder, seed=request.seed, resume=request.resume, report=report)
-    method = _method(request, worlds.setup.task, (time.monotonic() - begun) / 60.0)
+    method = method_of(request, worlds.setup.task, (time.monotonic() - begun) / 60.0)
     policy = method.train(MethodData(), worlds, out, seed=request.seed, resume=request.resume, report=report)
     assert isinstance(policy, Policy)
     histories = {stage.name: stage / HISTORY_FILE for stage in stages if (stage / HISTORY_FILE).exists()}
@@ -133,6 +137,12 @@ def train(request: TrainRequest, *, report: Report = silent) -> Policy:
     policy = replace(policy, provenance=_provenance(request, worlds))
     write_policy(out, policy)
     return policy
+
+
+def check_new(request: TrainRequest) -> None:
+    """Raises InputError where the folder of a request that is not to go on holds a training."""
+    if not request.resume and any((request.out / stage / CHECKPOINT_FILE).exists() for stage in STAGES):
+        raise InputError(request.out, value="a training that was begun", allowed="a new folder, or --resume to go on")
 
 
 def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]:
@@ -149,7 +159,8 @@ def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]
     }
 
 
-def _training_worlds(request: TrainRequest) -> TrainingWorlds:
+def worlds_of(request: TrainRequest) -> TrainingWorlds:
+    """The worlds of a request."""
     setup = _setup(request)
     changes = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
     given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
@@ -180,7 +191,7 @@ def _algorithm(request: TrainRequest, task: Task) -> str:
     return request.algorithm or task.algorithm
 
 
-def _method(request: TrainRequest, task: Task, spent: float) -> Method:
+def method_of(request: TrainRequest, task: Task, spent: float = 0.0) -> Method:
     """The method of a request, with the settings that are given, of whose minutes some are spent."""
     limits = {
         "target": request.target,
@@ -190,11 +201,11 @@ def _method(request: TrainRequest, task: Task, spent: float) -> Method:
     steps = {"steps": request.steps, "round_steps": request.round_steps, "episodes": request.episodes}
     if request.method == "ppo":
         options = PpoOptions.for_images(auxiliary=request.auxiliary)
-        return ImagePpo(_with(options, **steps, shift=request.shift), until)
+        return ImagePpo(_with(options, **steps, shift=request.shift), until, request.device)
     sac = _algorithm(request, task) == "sac"
     teacher = StateSac(_with(SacOptions(), **steps)) if sac else StatePpo(_with(PpoOptions(), **steps))
     if request.method == "state":
-        return replace(teacher, until=until)
+        return replace(teacher, until=until, device=request.device)
     options = _with(
         DistilOptions(),
         rounds=request.rounds,
@@ -203,7 +214,12 @@ def _method(request: TrainRequest, task: Task, spent: float) -> Method:
         episodes=request.episodes,
         shift=request.shift,
     )
-    return Distillation(request.teacher or teacher, options, until)
+    return Distillation(request.teacher or teacher, options, until, request.device)
+
+
+def _devices() -> tuple[str, ...]:
+    """Devices that networks can be trained on here."""
+    return ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",)
 
 
 def _with(options: Any, **values: Any) -> Any:

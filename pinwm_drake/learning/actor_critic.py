@@ -125,6 +125,7 @@ class ActorCritic(ActorCriticPolicy):
             updates: Number of updates.
             seed: Seed of the batches.
         """
+        state, action = state.to(self.device), action.to(self.device)
         shares = level_shares(self._actor.heading.along(action, state))
         layers = [*self._actor.body.parameters(), *self.action_net.parameters()]
         optimizer, generator = torch.optim.Adam(layers, lr=_RATE), torch.Generator().manual_seed(seed)

@@ -245,7 +245,7 @@ class ImageActor(nn.Module):
     def latent(self, seen: Seen) -> Tensor:
         """Last hidden layer (B, latent_size) of an observation with `image` and `pusher`."""
         assert isinstance(seen, Mapping)
-        return self.actor.latent(self.state(self.darken(seen["image"]), seen["pusher"]))
+        return self.actor.latent(self.state(self.darken(seen["image"]), seen["pusher"], seen.get("goal")))
 
     def forward(self, image: Tensor, pusher: Tensor, goal: Tensor | None = None) -> Tensor:
         """Actions (B, n) in [-1, 1]^n of images and positions of the pusher.

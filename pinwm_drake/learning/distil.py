@@ -30,12 +30,12 @@ from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.progress import Report, silent
 from pinwm_drake.learning.rounds import ANY, EVALUATION_SEED, OnRound, Rounds, Until
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.learning.weights import pack, set_weights, unpack, weights
+from pinwm_drake.learning.weights import device_of, pack, set_weights, unpack, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds, usual_starts
 
 STAGE = "distil"
 _COLLECTING = 0.4  # share of a round's time, roughly; the rest goes into updates
-_TOLD = 20  # actions or updates between two reports
+_TOLD = 10  # actions or updates between two reports
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,7 @@ def train_distil(
     on_round: OnRound | None = None,
     resume: bool = False,
     until: Until = ANY,
+    device: str = "cpu",
     report: Report = silent,
 ) -> Policy:
     """Trains a policy of images.
@@ -103,6 +104,7 @@ def train_distil(
         on_round: Called with a seed at the beginning of a round, to draw its domains.
         resume: Flag: the training goes on from a checkpoint, where there is one.
         until: What ends it before its last round.
+        device: Device of the student, as torch names it; the policy that is returned is on the CPU.
         report: Called with the progress of the training.
 
     Returns:
@@ -114,7 +116,7 @@ def train_distil(
     told = {"options": asdict(options), "seed": seed, "spec": spec.to_document(), "worlds": env.num_envs}
     about = {**told, **(about or {})}
     rounds = Rounds(folder, STAGE, about, seed, resume=resume, total=options.rounds, until=until, report=report)
-    student, optimizer = _begin(spec, teacher, options)
+    student, optimizer = _begin(spec, teacher, options, device)
     logger = configure(str(folder / "tensorboard"), ["tensorboard"])
     frames, images = Frames(env.num_envs, spec.frames, options.keep), prepare_folder(folder / "images")
     if rounds.number:
@@ -126,7 +128,7 @@ def train_distil(
         rounds.begin(env, on_round)
         generator = np.random.default_rng(np.random.randint(1 << 31))  # noqa: NPY002  # seeded by `begin`
         if rounds.number == 0:
-            student, optimizer = _begin(spec, teacher, options)
+            student, optimizer = _begin(spec, teacher, options, device)
         path, losses = images / f"{rounds.number:04}.npz", []
         kept = rounds.restore(env)
         if kept is None:
@@ -153,9 +155,11 @@ def train_distil(
     return Policy(spec, rounds.best_actor(spec))
 
 
-def _begin(spec: PolicySpec, teacher: Policy, options: DistilOptions) -> tuple[ImageActor, torch.optim.Optimizer]:
+def _begin(
+    spec: PolicySpec, teacher: Policy, options: DistilOptions, device: str
+) -> tuple[ImageActor, torch.optim.Optimizer]:
     """A student that sees nothing yet and acts as the teacher does, and its optimizer; both follow from the seed."""
-    student = make_actor(spec)
+    student = make_actor(spec).to(device)
     assert isinstance(student, ImageActor)
     set_weights(student.actor, weights(teacher.actor))
     student.actor.requires_grad_(False)
@@ -218,13 +222,14 @@ def _learn(
     losses: list[float],
 ) -> Iterator[None]:
     """Updates of a round, from the one after those whose losses are in `losses`; yields after each."""
-    total = options.rounds * options.updates
+    total, device = options.rounds * options.updates, device_of(student)
     for update in range(len(losses), options.updates):
         share = (number * options.updates + update) / total
         rate = options.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * share)))
         for group in optimizer.param_groups:
             group["lr"] = rate
-        images, pusher, state, goal = (torch.from_numpy(one) for one in frames.draw(options.batch_size, generator))
+        drawn = frames.draw(options.batch_size, generator)
+        images, pusher, state, goal = (torch.from_numpy(one).to(device) for one in drawn)
         found = student.state(augment(images), pusher, goal if goal.shape[1] else None)
         loss = estimation_loss(found, state) + options.action_weight * student.actor.imitation(found, state)
         optimizer.zero_grad()

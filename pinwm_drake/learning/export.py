@@ -34,9 +34,9 @@ from pinwm_drake.learning.contract import (
     make_contract,
 )
 from pinwm_drake.learning.golden import Golden
-from pinwm_drake.learning.policy import Policy
+from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.runtime import Network
-from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.learning.safety import SafetyLimits, default_limits
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.provenance import timestamp, versions
 
@@ -131,6 +131,30 @@ def export_policy(
         "policy": policy.provenance,
     }
     return write_bundle(folder, files, provenance)
+
+
+def check_exportable(spec: PolicySpec) -> None:
+    """Exports a network that was not trained, to nowhere, so that a training need not end in what no bundle takes.
+
+    Args:
+        spec: Specification of a policy that observes "rgb".
+
+    Raises:
+        ParameterError: Limits do not follow from the specification, or torch cannot write the network in ONNX.
+        InputError: The network in ONNX cannot be loaded, is not what a contract of the specification says, or answers
+            otherwise.
+    """
+    policy = Policy(spec, make_actor(spec).eval())
+    middle = 0.5 * (np.array(spec.pusher_low) + np.array(spec.pusher_high))
+    goals = np.zeros((1, spec.task.goal_size))
+    golden = golden_samples(policy, np.zeros((1, *spec.image_shape), np.uint8), middle[None], goals)
+    contract = make_contract(spec, default_limits(spec), golden.mask_pixels())
+    try:
+        content = onnx_bytes(policy)
+    except Exception as error:  # torch's errors have no base of their own
+        message = " ".join(str(error).split())[:200]
+        raise ParameterError(f"policy: got one that torch cannot export ({message}); allowed: one it can") from error
+    check_golden(Path(GOLDEN_FILE), Network(content, Path(ONNX_FILE), contract), golden)
 
 
 def require_images(policy: Policy) -> None:

@@ -15,7 +15,7 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.actors import ImageActor, state_actor
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
-from pinwm_drake.learning.weights import set_weights, weights
+from pinwm_drake.learning.weights import device_of, set_weights, weights
 
 POLICY_FILE, WEIGHTS_FILE = "policy.yaml", "weights.npz"
 _VERSION, _VERSIONS = 2, (1, 2)
@@ -58,7 +58,8 @@ class Policy:
         bare = self.spec.observes == "state" and isinstance(observation, np.ndarray)
         seen = [observation] if bare else seen_parts(observation, *names)
         single = seen[0].ndim == (1 if self.spec.observes == "state" else 3)
-        given = [torch.from_numpy(part[None] if single else part) for part in seen]
+        device = device_of(self.actor)
+        given = [torch.from_numpy(part[None] if single else part).to(device) for part in seen]
         given = [part if name == "image" else part.float() for name, part in zip(names, given, strict=True)]
         with torch.inference_mode():
             if names[0] == "state":
@@ -66,7 +67,7 @@ class Policy:
                 found = self.spec.task.world_action(found, given[1]) if len(given) > 1 else found
             else:
                 found = self.actor(*given)
-            actions: np.ndarray = found.numpy()
+            actions: np.ndarray = found.cpu().numpy()
         return (actions[0] if single else actions), None
 
 

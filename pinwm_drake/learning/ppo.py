@@ -23,6 +23,7 @@ from pinwm_drake.learning.progress import Report, silent
 from pinwm_drake.learning.round_callback import Arrays, RoundCallback, begin_round
 from pinwm_drake.learning.rounds import ANY, EVALUATION_SEED, OnRound, Rounds, Until
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.learning.toward_goal import TowardGoal
 from pinwm_drake.learning.weights import pack, unpack
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.tasks.waypoints import Waypoints
@@ -116,6 +117,7 @@ def train_ppo(
     on_round: OnRound | None = None,
     resume: bool = False,
     until: Until = ANY,
+    device: str = "cpu",
     report: Report = silent,
 ) -> Policy:
     """Trains a policy; the best by its evaluations is kept in the checkpoint.
@@ -134,6 +136,7 @@ def train_ppo(
         on_round: Called with a seed before worlds are reset at the beginning of a round, to draw its domains.
         resume: Flag: the training goes on from a checkpoint, where there is one.
         until: What ends it before its last round.
+        device: Device of the networks, as torch names it; the policy that is returned is on the CPU.
         report: Called with the progress of the training.
 
     Returns:
@@ -148,7 +151,10 @@ def train_ppo(
     total = math.ceil(options.steps / size)
     about = {**told, **(about or {})}
     rounds = Rounds(folder, stage, about, seed, resume=resume, total=total, until=until, report=report)
-    learner = _Learner(env, spec, options, seed)
+    # An evaluation is of the world's actions, by the goals that are seen; what learns acts towards the task's own goal.
+    drawn = spec.observes == "rgb" and spec.task.goal_size > 0
+    worlds = TowardGoal(env, spec.task) if drawn else env
+    learner = _Learner(worlds, spec, options, seed, device)
     model = learner.model
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     if rounds.number:
@@ -158,13 +164,13 @@ def train_ppo(
         action = torch.from_numpy(shown.action.astype(np.float32))
         learner.policy.imitate(state, action, updates=options.imitation, seed=seed)
     while not rounds.ended(options.patience):
-        rounds.begin(env, on_round)
+        rounds.begin(worlds, on_round)
         learner.set_rate(rounds.falling(options.last_share))
-        kept = rounds.restore(env)
+        kept = rounds.restore(worlds)
         if kept is not None:
             learner.unpack(kept)
         done = begin_round(model, rounds, kept)
-        callback = RoundCallback(rounds, env, size, learner.pack, loss="train/value_loss")
+        callback = RoundCallback(rounds, worlds, size, learner.pack, loss="train/value_loss")
         callbacks = [callback, *learner.regression]
         model.learn(size - done, callback=callbacks, reset_num_timesteps=False, log_interval=_NEVER)
         loss = float(model.logger.name_to_value.get("train/value_loss", math.nan))
@@ -182,10 +188,10 @@ class _Learner:
         regression: The regression's callback, or none.
     """
 
-    def __init__(self, env: VecEnv, spec: PolicySpec, options: PpoOptions, seed: int) -> None:
+    def __init__(self, env: VecEnv, spec: PolicySpec, options: PpoOptions, seed: int, device: str) -> None:
         """Draws all weights from a seed."""
         set_random_seed(seed)
-        self._actor, self._options = make_actor(spec), options
+        self._actor, self._options = make_actor(spec).to(device), options
         self.regression: list[Regression] = []
         acts = self._actor
         if isinstance(self._actor, ImageActor) and options.auxiliary:
@@ -217,7 +223,7 @@ class _Learner:
             ent_coef=options.entropy,
             vf_coef=options.value,
             seed=seed,
-            device="cpu",
+            device=device,
             policy_kwargs={"actor": acts},
         )
 

@@ -53,7 +53,9 @@ class SacOptions:
         gamma: Discount of an action.
         n_steps: Number of actions whose rewards are added up before the critics' value of the state after them.
         tau: Share of the critics that their slow copies take over in an update.
-        entropy: Weight of the entropy at first; it is learned.
+        entropy: Weight of the entropy at first; it is learned, so that a component of an action has -1 nat at first.
+        narrowing: nat, by which the entropy of a component falls from round to round, evenly, in all. Of two good ways
+            a wide distribution covers both, and its mean stands still between them.
         episodes: Number of episodes in an evaluation.
         patience: Number of rounds with hardly shorter episodes in their evaluation than one before them, which mostly
             succeeded, after which the training ends.
@@ -74,12 +76,13 @@ class SacOptions:
     n_steps: int = 3
     tau: float = 0.01
     entropy: float = 0.1
+    narrowing: float = 2.0
     episodes: int = 128
     patience: int = 5
 
     def __post_init__(self) -> None:
         """Checks the values."""
-        check_options(self, ("learning_starts",))
+        check_options(self, ("learning_starts", "narrowing"))
 
 
 def train_sac(
@@ -94,6 +97,7 @@ def train_sac(
     on_round: OnRound | None = None,
     resume: bool = False,
     until: Until = ANY,
+    device: str = "cpu",
     report: Report = silent,
 ) -> Policy:
     """Trains a policy of the state; the best by its evaluations is kept in the checkpoint.
@@ -112,6 +116,7 @@ def train_sac(
         on_round: Called with a seed before worlds are reset at the beginning of a round, to draw its domains.
         resume: Flag: the training goes on from a checkpoint, where there is one.
         until: What ends it before its last round.
+        device: Device of the networks, as torch names it; the policy that is returned is on the CPU.
         report: Called with the progress of the training.
 
     Returns:
@@ -130,7 +135,7 @@ def train_sac(
     rounds = Rounds(
         folder, stage, {**told, **(about or {})}, seed, resume=resume, total=total, until=until, report=report
     )
-    replay, model = prepare_folder(folder / "replay"), _model(AlongHeading(env, spec.task), spec, options, seed)
+    replay, model = prepare_folder(folder / "replay"), _model(AlongHeading(env, spec.task), spec, options, seed, device)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     if rounds.number:
         _unpack(rounds.arrays, model)
@@ -139,6 +144,7 @@ def train_sac(
     while not rounds.ended(options.patience):
         rounds.begin(env, on_round)
         model.lr_schedule = ConstantSchedule(options.learning_rate * rounds.falling(options.last_share))
+        model.target_entropy = -spec.action_size * (1.0 + options.narrowing * rounds.number / rounds.total)
         kept = rounds.restore(env)
         if kept is not None:
             _unpack(kept, model)
@@ -156,7 +162,7 @@ def train_sac(
     return Policy(spec, rounds.best_actor(spec))
 
 
-def _model(env: VecEnv, spec: PolicySpec, options: SacOptions, seed: int) -> SAC:
+def _model(env: VecEnv, spec: PolicySpec, options: SacOptions, seed: int, device: str) -> SAC:
     return SAC(
         "MlpPolicy",
         env,
@@ -176,7 +182,7 @@ def _model(env: VecEnv, spec: PolicySpec, options: SacOptions, seed: int) -> SAC
             "features_extractor_kwargs": {"task": spec.task},
         },
         seed=seed,
-        device="cpu",
+        device=device,
     )
 
 

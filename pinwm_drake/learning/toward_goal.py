@@ -1,4 +1,4 @@
-"""Worlds whose episodes draw their goals, for a policy of the state, which is told from the goal.
+"""Worlds whose episodes draw their goals, for a policy of a state that is told from the goal.
 
 Object and pusher that are moved along with the goal are the same to such a policy: what it learns holds for all goals.
 """
@@ -19,17 +19,18 @@ _GOAL = "toward_goal"
 
 
 class TowardGoal(VecEnvWrapper):
-    """Worlds that show the state alone, and take actions as towards the task's own goal."""
+    """Worlds that take actions as towards the task's own goal; where they show no images, they show the state alone."""
 
     def __init__(self, env: VecEnv, task: Task) -> None:
-        """Wraps worlds whose observation is a dict of `state` and `goal`."""
+        """Wraps worlds whose observation is a dict of `state` and `goal`, or of images, pusher and these."""
         space: Any = env.observation_space
-        super().__init__(env, space["state"])
+        self._bare = "image" not in space.spaces
+        super().__init__(env, space["state"] if self._bare else space)
         self._task, self._goal = task, np.zeros((env.num_envs, task.goal_size), np.float32)
 
-    def reset(self) -> np.ndarray:
-        """Begins an episode in every world, and gives their states."""
-        return self._state(self.venv.reset())
+    def reset(self) -> Any:
+        """Begins an episode in every world, and gives what they show."""
+        return self._shown(self.venv.reset())
 
     def step_async(self, actions: np.ndarray) -> None:
         """Begins a step by actions (W, n) in [-1, 1]^n towards the task's own goal."""
@@ -37,12 +38,12 @@ class TowardGoal(VecEnvWrapper):
         self.venv.step_async(self._task.world_action(given, torch.from_numpy(self._goal)).numpy())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Outcome of the step: states, rewards (W,), ends of episodes (W,) bool, and infos."""
+        """Outcome of the step: observation, rewards (W,), ends of episodes (W,) bool, and infos."""
         seen, rewards, ended, infos = self.venv.step_wait()
         for info in infos:
-            if "terminal_observation" in info:
+            if self._bare and "terminal_observation" in info:
                 info["terminal_observation"] = info["terminal_observation"]["state"]
-        return self._state(seen), rewards, ended, infos
+        return self._shown(seen), rewards, ended, infos
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that changes in the worlds, for `set_state`."""
@@ -59,7 +60,6 @@ class TowardGoal(VecEnvWrapper):
             raise ParameterError("worlds: got some that cannot be kept; allowed: those with get_state and set_state")
         return self.venv
 
-    def _state(self, seen: Any) -> np.ndarray:
+    def _shown(self, seen: Any) -> Any:
         self._goal = seen["goal"]
-        state: np.ndarray = seen["state"]
-        return state
+        return seen["state"] if self._bare else seen

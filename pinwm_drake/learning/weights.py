@@ -9,6 +9,11 @@ from torch import nn
 from pinwm_drake.errors import ParameterError
 
 
+def device_of(network: nn.Module) -> torch.device:
+    """Device that a network's numbers are on, all of them."""
+    return next(network.parameters()).device
+
+
 def weights(network: nn.Module) -> dict[str, np.ndarray]:
     """All numbers of a network by name, copied."""
     return {name: value.detach().cpu().numpy().copy() for name, value in network.state_dict().items()}

@@ -3,6 +3,7 @@ import shutil
 import pytest
 
 from pinwm_drake.capture.episode_tables import read_pose_table
+from pinwm_drake.cli.identify import _doubt
 from pinwm_drake.identification.history import read_history
 from pinwm_drake.identification.search import Search
 from pinwm_drake.identification.unknowns import DEFAULT_FREE
@@ -47,6 +48,11 @@ def test_a_capture_becomes_a_twin(pinwm, capture, twin):
     assert (code, errors) == (0, "")
     predicted, found = read_pose_table(twin.parent / "poses.csv"), read_pose_table(twin / "episodes/0000.csv")
     assert abs(predicted.p_WO - found.p_WO).max() < 1e-4
+
+
+def test_images_that_are_explained_badly_are_told():
+    assert _doubt(0.0021) == ""
+    assert _doubt(0.0195).startswith("warning: the images are explained badly (loss 0.0195")
 
 
 def test_one_unknown_alone(pinwm, capture, tmp_path):

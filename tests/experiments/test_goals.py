@@ -1,15 +1,19 @@
+from functools import partial
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from pinwm_drake.cli.app import app
 from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.experiments import training
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.run import evaluate
 from pinwm_drake.experiments.golden_samples import export_bundle
 from pinwm_drake.experiments.training import TrainRequest, train
 from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.learning.policy import read_policy
+from pinwm_drake.learning.ppo import PpoOptions
 from pinwm_drake.systems.envs.env import TaskEnv
 
 GOAL = (0.05, -0.04, 2.0)
@@ -82,7 +86,31 @@ def test_it_is_evaluated_over_goals_and_controlled_towards_one(run, bundle, tmp_
     assert done.exit_code == 0, done.output
 
 
-@pytest.mark.parametrize("values", [{"goals": "many"}, {"goals": "random", "method": "ppo"}, {"goal_turn": 7.0}])
+@pytest.mark.parametrize("auxiliary", [True, False])
+def test_goals_are_learned_from_images_at_once(tmp_path, monkeypatch, auxiliary):
+    short = {"worlds": 4, "image_size": 48, "frames": 2, "threads": 1, "round_steps": 128, "episodes": 4}
+    monkeypatch.setattr(training.PpoOptions, "for_images", _brief_rollouts)
+    request = partial(TrainRequest, "push_t", goals="random", method="ppo", auxiliary=auxiliary, steps=256, **short)
+    whole = train(request(tmp_path / "whole"))
+    assert whole.spec.task.goal_size == 3
+
+    def interrupt(step):
+        if step.steps == 192:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("pinwm_drake.learning.rounds._PERIOD", 0.0)
+    with pytest.raises(KeyboardInterrupt):
+        train(request(tmp_path / "killed"), report=interrupt)
+    again = train(request(tmp_path / "killed", resume=True))
+    for name, values in whole.actor.state_dict().items():
+        np.testing.assert_array_equal(again.actor.state_dict()[name], values)
+
+
+def _brief_rollouts(auxiliary):
+    return PpoOptions(n_steps=16, batch_size=32, n_epochs=2, auxiliary=int(auxiliary))
+
+
+@pytest.mark.parametrize("values", [{"goals": "many"}, {"goals": "random", "task": "flip"}, {"goal_turn": 7.0}])
 def test_goals_that_make_no_sense_are_refused(tmp_path, values):
     with pytest.raises(ParameterError, match="goal"):
         TrainRequest(scene="push_t", out=tmp_path, **values)

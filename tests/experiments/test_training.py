@@ -67,6 +67,7 @@ def test_an_interruption_passes_through_and_a_second_training_is_refused(tmp_pat
         {"teacher": "x", "method": "ppo"},
         {"auxiliary": False},
         {"latency": -0.1},
+        {"device": "tpu"},
     ],
 )
 def test_options_that_make_no_sense_are_refused(tmp_path, values):

@@ -10,8 +10,9 @@ import torch
 
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning import export
+from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.bundle import Bundle, read_bundle
-from pinwm_drake.learning.export import InMetres, export_policy, golden_samples
+from pinwm_drake.learning.export import InMetres, check_exportable, export_policy, golden_samples
 from pinwm_drake.learning.golden import TOLERANCE
 from pinwm_drake.learning.policy import Policy
 from pinwm_drake.learning.safety import default_limits
@@ -23,6 +24,18 @@ SPEC = image_spec()
 @pytest.fixture(scope="module")
 def policy() -> Policy:
     return untrained_policy(SPEC)
+
+
+def test_a_network_that_cannot_be_exported_is_told_before_it_is_trained(monkeypatch):
+    check_exportable(SPEC)
+
+    class Silent(ImageActor):
+        def state(self, dark, pusher, goal=None):
+            return super().state(dark.relu() if dark.max() > 0.5 else -dark, pusher)
+
+    monkeypatch.setattr(export, "make_actor", Silent)
+    with pytest.raises(ParameterError, match="torch cannot export"):
+        check_exportable(SPEC)
 
 
 @pytest.fixture(scope="module")

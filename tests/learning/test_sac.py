@@ -93,7 +93,7 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monke
 
 def test_the_policy_acts_as_sb3s_does():
     env = ToyWorlds(images=False)
-    model = sac._model(env, SPEC, SHORT, 0)
+    model = sac._model(env, SPEC, SHORT, 0, "cpu")
     env.seed(0)
     seen = env.reset()
     with torch.no_grad():
@@ -101,6 +101,20 @@ def test_the_policy_acts_as_sb3s_does():
     actions = Policy(SPEC, sac._actor(model, SPEC)).predict(seen)[0]
     np.testing.assert_allclose(actions, model.predict(seen, deterministic=True)[0], atol=1e-6)
     assert np.abs(actions).max() > 0.5
+
+
+def test_actions_become_narrower_from_round_to_round(tmp_path, monkeypatch):
+    wanted = []
+
+    class Noted(sac.SAC):
+        def learn(self, *arguments, **named):
+            wanted.append(self.target_entropy)
+            return super().learn(*arguments, **named)
+
+    monkeypatch.setattr(sac, "SAC", Noted)
+    options = replace(SHORT, steps=256, narrowing=2.0, learning_rate=1e-12)
+    train_sac(ToyWorlds(images=False), SPEC, tmp_path, options, stage="sac")
+    assert wanted == [-2.0, -3.0, -4.0, -5.0]  # of two components, from -1 nat each
 
 
 def test_it_goes_on_while_nothing_succeeds(tmp_path):

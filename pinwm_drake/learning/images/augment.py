@@ -33,7 +33,7 @@ class Augment:
         if self._shift > 0:
             dark = torch.cat([self._moved(group) for group in dark.chunk(_GROUPS)])
         scale = (factors / 255.0).repeat(1, image.shape[3] // 3)
-        return dark.permute(0, 3, 1, 2).float().mul_(scale[:, :, None, None])
+        return dark.permute(0, 3, 1, 2).float().mul_(scale[:, :, None, None].to(image.device))
 
     def as_images(self, image: Tensor) -> Tensor:
         """Changed images (B, height, width, 3 k) uint8, 255 for white; the argument is that of a call."""

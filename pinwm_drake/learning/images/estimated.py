@@ -23,6 +23,7 @@ from torch.nn.functional import huber_loss
 
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
+from pinwm_drake.learning.weights import device_of
 
 FAR = 0.3  # of the state's units, from which on an error counts by its size, and not by its square
 TRUTH = "truth"  # the true state, beside its estimate "state"
@@ -40,7 +41,7 @@ class Estimated(VecEnvWrapper):
     """
 
     def __init__(self, env: VecEnv, actor: ImageActor, length: int) -> None:
-        """Wraps worlds whose observation is a dict with `image`, `pusher` and `state`.
+        """Wraps worlds whose observation is a dict with `image`, `pusher` and `state`; `goal` where episodes draw it.
 
         Args:
             env: The worlds.
@@ -67,13 +68,10 @@ class Estimated(VecEnvWrapper):
                 info["terminal_observation"] = {name: values[0] for name, values in last.items()}
         return self._seen(seen), rewards, ended, infos
 
-    def kept(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Images (N, height, width, 3 k) uint8, pushers (N, action_size) and states (N, state_size), oldest first."""
-        image, pusher, state = (
-            torch.from_numpy(np.roll(self._kept[name], -self._next, axis=0)).flatten(0, 1)
-            for name in ("image", "pusher", "state")
-        )
-        return image, pusher, state
+    def kept(self) -> dict[str, Tensor]:
+        """Observations (N, ...) of the worlds, oldest first: `image`, `pusher`, `state` and, where there is, `goal`."""
+        kept = {name: np.roll(values, -self._next, axis=0) for name, values in self._kept.items()}
+        return {name: torch.from_numpy(values).flatten(0, 1) for name, values in kept.items()}
 
     def _seen(self, seen: Any) -> dict[str, np.ndarray]:
         for name, values in seen.items():
@@ -82,10 +80,11 @@ class Estimated(VecEnvWrapper):
         return self._estimated(seen)
 
     def _estimated(self, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        device = device_of(self._actor)
+        given = {name: torch.from_numpy(values).to(device) for name, values in seen.items()}
         with torch.inference_mode():
-            dark = self._actor.darken(torch.from_numpy(seen["image"]))
-            found = self._actor.state(dark, torch.from_numpy(seen["pusher"]))
-        return {"state": found.numpy(), TRUTH: seen["state"]}
+            found = self._actor.state(self._actor.darken(given["image"]), given["pusher"], given.get("goal"))
+        return {"state": found.cpu().numpy(), TRUTH: seen["state"]}
 
 
 class Regression(BaseCallback):
@@ -116,12 +115,12 @@ class Regression(BaseCallback):
         self._augment, self._epochs, self._batch_size = augment, epochs, batch_size
 
     def _on_rollout_end(self) -> None:
-        image, pusher, state = self._worlds.kept()
-        losses = []
+        device, kept, losses = device_of(self._network), self._worlds.kept(), []
         for _ in range(self._epochs):
-            for rows in torch.randperm(len(state)).split(self._batch_size):
-                found = self._network.state(self._augment(image[rows]), pusher[rows])
-                loss = estimation_loss(found, state[rows])
+            for rows in torch.randperm(len(kept["state"])).split(self._batch_size):
+                seen = {name: values[rows].to(device) for name, values in kept.items()}
+                found = self._network.state(self._augment(seen["image"]), seen["pusher"], seen.get("goal"))
+                loss = estimation_loss(found, seen["state"])
                 self._optimizer.zero_grad()
                 loss.backward()
                 self._optimizer.step()

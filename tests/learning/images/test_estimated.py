@@ -60,7 +60,8 @@ def test_as_much_is_kept_as_a_rollout_has_seen_and_its_pairs_belong_together():
     for step in range(2 * N_STEPS + 3):
         action = np.full((worlds.num_envs, 2), 0.3 * (-1) ** step, np.float32)
         worlds.step(action)
-    image, pusher, state = worlds.kept()
+    kept = worlds.kept()
+    image, pusher, state = (kept[name] for name in ("image", "pusher", "state"))
     assert image.shape == (N_STEPS * worlds.num_envs, 16, 16, 6)
     assert pusher.shape == (len(image), 2)
     assert state.shape == (len(image), 11)
@@ -83,9 +84,9 @@ def test_the_network_learns_from_rollouts_and_ppo_leaves_it_alone():
     regression.init_callback(model)
 
     def loss():
-        image, pusher, state = worlds.kept()
+        kept = worlds.kept()
         with torch.no_grad():
-            return float(estimation_loss(actor.state(actor.darken(image), pusher), state))
+            return float(estimation_loss(actor.state(actor.darken(kept["image"]), kept["pusher"]), kept["state"]))
 
     first = loss()
     for _ in range(10):

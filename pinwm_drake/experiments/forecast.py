@@ -1,0 +1,126 @@
+"""Forecast of the minutes and the memory of a training, by a brief one of the same kind on this machine."""
+
+import resource
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import torch
+
+from pinwm_drake.baselines.method import MethodData
+from pinwm_drake.baselines.pin_wm import Distillation, ImagePpo, StatePpo
+from pinwm_drake.experiments.training import TrainRequest, method_of, worlds_of
+from pinwm_drake.learning.distil import DistilOptions
+from pinwm_drake.learning.policy import Policy, make_actor, write_policy
+from pinwm_drake.learning.ppo import PpoOptions
+from pinwm_drake.learning.progress import Step
+from pinwm_drake.learning.sac import SacOptions
+from pinwm_drake.learning.spec import PolicySpec
+
+_BRIEF = 20  # actions and updates between two reports of a brief training, or twice that
+_ROLLOUT = 8  # actions of each world in a brief rollout
+_GIB = 1 << 30
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Time and memory of a training that runs through to its last round; most end before.
+
+    Attributes:
+        minutes: min, of each stage by name.
+        memory: GiB, of the process at most.
+    """
+
+    minutes: dict[str, float]
+    memory: float
+
+    def __str__(self) -> str:
+        """Words on both, in a line."""
+        stages = " and ".join(f"{name} {minutes:.0f}" for name, minutes in self.minutes.items())
+        return f"up to {sum(self.minutes.values()):.0f} minutes ({stages}) and {self.memory:.1f} GiB of memory"
+
+
+def forecast(request: TrainRequest) -> Forecast:
+    """Forecast by one brief round of every stage, with the worlds and networks of the training itself.
+
+    The search of plans for waypoints, where a task has them, is not counted.
+
+    Raises:
+        PinwmError: An option is out of range, or the scene cannot be read.
+    """
+    if request.threads is not None:
+        torch.set_num_threads(request.threads)
+    worlds = worlds_of(request)
+    method: Any = method_of(request, worlds.setup.task)
+    stages = [method]
+    if isinstance(method, Distillation):
+        stages = [method] if isinstance(method.teacher, Path) else [method.teacher, method]
+    minutes, kept, W = {}, 0.0, request.worlds
+    for stage in stages:
+        clock = _Clock()
+        with TemporaryDirectory() as folder:
+            brief = _brief(stage, W)
+            if isinstance(brief, Distillation) and not isinstance(brief.teacher, Path):
+                brief = replace(brief, teacher=_untrained(worlds.spec("state"), Path(folder) / "untrained"))
+            brief.train(MethodData(), worlds, Path(folder), seed=0, resume=False, report=clock)
+        minutes[clock.stage] = clock.seconds(stage, W) / 60.0
+        kept = max(kept, _kept(stage.options, worlds.spec("rgb"), W))
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return Forecast(minutes, (used + kept) / _GIB)
+
+
+class _Clock:
+    """Clock of a brief training, which reads the time whenever it reports."""
+
+    def __init__(self) -> None:
+        self.stage = ""
+        self._times: list[tuple[float, int]] = []
+
+    def __call__(self, step: Step) -> None:
+        """Keeps the time and the number of steps."""
+        self.stage = step.stage
+        self._times.append((time.monotonic(), step.steps))
+
+    def seconds(self, stage: Any, worlds: int) -> float:
+        """Time [s] of all rounds of a stage, from the brief one."""
+        times, options = [t for t, _ in self._times], stage.options
+        evaluation = (times[-1] - times[-2]) * options.episodes / worlds
+        if isinstance(options, DistilOptions):
+            # It reports at first, after 10 and 20 actions, after 10 and 20 updates, and at the end.
+            action, update = (2.0 * (times[k + 1] - times[k]) / _BRIEF for k in (1, 3))
+            collecting = options.round_images / worlds * action
+            return float(options.rounds * (collecting + options.updates * update + evaluation))
+        (begun, first), (ended, last) = self._times[-3], self._times[-2]
+        rounds = -(-options.steps // options.round_steps)
+        return float(options.steps * (ended - begun) / (last - first) + rounds * evaluation)
+
+
+def _brief(stage: Any, worlds: int) -> Any:
+    """The stage with one brief round."""
+    options: Any = stage.options
+    if isinstance(stage, Distillation):
+        few = {"rounds": 1, "round_images": _BRIEF * worlds, "updates": _BRIEF, "episodes": worlds}
+        return replace(stage, options=replace(options, **few))
+    steps = 2 * _BRIEF * worlds
+    if isinstance(stage, StatePpo | ImagePpo):
+        options, steps = replace(options, n_steps=_ROLLOUT), 2 * _ROLLOUT * worlds
+    return replace(stage, options=replace(options, steps=steps, round_steps=steps, episodes=worlds))
+
+
+def _untrained(spec: PolicySpec, folder: Path) -> Path:
+    """Folder of a policy of the state that was not trained."""
+    write_policy(folder, Policy(spec, make_actor(spec)))
+    return folder
+
+
+def _kept(options: SacOptions | PpoOptions | DistilOptions, spec: PolicySpec, worlds: int) -> float:
+    """Bytes that a stage keeps to learn from when it is full."""
+    height, width, channels = spec.image_shape
+    if isinstance(options, SacOptions):
+        numbers = 2 * spec.task.state_size + spec.action_size + 3
+        return 4.0 * numbers * min(options.steps, options.buffer_size)
+    if isinstance(options, DistilOptions):
+        return 3.0 * height * width * min(options.rounds * options.round_images, options.keep)
+    return 1.0 * options.n_steps * worlds * height * width * channels

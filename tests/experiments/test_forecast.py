@@ -1,0 +1,59 @@
+import pytest
+
+from pinwm_drake.baselines.pin_wm import Distillation, StateSac
+from pinwm_drake.experiments.forecast import Forecast, _Clock, _kept, forecast
+from pinwm_drake.experiments.training import TrainRequest
+from pinwm_drake.learning.distil import DistilOptions
+from pinwm_drake.learning.ppo import PpoOptions
+from pinwm_drake.learning.progress import Step
+from pinwm_drake.learning.sac import SacOptions
+from tests.learning.bundles import image_spec
+
+SHORT = {"worlds": 4, "image_size": 48, "frames": 2, "threads": 1, "episodes": 4}
+
+
+def told(monkeypatch, times, steps):
+    """Clock that was told of these times and numbers of steps."""
+    clock, moments = _Clock(), iter(times)
+    monkeypatch.setattr("pinwm_drake.experiments.forecast.time.monotonic", lambda: next(moments))
+    for number in steps:
+        clock(Step("a", 0.0, number, 0.0, 0.0, 0.0, 0.0, 0.0))
+    return clock
+
+
+def test_a_round_is_counted_by_its_actions_updates_and_evaluation(monkeypatch):
+    # 10 actions in 2 s, 10 updates in 1 s, an evaluation of 4 episodes in 4 s.
+    clock = told(monkeypatch, [0.0, 5.0, 7.0, 20.0, 21.0, 25.0], [0, 40, 80, 80, 80, 80])
+    options = DistilOptions(rounds=3, round_images=400, updates=50, episodes=8)
+    assert clock.seconds(Distillation(options=options), 4) == pytest.approx(3 * (100 * 0.2 + 50 * 0.1 + 8.0))
+
+
+def test_steps_are_counted_by_the_second_half_of_a_brief_training(monkeypatch):
+    clock = told(monkeypatch, [0.0, 9.0, 11.0, 14.0], [0, 80, 160, 160])
+    stage = StateSac(SacOptions(steps=1000, round_steps=400, episodes=8))
+    assert clock.seconds(stage, 4) == pytest.approx(1000 * 2.0 / 80 + 3 * 6.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "stages"),
+    [({}, ["teacher", "distil"]), ({"method": "ppo"}, ["ppo"]), ({"method": "state", "algorithm": "ppo"}, ["teacher"])],
+)
+def test_every_stage_is_forecast(tmp_path, values, stages):
+    found = forecast(TrainRequest("push_t", tmp_path / "run", **SHORT, **values))
+    assert list(found.minutes) == stages
+    assert min(found.minutes.values()) > 0.0
+    assert 0.1 < found.memory < 20.0
+    assert not (tmp_path / "run").exists()
+
+
+def test_all_is_told_in_a_line():
+    words = str(Forecast({"teacher": 9.2, "distil": 11.1}, 1.26))
+    assert words == "up to 20 minutes (teacher 9 and distil 11) and 1.3 GiB of memory"
+
+
+def test_memory_is_that_of_what_is_learned_from():
+    spec = image_spec()
+    height, width, channels = spec.image_shape
+    assert _kept(DistilOptions(rounds=2, round_images=100), spec, 4) == 200 * height * width * 3
+    assert _kept(PpoOptions(n_steps=16), spec, 4) == 64 * height * width * channels
+    assert _kept(SacOptions(steps=1000), spec, 4) == 1000 * 4 * (2 * 11 + 2 + 3)
