@@ -16,13 +16,7 @@ from benchmarks import timing
 
 timing.limit_threads(1)  # before numba and torch are imported
 
-from pinwm_drake.systems.crosscheck.difference import angles_between  # noqa: E402
-from pinwm_drake.systems.envs.env import TaskEnv  # noqa: E402
-from pinwm_drake.systems.envs.options import EnvOptions  # noqa: E402
-from pinwm_drake.systems.scenario.load import load_setup  # noqa: E402
-from pinwm_drake.systems.scenario.start import StartDistribution  # noqa: E402
-
-_TOUCHED = 1e-3  # m, that an object moves at least where the pusher met it
+from pinwm_drake.experiments.one_step import one_step_errors  # noqa: E402
 
 
 def main() -> None:
@@ -34,34 +28,10 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    found = errors(given.scene, given.twin, given.engine, given.draws, given.seed)
+    found = one_step_errors(given.scene, given.twin, given.engine, given.draws, given.seed)
     for name, unit, values in zip(("translation", "rotation"), ("mm", "rad"), found.T * [[1e3], [1.0]], strict=True):
         mean, median, high = values.mean(), np.median(values), np.quantile(values, 0.95)
         print(f"{name}: mean {mean:.3g} {unit}, median {median:.3g} {unit}, 95th percentile {high:.3g} {unit}")
-
-
-def errors(scene: str, twin: str | None, engine: str, draws: int, seed: int) -> np.ndarray:
-    """Translation [m] and rotation [rad] errors (draws, 2)."""
-    true = load_setup(scene)
-    setups = (load_setup(scene) if twin is None else load_setup(scene, twin=twin), true)
-    envs = [TaskEnv(setup, name, EnvOptions()) for setup, name in zip(setups, ("twin", engine), strict=True)]
-    start, generator, rows = StartDistribution(true), np.random.default_rng(seed), []
-    while len(rows) < draws:
-        place = start.draw(generator)
-        vertices_W = start.vertices @ place.X_WO.rotation().matrix().T + place.X_WO.translation()
-        target = generator.uniform(vertices_W.min(0), vertices_W.max(0))
-        action = (target - place.p_WP) / np.linalg.norm(target - place.p_WP)
-        states = []
-        for env in envs:
-            env.reset(seed=0, options={"X_WO": place.X_WO, "p_WP": place.p_WP})
-            env.step(action[env.worlds.task.axis_indices].astype(np.float32))
-            states.append(env.worlds.run.object_state[0].copy())
-        ours, theirs = states
-        if np.linalg.norm(theirs[4:7] - place.X_WO.translation()) < _TOUCHED:
-            continue
-        q, other = (state[:4] / np.linalg.norm(state[:4]) for state in states)
-        rows.append((float(np.linalg.norm(ours[4:7] - theirs[4:7])), float(angles_between(q, other))))
-    return np.array(rows)
 
 
 if __name__ == "__main__":

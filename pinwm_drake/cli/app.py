@@ -27,6 +27,7 @@ from pinwm_drake.cli.next_push import next_push
 from pinwm_drake.cli.predict import predict
 from pinwm_drake.cli.rehearse import rehearse
 from pinwm_drake.cli.report import report
+from pinwm_drake.cli.reproduce import reproduce
 from pinwm_drake.cli.simulate import simulate
 from pinwm_drake.cli.train import train
 from pinwm_drake.cli.view import view
@@ -58,6 +59,7 @@ app.command("next-push", epilog="Example: pinwm next-push out/twin -o out/next -
 app.command(epilog="Example: pinwm predict out/twin capture/episodes/0001 -o out/poses.csv")(predict)
 app.command(epilog="Example: pinwm rehearse push_t --faults --moments 5 -o out/rehearsal")(rehearse)
 app.command(epilog="Example: pinwm report out/twin -o out/report.html")(report)
+app.command(epilog="Example: pinwm reproduce policies --task push --methods pin-wm,random --plan")(reproduce)
 app.command(epilog="Example: pinwm simulate push_t --engine hydroelastic --video out/push.mp4")(simulate)
 app.command(epilog="Example: pinwm train out/twin -o out/policy; then: pinwm evaluate out/policy")(train)
 app.command(epilog="Example: pinwm view out/align --html out/object.html --video out/object.mp4")(view)

@@ -10,7 +10,7 @@ import torch
 
 from pinwm_drake.baselines.method import Method, MethodData
 from pinwm_drake.baselines.pin_wm import STAGES, Distillation, ImagePpo, StatePpo, StateSac
-from pinwm_drake.cousins import CousinDomains
+from pinwm_drake.cousins import CousinDomains, DomainSource
 from pinwm_drake.errors import InputError, require
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.distil import DistilOptions
@@ -103,13 +103,14 @@ class TrainRequest:
         require("--teacher", f"one for method {self.method}", with_teacher, "with method distil")
 
 
-def train(request: TrainRequest, *, report: Report = silent) -> Policy:
+def train(request: TrainRequest, *, domains: DomainSource | None = None, report: Report = silent) -> Policy:
     """Trains a policy and writes it to `request.out`, with checkpoints, `training.png` and each stage's history.
 
     A run that was interrupted or killed goes on with `request.resume`.
 
     Args:
         request: The training.
+        domains: Distribution of the episodes' domains; None for cousins, as the request has them.
         report: Called with the progress of the training.
 
     Returns:
@@ -123,7 +124,7 @@ def train(request: TrainRequest, *, report: Report = silent) -> Policy:
     check_new(request)
     if request.threads is not None:
         torch.set_num_threads(request.threads)
-    begun, worlds = time.monotonic(), worlds_of(request)
+    begun, worlds = time.monotonic(), worlds_of(request, domains)
     if request.method != "state" and not request.resume:
         check_exportable(worlds.spec("rgb"))
     if worlds.setup.task.waypoints and request.teacher is None:
@@ -159,8 +160,8 @@ def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]
     }
 
 
-def worlds_of(request: TrainRequest) -> TrainingWorlds:
-    """The worlds of a request."""
+def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> TrainingWorlds:
+    """The worlds of a request; `domains` as for `train`."""
     setup = _setup(request)
     changes = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
     given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
@@ -173,7 +174,7 @@ def worlds_of(request: TrainRequest) -> TrainingWorlds:
         max_translation=request.max_translation,
         latency=(0.0, request.latency),
     )
-    domains = CousinDomains(request.delta, request.from_intervals, request.seed)
+    domains = domains or CousinDomains(request.delta, request.from_intervals, request.seed)
     return TrainingWorlds(setup, options, num_worlds=request.worlds, domains=domains, yaw=request.yaw)
 
 

@@ -1,0 +1,94 @@
+"""`pinwm reproduce`: the plan of the paper's tables, their cells as they are made, and the report."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pinwm_drake.cli.console import say
+
+if TYPE_CHECKING:
+    from pinwm_drake.experiments.reproduce.cell import Cell
+    from pinwm_drake.experiments.reproduce.run import Plan
+
+REPORT = "report"
+
+
+def reproduce(
+    table: Annotated[
+        list[str],
+        typer.Argument(metavar="TABLE...", help="policies, one-step, randomization, all; report writes what is there."),
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder of the cells; what is made in it is not made again.")
+    ] = Path("out/reproduce"),
+    task: Annotated[list[str] | None, typer.Option(help="push or flip; repeat it.", show_default="both")] = None,
+    methods: Annotated[
+        str, typer.Option(help="Names of systems with commas between them, or all: those of the table.")
+    ] = "all",
+    seeds: Annotated[int, typer.Option(help="How many, from 0 on: each with a capture of its own.")] = 1,
+    episodes: Annotated[int, typer.Option(help="Of each evaluation.")] = 100,
+    draws: Annotated[int, typer.Option(help="Actions of one-step errors.")] = 200,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Run everything on tiny budgets: shows that it works, and no more.")
+    ] = False,
+    executor: Annotated[str, typer.Option(help="joblib, or ray.")] = "joblib",
+    workers: Annotated[int | None, typer.Option(help="Processes.", show_default="one on each core")] = None,
+    plan_only: Annotated[bool, typer.Option("--plan", help="Print the plan and end.")] = False,
+    report: Annotated[
+        Path | None, typer.Option(help="File of the report.", show_default="report.md in the folder of the cells")
+    ] = None,
+) -> None:
+    """Makes the paper's tables: captures, twins, policies, evaluations, each once; after a kill it goes on."""
+    from pinwm_drake.experiments.reproduce.report import write_report
+    from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+    from pinwm_drake.experiments.reproduce.run import plan, reproduce, tables_of
+    from pinwm_drake.parallel import Executor
+
+    options: dict[str, Any] = {"seeds": seeds, "episodes": episodes, "draws": draws, "quick": quick}
+    if quick:
+        options |= {"episodes": min(episodes, 2), "draws": min(draws, 3)}
+    if task:
+        options["tasks"] = tuple(task)
+    if methods != "all":
+        options["methods"] = tuple(name.strip() for name in methods.split(","))
+    request = ReproduceRequest(**options)
+    tables = tables_of([name for name in table if name != REPORT] or ["all"])
+    file = report or out / "report.md"
+    if REPORT in table:
+        write_report(file, tables, request, out)
+        say(f"wrote {file}")
+        return
+    planned = plan(tables, request, out)
+    _show(planned)
+    if plan_only:
+        return
+
+    def told(cell: "Cell", done: dict[str, Any]) -> None:
+        say(f"{cell.key}: {done['provenance']['minutes']:g} min  {_short(done['result'])}")
+
+    try:
+        reproduce(tables, request, out, executor=Executor(executor, workers=workers), on_cell=told)
+    except KeyboardInterrupt:
+        say(f"interrupted; the same command goes on (what is done is in {out})")
+        raise SystemExit(1) from None
+    write_report(file, tables, request, out)
+    say(f"wrote {file}")
+
+
+def _show(planned: "Plan") -> None:
+    """Prints the plan: the cells of each wave, how many are made, and what the rest takes."""
+    for wave, done in zip(planned.waves, planned.done, strict=True):
+        for cell in wave:
+            say(f"  {cell.key}  (about {cell.hours:.2f} h)")
+        say(f"{done} of {len(wave)} are made")
+    say(f"about {planned.hours:.1f} h of one core are left; lines on what goes on are in logs/")
+
+
+def _short(result: dict[str, Any]) -> str:
+    """Result of a cell in a few words."""
+    if "success_rate" in result:
+        return f"success {result['success_rate']:.0%}"
+    if "theta" in result:
+        return f"friction on the floor {result['theta']['friction_floor']:.4g}"
+    return ""

@@ -1,0 +1,146 @@
+"""Cells of an experiment: each is made once, in a folder of its own, and is not made again."""
+
+import json
+import os
+import platform
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from pinwm_drake.errors import InputError
+from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.provenance import timestamp, versions
+
+DONE_FILE = "done.json"
+Say = Callable[[str], None]
+"""Called with a line on the progress of a cell."""
+
+
+class Cell(Protocol):
+    """Something that is made once; a frozen dataclass whose fields are its settings, plain data or other cells."""
+
+    @property
+    def key(self) -> str:
+        """Path of its folder from the root of the experiment."""
+
+    @property
+    def needs(self) -> "tuple[Cell, ...]":
+        """Cells that have to be made before."""
+
+    @property
+    def hours(self) -> float:
+        """Estimate of the time that it takes, h of one core."""
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Makes it in `root / key`, where a run that was killed may have left what it had.
+
+        Args:
+            root: Folder of the experiment, with the cells that it needs.
+            say: Called with lines on the progress.
+
+        Returns:
+            Result as plain data, which tables read.
+
+        Raises:
+            PinwmError: An input was refused, or a file cannot be written.
+        """
+
+
+@dataclass(frozen=True)
+class CellStore:
+    """Results of cells under a folder: what is there is not made again. It serves as a `Store` of an `Executor`.
+
+    Attributes:
+        root: Folder of the experiment.
+    """
+
+    root: Path
+
+    def read(self, cell: Cell) -> dict[str, Any] | None:
+        """Result of a cell with its provenance; None where it is not made yet.
+
+        Raises:
+            InputError: The folder holds a cell of other settings, or its file cannot be read.
+        """
+        path = self.root / cell.key / DONE_FILE
+        try:
+            done: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise InputError(path, value=error, allowed="a file that `pinwm reproduce` wrote") from error
+        if done.get("settings") != settings_of(cell):
+            raise InputError(path, value="a cell of other settings", allowed="another folder, or to remove this one")
+        return done
+
+    def write(self, cell: Cell, result: Mapping[str, Any]) -> None:
+        """Keeps the result of a cell, which is so made."""
+        with replacing(prepare_folder(self.root / cell.key) / DONE_FILE) as path:
+            path.write_text(json.dumps(result, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def made(cell: Cell, root: Path, say: Say) -> dict[str, Any]:
+    """Makes a cell, and tells with its result how, where and in what time.
+
+    Raises:
+        PinwmError: See `Cell.make`.
+    """
+    begun, cpu = time.monotonic(), time.process_time()
+    result = dict(cell.make(root, say))
+    return {
+        "settings": settings_of(cell),
+        "result": result,
+        "provenance": {
+            "time": timestamp(),
+            "minutes": round((time.monotonic() - begun) / 60.0, 2),
+            "cpu_minutes": round((time.process_time() - cpu) / 60.0, 2),
+            "commit": commit(),
+            "machine": f"{platform.machine()}, {os.cpu_count()} cores",
+            "versions": versions(),
+        },
+    }
+
+
+def settings_of(cell: Any) -> Any:
+    """Settings of a cell and of those that it is made from, as JSON has them."""
+    if is_dataclass(cell):
+        told = {one.name: settings_of(getattr(cell, one.name)) for one in fields(cell)}
+        return {"kind": type(cell).__name__, **told}
+    if isinstance(cell, tuple):
+        return [settings_of(one) for one in cell]
+    return cell
+
+
+def empty_folder(path: Path) -> Path:
+    """A folder that was emptied of what a run left that was killed."""
+    shutil.rmtree(path, ignore_errors=True)
+    return prepare_folder(path)
+
+
+def in_order(cells: Iterable[Cell]) -> list[list[Cell]]:
+    """All cells that are needed, in waves: those of a wave need none but those of the waves before."""
+    depths: dict[Cell, int] = {}
+
+    def depth(cell: Cell) -> int:
+        if cell not in depths:
+            depths[cell] = 1 + max((depth(one) for one in cell.needs), default=-1)
+        return depths[cell]
+
+    for cell in cells:
+        depth(cell)
+    return [[cell for cell, at in depths.items() if at == k] for k in range(1 + max(depths.values(), default=-1))]
+
+
+def commit() -> str:
+    """Commit that this package is of, with "+" after it where files differ from it; "" outside of a repository."""
+    here = Path(__file__).resolve().parent
+    try:
+        head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=True)
+        changed = subprocess.run(["git", "status", "--porcelain"], cwd=here, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return head.stdout.strip()[:12] + ("+" if changed.stdout.strip() else "")

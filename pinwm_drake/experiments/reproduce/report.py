@@ -1,0 +1,52 @@
+"""The report of a reproduction, from the folders of its cells alone."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pinwm_drake.experiments.reproduce.cell import Cell, CellStore
+from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+from pinwm_drake.experiments.reproduce.tables.table import Row, Table
+from pinwm_drake.files import replacing
+
+
+def read_results(tables: Sequence[Table], request: ReproduceRequest, root: Path) -> dict[Cell, dict[str, Any] | None]:
+    """Results of the cells of tables, None for those that are not made.
+
+    Raises:
+        InputError: A cell of other settings is in the folder, or a file cannot be read.
+    """
+    store = CellStore(root)
+    return {cell: store.read(cell) for table in tables for cell in table.cells(request)}
+
+
+def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest, root: Path) -> None:
+    """Writes tables in Markdown, with where and when their cells were made.
+
+    Args:
+        path: File.
+        tables: The tables.
+        request: Tasks, systems and seeds; cells that are not made are "not run".
+        root: Folder of the experiment.
+
+    Raises:
+        InputError: A cell of other settings is in the folder, or the file cannot be written.
+    """
+    results = read_results(tables, request, root)
+    parts = ["# The paper's tables", f"Written by `pinwm reproduce report` from the folders of {root.name}."]
+    for table in tables:
+        parts += [f"## {table.title}", table.words, markdown(table.header, table.rows(request, results))]
+    made = [done["provenance"] for done in results.values() if done is not None]
+    if made:
+        commits = sorted({one["commit"] or "no repository" for one in made})
+        machines = sorted({one["machine"] for one in made})
+        first, last = (pick(one["time"] for one in made) for pick in (min, max))
+        parts.append(f"Commits {', '.join(commits)}; machines: {'; '.join(machines)}; {first} to {last}.")
+    with replacing(path) as temporary:
+        temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def markdown(header: Row, rows: Sequence[Row]) -> str:
+    """Table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -1,0 +1,47 @@
+"""The request of a reproduction."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pinwm_drake.errors import require
+from pinwm_drake.experiments.reproduce.scenes import TASK_SCENES
+from pinwm_drake.experiments.reproduce.systems import SYSTEMS
+from pinwm_drake.experiments.reproduce.twins import CaptureCell, SurfelsCell, TwinCell
+
+
+@dataclass(frozen=True)
+class ReproduceRequest:
+    """Request of one table or several: fields named as the options of `pinwm reproduce`, which describes them.
+
+    Raises:
+        ParameterError: An option is none of those allowed.
+    """
+
+    tasks: Sequence[str] = tuple(TASK_SCENES)
+    methods: Sequence[str] | None = None
+    seeds: int = 1
+    episodes: int = 100
+    draws: int = 200
+    quick: bool = False
+
+    def __post_init__(self) -> None:
+        """Checks the options."""
+        for task in self.tasks:
+            require("--task", repr(task), task in TASK_SCENES, ", ".join(TASK_SCENES))
+        for name in self.methods or ():
+            require("--methods", repr(name), name in SYSTEMS, f"all, {', '.join(SYSTEMS)}")
+        for name in ("seeds", "episodes", "draws"):
+            require(f"--{name}", getattr(self, name), getattr(self, name) >= 1, "1 or more")
+
+    def chosen(self, names: Sequence[str]) -> list[str]:
+        """Names of a table's systems, those of the request alone where it names some."""
+        return [name for name in names if self.methods is None or name in self.methods]
+
+    @property
+    def max_steps(self) -> int | None:
+        """Number of actions of an evaluated episode; None for the task's."""
+        return 3 if self.quick else None
+
+    def twin(self, task: str, seed: int) -> TwinCell:
+        """Cell of the identified twin of a task and seed."""
+        return TwinCell(SurfelsCell(CaptureCell(task, seed, self.quick)))

@@ -1,0 +1,95 @@
+"""The reproduction of tables: its plan, its cells, and its report."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.experiments.reproduce.cell import Cell, CellStore, in_order, made
+from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+from pinwm_drake.experiments.reproduce.tables.one_step import ONE_STEP
+from pinwm_drake.experiments.reproduce.tables.policies import POLICIES, RANDOMIZATION
+from pinwm_drake.experiments.reproduce.tables.table import Table
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.parallel import Executor
+from pinwm_drake.provenance import timestamp
+
+TABLES = {table.name: table for table in (POLICIES, ONE_STEP, RANDOMIZATION)}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All cells of a reproduction, in waves, and which of them are made.
+
+    Attributes:
+        waves: Cells: those of a wave need none but those of the waves before.
+        done: Number of cells that are made, of each wave.
+        hours: h of one core, estimated, of the cells that are not made.
+    """
+
+    waves: list[list[Cell]]
+    done: list[int]
+    hours: float
+
+
+def tables_of(names: Sequence[str]) -> list[Table]:
+    """Tables by name; all of them for "all".
+
+    Raises:
+        ParameterError: There is no such table.
+    """
+    for name in names:
+        if name not in (*TABLES, "all"):
+            raise ParameterError(f"TABLE: got {name!r}; allowed: all, {', '.join(TABLES)}")
+    return list(TABLES.values()) if "all" in names else [TABLES[name] for name in dict.fromkeys(names)]
+
+
+def plan(tables: Sequence[Table], request: ReproduceRequest, root: Path) -> Plan:
+    """Plan of tables.
+
+    Raises:
+        InputError: A cell of other settings is in the folder.
+    """
+    store = CellStore(root)
+    waves = in_order(cell for table in tables for cell in table.cells(request))
+    left = [[cell for cell in wave if store.read(cell) is None] for wave in waves]
+    done = [len(wave) - len(missing) for wave, missing in zip(waves, left, strict=True)]
+    return Plan(waves, done, sum(cell.hours for missing in left for cell in missing))
+
+
+def reproduce(
+    tables: Sequence[Table],
+    request: ReproduceRequest,
+    root: Path,
+    *,
+    executor: Executor | None = None,
+    on_cell: Callable[[Cell, dict[str, Any]], None] = lambda cell, done: None,
+) -> None:
+    """Makes all cells of tables that are not made yet; those that a run left that was killed go on.
+
+    Args:
+        tables: The tables.
+        request: Tasks, systems, seeds and budgets.
+        root: Folder of the experiment; made if need be.
+        executor: Processes that share the cells; None for one on each core.
+        on_cell: Called with each cell that is made, and its result.
+
+    Raises:
+        PinwmError: An input was refused, a cell of other settings is there, or a file cannot be written.
+    """
+    store = CellStore(prepare_folder(root))
+    for wave in plan(tables, request, root).waves:
+        (executor or Executor()).map(partial(_make, root), wave, store=store, on_result=on_cell)
+
+
+def _make(root: Path, cell: Cell) -> dict[str, Any]:
+    """Makes a cell; what it tells on the way stands in a log beside its files."""
+    log = prepare_folder(root / "logs") / f"{cell.key.replace('/', '_')}.txt"
+
+    def say(line: str) -> None:
+        with log.open("a", encoding="utf-8") as file:
+            file.write(f"{timestamp()} {line}\n")
+
+    return made(cell, root, say)

@@ -1,0 +1,78 @@
+"""The paper's two tasks as scenes: what is filmed, what its true parameters are, and where policies are tried."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pinwm_drake.cousins import FLIP_SPANS, Spans
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.runs.simulated_capture import SimulateOptions
+from pinwm_drake.systems.scenario.load import load_setup
+
+
+@dataclass(frozen=True)
+class TaskScene:
+    """Task with its scene, its object and the ranges of ignorance.
+
+    Attributes:
+        task: Name of the task.
+        scene: Scenario in which policies are trained and tried.
+        object_name: Object that is filmed.
+        friction, pusher_friction: True coefficients of friction.
+        capture_seed: Seed of the capture of the experiment's first seed.
+        episode: Episode that is identified from.
+        spans: Ranges R.
+    """
+
+    task: str
+    scene: str
+    object_name: str
+    friction: float
+    pusher_friction: float
+    capture_seed: int
+    episode: str
+    spans: Spans
+
+    @property
+    def true_theta(self) -> dict[str, float]:
+        """True values of `THETA`'s parameters, SI units."""
+        return {name: estimate.value for name, estimate in load_setup(self.scene).twin.theta.items()}
+
+    def capture(self, seed: int, *, quick: bool) -> SimulateOptions:
+        """Options of the capture; a quick one has fewer and smaller images."""
+        return SimulateOptions(
+            object_name=self.object_name,
+            friction=self.friction,
+            pusher_friction=self.pusher_friction,
+            mass=1.0,
+            restitution=0.0,
+            seed=self.capture_seed + seed,
+            size=128 if quick else 400,
+            episodes=2,
+            static_views=6 if quick else 24,
+            frames=12 if quick else 48,
+            rate=12.0 if quick else 24.0,
+            speed=None,
+            distance=0.10,
+            pusher="sphere",
+            pusher_radius=0.01,
+            lying=False,
+            supersampling=1 if quick else 3,
+            task=self.task,
+        )
+
+
+TASK_SCENES: Mapping[str, TaskScene] = {
+    "push": TaskScene("push", "push_t", "t_block", 0.03, 0.03, 0, "0000", Spans()),
+    "flip": TaskScene("flip", "flip_mug", "mug", 0.2, 0.9, 1, "0001", FLIP_SPANS),
+}
+
+
+def task_scene(task: str) -> TaskScene:
+    """Scene of a task.
+
+    Raises:
+        ParameterError: There is no such task.
+    """
+    if task not in TASK_SCENES:
+        raise ParameterError(f"--task: got {task!r}; allowed: {', '.join(TASK_SCENES)}")
+    return TASK_SCENES[task]

@@ -1,0 +1,99 @@
+"""Table of policies: success and actions of every system, push and flip."""
+
+from collections.abc import Sequence
+
+from pinwm_drake.experiments.reproduce.cell import Cell
+from pinwm_drake.experiments.reproduce.policies import EvaluationCell, evaluated
+from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+from pinwm_drake.experiments.reproduce.systems import SYSTEMS
+from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table, percent
+
+# Success and actions of the paper's tables I and IV, where they are at hand (Li et al., arXiv 2504.16693v2).
+_PAPER = {
+    ("push", "pin-wm"): "97 %, 30.1",
+    ("push", "pin-wm-0"): "92 %, 32.1",
+    ("push", "true-theta"): "98 %",
+    ("flip", "pin-wm"): "83 %, 11.4",
+    ("flip", "pin-wm-0"): "70 %, 12.0",
+    ("flip", "true-theta"): "89 %",
+}
+
+
+def evaluations(request: ReproduceRequest, names: Sequence[str]) -> list[EvaluationCell]:
+    """Cells of the evaluations of systems, for the tasks and seeds of a request."""
+    return [
+        evaluated(
+            task,
+            name,
+            seed,
+            request.episodes,
+            request.twin(task, seed),
+            quick=request.quick,
+            max_steps=request.max_steps,
+        )
+        for task in request.tasks
+        for name in request.chosen(names)
+        for seed in range(request.seeds)
+    ]
+
+
+def evaluation_rows(request: ReproduceRequest, names: Sequence[str], results: Results) -> list[Row]:
+    """Rows of task, system, training, success, interval, actions, seeds, minutes, and the paper's figures."""
+    cells: dict[tuple[str, str], list[EvaluationCell]] = {}
+    for cell in evaluations(request, names):
+        cells.setdefault((cell.task, cell.system), []).append(cell)
+    return [_row(task, name, found, results) for (task, name), found in cells.items()]
+
+
+def _row(task: str, name: str, cells: Sequence[EvaluationCell], results: Results) -> Row:
+    done = [done for cell in cells if (done := results.get(cell)) is not None]
+    paper = _PAPER.get((task, name), "not at hand")
+    if not done:
+        return [task, name, SYSTEMS[name].words, MISSING, "", "", "", "", paper]
+    each = [one["result"] for one in done]
+    rates = ", ".join(percent(one["success_rate"]) for one in each)
+    low, high = min(one["interval_95"][0] for one in each), max(one["interval_95"][1] for one in each)
+    steps = ", ".join(f"{one['steps']['all']['mean']:.1f}" for one in each)
+    minutes = ", ".join(f"{one['provenance']['minutes']:.0f}" for one in done)
+    interval = f"{percent(low)} to {percent(high)}"
+    return [task, name, SYSTEMS[name].words, rates, interval, steps, str(len(done)), minutes, paper]
+
+
+_HEADER = (
+    "task",
+    "system",
+    "trained in",
+    "success (each seed)",
+    "95 % intervals",
+    "actions, failures included",
+    "seeds",
+    "minutes of evaluation",
+    "paper: success, actions",
+)
+_RANDOMIZED = ("true-theta", "pin-wm", "domain-rand-4", "domain-rand-2", "domain-rand")
+
+
+def _policies(request: ReproduceRequest) -> list[Cell]:
+    return list(evaluations(request, list(SYSTEMS)))
+
+
+def _randomization(request: ReproduceRequest) -> list[Cell]:
+    return list(evaluations(request, _RANDOMIZED))
+
+
+POLICIES = Table(
+    "policies",
+    "Policies",
+    _HEADER,
+    _policies,
+    lambda request, results: evaluation_rows(request, list(SYSTEMS), results),
+    "All systems in Drake's hydroelastic plant with VTK's images, in which none is trained.",
+)
+RANDOMIZATION = Table(
+    "randomization",
+    "Randomization",
+    _HEADER,
+    _randomization,
+    lambda request, results: evaluation_rows(request, _RANDOMIZED, results),
+    "Training in the true theta, in cousins of the twin, and in ranges that are ever wider.",
+)

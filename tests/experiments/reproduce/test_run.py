@@ -1,0 +1,97 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.experiments.reproduce.cell import CellStore
+from pinwm_drake.experiments.reproduce.report import read_results, write_report
+from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+from pinwm_drake.experiments.reproduce.run import plan, reproduce, tables_of
+from pinwm_drake.experiments.reproduce.systems import SYSTEMS
+from pinwm_drake.parallel import Executor
+
+OPTIONS = {"tasks": ("push",), "methods": ("pin-wm", "random-actions"), "episodes": 2, "quick": True}
+REQUEST = ReproduceRequest(**OPTIONS)
+KEYS = [
+    ["captures/push/seed-0", "evaluations/push/random-actions/seed-0"],
+    ["surfels/push/seed-0"],
+    ["twins/push/pin-wm/seed-0"],
+    ["policies/push/pin-wm/seed-0"],
+    ["evaluations/push/pin-wm/seed-0"],
+]
+
+
+def keys(planned):
+    return [[cell.key for cell in wave] for wave in planned.waves]
+
+
+def test_the_plan_names_every_cell_once_and_what_is_left(tmp_path: Path):
+    planned = plan(tables_of(["policies"]), REQUEST, tmp_path)
+    assert keys(planned) == KEYS
+    assert planned.done == [0] * 5
+    assert 0.0 < planned.hours < 0.2
+    whole = plan(tables_of(["all"]), ReproduceRequest(seeds=2), tmp_path)
+    names = [key for wave in keys(whole) for key in wave]
+    assert len(names) == len(set(names))
+    assert {f"policies/{task}/domain-rand/seed-1" for task in ("push", "flip")} <= set(names)
+    assert whole.hours > 20.0
+
+
+@pytest.mark.parametrize("values", [{"tasks": ("juggle",)}, {"methods": ("dreams",)}, {"seeds": 0}, {"draws": 0}])
+def test_requests_that_make_no_sense_are_refused(values):
+    with pytest.raises(ParameterError):
+        ReproduceRequest(**values)
+
+
+def test_tables_are_known_by_name():
+    assert [table.name for table in tables_of(["one-step", "policies", "one-step"])] == ["one-step", "policies"]
+    with pytest.raises(ParameterError, match=r"'poems'; allowed: all, policies"):
+        tables_of(["poems"])
+
+
+_SCRIPT = """
+from pathlib import Path
+from tests.experiments.reproduce.test_run import OPTIONS
+from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+from pinwm_drake.experiments.reproduce.run import reproduce, tables_of
+from pinwm_drake.parallel import Executor
+reproduce(tables_of(["policies"]), ReproduceRequest(**OPTIONS), Path({root!r}), executor=Executor(workers=1))
+"""
+
+
+def test_a_table_is_made_though_it_was_killed_and_nothing_is_made_twice(tmp_path: Path):
+    # In a process that is killed once the twin is there, and so within the training.
+    process = subprocess.Popen([sys.executable, "-c", _SCRIPT.format(root=str(tmp_path))])
+    twin, deadline = tmp_path / KEYS[2][0] / "done.json", time.monotonic() + 300
+    while not twin.exists() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("done.json")}
+    assert twin in before
+    told, tables = [], tables_of(["policies"])
+    run = {"executor": Executor(workers=1), "on_cell": lambda cell, done: told.append(cell.key)}
+    reproduce(tables, REQUEST, tmp_path, **run)
+    assert sorted(told) == sorted(key for wave in KEYS for key in wave)
+    assert all(path.stat().st_mtime_ns == at for path, at in before.items())
+    assert plan(tables, REQUEST, tmp_path).done == [2, 1, 1, 1, 1]
+    results = read_results(tables, REQUEST, tmp_path)
+    assert {cell.system: done["result"]["episodes"] for cell, done in results.items()} == {
+        "pin-wm": 2,
+        "random-actions": 2,
+    }
+    write_report(tmp_path / "report.md", tables, ReproduceRequest(tasks=("push",), episodes=2, quick=True), tmp_path)
+    lines = (tmp_path / "report.md").read_text().splitlines()
+    rows = {line.split(" | ")[1]: line for line in lines if line.startswith("| push")}
+    assert list(rows) == list(SYSTEMS)
+    assert "| 3.0 | 1 |" in rows["pin-wm"]
+    assert "not run" in rows["domain-rand"]
+    # Cells of other budgets are not taken for these.
+    store = CellStore(tmp_path)
+    cell = next(one for one in results if one.system == "random-actions")
+    assert store.read(cell) is not None
