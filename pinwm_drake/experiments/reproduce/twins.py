@@ -41,7 +41,7 @@ class CaptureCell:
 
     @property
     def needs(self) -> tuple[Cell, ...]:
-        """No cells."""
+        """None: it begins with nothing."""
         return ()
 
     @property
@@ -73,7 +73,7 @@ class SurfelsCell:
 
     @property
     def needs(self) -> tuple[Cell, ...]:
-        """The capture."""
+        """Cell of the capture."""
         return (self.capture,)
 
     @property
