@@ -17,7 +17,10 @@ REPORT = "report"
 def reproduce(
     table: Annotated[
         list[str],
-        typer.Argument(metavar="TABLE...", help="policies, one-step, randomization, all; report writes what is there."),
+        typer.Argument(
+            metavar="TABLE...",
+            help="policies, one-step, randomization, parameters, geometry-noise, all; report writes.",
+        ),
     ],
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder of the cells; what is made in it is not made again.")

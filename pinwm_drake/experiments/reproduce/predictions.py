@@ -34,7 +34,8 @@ class OneStepCell:
     @property
     def key(self) -> str:
         """Path of its folder."""
-        return f"one-step/{self.task}/{self.origin}/seed-{self.seed}"
+        place = f"{self.task}/seed-{self.seed}" if self.twin is None else self.twin.surfels.capture.place
+        return f"one-step/{self.origin}/{place}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:

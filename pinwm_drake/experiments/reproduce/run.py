@@ -9,14 +9,16 @@ from typing import Any
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.experiments.reproduce.cell import Cell, CellStore, in_order, made
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+from pinwm_drake.experiments.reproduce.tables.geometry_noise import GEOMETRY_NOISE
 from pinwm_drake.experiments.reproduce.tables.one_step import ONE_STEP
+from pinwm_drake.experiments.reproduce.tables.parameters import PARAMETERS
 from pinwm_drake.experiments.reproduce.tables.policies import POLICIES, RANDOMIZATION
 from pinwm_drake.experiments.reproduce.tables.table import Table
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.parallel import Executor
 from pinwm_drake.provenance import timestamp
 
-TABLES = {table.name: table for table in (POLICIES, ONE_STEP, RANDOMIZATION)}
+TABLES = {table.name: table for table in (POLICIES, ONE_STEP, RANDOMIZATION, PARAMETERS, GEOMETRY_NOISE)}
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.experiments.alignment import align
-from pinwm_drake.experiments.reproduce.cell import Cell, Say, empty_folder
+from pinwm_drake.experiments.reproduce.cell import DONE_FILE, Cell, Say, empty_folder
 from pinwm_drake.experiments.reproduce.scenes import task_scene
 from pinwm_drake.experiments.twins import twin_from_capture
 from pinwm_drake.files import prepare_folder
+from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.identification import IdentifyOptions
+from pinwm_drake.identification.unknowns import NUISANCES
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE
 from pinwm_drake.systems.runs.simulated_capture import simulate_capture
@@ -35,9 +40,14 @@ class CaptureCell:
     quick: bool = False
 
     @property
+    def place(self) -> str:
+        """Path within the folders of what is made of it."""
+        return f"{self.task}/seed-{self.seed}"
+
+    @property
     def key(self) -> str:
         """Path of its folder."""
-        return f"captures/{self.task}/seed-{self.seed}"
+        return f"captures/{self.place}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:
@@ -57,6 +67,69 @@ class CaptureCell:
 
 
 @dataclass(frozen=True)
+class NoisyCaptureCell:
+    """Cell of a capture whose mesh is known with an error only: its images are those of the true object.
+
+    Attributes:
+        capture: Cell of the capture.
+        share: Standard deviation of the vertices, along each axis, by the diagonal of the mesh's box.
+    """
+
+    capture: CaptureCell
+    share: float
+
+    @property
+    def task(self) -> str:
+        """Name of the task."""
+        return self.capture.task
+
+    @property
+    def seed(self) -> int:
+        """Seed of the experiment."""
+        return self.capture.seed
+
+    @property
+    def quick(self) -> bool:
+        """Flag: few and small images."""
+        return self.capture.quick
+
+    @property
+    def place(self) -> str:
+        """Path within the folders of what is made of it."""
+        return f"{self.task}-noise-{self.share:g}/seed-{self.seed}"
+
+    @property
+    def key(self) -> str:
+        """Path of its folder."""
+        return f"captures/{self.place}"
+
+    @property
+    def needs(self) -> tuple[Cell, ...]:
+        """Cell of the capture."""
+        return (self.capture,)
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        return 0.001
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Copies the capture, and moves the vertices of its mesh; see `Cell.make`."""
+        out = root / self.key
+        shutil.rmtree(out, ignore_errors=True)
+        shutil.copytree(root / self.capture.key, out, ignore=shutil.ignore_patterns(DONE_FILE))
+        path = read_capture(out).object.mesh_path
+        mesh = load_mesh(path)
+        sigma = 2.0 * self.share * half_diagonal(mesh)
+        mesh.vertices = mesh.vertices + np.random.default_rng(self.seed).normal(0.0, sigma, mesh.vertices.shape)
+        mesh.export(path)
+        return {"sigma": sigma, "vertices": len(mesh.vertices)}
+
+
+Captured = CaptureCell | NoisyCaptureCell
+
+
+@dataclass(frozen=True)
 class SurfelsCell:
     """Cell of the surfels that are fitted to a capture's static views: the appearance of all twins of it.
 
@@ -64,12 +137,12 @@ class SurfelsCell:
         capture: Cell of the capture.
     """
 
-    capture: CaptureCell
+    capture: Captured
 
     @property
     def key(self) -> str:
         """Path of its folder."""
-        return f"surfels/{self.capture.task}/seed-{self.capture.seed}"
+        return f"surfels/{self.capture.place}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:
@@ -98,15 +171,18 @@ class TwinCell:
     Attributes:
         surfels: Cell of the appearance.
         system: Name of the identification.
+        only: Name of the one physical unknown that is looked for, while the others have their true values; "" for what
+            is looked for by default.
     """
 
     surfels: SurfelsCell
     system: str = "pin-wm"
+    only: str = ""
 
     @property
     def key(self) -> str:
         """Path of its folder."""
-        return f"twins/{self.surfels.capture.task}/{self.system}/seed-{self.surfels.capture.seed}"
+        return f"twins/{self.system}{'-' if self.only else ''}{self.only}/{self.surfels.capture.place}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:
@@ -126,7 +202,20 @@ class TwinCell:
         options = IdentifyOptions(seed=capture.seed, num_threads=1)
         if capture.quick:
             options = replace(options, starts=1, coarse_iterations=_QUICK_STEPS, fine_iterations=1, moves=5, screened=8)
-        episode = task_scene(capture.task).episode
+        scene = task_scene(capture.task)
+        if self.only:
+            true = {name: value for name, value in scene.true_theta.items() if not name.startswith("inertia")}
+            held = {name: value for name, value in true.items() if name != self.only}
+            options = replace(options, free=(self.only, *NUISANCES), held=held)
+        episode = scene.episode
         found = twin_from_capture(root / capture.key, out, episodes=[episode], options=options, resume=True)
         theta = {name: estimate.value for name, estimate in found.twin.theta.items()}
-        return {"theta": theta, "loss": found.found.loss, "seconds": found.found.seconds}
+        estimates = {
+            name: {
+                "value": one.value,
+                "interval": one.interval and list(one.interval),
+                "identifiable": one.identifiable,
+            }
+            for name, one in found.twin.theta.items()
+        }
+        return {"theta": theta, "estimates": estimates, "loss": found.found.loss, "seconds": found.found.seconds}

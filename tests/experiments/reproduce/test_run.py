@@ -20,7 +20,7 @@ REQUEST = ReproduceRequest(**OPTIONS)
 KEYS = [
     ["captures/push/seed-0", "evaluations/push/random-actions/seed-0"],
     ["surfels/push/seed-0"],
-    ["twins/push/pin-wm/seed-0"],
+    ["twins/pin-wm/push/seed-0"],
     ["policies/push/pin-wm/seed-0"],
     ["evaluations/push/pin-wm/seed-0"],
 ]

@@ -34,13 +34,14 @@ def _row(cell: OneStepCell, results: Results) -> Row:
     if done is None:
         return [cell.task, name, str(cell.seed), MISSING, "", ""]
     found = done["result"]
-    return [cell.task, name, str(cell.seed), *(_words(found[part], unit) for part, unit in _PARTS), str(cell.draws)]
+    return [cell.task, name, str(cell.seed), *(error_words(found[part], unit) for part, unit in PARTS), str(cell.draws)]
 
 
-_PARTS = (("translation", "mm"), ("rotation", "rad"))
+PARTS = (("translation", "mm"), ("rotation", "rad"))
 
 
-def _words(found: dict[str, float], unit: str) -> str:
+def error_words(found: dict[str, float], unit: str) -> str:
+    """Mean, median and 95th percentile of errors, in mm or rad."""
     scale = 1e3 if unit == "mm" else 1.0
     values: Sequence[float] = [scale * found[name] for name in ("mean", "median", "high")]
     return "{:.3g} {unit} (median {:.3g}, 95 % below {:.3g})".format(*values, unit=unit)

@@ -1,0 +1,45 @@
+"""Table of geometry noise: one-step errors of twins whose mesh is known with an error only."""
+
+from pinwm_drake.experiments.reproduce.cell import Cell
+from pinwm_drake.experiments.reproduce.predictions import OneStepCell
+from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+from pinwm_drake.experiments.reproduce.tables.one_step import PARTS, error_words
+from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table
+from pinwm_drake.experiments.reproduce.twins import CaptureCell, NoisyCaptureCell, SurfelsCell, TwinCell
+
+_SHARES = (0.0, 0.005, 0.01, 0.03)
+
+
+def _cells(request: ReproduceRequest) -> list[tuple[float, OneStepCell]]:
+    found = []
+    for task in request.tasks:
+        for share in _SHARES:
+            for seed in range(request.seeds):
+                capture = CaptureCell(task, seed, request.quick)
+                known = NoisyCaptureCell(capture, share) if share else capture
+                found.append((share, OneStepCell(task, "pin-wm", seed, request.draws, TwinCell(SurfelsCell(known)))))
+    return found
+
+
+def _all(request: ReproduceRequest) -> list[Cell]:
+    return [cell for _, cell in _cells(request)]
+
+
+def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
+    rows: list[Row] = []
+    for share, cell in _cells(request):
+        done = results.get(cell)
+        words = [MISSING, ""] if done is None else [error_words(done["result"][part], unit) for part, unit in PARTS]
+        rows.append([cell.task, cell.origin, f"{100.0 * share:g} %", str(cell.seed), *words])
+    return rows
+
+
+GEOMETRY_NOISE = Table(
+    "geometry-noise",
+    "Geometry noise",
+    ("task", "twin", "sigma by the diagonal", "seed", "translation", "rotation"),
+    _all,
+    _rows,
+    "Vertices of the mesh that twins are made with are moved by normal noise; images, and the plant that they are "
+    "compared with, are of the true object.",
+)

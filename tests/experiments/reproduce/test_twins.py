@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.experiments.reproduce.scenes import task_scene
+from pinwm_drake.experiments.reproduce.twins import CaptureCell, NoisyCaptureCell, SurfelsCell, TwinCell
+from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
+from tests.identification.samples import write_capture
+
+
+def test_a_mesh_that_is_known_with_an_error_stays_a_solid_and_images_stay(tmp_path):
+    capture = CaptureCell("push", 3)
+    write_capture(tmp_path / capture.key)
+    noisy = NoisyCaptureCell(capture, 0.02)
+    before = load_mesh(read_capture(tmp_path / capture.key).object.mesh_path)
+    for _ in range(2):  # over what a run left that was killed
+        noisy.make(tmp_path, print)
+    after = load_mesh(read_capture(tmp_path / noisy.key).object.mesh_path)
+    assert after.is_watertight
+    moved = after.vertices - before.vertices
+    assert moved.std() == pytest.approx(0.02 * 2.0 * half_diagonal(before), rel=0.5)
+    assert np.linalg.norm(moved, axis=1).min() > 0.0
+    names = [
+        sorted(path.relative_to(tmp_path / one.key) for path in (tmp_path / one.key).rglob("*.png"))
+        for one in (capture, noisy)
+    ]
+    assert names[0] == names[1] != []
+
+
+def test_cells_of_other_noise_unknowns_and_seeds_have_folders_of_their_own():
+    capture = CaptureCell("push", 0)
+    cells = [
+        TwinCell(SurfelsCell(capture)),
+        TwinCell(SurfelsCell(capture), only="mass"),
+        TwinCell(SurfelsCell(NoisyCaptureCell(capture, 0.01))),
+        TwinCell(SurfelsCell(NoisyCaptureCell(capture, 0.005))),
+        TwinCell(SurfelsCell(CaptureCell("push", 1))),
+        TwinCell(SurfelsCell(CaptureCell("flip", 0))),
+    ]
+    assert len({cell.key for cell in cells}) == len(cells)
+    assert len({cell.surfels.key for cell in cells}) == len(cells) - 1
+
+
+def test_the_true_theta_is_that_of_the_issue():
+    assert task_scene("push").true_theta["friction_floor"] == 0.03
+    assert task_scene("flip").true_theta["friction_floor"] == 0.2
+    for task in ("push", "flip"):
+        assert task_scene(task).true_theta["mass"] == 1.0
+        assert task_scene(task).true_theta["restitution_floor"] == 0.0
+        assert task_scene(task).capture(0, quick=True).friction == task_scene(task).true_theta["friction_floor"]
+        assert task_scene(task).capture(0, quick=True).pusher_friction == task_scene(task).pusher_friction
