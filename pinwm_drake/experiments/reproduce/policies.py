@@ -33,7 +33,7 @@ class PolicyCell:
     """Cell of a policy that a system trains.
 
     Attributes:
-        task: Name of the task.
+        task: Name of the task's scene.
         system: Name of the system.
         seed: Seed of the experiment.
         twin: Cell of the twin that it is trained in; None for the scene's own parameters.
@@ -69,7 +69,7 @@ class PolicyCell:
             scene=scene.scene if self.twin is None else str(root / self.twin.key),
             in_scene=None if self.twin is None else scene.scene,
             out=prepare_folder(root / self.key),
-            task=self.task,
+            task=scene.task,
             seed=self.seed,
             threads=1,
             resume=True,
@@ -91,7 +91,7 @@ class EvaluationCell:
     """Cell of an evaluation in Drake's hydroelastic plant with VTK's images.
 
     Attributes:
-        task: Name of the task.
+        task: Name of the task's scene.
         system: Name of the system.
         seed: Seed of the experiment.
         episodes: Number of episodes.
@@ -123,13 +123,12 @@ class EvaluationCell:
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Runs the episodes; see `Cell.make`."""
+        scene = task_scene(self.task)
         subject = None if self.subject is None else str(root / self.subject.key)
         given: dict[str, Any] = {"policy": subject}
         if not isinstance(self.subject, PolicyCell):
-            given = {"policy": EVALUATED_MPC if self.system == MPC else RANDOM, "model": subject, "task": self.task}
-        request = EvaluateRequest(
-            scene=task_scene(self.task).scene, episodes=self.episodes, max_steps=self.max_steps, **given
-        )
+            given = {"policy": EVALUATED_MPC if self.system == MPC else RANDOM, "model": subject, "task": scene.task}
+        request = EvaluateRequest(scene=scene.scene, episodes=self.episodes, max_steps=self.max_steps, **given)
 
         def progress(now: EvaluationProgress) -> None:
             if now.evaluation is not None and now.drawn is None and now.done % 10 == 0:
@@ -147,7 +146,7 @@ def evaluated(
     """Cell of the evaluation of a system, with those that it needs.
 
     Args:
-        task: Name of the task.
+        task: Name of the task's scene.
         name: Name of the system.
         seed: Seed of the experiment.
         episodes: Number of episodes.

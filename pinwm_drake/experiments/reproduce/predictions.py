@@ -18,7 +18,7 @@ class OneStepCell:
     """Cell of errors after one random action, in Drake's hydroelastic plant.
 
     Attributes:
-        task: Name of the task.
+        task: Name of the task's scene.
         origin: Name of the identification, or "scene" for the scene's own parameters.
         seed: Seed of the experiment.
         draws: Number of actions.

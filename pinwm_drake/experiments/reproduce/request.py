@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pinwm_drake.errors import require
-from pinwm_drake.experiments.reproduce.scenes import TASK_SCENES
+from pinwm_drake.experiments.reproduce.scenes import TASK_SCENES, TASKS
 from pinwm_drake.experiments.reproduce.systems import SYSTEMS
 from pinwm_drake.experiments.reproduce.twins import CaptureCell, SurfelsCell, TwinCell
 
@@ -17,7 +17,7 @@ class ReproduceRequest:
         ParameterError: An option is none of those allowed.
     """
 
-    tasks: Sequence[str] = tuple(TASK_SCENES)
+    tasks: Sequence[str] = TASKS
     methods: Sequence[str] | None = None
     seeds: int = 1
     episodes: int = 100

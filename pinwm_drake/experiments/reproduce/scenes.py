@@ -1,4 +1,4 @@
-"""The paper's two tasks as scenes: what is filmed, what its true parameters are, and where policies are tried."""
+"""The paper's tasks as scenes: what is filmed, what its true parameters are, and where policies are tried."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ class TaskScene:
     """Task with its scene, its object and the ranges of ignorance.
 
     Attributes:
+        name: Name in folders and tables.
         task: Name of the task.
         scene: Scenario in which policies are trained and tried.
         object_name: Object that is filmed.
@@ -23,6 +24,7 @@ class TaskScene:
         spans: Ranges R.
     """
 
+    name: str
     task: str
     scene: str
     object_name: str
@@ -61,17 +63,22 @@ class TaskScene:
         )
 
 
-TASK_SCENES: Mapping[str, TaskScene] = {
-    "push": TaskScene("push", "push_t", "t_block", 0.03, 0.03, 0, "0000", Spans()),
-    "flip": TaskScene("flip", "flip_mug", "mug", 0.2, 0.9, 1, "0001", FLIP_SPANS),
-}
+_ALL = (
+    TaskScene("push", "push", "push_t", "t_block", 0.03, 0.03, 0, "0000", Spans()),
+    TaskScene("flip", "flip", "flip_mug", "mug", 0.2, 0.9, 1, "0001", FLIP_SPANS),
+    TaskScene("push-cube", "push", "push_cube_slippery", "cube", 0.03, 0.03, 0, "0000", Spans()),
+    TaskScene("push-large-t", "push", "push_large_t", "large_t", 0.03, 0.03, 0, "0000", Spans()),
+    TaskScene("flip-cube", "flip", "flip_cube", "cube", 0.2, 0.9, 2, "0000", FLIP_SPANS),
+)
+TASK_SCENES: Mapping[str, TaskScene] = {scene.name: scene for scene in _ALL}
+TASKS = ("push", "flip")  # those of most tables
 
 
 def task_scene(task: str) -> TaskScene:
-    """Scene of a task.
+    """Scene of a name.
 
     Raises:
-        ParameterError: There is no such task.
+        ParameterError: There is no such scene.
     """
     if task not in TASK_SCENES:
         raise ParameterError(f"--task: got {task!r}; allowed: {', '.join(TASK_SCENES)}")

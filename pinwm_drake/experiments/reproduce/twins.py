@@ -30,7 +30,7 @@ class CaptureCell:
     """Cell of a capture that Drake simulates.
 
     Attributes:
-        task: Name of the task.
+        task: Name of the task's scene.
         seed: Seed of the experiment.
         quick: Flag: few and small images.
     """
@@ -80,7 +80,7 @@ class NoisyCaptureCell:
 
     @property
     def task(self) -> str:
-        """Name of the task."""
+        """Name of the task's scene."""
         return self.capture.task
 
     @property

@@ -13,7 +13,16 @@ from pinwm_drake.systems.scenario.schema import ENGINES, Pusher, Scenario, Shape
 from pinwm_drake.systems.scenario.setup import make_setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 
-SHIPPED = ["push_t", "push_large_t", "push_cube", "push_mug", "flip_mug", "flip_mug_handle", "flip_cube"]
+SHIPPED = [
+    "push_t",
+    "push_large_t",
+    "push_cube",
+    "push_cube_slippery",
+    "push_mug",
+    "flip_mug",
+    "flip_mug_handle",
+    "flip_cube",
+]
 URL = "package://pinwm_models/scenarios/{}.scenario.yaml"
 
 

@@ -59,7 +59,7 @@ def _row(task: str, name: str, cells: Sequence[EvaluationCell], results: Results
     return [task, name, SYSTEMS[name].words, rates, interval, steps, str(len(done)), minutes, paper]
 
 
-_HEADER = (
+HEADER = (
     "task",
     "system",
     "trained in",
@@ -84,7 +84,7 @@ def _randomization(request: ReproduceRequest) -> list[Cell]:
 POLICIES = Table(
     "policies",
     "Policies",
-    _HEADER,
+    HEADER,
     _policies,
     lambda request, results: evaluation_rows(request, list(SYSTEMS), results),
     "All systems in Drake's hydroelastic plant with VTK's images, in which none is trained.",
@@ -92,7 +92,7 @@ POLICIES = Table(
 RANDOMIZATION = Table(
     "randomization",
     "Randomization",
-    _HEADER,
+    HEADER,
     _randomization,
     lambda request, results: evaluation_rows(request, _RANDOMIZED, results),
     "Training in the true theta, in cousins of the twin, and in ranges that are ever wider.",
