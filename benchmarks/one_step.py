@@ -16,7 +16,8 @@ from benchmarks import timing
 
 timing.limit_threads(1)  # before numba and torch are imported
 
-from pinwm_drake.experiments.one_step import one_step_errors  # noqa: E402
+from pinwm_drake.experiments.one_step import plant_outcomes, step_errors  # noqa: E402
+from pinwm_drake.systems.scenario.load import load_setup  # noqa: E402
 
 
 def main() -> None:
@@ -28,7 +29,8 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    found = one_step_errors(given.scene, given.twin, given.engine, given.draws, given.seed)
+    outcomes = plant_outcomes(given.scene, given.engine, given.draws, given.seed)
+    found = step_errors(load_setup(given.scene, twin=given.twin), outcomes)
     for name, unit, values in zip(("translation", "rotation"), ("mm", "rad"), found.T * [[1e3], [1.0]], strict=True):
         mean, median, high = values.mean(), np.median(values), np.quantile(values, 0.95)
         print(f"{name}: mean {mean:.3g} {unit}, median {median:.3g} {unit}, 95th percentile {high:.3g} {unit}")

@@ -1,60 +1,118 @@
 """Errors of a twin after one random action: how far its object is from that of a plant that began in the same state."""
 
-import numpy as np
-from pydrake.math import RigidTransform
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RotationMatrix
+
+from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.errors import InputError
 from pinwm_drake.systems.crosscheck.difference import angles_between
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 
 _TOUCHED = 1e-3  # m, that an object moves at least where the pusher met it
 
 
-def one_step_errors(scene: str, twin: str | None, engine: str, draws: int, seed: int) -> np.ndarray:
-    """Translation [m] and rotation [rad] errors (draws, 2) of a twin, against a plant.
+@dataclass(frozen=True, eq=False)
+class Outcomes:
+    """Outcomes of single actions in a plant.
 
-    Object and pusher begin as the scene draws them; the action is one of full length towards a random point of the box
-    around the object; actions that miss it do not count. Compared are the poses of the object when the action ends,
-    while it still moves, by their way from the start: an object whose mesh is not the plant's begins as high as it
-    rests.
+    Attributes:
+        q_WO: (n, 4) wxyz, orientations of the object at the start.
+        p_WO: (n, 3) m, world, its places.
+        clearance: (n,) m, height of the object's lowest point over the floor.
+        p_WP: (n, 3) m, world, places of the pusher.
+        action: (n, action_size), in [-1, 1].
+        q_after: (n, 4) wxyz, orientations when the action ends.
+        moved: (n, 3) m, world, ways of the object until then.
+    """
+
+    q_WO: np.ndarray
+    p_WO: np.ndarray
+    clearance: np.ndarray
+    p_WP: np.ndarray
+    action: np.ndarray
+    q_after: np.ndarray
+    moved: np.ndarray
+
+    def write(self, path: Path) -> None:
+        """Writes the outcomes; raises InputError where the file cannot be written."""
+        write_arrays(path, {}, asdict(self))
+
+    @classmethod
+    def read(cls, path: Path) -> "Outcomes":
+        """Outcomes that `write` wrote; raises InputError where there are none."""
+        names = list(cls.__dataclass_fields__)
+        arrays = read_arrays(path, {}, "one-step", names)
+        if arrays is None:
+            raise InputError(path, value="no such file", allowed="outcomes of actions")
+        return cls(**{name: arrays[name] for name in names})
+
+
+def plant_outcomes(scene: str, engine: str, draws: int, seed: int) -> Outcomes:
+    """Outcomes of actions of full length towards random points of the box around the object.
+
+    Actions that miss the object do not count.
 
     Args:
-        scene: Scene whose theta the plant has; see `load_setup`.
-        twin: Folder of a twin that takes the object's place; None for the scene's own, so that what is left is the
-            difference of the engines.
-        engine: "hydroelastic" or "point", the plant; or "twin".
+        scene: Scene whose theta the plant has, and whose starts are drawn; see `load_setup`.
+        engine: "hydroelastic" or "point"; or "twin".
         draws: Number of actions.
         seed: Seed of starts and actions.
 
     Raises:
-        PinwmError: A scene or twin cannot be used.
+        PinwmError: The scene cannot be used.
     """
-    true = load_setup(scene)
-    setups = (load_setup(scene) if twin is None else load_setup(scene, twin=twin), true)
-    floor, own = true.twin.floor_height, [(StartDistribution(one).vertices, one.twin.floor_height) for one in setups]
-    envs = [TaskEnv(setup, name, EnvOptions()) for setup, name in zip(setups, ("twin", engine), strict=True)]
-    start, generator = StartDistribution(true), np.random.default_rng(seed)
-    rows: list[tuple[float, float]] = []
+    setup = load_setup(scene)
+    env, start, generator = TaskEnv(setup, engine, EnvOptions()), StartDistribution(setup), np.random.default_rng(seed)
+    rows: list[tuple[np.ndarray, ...]] = []
     while len(rows) < draws:
         place = start.draw(generator)
-        vertices_W = start.vertices @ place.X_WO.rotation().matrix().T + place.X_WO.translation()
         p_WO = place.X_WO.translation()
+        vertices_W = start.vertices @ place.X_WO.rotation().matrix().T + p_WO
         target = generator.uniform(vertices_W.min(0), vertices_W.max(0))
         action = (target - place.p_WP) / np.linalg.norm(target - place.p_WP)
-        states = []
-        for env, (vertices, level) in zip(envs, own, strict=True):
-            height = vertices_W[:, 2].min() - floor + level - (vertices @ place.X_WO.rotation().matrix().T)[:, 2].min()
-            X_WO = RigidTransform(place.X_WO.rotation(), [*p_WO[:2], height])
-            env.reset(seed=0, options={"X_WO": X_WO, "p_WP": place.p_WP})
-            env.step(action[env.worlds.task.axis_indices].astype(np.float32))
-            state = env.worlds.run.object_state[0].copy()
-            state[4:7] -= X_WO.translation()
-            states.append(state)
-        ours, theirs = states
-        if np.linalg.norm(theirs[4:7]) < _TOUCHED:
+        action = action[env.worlds.task.axis_indices].astype(np.float32)
+        q_after, moved = _after(env, place.X_WO, place.p_WP, action)
+        if np.linalg.norm(moved) < _TOUCHED:
             continue
-        q, other = (state[:4] / np.linalg.norm(state[:4]) for state in states)
-        rows.append((float(np.linalg.norm(ours[4:7] - theirs[4:7])), float(angles_between(q, other))))
+        clearance = np.array(vertices_W[:, 2].min() - setup.twin.floor_height)
+        q_WO = place.X_WO.rotation().ToQuaternion().wxyz()
+        rows.append((q_WO, p_WO, clearance, place.p_WP, action, q_after, moved))
+    return Outcomes(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def step_errors(setup: Setup, outcomes: Outcomes) -> np.ndarray:
+    """Translation [m] and rotation [rad] errors (n, 2) of the twin in a scene, against a plant's outcomes.
+
+    Compared are the poses of the object when the action ends, while it still moves, by their way from the start: an
+    object whose mesh is not the plant's begins as high as it rests.
+
+    Args:
+        setup: The scene, with the twin in the place of the object.
+        outcomes: What the same actions did in the plant.
+    """
+    env, vertices = TaskEnv(setup, "twin", EnvOptions()), StartDistribution(setup).vertices
+    rows = []
+    for k in range(len(outcomes.action)):
+        R_WO = RotationMatrix(Quaternion(outcomes.q_WO[k]))
+        height = setup.twin.floor_height + outcomes.clearance[k] - (vertices @ R_WO.matrix().T)[:, 2].min()
+        X_WO = RigidTransform(R_WO, [*outcomes.p_WO[k, :2], height])
+        q_after, moved = _after(env, X_WO, outcomes.p_WP[k], outcomes.action[k])
+        angle = float(angles_between(q_after, outcomes.q_after[k]))
+        rows.append((float(np.linalg.norm(moved - outcomes.moved[k])), angle))
     return np.array(rows)
+
+
+def _after(env: TaskEnv, X_WO: RigidTransform, p_WP: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Orientation (4,) wxyz of the object after an action, and its way (3,) m."""
+    env.reset(seed=0, options={"X_WO": X_WO, "p_WP": p_WP})
+    env.step(action)
+    state = env.worlds.run.object_state[0]
+    return state[:4] / np.linalg.norm(state[:4]), state[4:7] - X_WO.translation()

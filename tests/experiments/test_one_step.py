@@ -3,24 +3,38 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pinwm_drake.experiments.one_step import one_step_errors
+from pinwm_drake.errors import InputError
+from pinwm_drake.experiments.one_step import Outcomes, plant_outcomes, step_errors
 from pinwm_drake.systems.scenario.load import load_setup
-from pinwm_drake.twin import write_twin
 
 
-def test_a_twin_of_the_true_theta_has_no_error_and_another_one_has(tmp_path):
+@pytest.fixture(scope="module")
+def outcomes():
+    return plant_outcomes("push_t", "twin", 3, 0)
+
+
+def test_a_twin_of_the_true_theta_has_no_error_and_another_one_has(outcomes):
     setup = load_setup("push_t")
-    write_twin(tmp_path / "true", setup.twin)
-    write_twin(tmp_path / "rough", setup.with_theta(friction_pusher=0.8).twin)
-    same = one_step_errors("push_t", str(tmp_path / "true"), "twin", 3, 0)
+    same = step_errors(setup, outcomes)
     assert same.shape == (3, 2)
     assert np.abs(same).max() < 1e-9
-    assert one_step_errors("push_t", str(tmp_path / "rough"), "twin", 3, 0).max() > 1e-4
+    assert step_errors(setup.with_theta(friction_pusher=0.8), outcomes).max() > 1e-4
 
 
-def test_a_twin_whose_floor_is_lower_begins_there(tmp_path):
-    twin = load_setup("push_t").twin
-    lower = replace(twin, floor_height=twin.floor_height - 0.004)
-    write_twin(tmp_path / "lower", lower)
-    found = one_step_errors("push_t", str(tmp_path / "lower"), "twin", 2, 0)
+def test_a_twin_whose_floor_is_lower_begins_there(outcomes):
+    setup = load_setup("push_t")
+    lower = replace(setup, twin=replace(setup.twin, floor_height=setup.twin.floor_height - 0.004))
+    found = step_errors(lower, outcomes)
     assert found[:, 0] == pytest.approx(0.0, abs=2e-3)  # a pusher that meets it 4 mm higher; no fall
+
+
+def test_outcomes_are_kept_and_follow_from_the_seed(outcomes, tmp_path):
+    outcomes.write(tmp_path / "outcomes.npz")
+    read = Outcomes.read(tmp_path / "outcomes.npz")
+    again = plant_outcomes("push_t", "twin", 3, 0)
+    for name in Outcomes.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(read, name), getattr(outcomes, name))
+        np.testing.assert_array_equal(getattr(again, name), getattr(outcomes, name))
+    assert np.linalg.norm(outcomes.moved, axis=1).min() > 1e-3
+    with pytest.raises(InputError, match="no such file"):
+        Outcomes.read(tmp_path / "none.npz")

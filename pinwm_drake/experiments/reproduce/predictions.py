@@ -1,46 +1,51 @@
 """Cells of a twin's predictions against the plant."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
-from pinwm_drake.experiments.one_step import one_step_errors
+from pinwm_drake.experiments.one_step import Outcomes, plant_outcomes, step_errors
 from pinwm_drake.experiments.reproduce.cell import Cell, Say
 from pinwm_drake.experiments.reproduce.scenes import task_scene
 from pinwm_drake.experiments.reproduce.twins import TwinCell
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.identification.forward import inertia
+from pinwm_drake.identification.history import HISTORY_FILE, History, read_history
+from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.twin import Twin
+from pinwm_drake.twin.rollout import NO_EFFECT, twin_scene
+from pinwm_drake.twin.twin import Estimate
+
+OUTCOMES_FILE = "outcomes.npz"
+_POINTS = 8  # of the curve over the iterations
+_MOMENTS = ("moment_xx", "moment_yy", "moment_zz")
 
 
 @dataclass(frozen=True)
-class OneStepCell:
-    """Cell of errors after one random action, in Drake's hydroelastic plant.
+class OutcomesCell:
+    """Cell of random actions in Drake's hydroelastic plant, and what they do.
 
     Attributes:
         task: Name of the task's scene.
-        origin: Name of the identification, or "scene" for the scene's own parameters.
-        seed: Seed of the experiment.
         draws: Number of actions.
-        twin: Cell of the twin; None for the scene's own.
     """
 
     task: str
-    origin: str
-    seed: int
     draws: int
-    twin: TwinCell | None
 
     @property
     def key(self) -> str:
         """Path of its folder."""
-        place = f"{self.task}/seed-{self.seed}" if self.twin is None else self.twin.surfels.capture.place
-        return f"one-step/{self.origin}/{place}"
+        return f"outcomes/{self.task}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:
-        """The twin, where there is one."""
-        return () if self.twin is None else (self.twin,)
+        """None: it begins with nothing."""
+        return ()
 
     @property
     def hours(self) -> float:
@@ -49,12 +54,87 @@ class OneStepCell:
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Draws the actions; see `Cell.make`."""
-        scene = task_scene(self.task).scene
-        twin = None if self.twin is None else str(root / self.twin.key)
-        found = one_step_errors(scene, twin, "hydroelastic", self.draws, self.seed)
-        return {name: _summary(values) for name, values in zip(("translation", "rotation"), found.T, strict=True)}
+        found = plant_outcomes(task_scene(self.task).scene, "hydroelastic", self.draws, 0)
+        found.write(prepare_folder(root / self.key) / OUTCOMES_FILE)
+        return {"moved": float(np.linalg.norm(found.moved, axis=1).mean())}
 
 
-def _summary(values: np.ndarray) -> dict[str, float]:
-    low, high = (float(np.quantile(values, share)) for share in (0.5, 0.95))
-    return {"mean": float(values.mean()), "median": low, "high": high}
+@dataclass(frozen=True)
+class OneStepCell:
+    """Cell of a twin's errors after one random action, and of what they were while it was identified.
+
+    Attributes:
+        origin: Name of the identification, or "scene" for the scene's own parameters.
+        outcomes: Cell of the actions.
+        twin: Cell of the twin; None for the scene's own.
+        curve: Flag: errors of the best start's guesses on the way, too.
+    """
+
+    origin: str
+    outcomes: OutcomesCell
+    twin: TwinCell | None
+    curve: bool = False
+
+    @property
+    def key(self) -> str:
+        """Path of its folder."""
+        place = self.outcomes.task if self.twin is None else self.twin.surfels.capture.place
+        return f"one-step/{self.origin}/{place}"
+
+    @property
+    def needs(self) -> tuple[Cell, ...]:
+        """The actions, and the twin where there is one."""
+        return (self.outcomes,) if self.twin is None else (self.outcomes, self.twin)
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        return self.outcomes.draws * (1 + self.curve * _POINTS) * 0.05 / 3600.0
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Takes the same actions in the twin; see `Cell.make`."""
+        scene, outcomes = task_scene(self.outcomes.task).scene, Outcomes.read(root / self.outcomes.key / OUTCOMES_FILE)
+        if self.twin is None:
+            return _summary(step_errors(load_setup(scene), outcomes))
+        folder = root / self.twin.key
+        setup = load_setup(scene, twin=folder)
+        result: dict[str, Any] = _summary(step_errors(setup, outcomes))
+        if self.curve:
+            history = read_history(folder / HISTORY_FILE)
+            result["curve"] = [
+                {"iteration": int(history.iteration[row]), "loss": float(history.loss[row])}
+                | _summary(step_errors(replace(setup, twin=twin_at(setup.twin, history, row)), outcomes))
+                for row in guesses(history)
+            ]
+        return result
+
+
+def guesses(history: History) -> list[int]:
+    """Rows of the history of the best start: some of its guesses, evenly spaced, the last one included."""
+    if not len(history.loss):
+        return []
+    best = max((rows for _, rows in history.starts()), key=lambda rows: (len(rows), -history.loss[rows[-1]]))
+    return [int(best[k]) for k in np.unique(np.linspace(0, len(best) - 1, _POINTS).round().astype(int))]
+
+
+def twin_at(twin: Twin, history: History, row: int) -> Twin:
+    """Twin with the parameters of a guess that its identification made on the way."""
+    guess = dict(zip(history.names, history.theta[row].tolist(), strict=True))
+    theta = {name: replace(one, value=guess.get(name, one.value)) for name, one in twin.theta.items()}
+    scene = twin_scene(twin, torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64))
+    factors = {name: torch.tensor(guess.get(name, 1.0), dtype=torch.float64) for name in _MOMENTS}
+    moments = inertia(scene, theta["mass"].value, factors).diagonal()
+    for axis, value in zip("xyz", moments.tolist(), strict=True):
+        name = f"inertia_{2 * axis}"
+        theta[name] = replace(theta[name], value=value)
+    shape = {name: Estimate(guess[name], None, False, "1") for name in NO_EFFECT if name in guess}
+    return replace(twin, theta=theta, nuisance=twin.nuisance | shape, draws=None)
+
+
+def _summary(errors: np.ndarray) -> dict[str, Any]:
+    """Mean, median and 95th percentile of translation [m] and rotation [rad] errors (n, 2)."""
+    found = {}
+    for name, values in zip(("translation", "rotation"), errors.T, strict=True):
+        low, high = (float(np.quantile(values, share)) for share in (0.5, 0.95))
+        found[name] = {"mean": float(values.mean()), "median": low, "high": high}
+    return found

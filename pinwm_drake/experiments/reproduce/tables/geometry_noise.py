@@ -1,7 +1,7 @@
 """Table of geometry noise: one-step errors of twins whose mesh is known with an error only."""
 
 from pinwm_drake.experiments.reproduce.cell import Cell
-from pinwm_drake.experiments.reproduce.predictions import OneStepCell
+from pinwm_drake.experiments.reproduce.predictions import OneStepCell, OutcomesCell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.tables.one_step import PARTS, error_words
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table
@@ -17,7 +17,10 @@ def _cells(request: ReproduceRequest) -> list[tuple[float, OneStepCell]]:
             for seed in range(request.seeds):
                 capture = CaptureCell(task, seed, request.quick)
                 known = NoisyCaptureCell(capture, share) if share else capture
-                found.append((share, OneStepCell(task, "pin-wm", seed, request.draws, TwinCell(SurfelsCell(known)))))
+                twin = TwinCell(SurfelsCell(known))
+                found.append(
+                    (share, OneStepCell(twin.system, OutcomesCell(task, request.draws), twin, curve=not share))
+                )
     return found
 
 
@@ -30,7 +33,9 @@ def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
     for share, cell in _cells(request):
         done = results.get(cell)
         words = [MISSING, ""] if done is None else [error_words(done["result"][part], unit) for part, unit in PARTS]
-        rows.append([cell.task, cell.origin, f"{100.0 * share:g} %", str(cell.seed), *words])
+        assert cell.twin is not None
+        seed = str(cell.twin.surfels.capture.seed)
+        rows.append([cell.outcomes.task, cell.origin, f"{100.0 * share:g} %", seed, *words])
     return rows
 
 

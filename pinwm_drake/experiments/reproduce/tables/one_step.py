@@ -3,21 +3,19 @@
 from collections.abc import Sequence
 
 from pinwm_drake.experiments.reproduce.cell import Cell
-from pinwm_drake.experiments.reproduce.predictions import OneStepCell
+from pinwm_drake.experiments.reproduce.predictions import OneStepCell, OutcomesCell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table
 
-_ORIGINS = ("pin-wm", "scene")
-
 
 def _cells(request: ReproduceRequest) -> list[OneStepCell]:
-    return [
-        OneStepCell(task, origin, seed, request.draws, None if origin == "scene" else request.twin(task, seed))
-        for task in request.tasks
-        for origin in _ORIGINS
-        for seed in range(request.seeds)
-        if origin != "scene" or seed == 0
-    ]
+    found = []
+    for task in request.tasks:
+        outcomes = OutcomesCell(task, request.draws)
+        twins = [request.twin(task, seed) for seed in range(request.seeds)]
+        found += [OneStepCell(twin.system, outcomes, twin, curve=True) for twin in twins]
+        found.append(OneStepCell("scene", outcomes, None))
+    return found
 
 
 def _all(request: ReproduceRequest) -> list[Cell]:
@@ -31,10 +29,11 @@ def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
 def _row(cell: OneStepCell, results: Results) -> Row:
     done = results.get(cell)
     name = "the scene's own theta: the engines' difference" if cell.origin == "scene" else cell.origin
+    task, draws = cell.outcomes.task, str(cell.outcomes.draws)
+    seed = "" if cell.twin is None else str(cell.twin.surfels.capture.seed)
     if done is None:
-        return [cell.task, name, str(cell.seed), MISSING, "", ""]
-    found = done["result"]
-    return [cell.task, name, str(cell.seed), *(error_words(found[part], unit) for part, unit in PARTS), str(cell.draws)]
+        return [task, name, seed, MISSING, "", draws]
+    return [task, name, seed, *(error_words(done["result"][part], unit) for part, unit in PARTS), draws]
 
 
 PARTS = (("translation", "mm"), ("rotation", "rad"))
