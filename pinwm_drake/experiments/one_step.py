@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
+from scipy.spatial.transform import Rotation
 
 from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError
@@ -14,8 +15,9 @@ from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.systems.scenario.start import StartDistribution
+from pinwm_drake.systems.scenario.start import StartDistribution, on_floor
 
+_REST = 5  # actions without motion, in which an object comes to rest
 _TOUCHED = 1e-3  # m, that an object moves at least where the pusher met it
 
 
@@ -26,19 +28,17 @@ class Outcomes:
     Attributes:
         q_WO: (n, 4) wxyz, orientations of the object at the start.
         p_WO: (n, 3) m, world, its places.
-        clearance: (n,) m, height of the object's lowest point over the floor.
         p_WP: (n, 3) m, world, places of the pusher.
         action: (n, action_size), in [-1, 1].
-        q_after: (n, 4) wxyz, orientations when the action ends.
+        turned: (n, 4) wxyz, turns of the object until the action ends, world.
         moved: (n, 3) m, world, ways of the object until then.
     """
 
     q_WO: np.ndarray
     p_WO: np.ndarray
-    clearance: np.ndarray
     p_WP: np.ndarray
     action: np.ndarray
-    q_after: np.ndarray
+    turned: np.ndarray
     moved: np.ndarray
 
     def write(self, path: Path) -> None:
@@ -79,20 +79,17 @@ def plant_outcomes(scene: str, engine: str, draws: int, seed: int) -> Outcomes:
         target = generator.uniform(vertices_W.min(0), vertices_W.max(0))
         action = (target - place.p_WP) / np.linalg.norm(target - place.p_WP)
         action = action[env.worlds.task.axis_indices].astype(np.float32)
-        q_after, moved = _after(env, place.X_WO, place.p_WP, action)
+        turned, moved = _after(env, place.X_WO, place.p_WP, action)
         if np.linalg.norm(moved) < _TOUCHED:
             continue
-        clearance = np.array(vertices_W[:, 2].min() - setup.twin.floor_height)
-        q_WO = place.X_WO.rotation().ToQuaternion().wxyz()
-        rows.append((q_WO, p_WO, clearance, place.p_WP, action, q_after, moved))
+        rows.append((place.X_WO.rotation().ToQuaternion().wxyz(), p_WO, place.p_WP, action, turned, moved))
     return Outcomes(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def step_errors(setup: Setup, outcomes: Outcomes) -> np.ndarray:
     """Translation [m] and rotation [rad] errors (n, 2) of the twin in a scene, against a plant's outcomes.
 
-    Compared are the poses of the object when the action ends, while it still moves, by their way from the start: an
-    object whose mesh is not the plant's begins as high as it rests.
+    Compared are ways and turns of the object from rest until the action ends, while it still moves.
 
     Args:
         setup: The scene, with the twin in the place of the object.
@@ -102,17 +99,21 @@ def step_errors(setup: Setup, outcomes: Outcomes) -> np.ndarray:
     rows = []
     for k in range(len(outcomes.action)):
         R_WO = RotationMatrix(Quaternion(outcomes.q_WO[k]))
-        height = setup.twin.floor_height + outcomes.clearance[k] - (vertices @ R_WO.matrix().T)[:, 2].min()
-        X_WO = RigidTransform(R_WO, [*outcomes.p_WO[k, :2], height])
-        q_after, moved = _after(env, X_WO, outcomes.p_WP[k], outcomes.action[k])
-        angle = float(angles_between(q_after, outcomes.q_after[k]))
+        x, y = outcomes.p_WO[k, :2].tolist()
+        X_WO = on_floor(vertices, R_WO, x, y, setup.twin.floor_height)
+        turned, moved = _after(env, X_WO, outcomes.p_WP[k], outcomes.action[k])
+        angle = float(angles_between(turned, outcomes.turned[k]))
         rows.append((float(np.linalg.norm(moved - outcomes.moved[k])), angle))
     return np.array(rows)
 
 
 def _after(env: TaskEnv, X_WO: RigidTransform, p_WP: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Orientation (4,) wxyz of the object after an action, and its way (3,) m."""
+    """Turn (4,) wxyz and way (3,) m of the object in an action, after it has come to rest."""
     env.reset(seed=0, options={"X_WO": X_WO, "p_WP": p_WP})
+    for _ in range(_REST):
+        env.step(np.zeros_like(action))
+    before = env.worlds.run.object_state[0].copy()
     env.step(action)
-    state = env.worlds.run.object_state[0]
-    return state[:4] / np.linalg.norm(state[:4]), state[4:7] - X_WO.translation()
+    after = env.worlds.run.object_state[0]
+    R_before, R_after = (Rotation.from_quat(np.roll(state[:4], -1)) for state in (before, after))
+    return np.roll((R_after * R_before.inv()).as_quat(), 1), after[4:7] - before[4:7]
