@@ -24,7 +24,7 @@ from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.report.figures.training import training_figure
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 from pinwm_drake.systems.mpc.waypoints import STAGE as WAYPOINTS
-from pinwm_drake.systems.mpc.waypoints import find_waypoints
+from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks import PushTask, Task, default_scene
@@ -103,7 +103,13 @@ class TrainRequest:
         require("--teacher", f"one for method {self.method}", with_teacher, "with method distil")
 
 
-def train(request: TrainRequest, *, domains: DomainSource | None = None, report: Report = silent) -> Policy:
+def train(
+    request: TrainRequest,
+    *,
+    domains: DomainSource | None = None,
+    search: WaypointOptions | None = None,
+    report: Report = silent,
+) -> Policy:
     """Trains a policy and writes it to `request.out`, with checkpoints, `training.png` and each stage's history.
 
     A run that was interrupted or killed goes on with `request.resume`.
@@ -111,6 +117,7 @@ def train(request: TrainRequest, *, domains: DomainSource | None = None, report:
     Args:
         request: The training.
         domains: Distribution of the episodes' domains; None for cousins, as the request has them.
+        search: Settings of the search for waypoints, where the task has them; None for the defaults.
         report: Called with the progress of the training.
 
     Returns:
@@ -129,7 +136,9 @@ def train(request: TrainRequest, *, domains: DomainSource | None = None, report:
         check_exportable(worlds.spec("rgb"))
     if worlds.setup.task.waypoints and request.teacher is None:
         folder = prepare_folder(out / WAYPOINTS)
-        worlds.waypoints = find_waypoints(worlds, folder, seed=request.seed, resume=request.resume, report=report)
+        worlds.waypoints = find_waypoints(
+            worlds, folder, search, seed=request.seed, resume=request.resume, report=report
+        )
     method = method_of(request, worlds.setup.task, (time.monotonic() - begun) / 60.0)
     policy = method.train(MethodData(), worlds, out, seed=request.seed, resume=request.resume, report=report)
     assert isinstance(policy, Policy)

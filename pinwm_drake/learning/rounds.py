@@ -285,12 +285,16 @@ class Rounds:
         logger.dump(done.steps)
         self.tell()
 
-    def best_actor(self, spec: PolicySpec) -> nn.Module:
-        """The network of the best round; raises ParameterError before the first."""
+    def best_weights(self) -> dict[str, np.ndarray]:
+        """Weights of the network of the best round, by name; raises ParameterError before the first."""
         if not self._weights:
             raise ParameterError(f"{self.stage}: got no round; allowed: 1 or more")
+        return self._weights
+
+    def best_actor(self, spec: PolicySpec) -> nn.Module:
+        """The network of the best round; raises ParameterError before the first."""
         actor = make_actor(spec)
-        set_weights(actor, self._weights)
+        set_weights(actor, self.best_weights())
         return actor.eval()
 
     def tell(self, share: float = 0.0, *, steps: int = 0, loss: float = math.nan, recent: float = math.nan) -> None:

@@ -109,10 +109,11 @@ class TaskVecEnv(VecEnv):
         options: EnvOptions | None = None,
         *,
         domain: OnReset | None = None,
+        engine: str = _ENGINE,
         **changes: Any,
     ) -> None:
-        """Builds the worlds; see `TaskVectorEnv`."""
-        self.worlds = Worlds(scene, _ENGINE, num_envs, changed_options(options, changes), domain=domain)
+        """Builds the worlds; see `TaskVectorEnv`. Engines other than the twin have one world."""
+        self.worlds = Worlds(scene, engine, num_envs, changed_options(options, changes), domain=domain)
         self.render_mode = None
         super().__init__(num_envs, self.worlds.observation_space, _actions(self.worlds))
         self._next = np.zeros((num_envs, self.worlds.task.action_size))
@@ -137,7 +138,7 @@ class TaskVecEnv(VecEnv):
         self._sums += out.reward
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for row, world in enumerate(out.ended.tolist()):
-            infos[world] = out.info(world, _ENGINE) | {
+            infos[world] = out.info(world, self.worlds.engine) | {
                 "terminal_observation": row_of(last, row),
                 "TimeLimit.truncated": bool(out.truncated[world]),
                 "is_success": bool(out.progress.success[world]),

@@ -1,14 +1,11 @@
-from functools import partial
-
 import numpy as np
 import pytest
 
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.experiments import training
 from pinwm_drake.experiments.training import TrainRequest, train
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.mpc.sampling import SamplingOptions
-from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
+from pinwm_drake.systems.mpc.waypoints import WaypointOptions
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE
 from pinwm_drake.twin import write_twin
@@ -75,9 +72,8 @@ def test_options_that_make_no_sense_are_refused(tmp_path, values):
         TrainRequest(scene="push_t", out=tmp_path, **values)
 
 
-def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path, monkeypatch):
+def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
     brief = WaypointOptions(attempts=1, planner=SamplingOptions(samples=16, first_iterations=1))
-    monkeypatch.setattr(training, "find_waypoints", partial(find_waypoints, options=brief))
     twin = load_setup("flip_mug").with_theta(friction_floor=0.22).twin
     write_twin(tmp_path / "twin", twin)
     cases = ({"task": "flip"}, {"in_scene": "flip_mug"})
@@ -86,7 +82,7 @@ def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path, monkeypatch):
             str(tmp_path / "twin"), tmp_path / str(k), method="state", worlds=2, steps=128, round_steps=128, episodes=1,
             **options,
         )  # fmt: skip
-        policy = train(request)
+        policy = train(request, search=brief)
         assert (tmp_path / str(k) / "waypoints" / WAYPOINTS_FILE).exists()
         assert policy.provenance["task"] == "flip"
         assert policy.spec.scene.object.name == "mug"

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from pinwm_drake.baselines.diffusion.actor import ACTOR_FILE as DIFFUSION_FILE
+from pinwm_drake.baselines.diffusion.actor import read_actor
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.evaluation.request import MPC, RANDOM, EvaluateRequest
 from pinwm_drake.learning.evaluation import Acts
@@ -82,6 +84,9 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
         spec = json.dumps(policy.spec.to_document(), sort_keys=True)
         identity = hashlib.sha256(f"{weights_digest(policy)}{spec}".encode()).hexdigest()
         return Contestant("policy", identity, policy.spec, policy.provenance, lambda env: policy)
+    if (folder / DIFFUSION_FILE).is_file():
+        actor = read_actor(folder)
+        return Contestant("policy", _digest(folder), actor.spec, actor.provenance, lambda env: actor)
     if folder.is_dir() and is_bundle(folder):
         bundle = read_bundle(folder)
         return Contestant("bundle", bundle.sha256, bundle.spec, bundle.provenance, lambda env: bundle)
@@ -89,6 +94,14 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
     raise InputError(
         folder, value=found, allowed=f"a policy, a bundle, {', '.join([*shipped_policies(), MPC])} or {RANDOM}"
     )
+
+
+def _digest(folder: Path) -> str:
+    """SHA-256 of the files of a folder."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.iterdir()):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def usual_scene(policy: str, task: str | None) -> str:

@@ -22,7 +22,7 @@ class System:
         name: Name of the system.
         words: Description of what it is trained in, for tables.
         twin: Identification whose twin it is trained in; `SCENE` for the scene's own true parameters.
-        domains: Distribution of the domains by task and seed; None for what is not trained.
+        domains: Distribution of the domains by task and seed; None for what is not trained in any.
     """
 
     name: str
@@ -45,7 +45,7 @@ def _cousins(delta: float) -> Domains:
     return lambda scene, seed: CousinDomains(delta, False, seed)
 
 
-PIN_WM, NO_COUSINS, TRUE_THETA = "pin-wm", "pin-wm-0", "true-theta"
+PIN_WM, NO_COUSINS, TRUE_THETA, DIFFUSION = "pin-wm", "pin-wm-0", "true-theta", "diffusion-policy"
 _ALL = (
     System("random", "one theta and colours, drawn once from R", PIN_WM, _random(once=True, painted=True)),
     System("robogsim", "the theta of `random`, fitted surfels", PIN_WM, _random(once=True)),
@@ -54,6 +54,7 @@ _ALL = (
     System("domain-rand-4", "theta from a quarter of R, around the true one", PIN_WM, _random(share=0.25)),
     System(NO_COUSINS, "the twin of one push", PIN_WM, _cousins(0.0)),
     System(PIN_WM, "cousins of the twin of one push", PIN_WM, _cousins(0.1)),
+    System(DIFFUSION, "no world: imitates 100 episodes of an expert in the plant", SCENE, None),
     System(TRUE_THETA, "the true theta", SCENE, _cousins(0.0)),
     System(MPC, "not trained: plans in the twin, sees the state", PIN_WM, None),
     System(RANDOM_ACTIONS, "not trained: random actions", SCENE, None),

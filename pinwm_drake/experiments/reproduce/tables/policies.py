@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from pinwm_drake.experiments.reproduce.cell import Cell
-from pinwm_drake.experiments.reproduce.policies import EvaluationCell, evaluated
+from pinwm_drake.experiments.reproduce.evaluations import EvaluationCell, evaluated
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.systems import SYSTEMS
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table, percent
@@ -22,15 +22,7 @@ _PAPER = {
 def evaluations(request: ReproduceRequest, names: Sequence[str]) -> list[EvaluationCell]:
     """Cells of the evaluations of systems, for the tasks and seeds of a request."""
     return [
-        evaluated(
-            task,
-            name,
-            seed,
-            request.episodes,
-            request.twin(task, seed),
-            quick=request.quick,
-            max_steps=request.max_steps,
-        )
+        evaluated(request, task, name, seed)
         for task in request.tasks
         for name in request.chosen(names)
         for seed in range(request.seeds)

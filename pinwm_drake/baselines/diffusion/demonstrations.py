@@ -1,0 +1,148 @@
+"""Demonstrations: recorded episodes of an expert on disk, and windows of them for sequences of actions."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.errors import InputError
+
+_NAMES = ("image", "pusher", "action")
+WORK = "demonstration"
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """Recorded episode of T actions.
+
+    Attributes:
+        image: (T + 1, height, width, 3) uint8, RGB: what was seen before each action, and at the end.
+        pusher: (T + 1, n) float32, along the task's axes across the pusher's box, -1 to 1.
+        action: (T, n) float32, in [-1, 1].
+    """
+
+    image: np.ndarray
+    pusher: np.ndarray
+    action: np.ndarray
+
+    def __len__(self) -> int:
+        """Number of actions, T."""
+        return len(self.action)
+
+    def write(self, path: Path, about: Mapping[str, object], **more: np.ndarray) -> None:
+        """Writes the episode to a file, compressed: most of an image is white.
+
+        Args:
+            path: File of the episode; its folder exists.
+            about: Description of what it was recorded in, as JSON takes it.
+            more: Other arrays to keep with it.
+
+        Raises:
+            InputError: It cannot be written.
+        """
+        write_arrays(path, about, {**{name: getattr(self, name) for name in _NAMES}, **more}, compressed=True)
+
+
+def episode_path(folder: Path, number: int) -> Path:
+    """File of an episode, counted from 0."""
+    return folder / f"{number:05}.npz"
+
+
+def read_episode(path: Path) -> Episode:
+    """Reads a file that `Episode.write` wrote.
+
+    Raises:
+        InputError: There is no such file, it cannot be read, or its arrays do not fit together.
+    """
+    arrays = read_arrays(path, {}, WORK, _NAMES)
+    if arrays is None:
+        raise InputError(path, value="no such file", allowed="a recorded episode")
+    image, pusher, action = (arrays[name] for name in _NAMES)
+    alike = pusher.ndim == action.ndim == 2 and pusher.shape == (len(action) + 1, action.shape[1])
+    seen = image.dtype == np.uint8 and image.ndim == 4 and len(image) == len(pusher) and image.shape[3] == 3
+    if not alike or not seen or len(action) == 0:
+        given = f"image {image.dtype} {image.shape}, pusher {pusher.shape}, action {action.shape}"
+        allowed = "image uint8 (T + 1, height, width, 3), pusher (T + 1, n), action (T, n), T of 1 or more"
+        raise InputError(path, value=given, allowed=allowed)
+    if not (np.abs(action) <= 1.0).all() or not np.isfinite(pusher).all():
+        raise InputError(path, value="others", allowed="finite positions, and actions in [-1, 1]")
+    return Episode(image, pusher.astype(np.float32), action.astype(np.float32))
+
+
+def read_demonstrations(folder: Path) -> list[Episode]:
+    """Reads all recorded episodes of a folder, in the order of their names.
+
+    Raises:
+        InputError: There are none, one cannot be read, or they do not fit together.
+    """
+    paths = sorted(folder.glob("*.npz"))
+    if not paths:
+        raise InputError(folder, value="no episode", allowed="a folder with recorded episodes, 00000.npz and so on")
+    episodes = [read_episode(path) for path in paths]
+    wanted = (episodes[0].image.shape[1:], episodes[0].action.shape[1])
+    for path, one in zip(paths, episodes, strict=True):
+        found = (one.image.shape[1:], one.action.shape[1])
+        if found != wanted:
+            raise InputError(path, value=f"image and action {found}", allowed=f"{wanted}, as in {paths[0].name}")
+    return episodes
+
+
+def digest(episodes: Sequence[Episode]) -> str:
+    """SHA-256 of positions and actions, which tells demonstrations apart."""
+    parts = [part.tobytes() for one in episodes for part in (one.pusher, one.action)]
+    return hashlib.sha256(b"".join(parts)).hexdigest()
+
+
+class Windows:
+    """Windows of episodes: a few observations, and the actions from the first of them on.
+
+    Every action of an episode is the present one of a window. What lies before an episode's start is its first
+    observation or action, and what lies after its end the last one. The official windows end one observation earlier
+    than `actions` beyond the end; here episodes are short, and end with success, so that all of them counts.
+    """
+
+    def __init__(self, episodes: Sequence[Episode], observations: int, horizon: int) -> None:
+        """Lays the episodes one after another.
+
+        Args:
+            episodes: The episodes, 1 or more.
+            observations: Number of observations in a window, To.
+            horizon: Number of actions in a window, Th.
+        """
+        self.image = np.concatenate([one.image[:-1] for one in episodes])
+        self.pusher = np.concatenate([one.pusher[:-1] for one in episodes])
+        self.action = np.concatenate([one.action for one in episodes])
+        lengths = np.array([len(one) for one in episodes])
+        ends = np.cumsum(lengths)
+        self._first, self._last = np.repeat(ends - lengths, lengths), np.repeat(ends - 1, lengths)
+        self._seen, self._done = np.arange(observations), np.arange(horizon)
+
+    def __len__(self) -> int:
+        """Number of windows."""
+        return len(self.action)
+
+    def take(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Takes windows by the numbers (B,) of their present actions, in all episodes together.
+
+        Returns:
+            Images (B, height, width, 3 To) uint8 and positions of the pusher (B, To, n), the oldest first, and actions
+            (B, Th, n).
+        """
+        begin = rows - len(self._seen) + 1
+        first, last = self._first[rows, None], self._last[rows, None]
+        seen = np.clip(begin[:, None] + self._seen, first, last)
+        done = np.clip(begin[:, None] + self._done, first, last)
+        images = np.concatenate([self.image[seen[:, k]] for k in range(len(self._seen))], axis=3)
+        return images, self.pusher[seen], self.action[done]
+
+    def draw(self, size: int, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Draws windows evenly and with repetition; see `take`.
+
+        Args:
+            size: Number of windows, B.
+            generator: Source of randomness.
+        """
+        return self.take(generator.integers(len(self), size=size))

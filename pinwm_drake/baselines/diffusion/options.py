@@ -1,0 +1,105 @@
+"""Settings of diffusion policy, smaller than the official ones, so that two cores can train it."""
+
+from dataclasses import dataclass, fields
+
+from pinwm_drake.errors import require
+from pinwm_drake.learning.option_checks import check_options
+
+
+@dataclass(frozen=True)
+class NetworkOptions:
+    """Settings of the network, and of how it draws actions.
+
+    "Official" is the configuration `train_diffusion_unet_hybrid_workspace` of the authors' repository, for push-T from
+    images.
+
+    Attributes:
+        horizon: Number of actions that are drawn at once, Th; the first is that of the oldest observation.
+        observations: Number of the last observations that are seen, To.
+        actions: Number of actions that are carried out before the next ones are drawn, Ta.
+        diffusion_steps: Number of steps in which training turns actions into noise.
+        sampling_steps: Number of steps of DDIM that turn noise into actions; official 100 of DDPM, 16 of DDIM in the
+            paper's real tasks.
+        widths: Channels of the U-Net's levels; official 512, 1024, 2048.
+        kernel: Width of its convolutions, odd.
+        groups: Number of groups of its group normalisation; divides the widths.
+        step_features: Number of features of the diffusion's step, even.
+        channels: Channels of the encoder's stages, each of which halves the image; official a ResNet-18.
+        keypoints: Number of points that spatial softmax finds.
+        image_features: Number of features of an image.
+
+    Raises:
+        ParameterError: A number is out of range.
+    """
+
+    horizon: int = 16
+    observations: int = 2
+    actions: int = 8
+    diffusion_steps: int = 100
+    sampling_steps: int = 16
+    widths: tuple[int, ...] = (64, 128, 256)
+    kernel: int = 5
+    groups: int = 8
+    step_features: int = 128
+    channels: tuple[int, ...] = (16, 32, 64)
+    keypoints: int = 32
+    image_features: int = 64
+
+    def __post_init__(self) -> None:
+        """Checks the values."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            numbers = value if isinstance(value, tuple) else (value,)
+            whole = all(isinstance(one, int) and one >= 1 for one in numbers)
+            require(field.name, value, whole and len(numbers) > 0, "whole numbers, 1 or more")
+        halved = 2 ** (len(self.widths) - 1)
+        require("horizon", self.horizon, self.horizon % halved == 0, f"a multiple of {halved}, as there are levels")
+        most = self.horizon - self.observations + 1
+        require("actions", self.actions, self.actions <= most, f"1 to {most}, what is drawn from the present on")
+        fewer = self.sampling_steps <= self.diffusion_steps
+        require("sampling_steps", self.sampling_steps, fewer, "1 to diffusion_steps")
+        require("kernel", self.kernel, self.kernel % 2 == 1, "an odd number")
+        require("step_features", self.step_features, self.step_features % 2 == 0, "an even number")
+        divided = all(width % self.groups == 0 for width in self.widths)
+        require("groups", self.groups, divided, f"a divisor of the widths {self.widths}")
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """Settings of the training.
+
+    Attributes:
+        updates: Number of updates of the network; rounded up to whole rounds. Official 3,050 epochs of all windows.
+        round_updates: Number of updates in a round; an evaluation follows.
+        batch_size: Number of windows in an update.
+        learning_rate: Highest learning rate of AdamW; it rises evenly in the warm-up, and falls to 0 along half a
+            cosine. Official 1e-4, for a network a hundred times as large and many more updates.
+        warmup: Number of updates in which the learning rate rises.
+        weight_decay: Weight decay of AdamW.
+        average_power: Power p of the weights' moving average, whose decay is 1 - (1 + update)^-p.
+        average_most: Largest decay of the moving average.
+        shift: px, largest random shift of the images; official a random crop that moves them by up to a tenth. The goal
+            is not in the images here: a pixel of a shift is 8 mm of it.
+        gain: Relative half-width of the colours' random factors; official 0.
+        episodes: Number of episodes in an evaluation.
+
+    Raises:
+        ParameterError: A number is out of range.
+    """
+
+    updates: int = 20_000
+    round_updates: int = 2_000
+    batch_size: int = 64
+    learning_rate: float = 3e-4
+    warmup: int = 500
+    weight_decay: float = 1e-6
+    average_power: float = 0.75
+    average_most: float = 0.9999
+    shift: int = 0
+    gain: float = 0.0
+    episodes: int = 64
+
+    def __post_init__(self) -> None:
+        """Checks the values."""
+        check_options(self, ("warmup", "weight_decay", "shift", "gain"))
+        require("average_most", self.average_most, self.average_most < 1.0, "less than 1")

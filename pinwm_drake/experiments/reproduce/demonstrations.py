@@ -1,0 +1,118 @@
+"""Cells of recorded episodes in the plant, and of the policies that imitate them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pinwm_drake.baselines.diffusion.actor import write_actor
+from pinwm_drake.baselines.diffusion.collection import collect_demonstrations
+from pinwm_drake.baselines.diffusion.method import DiffusionPolicy
+from pinwm_drake.baselines.diffusion.options import NetworkOptions, TrainingOptions
+from pinwm_drake.baselines.method import MethodData
+from pinwm_drake.baselines.pin_wm import TEACHER
+from pinwm_drake.experiments.reproduce.cell import Cell, Say
+from pinwm_drake.experiments.reproduce.policies import PolicyCell, say_rounds
+from pinwm_drake.experiments.reproduce.scenes import task_scene
+from pinwm_drake.experiments.training import TrainRequest, worlds_of
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.learning.policy import read_policy, weights_digest
+from pinwm_drake.learning.progress import Step
+from pinwm_drake.systems.envs.training_worlds import training_options
+from pinwm_drake.systems.envs.vector import TaskVecEnv
+from pinwm_drake.systems.scenario.load import load_setup
+
+_ANYWHERE: dict[str, dict[str, Any]] = {
+    "push": {"tolerance": 1.0, "turn_tolerance": 3.1},
+    "flip": {"turn_tolerance": 3.1},
+}
+
+
+@dataclass(frozen=True)
+class DemonstrationsCell:
+    """Cell of episodes in which an expert succeeds, in Drake's hydroelastic plant with VTK's images.
+
+    Attributes:
+        expert: Cell of a policy whose teacher, which sees the state, is the expert.
+        episodes: Number of episodes.
+    """
+
+    expert: PolicyCell
+    episodes: int
+
+    @property
+    def key(self) -> str:
+        """Path of its folder."""
+        return f"demonstrations/{self.expert.task}/seed-{self.expert.seed}"
+
+    @property
+    def needs(self) -> tuple[Cell, ...]:
+        """Cell of the expert."""
+        return (self.expert,)
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        return self.episodes * 25 * 0.5 / 3600.0
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Records the episodes; see `Cell.make`. A quick expert does nothing, and a quick task is done anywhere."""
+        scene = task_scene(self.expert.task)
+        expert = read_policy(root / self.expert.key / TEACHER / "policy")
+        task = {"name": scene.task} | (_ANYWHERE[scene.task] if self.expert.quick else {})
+        options = training_options(observation="rgb_state", task=task)
+        options = replace(options, max_translation=options.task_in(load_setup(scene.scene)).max_translation)
+        env = TaskVecEnv(scene.scene, 1, options, engine="hydroelastic")
+        out = prepare_folder(root / self.key / "episodes")
+        about = {"expert": weights_digest(expert), "scene": scene.scene, "engine": "hydroelastic"}
+        for number in range(1, self.episodes + 1):  # each is kept as it ends
+            collect_demonstrations(env, expert, out, number, seed=self.expert.seed, about=about)
+            if number % 10 == 0:
+                say(f"{number} of {self.episodes} episodes")
+        return {"episodes": self.episodes}
+
+
+@dataclass(frozen=True)
+class DiffusionCell:
+    """Cell of a diffusion policy of demonstrations.
+
+    Attributes:
+        demonstrations: Cell of the demonstrations.
+        quick: Flag: hardly any training, of a small network.
+    """
+
+    demonstrations: DemonstrationsCell
+    quick: bool = False
+
+    @property
+    def key(self) -> str:
+        """Path of its folder."""
+        expert = self.demonstrations.expert
+        return f"policies/{expert.task}/diffusion-policy/seed-{expert.seed}"
+
+    @property
+    def needs(self) -> tuple[Cell, ...]:
+        """Cell of the demonstrations."""
+        return (self.demonstrations,)
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        return 0.01 if self.quick else 2.0
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Trains the policy, with evaluations in worlds of the true theta; see `Cell.make`."""
+        expert, out = self.demonstrations.expert, prepare_folder(root / self.key)
+        scene = task_scene(expert.task)
+        worlds = worlds_of(TrainRequest(scene.scene, out, task=scene.task, delta=0.0, worlds=8 if self.quick else 64))
+        method = DiffusionPolicy()
+        if self.quick:
+            few = TrainingOptions(updates=4, round_updates=4, batch_size=4, warmup=0, episodes=2)
+            method = DiffusionPolicy(NetworkOptions(widths=(8, 16), channels=(8, 8, 8), sampling_steps=2), few)
+        data, told = MethodData(demonstrations=root / self.demonstrations.key / "episodes"), dict[str, Step]()
+        report = say_rounds(say, told)
+        actor = method.train(data, worlds, out, seed=expert.seed, resume=True, report=report)
+        write_actor(out / "policy", actor)
+        return {
+            name: {"updates": step.steps, "best": step.best, "seconds": step.seconds} for name, step in told.items()
+        }

@@ -1,0 +1,96 @@
+"""Cells of evaluations in a plant that no policy was trained in."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pinwm_drake.experiments.evaluation.request import MPC as EVALUATED_MPC
+from pinwm_drake.experiments.evaluation.request import RANDOM, EvaluateRequest
+from pinwm_drake.experiments.evaluation.run import SUMMARY_FILE, EvaluationProgress, evaluate
+from pinwm_drake.experiments.reproduce.cell import Cell, Say
+from pinwm_drake.experiments.reproduce.demonstrations import DemonstrationsCell, DiffusionCell
+from pinwm_drake.experiments.reproduce.policies import PolicyCell
+from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+from pinwm_drake.experiments.reproduce.scenes import task_scene
+from pinwm_drake.experiments.reproduce.systems import DIFFUSION, MPC, RANDOM_ACTIONS, SCENE, TRUE_THETA, system
+
+_DEMONSTRATIONS = 100
+
+
+@dataclass(frozen=True)
+class EvaluationCell:
+    """Cell of an evaluation in Drake's hydroelastic plant with VTK's images.
+
+    Attributes:
+        task: Name of the task's scene.
+        system: Name of the system.
+        seed: Seed of the experiment.
+        episodes: Number of episodes.
+        subject: Cell of the policy; for what plans of the twin to plan with, for chance None.
+        max_steps: Number of actions of an episode; None for the task's.
+        inside: Path of the policy in its cell's folder.
+    """
+
+    task: str
+    system: str
+    seed: int
+    episodes: int
+    subject: Cell | None
+    max_steps: int | None = None
+    inside: str = ""
+
+    @property
+    def key(self) -> str:
+        """Path of its folder."""
+        return f"evaluations/{self.task}/{self.system}/seed-{self.seed}"
+
+    @property
+    def needs(self) -> tuple[Cell, ...]:
+        """The policy or twin, where there is one."""
+        return () if self.subject is None else (self.subject,)
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        return self.episodes * (self.max_steps or 30) * 0.5 / 3600.0
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Runs the episodes; see `Cell.make`."""
+        scene = task_scene(self.task)
+        subject = None if self.subject is None else str(root / self.subject.key / self.inside)
+        given: dict[str, Any] = {"policy": subject}
+        if self.system in (MPC, RANDOM_ACTIONS):
+            given = {"policy": EVALUATED_MPC if self.system == MPC else RANDOM, "model": subject, "task": scene.task}
+        request = EvaluateRequest(scene=scene.scene, episodes=self.episodes, max_steps=self.max_steps, **given)
+
+        def progress(now: EvaluationProgress) -> None:
+            if now.evaluation is not None and now.drawn is None and now.done % 10 == 0:
+                say(f"{now.done} of {now.total} episodes, success {now.evaluation.success_rate:.0%}")
+
+        out = root / self.key
+        evaluate(request, out, workers=1, resume=True, progress=progress)
+        results: dict[str, Any] = json.loads((out / SUMMARY_FILE).read_text(encoding="utf-8"))["results"]
+        return results
+
+
+def evaluated(request: ReproduceRequest, task: str, name: str, seed: int) -> EvaluationCell:
+    """Cell of the evaluation of a system, with those that it needs.
+
+    Args:
+        request: Episodes and budgets.
+        task: Name of the task's scene.
+        name: Name of the system.
+        seed: Seed of the experiment.
+    """
+    about, quick = system(name), request.quick
+    twin, inside = None if about.twin == SCENE else request.twin(task, seed), ""
+    subject: Cell | None = twin
+    if name == DIFFUSION:
+        expert = PolicyCell(task, TRUE_THETA, seed, None, quick)
+        subject = DiffusionCell(DemonstrationsCell(expert, 2 if quick else _DEMONSTRATIONS), quick)
+        inside = "policy"
+    elif about.domains is not None:
+        subject = PolicyCell(task, name, seed, twin, quick)
+    return EvaluationCell(task, name, seed, request.episodes, subject, request.max_steps, inside)

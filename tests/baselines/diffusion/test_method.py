@@ -1,0 +1,96 @@
+import numpy as np
+import pytest
+
+from benchmarks.way_around.worlds import AroundWorlds, Expert, MakeAround
+from pinwm_drake.baselines.diffusion.actor import read_actor
+from pinwm_drake.baselines.diffusion.collection import collect_demonstrations
+from pinwm_drake.baselines.diffusion.demonstrations import Episode, episode_path
+from pinwm_drake.baselines.diffusion.method import STAGE, DiffusionPolicy
+from pinwm_drake.baselines.diffusion.options import NetworkOptions, TrainingOptions
+from pinwm_drake.baselines.method import MethodData
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.learning import rounds
+from pinwm_drake.learning.progress import silent
+from pinwm_drake.learning.weights import weights
+
+pytest.importorskip("diffusers")
+
+TINY = NetworkOptions(widths=(16, 24), channels=(8,), keypoints=4, image_features=8, step_features=16, sampling_steps=2)
+SHORT = DiffusionPolicy(TINY, TrainingOptions(updates=30, round_updates=10, batch_size=8, warmup=4, episodes=4))
+
+
+class Killed(Exception):
+    pass
+
+
+@pytest.fixture(scope="module")
+def demonstrations(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("around") / "demonstrations"
+    collect_demonstrations(AroundWorlds(), Expert(), folder, 50)
+    return folder
+
+
+def train(method, demonstrations, out, *, seed=0, resume=False, report=silent):
+    return method.train(MethodData(None, demonstrations), MakeAround(), out, seed=seed, resume=resume, report=report)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory, demonstrations):
+    """A training that nothing stopped: its policy and its folder."""
+    out = tmp_path_factory.mktemp("whole")
+    return train(SHORT, demonstrations, out), out
+
+
+# After the first round, amid the second, and amid the first.
+@pytest.mark.parametrize("done", [0.34, 0.5, 0.2])
+def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, demonstrations, whole, monkeypatch, done):
+    monkeypatch.setattr(rounds, "_PERIOD", 0.0)
+    monkeypatch.setattr("pinwm_drake.baselines.diffusion.method._TOLD", 5)
+
+    def kill(step):
+        if step.done >= done:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train(SHORT, demonstrations, tmp_path, report=kill)
+    rest = train(SHORT, demonstrations, tmp_path, resume=True)
+    a, b = weights(whole[0].network), weights(rest.network)
+    assert all(np.array_equal(a[name], b[name]) for name in a)
+    files = [out / STAGE / "checkpoint.npz" for out in (whole[1], tmp_path)]
+    with np.load(files[0]) as one, np.load(files[1]) as two:
+        assert all(np.array_equal(one[name], two[name]) for name in one.files if name != "history")
+    again = weights(read_actor(tmp_path / STAGE / "policy").network)
+    assert all(np.array_equal(a[name], again[name]) for name in a)
+
+
+def test_a_training_of_other_demonstrations_is_refused(tmp_path, demonstrations, whole):
+    collect_demonstrations(AroundWorlds(), Expert(), tmp_path / "fewer", 20)
+    with pytest.raises(InputError, match="demonstrations"):
+        train(SHORT, tmp_path / "fewer", whole[1], resume=True)
+    with pytest.raises(InputError, match="seed"):
+        train(SHORT, demonstrations, whole[1], seed=1, resume=True)
+    with pytest.raises(ParameterError, match="demonstrations"):
+        train(SHORT, None, tmp_path / "none")
+
+
+def test_demonstrations_of_other_images_are_refused(tmp_path):
+    moved = np.zeros((3, 2), np.float32)
+    Episode(np.zeros((4, 16, 16, 3), np.uint8), np.zeros((4, 2), np.float32), moved).write(
+        episode_path(tmp_path, 0), {}
+    )
+    with pytest.raises(InputError, match=r"\(16, 16, 2\).*\(32, 32, 2\)"):
+        train(SHORT, tmp_path, tmp_path / "out")
+
+
+def test_the_moving_average_follows_the_weights(tmp_path, demonstrations):
+    # After update n it is (1 - d) w + d average with d = 1 - (1 + n)^-p; with a power near 0 it is the weights' own.
+    slow, quick = (
+        TrainingOptions(updates=5, round_updates=5, batch_size=8, warmup=0, episodes=1, average_power=power)
+        for power in (3.0, 1e-9)
+    )
+    for name, options in (("slow", slow), ("quick", quick)):
+        train(DiffusionPolicy(TINY, options), demonstrations, tmp_path / name)
+        with np.load(tmp_path / name / STAGE / "checkpoint.npz") as file:
+            names = [key.removeprefix("net.") for key in file.files if key.startswith("net.")]
+            apart = max(np.abs(file[f"net.{key}"] - file[f"ema.module.{key}"]).max() for key in names)
+        assert (apart < 1e-6) == (name == "quick")
