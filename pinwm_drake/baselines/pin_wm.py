@@ -73,7 +73,7 @@ class StateSac:
         """Trains the policy in `out/teacher`, and writes it there; see `Method.train`."""
         policy = train_sac(
             make_worlds.worlds("state"),
-            replace(make_worlds.spec("state"), head="tanh", width=_SAC_WIDTH),
+            replace(make_worlds.spec("state"), head="dither", width=_SAC_WIDTH),
             out / TEACHER,
             self.options,
             stage=TEACHER,

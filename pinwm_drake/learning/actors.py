@@ -2,14 +2,16 @@
 
 Two kinds of heads end a network. "levels" gives logits of a few levels for each component of an action, as PPO learns
 them; the action is the mean of the likeliest level and its neighbours, weighted by their probabilities. A network that
-imitated numbers would give the mean of two good ways around an object, which is none, and stand still there. "tanh"
-gives a number for each component, as SAC learns it, whose actor follows the critic's gradient up one of the two ways.
+imitated numbers would give the mean of two good ways around an object, which is none, and stand still there. "dither"
+gives mean and spread for each component, as SAC learns them, and takes an action in between. "tanh" gives the mean
+alone, as policies of SAC did before.
 
 Sources: Tang and Agrawal, "Discretizing continuous action space for on-policy optimization" (AAAI 2020); Haarnoja et
 al., "Soft actor-critic" (ICML 2018).
 """
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 import torch
@@ -21,6 +23,8 @@ from pinwm_drake.learning.images.window import Window
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.tasks import Task
 
+_WAVES = 100.0  # rad for a unit of the state, and up to twice that: 10 mm of an object turn a wave by 10 to 20 rad
+_LOG_SPREADS = (-20.0, 2.0)  # as SB3's SAC has them
 _FAR = 0.3  # m, unit of places that layers take
 # An action between two levels, such as one of a plan that is imitated, is done by chance while PPO tries it: with
 # thirds, 60 % of flips after imitation became 20 %; with ninths they became 90 %.
@@ -115,6 +119,46 @@ class LevelActor(StateActor):
         return (best[..., 0] - best[..., 1]).amin(-1)
 
 
+class DitherActor(StateActor):
+    """Network from the state to SAC's distribution of actions, of which it takes one; hidden layers of ReLU.
+
+    SAC's distribution covers both of two good ways around an object, and its mean, which lies between them, stands
+    still: a policy that acts by it may do so for ever. This one takes the mean plus sqrt(2) spread sin(F s), a wave of
+    the state s that is as far from the mean, on average, as a draw would be: an action follows from the state, and no
+    state stays as it is.
+    """
+
+    _waves: Tensor
+
+    def __init__(self, task: Task, width: int = 256) -> None:
+        """Builds layers of a width for a task's state and action."""
+        super().__init__(task, 2, nn.ReLU, width)
+        number = task.state_size * task.action_size
+        waves = _WAVES * torch.linspace(1.0, 2.0, number).reshape(task.state_size, task.action_size)
+        self.register_buffer("_waves", waves, persistent=False)
+
+    def _parts(self, state: Tensor) -> tuple[Tensor, Tensor]:
+        """Means and logarithms of the spreads (B, n) each, before tanh, of states (B, state_size)."""
+        mean, log_spread = self.head(self.latent(state)).unflatten(1, (self._components, 2)).unbind(2)
+        return mean, log_spread.clamp(*_LOG_SPREADS)
+
+    def forward(self, state: Tensor) -> Tensor:
+        """Actions (B, n) of states (B, state_size) float32."""
+        mean, log_spread = self._parts(state)
+        wave = math.sqrt(2.0) * torch.sin(self.heading.state(state) @ self._waves)
+        return self.heading.action((mean + log_spread.exp() * wave).tanh(), state)
+
+    def imitation(self, found: Tensor, state: Tensor) -> Tensor:
+        """Mean squared difference of the means; see `StateActor.imitation`."""
+        with torch.no_grad():
+            wanted = self.heading.action(self._parts(state)[0].tanh(), state)
+        return mse_loss(self.heading.action(self._parts(found)[0].tanh(), found), wanted)
+
+    def margin(self, state: Tensor) -> Tensor:
+        """Infinity (B,): the actions follow no choice."""
+        return state.new_full((len(state),), torch.inf)
+
+
 class TanhActor(StateActor):
     """Network from the state to an action by numbers; hidden layers of ReLU, as SB3's SAC has them."""
 
@@ -137,10 +181,16 @@ class TanhActor(StateActor):
         return state.new_full((len(state),), torch.inf)
 
 
+_HEADS: Mapping[str, Callable[[Task, int], StateActor]] = {
+    "levels": LevelActor,
+    "tanh": TanhActor,
+    "dither": DitherActor,
+}
+
+
 def state_actor(spec: PolicySpec) -> StateActor:
     """An untrained network from the state to the action, with the head that a specification names."""
-    kind = LevelActor if spec.head == "levels" else TanhActor
-    return kind(spec.task, spec.width)
+    return _HEADS[spec.head](spec.task, spec.width)
 
 
 class ImageActor(nn.Module):

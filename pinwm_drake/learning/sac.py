@@ -19,7 +19,7 @@ from torch import nn
 from pinwm_drake.checkpoints import generator_state, read_arrays, set_generator_state, write_arrays
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder
-from pinwm_drake.learning.actors import TanhActor
+from pinwm_drake.learning.actors import DitherActor
 from pinwm_drake.learning.heading import AlongHeading, HeadingExtractor
 from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
@@ -53,9 +53,7 @@ class SacOptions:
         gamma: Discount of an action.
         n_steps: Number of actions whose rewards are added up before the critics' value of the state after them.
         tau: Share of the critics that their slow copies take over in an update.
-        entropy: Weight of the entropy at first; it is learned, so that a component of an action has -1 nat at first.
-        narrowing: nat, by which the entropy of a component falls from round to round, evenly, in all. Of two good ways
-            a wide distribution covers both, and its mean stands still between them.
+        entropy: Weight of the entropy at first; it is learned.
         episodes: Number of episodes in an evaluation.
         patience: Number of rounds with hardly shorter episodes in their evaluation than one before them, which mostly
             succeeded, after which the training ends.
@@ -76,13 +74,12 @@ class SacOptions:
     n_steps: int = 3
     tau: float = 0.01
     entropy: float = 0.1
-    narrowing: float = 2.0
     episodes: int = 128
     patience: int = 5
 
     def __post_init__(self) -> None:
         """Checks the values."""
-        check_options(self, ("learning_starts", "narrowing"))
+        check_options(self, ("learning_starts",))
 
 
 def train_sac(
@@ -107,7 +104,7 @@ def train_sac(
 
     Args:
         env: Worlds with observation "state".
-        spec: Specification of the policy, whose head is "tanh".
+        spec: Specification of the policy, whose head is "dither".
         folder: Folder of checkpoints, the steps that are learned from, `history.csv` and TensorBoard's events.
         options: Settings of SAC.
         stage: Name of the stage in progress and messages.
@@ -126,8 +123,8 @@ def train_sac(
         ParameterError: The specification is of another policy.
         InputError: A checkpoint cannot be used, or a file cannot be written.
     """
-    if (spec.observes, spec.head) != ("state", "tanh"):
-        raise ParameterError(f"spec: got {spec.observes} and {spec.head}; allowed: state and tanh")
+    if (spec.observes, spec.head) != ("state", "dither"):
+        raise ParameterError(f"spec: got {spec.observes} and {spec.head}; allowed: state and dither")
     told = {"options": asdict(options), "seed": seed, "spec": spec.to_document(), "worlds": env.num_envs}
     actions = math.ceil(min(options.round_steps, options.steps) / env.num_envs)  # of each world in a round
     size = env.num_envs * actions
@@ -144,7 +141,6 @@ def train_sac(
     while not rounds.ended(options.patience):
         rounds.begin(env, on_round)
         model.lr_schedule = ConstantSchedule(options.learning_rate * rounds.falling(options.last_share))
-        model.target_entropy = -spec.action_size * (1.0 + options.narrowing * rounds.number / rounds.total)
         kept = rounds.restore(env)
         if kept is not None:
             _unpack(kept, model)
@@ -186,12 +182,16 @@ def _model(env: VecEnv, spec: PolicySpec, options: SacOptions, seed: int, device
     )
 
 
-def _actor(model: SAC, spec: PolicySpec) -> TanhActor:
-    """The means of the actions that SAC has learned, as a network of a policy."""
+def _actor(model: SAC, spec: PolicySpec) -> DitherActor:
+    """The distribution of actions that SAC has learned, as a network of a policy."""
     actor: Any = make_actor(spec)
     set_weights(actor.body, weights(model.actor.latent_pi))
-    set_weights(actor.head, weights(model.actor.mu))
-    made: TanhActor = actor.eval()
+    assert isinstance(model.actor.log_std, nn.Module)
+    mean, spread = weights(model.actor.mu), weights(model.actor.log_std)
+    set_weights(
+        actor.head, {name: np.stack([mean[name], spread[name]], 1).reshape(-1, *mean[name].shape[1:]) for name in mean}
+    )
+    made: DitherActor = actor.eval()
     return made
 
 

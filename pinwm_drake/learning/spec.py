@@ -13,8 +13,8 @@ from pinwm_drake.tasks import PushTask, Task, task_from_document
 
 Observes = Literal["rgb", "state"]
 OBSERVES = ("rgb", "state")
-Head = Literal["levels", "tanh"]
-HEADS = ("levels", "tanh")
+Head = Literal["levels", "tanh", "dither"]
+HEADS = ("levels", "tanh", "dither")
 PUSHER_SHAPES = ("sphere", "capsule", "cylinder", "mesh")
 _FLAT = ("goal", "q_WO", "tolerance", "turn_tolerance")  # in version 1, which knew the push task alone
 _LATER = {"head": "levels", "window": None, "width": 256}  # fields that came later, as specifications were before
@@ -140,7 +140,7 @@ class PolicySpec:
         task: Goal, success, axes of the action and size of the state.
         max_steps: Largest number of actions in an episode.
         scene: Object, pusher and floor; None where nothing is known of them, as in older policies.
-        head: "levels" or "tanh": how the network ends; see `actors`.
+        head: "levels", "tanh" or "dither": how the network ends; see `actors`.
         window: px, side of the part of the images that the network sees, around the object; None for all.
         width: Width of the two hidden layers from the state to the action.
 

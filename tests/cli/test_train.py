@@ -46,7 +46,7 @@ def test_a_teacher_is_trained_and_kept(tmp_path):
     worlds = TrainingWorlds(
         "push_t", training_options(image_size=32, task={"tolerance": 0.01, "turn_tolerance": 0.1}), num_worlds=4
     )
-    assert replace(worlds.spec("state"), head="tanh", width=128) == policy.spec
+    assert replace(worlds.spec("state"), head="dither", width=128) == policy.spec
 
 
 def test_a_student_learns_from_a_given_teacher(tmp_path):

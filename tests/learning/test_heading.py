@@ -41,7 +41,7 @@ def turned(states, p_WP, yaw):
     return np.column_stack([q, *vectors]), p_WP @ R.matrix().T
 
 
-@pytest.mark.parametrize("head", ["levels", "tanh"])
+@pytest.mark.parametrize("head", ["levels", "tanh", "dither"])
 def test_a_policy_does_the_same_at_any_yaw(head):
     torch.manual_seed(1)
     actor = make_actor(flip_spec(head=head))
@@ -50,7 +50,8 @@ def test_a_policy_does_the_same_at_any_yaw(head):
         before = actor(torch.from_numpy(TASK.state(states, p_WP))).numpy()
         after = actor(torch.from_numpy(TASK.state(*turned(states, p_WP, 0.9)))).numpy()
     wanted = before @ RotationMatrix.MakeZRotation(0.9).matrix().T
-    np.testing.assert_allclose(after, wanted, atol=2e-5)
+    # A wave turns by up to 200 rad for a unit of the state, whose rounding it makes larger.
+    np.testing.assert_allclose(after, wanted, atol=1e-3 if head == "dither" else 2e-5)
     assert np.linalg.norm(before, axis=1).max() <= 1.0 + 1e-6
     assert np.abs(before[:, :2]).max() > 0.01
 
@@ -186,7 +187,7 @@ def ppo(env, folder, **changes):
 
 def sac(env, folder, **changes):
     options = SacOptions(steps=768, round_steps=384, learning_starts=64, batch_size=32, buffer_size=2000, episodes=8)
-    return train_sac(env, flip_spec(head="tanh"), folder, options, stage="teacher", **changes)
+    return train_sac(env, flip_spec(head="dither"), folder, options, stage="teacher", **changes)
 
 
 @pytest.mark.parametrize("train", [ppo, sac])
