@@ -211,6 +211,26 @@ def _turns(trajectory: PusherTrajectory, times: np.ndarray, time_step: float) ->
     return q[:, 0], omega.reshape(W, T - 1, 3)
 
 
+def start_state(scene: Scene, parameters: Parameters, X_WO: Pose, motion: PusherMotion) -> tuple[State, Tensor]:
+    """State in which rollouts begin, and the pusher's velocities.
+
+    Args:
+        scene, parameters, X_WO, motion: As for `rollout_poses`.
+
+    Returns:
+        The state of W worlds, and V_WP (T, W, 6) [rad/s; m/s].
+    """
+    W = len(X_WO.p)
+    start = State(
+        q_WB=X_WO.q[:, None],
+        p_WB=transform(X_WO, scene.p_OB + parameters.center[:, 0])[:, None],
+        V_WB=torch.zeros(W, 1, 6, dtype=torch.float64),
+        q_WP=motion.q_WP.expand(W, 4),
+        p_WP=motion.p_WP.expand(W, 3),
+    )
+    return start, motion.V_WP if motion.V_WP.ndim == 3 else motion.V_WP[:, None].expand(-1, W, -1)
+
+
 def rollout_poses(
     scene: Scene,
     parameters: Parameters,
@@ -237,21 +257,14 @@ def rollout_poses(
         StateError: A time is outside the motion, or shapes do not fit.
         SolverError: The physics found no solution.
     """
-    W, steps = len(X_WO.p), len(motion.V_WP)
+    steps = len(motion.V_WP)
     at = after / scene.model.time_step
     if not bool(((at >= 0.0) & (at <= steps + 1e-6)).all()):
         last = steps * scene.model.time_step
         raise StateError(f"times of a rollout are {after.min():g} to {after.max():g} s; allowed: 0 to {last:g} s")
-    V_WP = motion.V_WP if motion.V_WP.ndim == 3 else motion.V_WP[:, None].expand(-1, W, -1)
-    p_OB = scene.p_OB + parameters.center[:, 0]
-    start = State(
-        q_WB=X_WO.q[:, None],
-        p_WB=transform(X_WO, p_OB)[:, None],
-        V_WB=torch.zeros(W, 1, 6, dtype=torch.float64),
-        q_WP=motion.q_WP.expand(W, 4),
-        p_WP=motion.p_WP.expand(W, 3),
-    )
+    start, V_WP = start_state(scene, parameters, X_WO, motion)
     record = Stepper(scene.model, num_threads=num_threads).rollout(parameters, start, V_WP)
+    p_OB = scene.p_OB + parameters.center[:, 0]
     low = at.floor().long().clamp(0, max(steps - 1, 0))
     share = (at - low)[:, None, None]
     q = normalize_quaternion(torch.lerp(record.q_WB[low, :, 0], record.q_WB[low + 1, :, 0], share))

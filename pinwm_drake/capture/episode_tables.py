@@ -34,7 +34,8 @@ class PusherTrajectory:
         p_WP: (m, 3) [m].
         q_WP: (m, 4), wxyz, unit norm.
         v_WP: (m, 3) [m/s], the commanded velocity from each time to the next.
-        force_W: (m, 3) [N], measured at the pusher, axes of the world; None where it was not.
+        force_W: (m, 3) [N], that the object exerts on the pusher, as a sensor in the pusher's stem reads it without the
+            pusher's own weight; axes of the world. None where it was not measured.
     """
 
     t: np.ndarray

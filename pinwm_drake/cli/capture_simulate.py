@@ -47,6 +47,10 @@ def simulate(
             help="As a lab has it: uneven object, one lamp, blur, ragged masks; start, cameras and clock a bit off.",
         ),
     ] = False,
+    forces: Annotated[
+        bool,
+        typer.Option("--forces", help="Logs the object's force on the pusher, and leaves the mass for it to tell."),
+    ] = False,
     supersampling: Annotated[int, typer.Option(help="Rendered pixels for each of an image, along each side.")] = 3,
 ) -> None:
     """Makes a capture from Drake: a stand-in for a robot that pushes an object in front of a camera."""
@@ -72,6 +76,7 @@ def simulate(
         lying=lying,
         supersampling=supersampling,
         realistic=realistic,
+        forces=forces,
     )
     with stages_bar() as progress:
         simulate_capture(options, out, progress=progress)

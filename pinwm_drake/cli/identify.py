@@ -55,7 +55,8 @@ def identify(
     """Finds friction and horizontal moments of a twin that reproduces the video of one push, or of several.
 
     By default friction_floor, friction_pusher, moment_xx, moment_yy and the nuisances are looked for; mass, moment_zz
-    and restitution, of which a push in the plane tells little, are held unless --free names them.
+    and restitution, of which a push in the plane tells little, are held unless --free names them. The mass comes from
+    fx, fy, fz in the pusher's log, where they are and neither capture.yaml nor --hold says it.
     """
     from rich.console import Console
 
@@ -92,6 +93,8 @@ def identify(
         say("interrupted" + ("; go on with --resume" if (twin / CHECKPOINT_FILE).exists() else ""))
         raise SystemExit(1) from None
     Console().print(_summary(result))
+    if force := result.twin.provenance.get("force"):
+        say(force["note"])
     if doubt := _doubt(result.found.loss):
         say(doubt)
     for push, poses in zip(pushes, result.poses, strict=True):

@@ -20,6 +20,7 @@ from pinwm_drake.scene import (
 )
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
+from pinwm_drake.twin.forces import pusher_impulses
 
 # Half the difference quotient's step by which a shift in time turns into velocities [s].
 _TIME_STEP = 1e-3
@@ -98,7 +99,34 @@ class Forward:
             offset=torch.stack([torch.zeros_like(values["mass"]), values["contact_offset"]], -1),
         )
 
+    @torch.no_grad()
+    def pusher_impulses(self, values: dict[str, Tensor]) -> tuple[np.ndarray, np.ndarray]:
+        """Impulses of the object on the pusher, step by step.
+
+        Args:
+            values: As for `poses`.
+
+        Returns:
+            Times (T + 1, W) [s] by the clock of the pusher's log at which steps begin and end, and impulses (T, W, 3)
+            [N s], world axes.
+
+        Raises:
+            SolverError: The physics found no solution in one of the worlds.
+        """
+        X_WO, motion, _ = self._start(values)
+        impulses = pusher_impulses(self.scene, self.parameters(values), X_WO, motion, num_threads=self.num_threads)
+        after = self.scene.model.time_step * np.arange(len(impulses) + 1)
+        first = float(self.episode.times.min()) + values["time_offset"].detach().numpy()
+        return after[:, None] + first, impulses
+
     def _rollout(self, values: dict[str, Tensor]) -> Pose:
+        X_WO, motion, up = self._start(values)
+        after = torch.from_numpy(self.times - self.episode.times.min())
+        found = rollout_poses(self.scene, self.parameters(values), X_WO, motion, after, num_threads=self.num_threads)
+        return Pose(found.q, found.p + up)
+
+    def _start(self, values: dict[str, Tensor]) -> tuple[Pose, PusherMotion, Tensor]:
+        """Pose at the start on the model's floor, the pusher's motion over it, and by how much (W, 3) [m] both rise."""
         W = len(values["mass"])
         z = torch.zeros(W, dtype=torch.float64)
         turn = quaternion_exp(torch.stack([z, z, values["start_yaw"]], -1))
@@ -108,12 +136,7 @@ class Forward:
         raised = float(self.X_WO.p[2]) - rest + values["lift"]
         up = torch.stack([z, z, raised], -1)
         motion = self._motion(values["time_offset"])
-        motion = PusherMotion(motion.q_WP, motion.p_WP - up, motion.V_WP)
-        after = torch.from_numpy(self.times - self.episode.times.min())
-        X_WO = rollout_poses(
-            self.scene, self.parameters(values), Pose(q_WO, p_WO), motion, after, num_threads=self.num_threads
-        )
-        return Pose(X_WO.q, X_WO.p + up)
+        return Pose(q_WO, p_WO), PusherMotion(motion.q_WP, motion.p_WP - up, motion.V_WP), up
 
     def _motion(self, offset: Tensor) -> PusherMotion:
         """The pusher's motion (T, W, 6), each world's shifted in time by its offset (W,) [s]; differentiable."""

@@ -16,6 +16,7 @@ from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.geometry.patch import corner_spread
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.locate import LIMIT, find_start
+from pinwm_drake.identification.mass import find_mass_scale, with_mass
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import read_footage
 from pinwm_drake.identification.posterior import estimates, kept_draws
@@ -67,7 +68,8 @@ def identify(
     """Finds theta such that physics and renderer reproduce the videos of one push or several.
 
     No pose is used: of the episodes, cameras, images, times and the pusher's trajectory. Theta and the nuisances of the
-    object are shared by all pushes; start pose, clock and outline are of each its own.
+    object are shared by all pushes; start pose, clock and outline are of each its own. Where the mass is neither given
+    nor an unknown, forces in the trajectories tell it; see `mass.py`.
 
     Args:
         capture: Object, pusher, floor, gravity.
@@ -121,9 +123,12 @@ def identify(
             **to_plain({name: value for name, value in asdict(options).items() if name not in _MAY_CHANGE}),
         }
         found = Search(task, options, folder=folder, about=about, resume=resume, report=report).run()
+        unknown = capture.object.mass is None and "mass" not in (*options.held, *options.free)
+        scale = find_mass_scale(forwards, coordinates, found.posterior, options.seed) if unknown else None
     finally:
         torch.set_num_threads(wide)
     twin = _twin(capture, written, origin, surfels, camera_offset, options, coordinates, found, scene, mass)
+    twin = with_mass(twin, scale)
     poses = [
         ObjectPoses(episode.t, X_WO.p[: len(episode.t)].numpy(), X_WO.q[: len(episode.t)].numpy())
         for episode, X_WO in zip(pushes, found.poses, strict=True)

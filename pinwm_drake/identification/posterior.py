@@ -21,7 +21,7 @@ KEPT = 400
 _SHARED = 48
 # An estimate is identifiable where the images narrow its prior to less than half, and its relative standard deviation
 # is below this.
-_NARROWED, _PRECISE = 0.5, 0.3
+_NARROWED, PRECISE = 0.5, 0.3
 _MASS_NOTE = "held: with a velocity-driven pusher only ratios to the mass are observable"
 _RATIO_NOTE = "free beside the inertia: only their ratio is observable, so that the interval is that of the prior"
 _PRIOR_NOTE = "the video says little about it: the interval is mostly that of the prior"
@@ -86,7 +86,7 @@ def estimates(
             note = ("as the capture says" if mass_known else _MASS_NOTE) if key == "mass" else "held"
             theta[key] = Estimate(value, None, False, unit, note)
         elif key == "mass" and any(name.startswith("moment") for name in coordinates.names):
-            theta[key] = Estimate(value, _interval(before[key], value), False, unit, _RATIO_NOTE)
+            theta[key] = Estimate(value, interval(before[key], value), False, unit, _RATIO_NOTE)
         else:
             theta[key] = _estimate(value, after[key], before[key], unit, physical=True)
     nuisance = {}
@@ -99,7 +99,7 @@ def estimates(
         else:
             nuisance[name] = _estimate(value, after[name], before[name], unit, physical=False)
     walks = posterior.walks.numpy()
-    nuisance[DRIFT] = Estimate(float(walks.mean()), _interval(walks, float(walks.mean())), True, "m", _DRIFT_NOTE)
+    nuisance[DRIFT] = Estimate(float(walks.mean()), interval(walks, float(walks.mean())), True, "m", _DRIFT_NOTE)
     return theta, nuisance
 
 
@@ -127,7 +127,7 @@ def _quantities(coordinates: Coordinates, z: Tensor, scene: Scene, mass: float) 
     return {name: value.numpy() for name, value in values.items()}
 
 
-def _interval(values: np.ndarray, value: float) -> tuple[float, float]:
+def interval(values: np.ndarray, value: float) -> tuple[float, float]:
     """95 % interval of draws that holds a value."""
     low, high = np.quantile(values, [0.025, 0.975])
     return min(float(low), value), max(float(high), value)
@@ -135,5 +135,5 @@ def _interval(values: np.ndarray, value: float) -> tuple[float, float]:
 
 def _estimate(value: float, after: np.ndarray, before: np.ndarray, unit: str, *, physical: bool) -> Estimate:
     narrowed = float(after.std()) < _NARROWED * float(before.std())
-    precise = not physical or float(after.std()) < _PRECISE * max(abs(value), 0.3 if value == 0.0 else 0.0)
-    return Estimate(value, _interval(after, value), bool(narrowed and precise), unit, "" if narrowed else _PRIOR_NOTE)
+    precise = not physical or float(after.std()) < PRECISE * max(abs(value), 0.3 if value == 0.0 else 0.0)
+    return Estimate(value, interval(after, value), bool(narrowed and precise), unit, "" if narrowed else _PRIOR_NOTE)

@@ -173,12 +173,17 @@ def rollout_worlds(
     Raises:
         SolverError: The physics found no solution.
     """
-    rest, W = resting_height(scene, X_WO.q), parameters.num_worlds
+    start, W, h = resting_start(scene, X_WO), parameters.num_worlds, scene.model.time_step
+    motion = pusher_motion(trajectory, float(t[0]), step_count(t[-1] - t[0], h), h)
+    start = Pose(start.q.expand(W, 4), start.p.expand(W, 3))
+    with torch.no_grad():
+        return rollout_poses(scene, parameters, start, motion, torch.from_numpy(t - t[0]))
+
+
+def resting_start(scene: Scene, X_WO: Pose) -> Pose:
+    """Pose in which a rollout begins: X_WO, q (4,), p (3,) [m], put on the floor where it is near to it."""
+    rest = resting_height(scene, X_WO.q)
     p_WO = X_WO.p.clone()
     if abs(float(p_WO[2]) - rest) < _RESTS:
         p_WO[2] = rest
-    h = scene.model.time_step
-    motion = pusher_motion(trajectory, float(t[0]), step_count(t[-1] - t[0], h), h)
-    start = Pose(X_WO.q.expand(W, 4), p_WO.expand(W, 3))
-    with torch.no_grad():
-        return rollout_poses(scene, parameters, start, motion, torch.from_numpy(t - t[0]))
+    return Pose(X_WO.q, p_WO)

@@ -10,6 +10,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.cameras.object_camera import AddCaptureRig, CaptureRig
+from pinwm_drake.systems.engines.engine import PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.scripted import AddScriptedStation, Script, ScriptedStation
 from pinwm_drake.systems.sampling import whole_multiple
@@ -69,12 +70,21 @@ class PushRecorder(ScriptedStation):
     Attributes:
         rig: The camera.
         rates: How often what happens.
+        forces: Flag: the log has the force on the pusher.
     """
 
-    def __init__(self, diagram: Diagram, station: PushStation, script: Script, rig: CaptureRig, rates: Rates) -> None:
+    def __init__(
+        self,
+        diagram: Diagram,
+        station: PushStation,
+        script: Script,
+        rig: CaptureRig,
+        rates: Rates,
+        forces: bool = False,
+    ) -> None:
         """Takes the diagram, and what is in it."""
         super().__init__(diagram, station, script)
-        self.rig, self.rates = rig, rates
+        self.rig, self.rates, self.forces = rig, rates, forces
 
     def settle(self, X_WO: RigidTransform) -> RigidTransform:
         """Lets the object come to rest, without the pusher.
@@ -105,22 +115,33 @@ class PushRecorder(ScriptedStation):
         per_frame = self.rates.records_per_frame
         period = 1 / (self.rates.frames * per_frame)
         times = np.arange((number - 1) * per_frame + 1) * period
-        poses, positions = [], []
-        for _ in self.advance_to(times):
-            poses.append(self.station.object_pose(self.simulator.get_context()))
-            positions.append(self.evaluate("pusher_state")[:3])
+        # Forces of every step of the plant: an impact is over within a few.
+        parts = self.rates.steps_per_record if self.forces else 1
+        poses, positions, forces = [], [], []
+        for k in self.advance_to(np.arange((len(times) - 1) * parts + 1) * (period / parts)):
+            if self.forces:
+                forces.append(self._force())
+            if k % parts == 0:
+                poses.append(self.station.object_pose(self.simulator.get_context()))
+                positions.append(self.evaluate("pusher_state")[:3])
         p_WP, X_WO_frames, t_frames = np.array(positions), poses[::per_frame], times[::per_frame]
         v_WP = np.array([push.average_velocity(k, period) for k in range(len(times))])
         q_WP = np.tile([1.0, 0.0, 0.0, 0.0], (len(times), 1))
         p_WO = np.array([pose.translation() for pose in X_WO_frames])
         return Recording(
             t=t_frames,
-            trajectory=PusherTrajectory(times, p_WP, q_WP, v_WP, None),
+            trajectory=PusherTrajectory(times, p_WP, q_WP, v_WP, _averages(forces, parts) if self.forces else None),
             object_poses=ObjectPoses(t_frames, p_WO, quaternions(X_WO_frames)),
             X_WO=X_WO_frames,
             p_WP=p_WP[::per_frame],
             logged=poses,
         )
+
+    def _force(self) -> np.ndarray:
+        """Force (3,) N of the object on the pusher in the step of the plant that ends now; world axes."""
+        contact: ContactForces = self.evaluate("contact_forces")
+        mine = [f_W for pair, f_W in zip(contact.pairs, contact.f_W, strict=True) if pair == PUSHER_PAIR]
+        return -np.sum(mine, axis=0) if mine else np.zeros(3)
 
     def pictures(
         self, X_WO: list[RigidTransform], X_WC: list[RigidTransform], p_WP: np.ndarray | None = None
@@ -141,7 +162,9 @@ class PushRecorder(ScriptedStation):
             yield self.rig.take(context, X_WC_k)
 
 
-def MakePushRecorder(scenario: Scenario | Setup, rates: Rates, camera: Camera, supersampling: int) -> PushRecorder:
+def MakePushRecorder(
+    scenario: Scenario | Setup, rates: Rates, camera: Camera, supersampling: int, *, forces: bool = False
+) -> PushRecorder:
     """Assembles station, script and camera.
 
     Args:
@@ -149,6 +172,7 @@ def MakePushRecorder(scenario: Scenario | Setup, rates: Rates, camera: Camera, s
         rates: How often what happens.
         camera: Size and intrinsics (4,) of the pictures.
         supersampling: Rendered pixels for each of a picture, along each side.
+        forces: Flag: the log has the force of the object on the pusher, in each row the mean since the row before.
 
     Returns:
         The scene, ready to run.
@@ -165,7 +189,13 @@ def MakePushRecorder(scenario: Scenario | Setup, rates: Rates, camera: Camera, s
     rig = AddCaptureRig(
         builder, station.engine.scene_graph, camera, supersampling, query=station.GetOutputPort("query_object")
     )
-    return PushRecorder(builder.Build(), station, script, rig, rates)
+    return PushRecorder(builder.Build(), station, script, rig, rates, forces)
+
+
+def _averages(forces: list[np.ndarray], parts: int) -> np.ndarray:
+    """Means (m, 3) of the `parts` values up to each row of a log, but for the first row, which has one."""
+    values = np.array(forces)
+    return np.concatenate([values[:1], values[1:].reshape(-1, parts, 3).mean(axis=1)])
 
 
 def quaternions(poses: list[RigidTransform]) -> np.ndarray:

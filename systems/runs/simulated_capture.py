@@ -89,6 +89,7 @@ class SimulateOptions:
     supersampling: int
     realistic: bool = False
     task: str = PushTask.name
+    forces: bool = False
 
     def __post_init__(self) -> None:
         """Checks them; those of the scenario within its bounds."""
@@ -185,7 +186,9 @@ class _Capture:
             setup = _uneven_setup(setup, self.mesh, R_WO, options, models)
         self.twin, self.shape = setup.twin, options.shape
         self.camera = Camera.from_field_of_view(options.size, options.size, _FIELD_OF_VIEW)
-        self.recorder: PushRecorder = MakePushRecorder(setup, options.rates, self.camera, options.supersampling)
+        self.recorder: PushRecorder = MakePushRecorder(
+            setup, options.rates, self.camera, options.supersampling, forces=options.forces
+        )
         x, y = self.generator.uniform(-_FROM_ORIGIN, _FROM_ORIGIN, 2)
         standing = load_mesh(self.twin.mesh_path).vertices
         self.X_WO = self.recorder.settle(on_floor(standing, R_WO, x, y, 0.0))
@@ -212,7 +215,7 @@ class _Capture:
             self.folder,
             name=self.options.object_name,
             mesh="meshes/object.obj",
-            mass=self.options.mass,
+            mass=None if self.options.forces else self.options.mass,  # the forces are to tell it
             X_WO=to_pose(self._written_start()),
             pusher_mesh="meshes/pusher.obj",
             pusher_shape=self.shape,

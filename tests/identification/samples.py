@@ -13,8 +13,9 @@ from pinwm_drake.physics import Parameters
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.ply import write_ply
 from pinwm_drake.rendering.surfels import Surfels
-from pinwm_drake.scene import make_scene, pusher_motion, resting_height, rollout_poses
+from pinwm_drake.scene import PusherMotion, Scene, make_scene, pusher_motion, resting_height, rollout_poses
 from pinwm_drake.spatial.poses import Pose, compose, inverse
+from pinwm_drake.twin.forces import pusher_impulses
 from tests.rendering.boxes import look_at
 from tests.report.samples import picture
 
@@ -73,13 +74,26 @@ def true_poses(mesh: Path, support="patch", offset=0.012, **theta) -> ObjectPose
     scene = make_scene(
         mesh, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81, support=support, friction_directions=DIRECTIONS
     )
-    values = TRUTH | theta
-    parameters = Parameters.nominal(scene.model, **values)
     t = np.arange(FRAMES) / 20
-    start = Pose(LEVEL[None], torch.tensor([[0.0, 0.0, resting_height(scene, LEVEL)]], dtype=torch.float64))
-    motion = pusher_motion(trajectory(offset), 0.0, round(t[-1] * 240), 1 / 240)
-    X_WO = rollout_poses(scene, parameters, start, motion, torch.from_numpy(t))
+    X_WO = rollout_poses(*_push(scene, offset, t[-1], theta), torch.from_numpy(t))
     return ObjectPoses(t, X_WO.p[:, 0].numpy(), X_WO.q[:, 0].numpy())
+
+
+def true_force(mesh: Path, offset=0.012) -> np.ndarray:
+    """Force (m, 3) N of the cube of 1 kg on the pusher, at the times of its trajectory."""
+    scene = make_scene(mesh, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81, friction_directions=DIRECTIONS)
+    force_W = 240 * pusher_impulses(*_push(scene, offset, FRAMES / 20, {}))[:, 0]
+    middle, t = (np.arange(len(force_W)) + 0.5) / 240, trajectory().t
+    return np.stack([np.interp(t, middle, force_W[:, axis], left=0.0) for axis in range(3)], -1)
+
+
+def _push(
+    scene: Scene, offset: float, end: float, theta: dict[str, float]
+) -> tuple[Scene, Parameters, Pose, PusherMotion]:
+    """Scene, parameters, start and motion of a push up to a time [s]."""
+    parameters = Parameters.nominal(scene.model, **(TRUTH | theta))
+    start = Pose(LEVEL[None], torch.tensor([[0.0, 0.0, resting_height(scene, LEVEL)]], dtype=torch.float64))
+    return scene, parameters, start, pusher_motion(trajectory(offset), 0.0, round(end * 240), 1 / 240)
 
 
 def write_capture(folder: Path, *, time_shift=0.0, support="patch", **theta) -> Path:

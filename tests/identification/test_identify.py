@@ -23,7 +23,7 @@ from pinwm_drake.scene import make_scene
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin.origin import identified_push
 from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS
-from tests.identification.samples import DIRECTIONS, LEVEL, TRUTH, surfels, write_capture, write_episode
+from tests.identification.samples import DIRECTIONS, LEVEL, TRUTH, surfels, true_force, write_capture, write_episode
 
 QUICK = {
     "friction_directions": DIRECTIONS,
@@ -282,6 +282,8 @@ def pushed_twice(tmp_path_factory):
 def test_pushes_and_cameras_are_explained_together(pushed_twice):
     capture, episodes = pushed_twice
     assert [view.name for view in episodes[1].views] == ["", "again"]
+    felt = replace(episodes[1].trajectory, force_W=1.7 * true_force(capture.object.mesh_path, offset=-0.01))
+    episodes = [episodes[0], replace(episodes[1], trajectory=felt)]
     found = identify(capture, episodes, surfels(), (0.0, 0.0), IdentifyOptions(**QUICK))
     theta, nuisance = found.twin.theta, found.twin.nuisance
     assert theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.05)
@@ -289,6 +291,14 @@ def test_pushes_and_cameras_are_explained_together(pushed_twice):
     for episode, poses in zip(episodes, found.poses, strict=True):
         assert len(poses.t) == len(episode.t)
         assert pose_errors(poses, episode.object_poses).position.mean() < 1.5e-3
+    # The force on the pusher, of one of them, tells the mass, as well as the images tell the floor's friction.
+    mass, ratio = theta["mass"], theta["inertia_zz"].value / theta["mass"].value
+    assert mass.value == pytest.approx(1.7, rel=0.05)
+    assert mass.identifiable
+    assert mass.interval[0] < 1.7 < mass.interval[1]
+    assert ratio == pytest.approx(0.06**2 / 6, rel=0.3)
+    assert found.twin.draws.column("mass").mean() == pytest.approx(mass.value, rel=0.1)
+    assert "mass from the force on the pusher" in found.twin.provenance["force"]["note"]
     counts = [push.num_frames for push in found.found.problem.pushes]
     assert counts == [12, 24]
     assert found.twin.provenance["episodes"] == ["0000", "0001"]

@@ -1,5 +1,6 @@
 """A small twin: a cube with a few surfels, and a capsule that pushes it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
@@ -22,6 +23,15 @@ def estimates(**values: float) -> dict[str, Estimate]:
         interval = None if key in values else (0.9 * value, 1.1 * value)
         found[key] = Estimate(value, interval, key == "friction_floor", unit)
     return found
+
+
+def weighing(twin: Twin, factor: float) -> Twin:
+    """A twin with mass and moments of inertia times a factor."""
+    names = [name for name in THETA if name.startswith(("mass", "inertia"))]
+    return replace(
+        twin,
+        theta=twin.theta | {name: replace(twin.theta[name], value=factor * twin.theta[name].value) for name in names},
+    )
 
 
 def cube_twin(folder: Path, **fields) -> Twin:

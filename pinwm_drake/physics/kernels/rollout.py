@@ -19,7 +19,8 @@ RESTS = 1e-12
 
 
 @kernel
-def _load(bodies, nb, has_pusher, states, t, w):
+def load(bodies, nb, has_pusher, states, t, w):
+    """State of world w at frame t, into the work arrays."""
     q, p, V, q_P, p_P = states
     for b in range(nb):
         for i in range(4):
@@ -53,7 +54,7 @@ def _store(bodies, nb, has_pusher, states, t, w):
 
 
 @kernel
-def _load_geometry(model, bodies, parameters, w):
+def load_geometry(model, bodies, parameters, w):
     """Geometry of world w: centres of mass, spreads of pressure and offsets."""
     for b in range(model.num_bodies):
         for i in range(3):
@@ -64,7 +65,8 @@ def _load_geometry(model, bodies, parameters, w):
 
 
 @kernel
-def _drive(bodies, nb, V_P, t, w):
+def drive(bodies, nb, V_P, t, w):
+    """Velocity of world w's pusher in step t, into the work arrays."""
     for i in range(6):
         bodies.V[nb, i] = V_P[t, w, i]
 
@@ -123,8 +125,8 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved, work)
     has_pusher = model.num_kinematic > 0
     slots, limit = saved[5].shape[0], saved[5].shape[2]
     bodies, contacts, system, solver, sweep = work
-    _load_geometry(model, bodies, parameters, w)
-    _load(bodies, nb, has_pusher, states, 0, w)
+    load_geometry(model, bodies, parameters, w)
+    load(bodies, nb, has_pusher, states, 0, w)
     total, slot = 0, 0
     moved = _last_motion(V_P, w) if has_pusher else -1
     resting = 0
@@ -137,7 +139,7 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved, work)
                 _store(bodies, nb, has_pusher, states, frame, w)
             break
         if has_pusher:
-            _drive(bodies, nb, V_P, t, w)
+            drive(bodies, nb, V_P, t, w)
         part, parts, jammed, lags = 0, 1, 0, 0
         while part < parts:
             bodies.time_step[0] = model.time_step / parts
@@ -231,16 +233,16 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
     bodies, contacts, system, solver, _ = work
-    _load_geometry(model, bodies, parameters, w)
+    load_geometry(model, bodies, parameters, w)
     after = V_P.shape[0]
     for s in range(slots[w] - 1, -1, -1):
         t = steps[s, w]
         if t != after and (t + 1) % record_every == 0:
             _frame_gradient(adjoint, nb, has_pusher, states, frame_bars, (t + 1) // record_every, w)
         after = t
-        _load(bodies, nb, has_pusher, saved_states, s, w)
+        load(bodies, nb, has_pusher, saved_states, s, w)
         if has_pusher:
-            _drive(bodies, nb, V_P, t, w)
+            drive(bodies, nb, V_P, t, w)
         _load_solution(bodies, contacts, solver, nb, states, saved, s, w)
         ok = step_adjoint(
             model,

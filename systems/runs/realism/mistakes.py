@@ -79,6 +79,7 @@ def late_log(log: PusherTrajectory, late: float, margin: float) -> PusherTraject
     """
     t = np.concatenate([[log.t[0] - margin], log.t, [log.t[-1] + margin]]) + late
     p_WP, q_WP = (np.concatenate([v[:1], v, v[-1:]]) for v in (log.p_WP, log.q_WP))
+    force_W = None if log.force_W is None else np.concatenate([log.force_W[:1], log.force_W, log.force_W[-1:]])
     still = np.zeros((1, 3))
     v_WP = np.concatenate([still, log.v_WP, still])
-    return replace(log, t=t, p_WP=p_WP, q_WP=q_WP, v_WP=v_WP, force_W=None)
+    return replace(log, t=t, p_WP=p_WP, q_WP=q_WP, v_WP=v_WP, force_W=force_W)

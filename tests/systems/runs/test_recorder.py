@@ -9,6 +9,7 @@ from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import object_model
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.pusher.choice import choose_push
+from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.recorder import MakePushRecorder, Rates
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Theta
 from pinwm_drake.systems.sdf.collision import divided
@@ -85,6 +86,27 @@ def test_a_recording_is_the_pushers_log_and_the_objects_poses(recorder):
     again = recorder.push(X_WO, push, number)
     np.testing.assert_array_equal(again.object_poses.p_WO, poses.p_WO)
     np.testing.assert_array_equal(again.trajectory.p_WP, log.p_WP)
+
+
+def test_the_log_has_the_force_on_the_pusher(recorder):
+    feeling = MakePushRecorder(
+        scenario(recorder.station.setup.period), RATES, Camera.from_field_of_view(32, 32, 0.7), 1, forces=True
+    )
+    X_WO = recorder.settle(RigidTransform([0.0, 0, 0.03]))
+    # Along x through the middle of a face, which is 5 mm away.
+    push = StraightPush(np.array([-0.045, 0.0, 0.03]), np.array([1.0, 0.0, 0.0]), 0.1, 0.05, 10.0)
+    plain, felt = (one.push(X_WO, push, 9) for one in (recorder, feeling))
+    assert plain.trajectory.force_W is None
+    np.testing.assert_array_equal(felt.trajectory.p_WP, plain.trajectory.p_WP)
+    np.testing.assert_array_equal(felt.object_poses.p_WO, plain.object_poses.p_WO)
+    t, force_W = felt.trajectory.t, felt.trajectory.force_W
+    assert force_W.shape == (len(t), 3)
+    assert not force_W[t < 0.04].any()
+    # The pusher goes along x, and the cube of 1 kg pushes back with the floor's friction of 0.1.
+    np.testing.assert_allclose(force_W[(t > 0.2) & (t < 0.3)].mean(axis=0), [-0.981, 0, 0], atol=0.02)
+    # All of the impulse: the impact, of which a row sees little, gives the speed of the push.
+    given = -force_W[t < 0.3, 0].sum() / 240
+    assert given == pytest.approx(1.0 * 0.1 + 0.981 * (0.3 - 0.055), rel=0.05)
 
 
 def test_a_log_whose_rows_are_no_whole_number_of_periods_is_refused():
