@@ -33,16 +33,18 @@ class CaptureCell:
         task: Name of the task's scene.
         seed: Seed of the experiment.
         quick: Flag: few and small images.
+        forces: Flag: the force on the pusher is measured, and the mass is not.
     """
 
     task: str
     seed: int
     quick: bool = False
+    forces: bool = False
 
     @property
     def place(self) -> str:
         """Path within the folders of what is made of it."""
-        return f"{self.task}/seed-{self.seed}"
+        return f"{self.task}{'-forces' if self.forces else ''}/seed-{self.seed}"
 
     @property
     def key(self) -> str:
@@ -61,7 +63,7 @@ class CaptureCell:
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Films the object at rest and twice in motion; see `Cell.make`."""
-        options = task_scene(self.task).capture(self.seed, quick=self.quick)
+        options = replace(task_scene(self.task).capture(self.seed, quick=self.quick), forces=self.forces)
         simulate_capture(options, empty_folder(root / self.key))
         return {"object": options.object_name, "friction": options.friction}
 
