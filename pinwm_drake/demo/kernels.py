@@ -91,6 +91,6 @@ def compile_physics(folder: Path, options: IdentifyOptions) -> None:
     mass = capture.object.mass or 1.0
     coordinates = Coordinates(options.free, {"mass": mass, **options.held})
     guess = coordinates.draw(1, torch.Generator().manual_seed(options.seed)).requires_grad_()
-    forward = Forward(capture_scene(capture, options), episode, X_WO, mass, 1, chosen=torch.tensor([0, 1]))
+    forward = Forward(capture_scene(capture, options.time_step), episode, X_WO, mass, 1, chosen=torch.tensor([0, 1]))
     poses, _ = forward.poses(coordinates.values(guess))
     poses.p.sum().backward()

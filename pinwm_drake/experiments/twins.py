@@ -73,7 +73,7 @@ def twin_from_capture(
     progress("identifying", 0.0, "getting ready (the first run compiles for minutes)")
     options = IdentifyOptions() if options is None else options
     result = identify(capture, pushes, surfels, offset, options, X_OS=X_OS, folder=out, resume=resume, report=searched)
-    twin = replace(result.twin, provenance={**result.twin.provenance, **_provenance()})
+    twin = replace(result.twin, provenance={**result.twin.provenance, **run_provenance()})
     result = replace(result, twin=twin)
     write_history(out / HISTORY_FILE, result.found)
     prepare_folder(out / "episodes")
@@ -105,5 +105,6 @@ def has_surfels(folder: Path) -> bool:
     return (folder / SURFELS_FILE).is_file() and (folder / ALIGN_FILE).is_file()
 
 
-def _provenance() -> dict[str, object]:
+def run_provenance() -> dict[str, object]:
+    """Entries of a twin's provenance that tell of the run: command, time and versions."""
     return {"command": shlex.join(["pinwm", *sys.argv[1:]]), "created": timestamp(), "versions": versions()}

@@ -28,13 +28,14 @@ from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Scene, make_scene, resting_height
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
+from pinwm_drake.twin.assembly import assemble_twin
 from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
 from pinwm_drake.twin.plain_data import to_plain
 from pinwm_drake.twin.twin import Estimate, Twin
 
 # Options that a continued search may have otherwise; threads count with the number that is used.
 _MAY_CHANGE = ("checkpoint_every", "num_threads")
-_NOMINAL_MASS = 1.0  # kg, where none was measured
+NOMINAL_MASS = 1.0  # kg, where none was measured
 _SUPPORT = ("support_x", "support_y", "support_z")
 
 
@@ -100,12 +101,12 @@ def identify(
     origin, written = Origin.of(capture, pushes), capture.object.X_WO
     capture = capture if X_OS is None else seen_in(capture, X_OS)
     number = options.threads
-    mass = options.held.get("mass", capture.object.mass or _NOMINAL_MASS)
+    mass = options.held.get("mass", capture.object.mass or NOMINAL_MASS)
     # The kernels bring their own threads, with which torch's, spinning between its calls, would compete.
     wide = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        scene = capture_scene(capture, options)
+        scene = capture_scene(capture, options.time_step)
         pusher = pusher_surface(capture.pusher)
         footages = [read_footage(episode, pusher, camera_offset, frame_numbers(episode, options)) for episode in pushes]
         radius, X_WO = half_diagonal(scene.mesh), capture.object.X_WO
@@ -136,12 +137,12 @@ def identify(
     return Identification(twin, found, poses)
 
 
-def capture_scene(capture: Capture, options: IdentifyOptions) -> Scene:
+def capture_scene(capture: Capture, time_step: float) -> Scene:
     """Object, floor and pusher of a capture as the physics model of an identification.
 
     Args:
         capture: The capture; its object lies as at the start of an episode.
-        options: Time step.
+        time_step: Of the physics, s.
 
     Raises:
         InputError: A mesh cannot be used.
@@ -152,7 +153,7 @@ def capture_scene(capture: Capture, options: IdentifyOptions) -> Scene:
         q_WO=capture.object.X_WO.q,
         gravity=capture.gravity,
         floor_height=capture.floor_height,
-        time_step=options.time_step,
+        time_step=time_step,
         support="patch",
     )
 
@@ -196,20 +197,13 @@ def _twin(
     lift = nuisance["lift"]
     ends = None if lift.interval is None else (lift.interval[0] + extra, lift.interval[1] + extra)
     nuisance["lift"] = Estimate(lift.value + extra, ends, lift.identifiable, lift.unit, lift.note)
-    return Twin(
-        name=capture.object.name,
-        mesh_path=capture.object.mesh_path,
-        pusher=capture.pusher,
-        gravity=capture.gravity,
-        floor_height=capture.floor_height + nuisance["lift"].value,
-        time_step=options.time_step,
-        friction_directions=options.friction_directions,
-        support="patch",
-        theta=theta,
-        nuisance=nuisance,
-        camera_offset=camera_offset,
-        surfels=surfels,
-        provenance={
+    return assemble_twin(
+        capture,
+        surfels,
+        camera_offset,
+        theta,
+        nuisance,
+        {
             **origin.to_provenance(),
             **registration_entry(written, capture.object.X_WO),
             "seed": options.seed,
@@ -218,6 +212,9 @@ def _twin(
             "seconds": round(found.seconds, 2),
             "options": to_plain(asdict(options)),
         },
+        lift=nuisance["lift"].value,
+        time_step=options.time_step,
+        friction_directions=options.friction_directions,
         draws=kept_draws(coordinates, found.posterior, scene, mass),
     )
 

@@ -47,11 +47,19 @@ def locate(twin: Twin, episode: Episode, X_WO: Pose, *, num_threads: int | None 
     """
     footage = read_footage(episode, pusher_surface(twin.pusher), twin.camera_offset, first_frames(episode))
     radius = half_diagonal(load_mesh(twin.mesh_path))
-    d = find_start(footage, twin.surfels, X_WO, radius, num_threads=num_threads)
+    return locate_start(footage, twin.surfels, X_WO, radius, num_threads=num_threads)
+
+
+def locate_start(
+    footage: Footage, surfels: Surfels, X_WO: Pose, radius: float, *, num_threads: int | None = None
+) -> Pose:
+    """Pose of the object in the first picture of each camera; arguments as for `find_start`, the rest as `locate`."""
+    d = find_start(footage, surfels, X_WO, radius, num_threads=num_threads)
     if bool((d.abs() > LIMIT).any()):
         far = f"{1e3 * float(d[:2].norm()):.1f} mm and {math.degrees(abs(float(d[2]))):.1f}°"
         allowed = f"{1e3 * float(LIMIT[0]):g} mm and {math.degrees(float(LIMIT[2])):g}° at the most"
-        raise InputError(episode.folder, value=f"an object {far} away from where it should be", allowed=allowed)
+        folder = footage.episode.folder
+        raise InputError(folder, value=f"an object {far} away from where it should be", allowed=allowed)
     return _moved(X_WO, d)
 
 

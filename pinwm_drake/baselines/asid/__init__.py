@@ -1,0 +1,1 @@
+"""ASID: theta by a cross-entropy search on tracked poses."""
