@@ -2,7 +2,7 @@
 
 import csv
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -118,7 +118,7 @@ def train_control(training: TrainingWorlds, budget: Budget, path: Path, folder: 
     )
     train_sac(
         training.worlds("state"),
-        teacher_spec(training),
+        replace(teacher_spec(training), head="dither"),
         folder,
         options,
         stage="teacher",

@@ -21,10 +21,12 @@ class MethodData:
     Attributes:
         capture: Folder of a capture: static views and pushes; None where there is none.
         demonstrations: Folder of recorded episodes of an expert; None where there are none.
+        trajectories: Folder of recorded task-agnostic episodes, as `dreamer.collect` writes them; None likewise.
     """
 
     capture: Path | None = None
     demonstrations: Path | None = None
+    trajectories: Path | None = None
 
 
 class MakeWorlds(Protocol):

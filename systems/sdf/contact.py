@@ -83,7 +83,10 @@ def dissipation_of(restitution: float, speed: float) -> float:
 
     # With a = d u: negative for small a, towards infinity at a = 1 / e.
     high = 1 / restitution
-    return float(brentq(excess, 1e-6 * high, (1 - 1e-15) * high)) / speed
+    last = (1 - 1e-15) * high
+    if excess(last) <= 0:  # for e below about 0.026 the root is nearer to 1 / e than numbers are
+        return last / speed
+    return float(brentq(excess, 1e-6 * high, last)) / speed
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,9 @@ from pinwm_drake.experiments.reproduce.demonstrations import DemonstrationsCell,
 from pinwm_drake.experiments.reproduce.policies import PolicyCell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.scenes import task_scene
-from pinwm_drake.experiments.reproduce.systems import DIFFUSION, MPC, RANDOM_ACTIONS, SCENE, TRUE_THETA, system
+from pinwm_drake.experiments.reproduce.systems import DIFFUSION, MPC, PIN_WM, RANDOM_ACTIONS, SCENE, TRUE_THETA, system
+from pinwm_drake.experiments.reproduce.tracked_twins import TrackedTwinCell
+from pinwm_drake.experiments.reproduce.twins import TwinCell
 
 _DEMONSTRATIONS = 100
 
@@ -75,6 +77,13 @@ class EvaluationCell:
         return results
 
 
+def _twin(request: ReproduceRequest, task: str, origin: str, seed: int) -> TwinCell | TrackedTwinCell | None:
+    """Cell of the twin of an identification; None for the scene's own parameters."""
+    if origin == SCENE:
+        return None
+    return request.twin(task, seed) if origin == PIN_WM else request.tracked(task, seed, origin)
+
+
 def evaluated(request: ReproduceRequest, task: str, name: str, seed: int) -> EvaluationCell:
     """Cell of the evaluation of a system, with those that it needs.
 
@@ -85,7 +94,7 @@ def evaluated(request: ReproduceRequest, task: str, name: str, seed: int) -> Eva
         seed: Seed of the experiment.
     """
     about, quick = system(name), request.quick
-    twin, inside = None if about.twin == SCENE else request.twin(task, seed), ""
+    twin, inside = _twin(request, task, about.twin, seed), ""
     subject: Cell | None = twin
     if name == DIFFUSION:
         expert = PolicyCell(task, TRUE_THETA, seed, None, quick)

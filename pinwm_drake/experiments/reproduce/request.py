@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pinwm_drake.errors import require
 from pinwm_drake.experiments.reproduce.scenes import TASK_SCENES, TASKS
 from pinwm_drake.experiments.reproduce.systems import SYSTEMS
+from pinwm_drake.experiments.reproduce.tracked_twins import TrackedTwinCell
 from pinwm_drake.experiments.reproduce.twins import CaptureCell, SurfelsCell, TwinCell
 
 
@@ -43,5 +44,12 @@ class ReproduceRequest:
         return 3 if self.quick else None
 
     def twin(self, task: str, seed: int) -> TwinCell:
-        """Cell of the identified twin of a task and seed."""
-        return TwinCell(SurfelsCell(CaptureCell(task, seed, self.quick)))
+        """Cell of the twin that PIN-WM identifies, of a task and seed."""
+        return TwinCell(self._surfels(task, seed))
+
+    def tracked(self, task: str, seed: int, system: str) -> TrackedTwinCell:
+        """Cell of the twin that another system identifies."""
+        return TrackedTwinCell(self._surfels(task, seed), system)
+
+    def _surfels(self, task: str, seed: int) -> SurfelsCell:
+        return SurfelsCell(CaptureCell(task, seed, self.quick))

@@ -45,6 +45,7 @@ def _cousins(delta: float) -> Domains:
     return lambda scene, seed: CousinDomains(delta, False, seed)
 
 
+ASID, ASID_GENEROUS, PLANAR = "asid", "asid-generous", "2d-physics"
 PIN_WM, NO_COUSINS, TRUE_THETA, DIFFUSION = "pin-wm", "pin-wm-0", "true-theta", "diffusion-policy"
 _ALL = (
     System("random", "one theta and colours, drawn once from R", PIN_WM, _random(once=True, painted=True)),
@@ -52,6 +53,9 @@ _ALL = (
     System("domain-rand", "theta from R for each episode", PIN_WM, _random()),
     System("domain-rand-2", "theta from half of R, around the true one", PIN_WM, _random(share=0.5)),
     System("domain-rand-4", "theta from a quarter of R, around the true one", PIN_WM, _random(share=0.25)),
+    System(ASID, "theta by cross-entropy, 200 simulations", ASID, _cousins(0.0)),
+    System(ASID_GENEROUS, "theta by cross-entropy, 4,000 simulations", ASID_GENEROUS, _cousins(0.0)),
+    System(PLANAR, "theta by a planar simulator", PLANAR, _cousins(0.0)),
     System(NO_COUSINS, "the twin of one push", PIN_WM, _cousins(0.0)),
     System(PIN_WM, "cousins of the twin of one push", PIN_WM, _cousins(0.1)),
     System(DIFFUSION, "no world: imitates 100 episodes of an expert in the plant", SCENE, None),

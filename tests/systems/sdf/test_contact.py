@@ -35,3 +35,11 @@ def test_less_restitution_takes_more_dissipation_up_to_a_limit():
     # Bodies part at no more than 1 / d.
     assert values[0] >= 500
     assert math.isfinite(values[0])
+
+
+@pytest.mark.parametrize("restitution", [0.021, 0.0257, 0.03])
+def test_small_restitutions_have_a_dissipation_near_their_limit(restitution):
+    # d u -> 1 / e for a small e, from below.
+    found = dissipation_of(restitution, 0.2)
+    assert found * 0.2 * restitution == pytest.approx(1.0, abs=1e-9)
+    assert found <= dissipation_of(0.02, 0.2)

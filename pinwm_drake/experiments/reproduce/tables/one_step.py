@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pinwm_drake.experiments.reproduce.cell import Cell
 from pinwm_drake.experiments.reproduce.predictions import OneStepCell, OutcomesCell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+from pinwm_drake.experiments.reproduce.systems import ASID, ASID_GENEROUS, PLANAR
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table
 
 
@@ -14,6 +15,9 @@ def _cells(request: ReproduceRequest) -> list[OneStepCell]:
         outcomes = OutcomesCell(task, request.draws)
         twins = [request.twin(task, seed) for seed in range(request.seeds)]
         found += [OneStepCell(twin.system, outcomes, twin, curve=True) for twin in twins]
+        for system in (ASID, ASID_GENEROUS, PLANAR):
+            others = [request.tracked(task, seed, system) for seed in range(request.seeds)]
+            found += [OneStepCell(system, outcomes, twin) for twin in others]
         found.append(OneStepCell("scene", outcomes, None))
     return found
 

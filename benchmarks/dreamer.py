@@ -1,0 +1,88 @@
+"""Learning curve of Dreamer V2 on the point mass of `point_mass.py`, from 100 recorded random episodes.
+
+    python -m benchmarks.dreamer [--size 64] [--updates 1000] [--rounds 4] [--out FOLDER]
+
+Success is counted in episodes that nothing was chosen by, beside random actions and the answer, which knows place and
+velocity. What is in FOLDER goes on.
+"""
+
+import argparse
+import csv
+from pathlib import Path
+
+from benchmarks import timing
+
+timing.limit_threads(1, cpus=2)  # before torch is imported
+
+import torch  # noqa: E402
+
+from benchmarks.point_mass import Homing, PointMassWorlds, Wandering  # noqa: E402
+from pinwm_drake.baselines.dreamer.collect import collect  # noqa: E402
+from pinwm_drake.baselines.dreamer.method import EPISODES, DreamerV2  # noqa: E402
+from pinwm_drake.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions  # noqa: E402
+from pinwm_drake.baselines.dreamer.training import BEHAVIOUR, CURVE_FILE, MODEL  # noqa: E402
+from pinwm_drake.baselines.method import MethodData  # noqa: E402
+from pinwm_drake.files import prepare_folder  # noqa: E402
+from pinwm_drake.learning.evaluation import Acts  # noqa: E402
+from pinwm_drake.learning.progress import silent  # noqa: E402
+from pinwm_drake.learning.rounds import HISTORY_FILE  # noqa: E402
+from pinwm_drake.learning.world_evaluation import evaluate_worlds  # noqa: E402
+
+_WORLDS, _RECORDED, _TESTED = 16, 100, 256
+_SEED = 3_000_000  # of the last evaluation
+
+
+def main() -> None:
+    """Runs the command."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.dreamer", description=__doc__)
+    parser.add_argument("--size", type=int, default=64, help="side of the images, px")
+    parser.add_argument("--updates", type=int, default=1000, help="of the world model")
+    parser.add_argument("--rounds", type=int, default=4, help="of 100 updates of actor and critic")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("out/dreamer"))
+    given = parser.parse_args()
+    torch.set_num_threads(1)
+    worlds, out = PointMassWorlds(_WORLDS, given.size), prepare_folder(given.out)
+    recorded = out / EPISODES
+    explore = Wandering(_WORLDS, given.seed)
+    collect(worlds.worlds("rgb_state"), explore, recorded, _RECORDED, seed=given.seed, resume=True)
+    method = DreamerV2(
+        networks=NetworkOptions(deter=64, hidden=64, latents=8, classes=8, units=64),
+        model=ModelOptions(updates=given.updates, length=12, learning_rate=1e-3),
+        behaviour=BehaviourOptions(
+            rounds=given.rounds,
+            round_updates=100,
+            batch_size=8,
+            length=12,
+            horizon=10,
+            actor_rate=1e-3,
+            critic_rate=1e-3,
+        ),
+    )
+    data = MethodData(trajectories=recorded)
+    policy = method.train(data, worlds, out, seed=given.seed, resume=True, report=silent)
+    _print_table(out / MODEL / CURVE_FILE, "world model", every=max(given.updates // 200, 1))
+    _print_table(out / BEHAVIOUR / HISTORY_FILE, "actor and critic")
+    print("| policy | success | mean actions |\n| --- | --- | --- |")
+    contestants: dict[str, Acts] = {
+        "random actions": Wandering(_WORLDS, 1),
+        "Dreamer V2": policy,
+        "place and velocity known": Homing(),
+    }
+    for name, one in contestants.items():
+        found = evaluate_worlds(worlds.worlds("rgb_state"), one, _TESTED, seed=_SEED)
+        print(f"| {name} | {found.successes} of {_TESTED} | {found.mean_steps:.1f} |")
+
+
+def _print_table(path: Path, title: str, every: int = 1) -> None:
+    """Prints some rows of a table, and the last one."""
+    rows = list(csv.reader(path.read_text().splitlines()))
+    print(f"{title}\n{', '.join(rows[0])}")
+    chosen = rows[1::every]
+    for row in chosen if chosen[-1] == rows[-1] else [*chosen, rows[-1]]:
+        print(", ".join(f"{float(value):.4g}" for value in row))
+    print()
+
+
+if __name__ == "__main__":
+    main()

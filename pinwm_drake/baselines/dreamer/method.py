@@ -1,0 +1,111 @@
+"""Dreamer V2 as a method: task-agnostic episodes, a world model of them, and a policy of its imagination."""
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from stable_baselines3.common.vec_env import VecEnv
+
+from pinwm_drake.baselines.dreamer.collect import RandomPushes, collect
+from pinwm_drake.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
+from pinwm_drake.baselines.dreamer.policy import DreamerPolicy, image_size, write_dreamer
+from pinwm_drake.baselines.dreamer.replay import Episode, Replay, read_episodes
+from pinwm_drake.baselines.dreamer.training import BEHAVIOUR, MODEL, generator_of, train_behaviour, train_model
+from pinwm_drake.baselines.method import MakeWorlds, MethodData
+from pinwm_drake.errors import InputError, require
+from pinwm_drake.learning.progress import Report
+from pinwm_drake.learning.rounds import ANY, Until
+
+EPISODES = "episodes"  # folder of what was collected
+_MODEL_SHARE = 0.5  # of the minutes, at most
+
+
+@dataclass(frozen=True)
+class DreamerV2:
+    """Dreamer V2, which learns from recorded episodes alone.
+
+    The best of some rounds of the behaviour's training is found by episodes in the worlds, as with other methods.
+
+    Source: Hafner et al., "Mastering Atari with discrete world models" (ICLR 2021); 100 task-agnostic episodes as in Li
+    et al., "PIN-WM" (RSS 2025).
+
+    Attributes:
+        episodes: Number of episodes that are collected where there are none in the data.
+        networks: Sizes of the networks.
+        model: Settings of the world model's training.
+        behaviour: Settings of the training of actor and critic.
+        until: What ends the training before its last round; of the minutes, the world model takes half at most.
+
+    Raises:
+        ParameterError: A number is out of range.
+    """
+
+    episodes: int = 100
+    networks: NetworkOptions = field(default_factory=NetworkOptions)
+    model: ModelOptions = field(default_factory=ModelOptions)
+    behaviour: BehaviourOptions = field(default_factory=BehaviourOptions)
+    until: Until = ANY
+
+    def __post_init__(self) -> None:
+        """Checks the number of episodes."""
+        require("episodes", self.episodes, self.episodes >= 1, "1 or more")
+
+    def train(
+        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
+    ) -> DreamerPolicy:
+        """Trains in folders of `out`, one for each stage, and writes the policy to `out`; see `Method.train`."""
+        spec, env = make_worlds.spec("rgb"), make_worlds.worlds("rgb_state")
+        image_size(spec)
+        from_worlds = {"worlds": make_worlds.about, "num_worlds": env.num_envs, "episodes": self.episodes, "seed": seed}
+        told: dict[str, object] = {**from_worlds, "spec": spec.to_document(), "networks": asdict(self.networks)}
+        if data.trajectories is None:
+            episodes = self._collect(env, make_worlds, out / EPISODES, from_worlds, seed, resume)
+        else:
+            episodes = read_episodes(data.trajectories)
+            if not episodes:
+                raise InputError(data.trajectories, value="no episode", allowed="files 00000.npz and so on")
+            told["trajectories"] = [len(one) for one in episodes]
+        replay = Replay(episodes)
+        model, updates, seconds = train_model(
+            replay,
+            self.networks,
+            self.model,
+            out / MODEL,
+            seed=seed,
+            about={**told, "model": asdict(self.model)},
+            resume=resume,
+            minutes=_MODEL_SHARE * self.until.minutes,
+            report=report,
+        )
+        policy = train_behaviour(
+            env,
+            model,
+            replay,
+            spec,
+            self.networks,
+            self.behaviour,
+            out / BEHAVIOUR,
+            seed=seed,
+            about={**told, "model": asdict(self.model), "updates": updates, "behaviour": asdict(self.behaviour)},
+            on_round=make_worlds.begin,
+            resume=resume,
+            until=self.until.within(self.until.minutes - seconds / 60.0),
+            report=report,
+        )
+        write_dreamer(out, policy)
+        return policy
+
+    def _collect(
+        self,
+        env: VecEnv,
+        make_worlds: MakeWorlds,
+        folder: Path,
+        about: dict[str, object],
+        seed: int,
+        resume: bool,
+    ) -> list[Episode]:
+        """Episodes of random pushes, in domains that follow from the seed."""
+        generator = generator_of(seed, EPISODES, 0)
+        make_worlds.begin(int(generator.integers(1 << 31)))
+        pushes = RandomPushes(make_worlds.spec("rgb"), env.num_envs, generator)
+        first = int(generator.integers(1 << 31))
+        return collect(env, pushes, folder, self.episodes, seed=first, about=about, resume=resume)

@@ -1,0 +1,186 @@
+"""Episodes that the world model learns from: on disk one file each, in memory one after another."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.errors import InputError, ParameterError
+
+_WORK = "collection of episodes"
+_MOST = 10.0  # largest reward, in standard deviations: a bonus on success is a hundred, and its error all that counts
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One episode of T actions.
+
+    Attributes:
+        images: (T + 1, height, width, 3) uint8, RGB.
+        pusher: (T + 1, n) float32, position of the pusher along the task's axes across its box, -1 to 1.
+        actions: (T, n) float32 in [-1, 1].
+        rewards: (T,) float32.
+        terminated: () bool, true where it ended by success, false where by a limit of time or a failure.
+    """
+
+    images: np.ndarray
+    pusher: np.ndarray
+    actions: np.ndarray
+    rewards: np.ndarray
+    terminated: np.ndarray
+
+    def __len__(self) -> int:
+        """Number of actions, T."""
+        return len(self.actions)
+
+    def write(self, path: Path, about: Mapping[str, object] | None = None) -> None:
+        """Writes the episode to a file, compressed: most of an image is white.
+
+        Args:
+            path: The file; its folder exists.
+            about: What the episode depends on, as JSON takes it.
+
+        Raises:
+            InputError: It cannot be written.
+        """
+        write_arrays(path, about or {}, {one.name: getattr(self, one.name) for one in fields(self)}, compressed=True)
+
+    @classmethod
+    def read(cls, path: Path, about: Mapping[str, object] | None = None) -> "Episode":
+        """Reads the episode that `write` wrote to a file.
+
+        Args:
+            path: The file.
+            about: What the episode has to depend on; None for anything.
+
+        Raises:
+            InputError: There is no such file, it cannot be read or is of another collection, or its arrays do not fit
+                each other.
+        """
+        names = [one.name for one in fields(cls)]
+        arrays = read_arrays(path, about or {}, _WORK, names)
+        if arrays is None:
+            raise InputError(path, value="no such file", allowed="an episode")
+        episode = cls(*(arrays[name] for name in names))
+        steps = len(episode)
+        lengths = (len(episode.images), len(episode.pusher), len(episode.rewards))
+        if steps < 1 or lengths != (steps + 1, steps + 1, steps):
+            given = f"{steps} actions, {lengths[0]} images, {lengths[1]} pushers, {lengths[2]} rewards"
+            raise InputError(path, value=given, allowed="T actions and rewards, 1 or more, and T + 1 of the others")
+        return episode
+
+
+def episode_file(folder: Path, number: int) -> Path:
+    """File of an episode in a folder, by its number from 0."""
+    return folder / f"{number:05}.npz"
+
+
+def read_episodes(folder: Path) -> list[Episode]:
+    """Episodes of a folder, in the order of their files' names; none where it has none.
+
+    Raises:
+        InputError: One of them cannot be read.
+    """
+    return [Episode.read(path) for path in sorted(folder.glob("[0-9]*.npz"))]
+
+
+class Batch(NamedTuple):
+    """Sequences of B times L steps; what is of an action stands beside what came of it.
+
+    Attributes:
+        image: (B, L, height, width, 3) uint8, RGB.
+        pusher: (B, L, n) float32.
+        action: (B, L, n) float32, actions that led to each step; zeros where an episode begins.
+        reward: (B, L) float32, rewards of these actions, in standard deviations of all.
+        terminal: (B, L) bool, true where the episode ended with success.
+        first: (B, L) bool, true in the first step of an episode, and of a sequence.
+    """
+
+    image: Tensor
+    pusher: Tensor
+    action: Tensor
+    reward: Tensor
+    terminal: Tensor
+    first: Tensor
+
+
+class Replay:
+    """All steps of some episodes, one after another, from which sequences are drawn.
+
+    A sequence may go on from the end of an episode to the beginning of the next, as in the paper's code.
+
+    Attributes:
+        reward_scale: Standard deviation of the rewards, terminal ones left out, which is the unit of `Batch.reward`.
+    """
+
+    def __init__(self, episodes: Sequence[Episode]) -> None:
+        """Joins the episodes.
+
+        Args:
+            episodes: Episodes with images of one size, 1 or more.
+
+        Raises:
+            ParameterError: There are none, or their images or actions differ in size.
+        """
+        shapes = {(one.images.shape[1:], one.actions.shape[1]) for one in episodes}
+        if len(shapes) != 1:
+            raise ParameterError(f"episodes: got {len(shapes)} sizes of images and actions; allowed: 1")
+        n = episodes[0].actions.shape[1]
+        self._image = np.concatenate([one.images for one in episodes])
+        self._pusher = np.concatenate([one.pusher for one in episodes])
+        self._action = np.concatenate([np.concatenate([np.zeros((1, n)), one.actions]) for one in episodes])
+        reward = np.concatenate([np.append(0.0, one.rewards) for one in episodes])
+        self._first, self._terminal = np.zeros(len(reward), bool), np.zeros(len(reward), bool)
+        ends = np.cumsum([len(one) + 1 for one in episodes])
+        self._first[np.append(0, ends[:-1])] = True
+        self._terminal[ends - 1] = [bool(one.terminated) for one in episodes]
+        usual = reward[~self._first & ~self._terminal]
+        self.reward_scale = (float(usual.std()) if len(usual) else 0.0) or 1.0
+        self._reward = np.clip(reward / self.reward_scale, -_MOST, _MOST)
+
+    def __len__(self) -> int:
+        """Number of steps, the first of each episode included."""
+        return len(self._first)
+
+    @property
+    def image_size(self) -> int:
+        """Side of the images [px]."""
+        return self._image.shape[1]
+
+    @property
+    def action_size(self) -> int:
+        """Components of an action, n."""
+        return self._action.shape[1]
+
+    def draw(self, number: int, length: int, generator: np.random.Generator) -> Batch:
+        """Sequences that begin anywhere, alike likely.
+
+        Args:
+            number: Number of sequences, B.
+            length: Number of steps of each, L, at most all.
+            generator: Generator of the draw.
+
+        Raises:
+            ParameterError: There are fewer steps than that.
+        """
+        if length > len(self):
+            raise ParameterError(
+                f"length: got {length}; allowed: up to {len(self)}, the number of steps in all episodes"
+            )
+        rows = generator.integers(len(self) - length + 1, size=(number, 1)) + np.arange(length)
+        first = self._first[rows]
+        first[:, 0] = True
+        action = np.where(first[..., None], 0.0, self._action[rows])
+        return Batch(
+            torch.from_numpy(self._image[rows]),
+            torch.from_numpy(self._pusher[rows]).float(),
+            torch.from_numpy(action).float(),
+            torch.from_numpy(self._reward[rows]).float(),
+            torch.from_numpy(self._terminal[rows]),
+            torch.from_numpy(first),
+        )

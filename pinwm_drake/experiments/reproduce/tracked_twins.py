@@ -1,0 +1,91 @@
+"""Cells of twins from tracked poses: those of ASID and of 2D Physics."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pinwm_drake.baselines.asid.cross_entropy import GENEROUS, CrossEntropyBudget
+from pinwm_drake.baselines.asid.options import AsidOptions
+from pinwm_drake.baselines.planar import PlanarOptions, identify_planar, make_planar_body, planar_twin
+from pinwm_drake.experiments.asid_twin import asid_twin
+from pinwm_drake.experiments.reproduce.cell import Cell, Say
+from pinwm_drake.experiments.reproduce.scenes import TaskScene, task_scene
+from pinwm_drake.experiments.reproduce.systems import ASID, ASID_GENEROUS
+from pinwm_drake.experiments.reproduce.twins import SurfelsCell
+from pinwm_drake.experiments.twins import read_pushes, run_provenance
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.identification.pose_tracker import PoseTracker, PoseTrackerOptions
+from pinwm_drake.rendering.ply import read_ply
+from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
+from pinwm_drake.twin import SURFELS_FILE, Twin, write_twin
+
+
+@dataclass(frozen=True)
+class TrackedTwinCell:
+    """Cell of a twin whose poses a tracker gives, without physics, and whose parameters follow from these.
+
+    Attributes:
+        surfels: Cell of the appearance.
+        system: "asid", "asid-generous" or "2d-physics".
+    """
+
+    surfels: SurfelsCell
+    system: str
+
+    @property
+    def key(self) -> str:
+        """Path of its folder."""
+        return f"twins/{self.system}/{self.surfels.capture.place}"
+
+    @property
+    def needs(self) -> tuple[Cell, ...]:
+        """Surfels, and their capture."""
+        return (self.surfels, self.surfels.capture)
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        return 0.005 if self.surfels.capture.quick else 0.02
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Tracks the object and identifies the twin; see `Cell.make`."""
+        scene, out = task_scene(self.surfels.capture.task), prepare_folder(root / self.key)
+        twin = (self._asid if self.system in (ASID, ASID_GENEROUS) else self._planar)(root, out, scene)
+        theta = {name: estimate.value for name, estimate in twin.theta.items()}
+        estimates = {name: {"value": value, "interval": None, "identifiable": False} for name, value in theta.items()}
+        return {"theta": theta, "estimates": estimates}
+
+    @property
+    def _tracker(self) -> PoseTrackerOptions:
+        options = PoseTrackerOptions(num_threads=1)
+        return replace(options, size=40.0, steps=2) if self.surfels.capture.quick else options
+
+    def _asid(self, root: Path, out: Path, scene: TaskScene) -> Twin:
+        capture = self.surfels.capture
+        budget = GENEROUS if self.system == ASID_GENEROUS and not capture.quick else CrossEntropyBudget()
+        options = AsidOptions(budget, friction=scene.spans.friction, tracker=self._tracker, num_threads=1)
+        paths = root / capture.key, root / self.surfels.key
+        return asid_twin(*paths, out, seed=capture.seed, episodes=[scene.episode], options=options).twin
+
+    def _planar(self, root: Path, out: Path, scene: TaskScene) -> Twin:
+        folder = root / self.surfels.key
+        capture, pushes = read_pushes(root / self.surfels.capture.key, [scene.episode])
+        surfels, offset = read_ply(folder / SURFELS_FILE), read_offset(folder / ALIGN_FILE)
+        poses = PoseTracker(capture, surfels, offset, self._tracker).track(pushes[0]).poses
+        height = float(pushes[0].trajectory.p_WP[0, 2] - poses.p_WO[0, 2])
+        body = make_planar_body(capture.object.mesh_path, capture.object.X_WO.q, height, height)
+        found = identify_planar(
+            body,
+            poses,
+            pushes[0].trajectory,
+            0.01 if capture.pusher.shape is None else capture.pusher.shape.radius,
+            mass=capture.object.mass or 1.0,
+            gravity=capture.gravity,
+            options=PlanarOptions(seed=self.surfels.capture.seed),
+        )
+        registration = read_registration(folder / ALIGN_FILE)
+        twin = planar_twin(found.properties, body, capture, pushes, surfels, offset, X_OS=registration)
+        twin = replace(twin, provenance={**twin.provenance, **run_provenance()})
+        write_twin(out, twin)
+        return twin

@@ -1,0 +1,106 @@
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.point_mass import PointMassWorlds, Wandering
+from pinwm_drake.baselines.dreamer import training
+from pinwm_drake.baselines.dreamer.collect import collect
+from pinwm_drake.baselines.dreamer.method import EPISODES, DreamerV2
+from pinwm_drake.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
+from pinwm_drake.baselines.dreamer.policy import read_dreamer
+from pinwm_drake.baselines.method import MethodData
+from pinwm_drake.errors import InputError
+from pinwm_drake.learning import rounds
+from pinwm_drake.learning.progress import silent
+from pinwm_drake.learning.weights import weights
+from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from tests.baselines.dreamer.small import SIZES
+
+SHORT = DreamerV2(
+    episodes=3,
+    networks=SIZES,
+    model=ModelOptions(updates=6, batch_size=2, length=5),
+    behaviour=BehaviourOptions(rounds=2, round_updates=4, episodes=2, batch_size=2, length=3, horizon=3),
+)
+
+
+class Killed(Exception):
+    pass
+
+
+def trained(method, out, *, data=None, resume=False, report=silent):
+    out.mkdir(exist_ok=True)
+    return method.train(data or MethodData(), PointMassWorlds(2, 8), out, seed=0, resume=resume, report=report)
+
+
+def alike(a, b):
+    pairs = [(weights(getattr(a, part)), weights(getattr(b, part))) for part in ("perception", "actor")]
+    return all(np.array_equal(left[name], right[name]) for left, right in pairs for name in left)
+
+
+# In the model's training, after 4 of its 6 updates; and in the second round of the behaviour's.
+@pytest.mark.parametrize(("stage", "done"), [("model", 0.6), ("behaviour", 0.7)])
+def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monkeypatch, stage, done):
+    monkeypatch.setattr(training, "_PERIOD", -1.0)
+    monkeypatch.setattr(rounds, "_PERIOD", -1.0)
+    monkeypatch.setattr(training, "_TOLD", 2)
+    whole = trained(SHORT, tmp_path / "a")
+
+    def kill(step):
+        if step.stage == stage and step.done >= done:
+            raise Killed
+
+    with pytest.raises(Killed):
+        trained(SHORT, tmp_path / "b", report=kill)
+    assert (tmp_path / "b" / stage / rounds.ROUND_FILE).exists() == (stage == "behaviour")
+    rest = trained(SHORT, tmp_path / "b", resume=True)
+    assert alike(whole, rest)
+    assert alike(rest, read_dreamer(tmp_path / "b"))
+    curves = [(tmp_path / one / "model" / training.CURVE_FILE).read_text() for one in "ab"]
+    assert curves[0] == curves[1]
+    assert [row["updates"] for row in csv.DictReader(curves[0].splitlines())] == ["2", "4", "6"]
+    assert len(list((tmp_path / "b" / EPISODES).iterdir())) == 3
+
+
+def test_a_training_with_other_settings_is_refused(tmp_path):
+    trained(SHORT, tmp_path)
+    with pytest.raises(InputError, match="model"):
+        trained(replace(SHORT, model=replace(SHORT.model, kl_scale=0.5)), tmp_path, resume=True)
+    with pytest.raises(InputError, match="behaviour"):
+        trained(replace(SHORT, behaviour=replace(SHORT.behaviour, entropy=0.5)), tmp_path, resume=True)
+    with pytest.raises(InputError, match="episodes"):
+        trained(replace(SHORT, episodes=2), tmp_path, resume=True)
+
+
+def test_a_folder_of_trajectories_without_any_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no episode"):
+        trained(SHORT, tmp_path, data=MethodData(trajectories=tmp_path / "none"))
+
+
+def test_a_point_mass_is_moved_to_the_middle_after_learning_from_random_episodes_alone(tmp_path):
+    worlds = PointMassWorlds(16, 16)
+    recorded = tmp_path / "recorded"
+    collect(worlds.worlds("rgb_state"), Wandering(16, 1), recorded, 100, seed=1)
+    method = DreamerV2(
+        networks=NetworkOptions(deter=64, hidden=64, latents=8, classes=8, units=64),
+        model=ModelOptions(updates=600, length=12, learning_rate=1e-3),
+        behaviour=BehaviourOptions(
+            rounds=2,
+            round_updates=80,
+            batch_size=8,
+            length=12,
+            horizon=10,
+            actor_rate=1e-3,
+            critic_rate=1e-3,
+        ),
+    )
+    data = MethodData(trajectories=recorded)
+    policy = method.train(data, worlds, tmp_path, seed=0, resume=False, report=silent)
+    found = evaluate_worlds(worlds.worlds("rgb_state"), policy, 128, seed=99)
+    chance = evaluate_worlds(worlds.worlds("rgb_state"), Wandering(16, 2), 128, seed=99)
+    assert chance.success_rate < 0.25
+    assert found.success_rate > 0.9
+    # As `Homing`, which knows place and velocity, does in 3.6.
+    assert found.mean_steps < 0.5 * chance.mean_steps
