@@ -78,13 +78,14 @@ def _described(bundle: "Bundle", folder: Path) -> list[str]:
     """Lines on a bundle: limits, golden samples, the time of a call, and files."""
     import numpy as np
 
-    golden, limits = bundle.provenance["golden"], bundle.limits
-    image, axes = np.full(bundle.spec.image_shape, 255, np.uint8), bundle.spec.task.axis_indices
+    golden, limits, task = bundle.provenance["golden"], bundle.limits, bundle.spec.task
+    acting = bundle.toward([0.0] * task.goal_size) if task.goal_size else bundle
+    image, axes = np.full(bundle.spec.image_shape, 255, np.uint8), task.axis_indices
     p_WP = 0.5 * np.add(limits.box_low, limits.box_high)[axes]
     seconds = []
     for _ in range(_CALLS):
         start = time.perf_counter()
-        bundle.act(image, p_WP)
+        acting.act(image, p_WP)
         seconds.append(time.perf_counter() - start)
     low, high = (" ".join(f"{value:g}" for value in corner) for corner in (limits.box_low, limits.box_high))
     return [

@@ -23,7 +23,9 @@ from pinwm_drake.learning.images.window import Window
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.tasks import Task
 
-_WAVES = 100.0  # rad for a unit of the state, and up to twice that: 10 mm of an object turn a wave by 10 to 20 rad
+# rad for a unit of the state, and up to twice that: 10 mm of an object turn a wave by 3 to 6 rad. With 100, rounding in
+# ONNX moved an action by 9 of the 10 micrometres that a bundle allows.
+_WAVES = 30.0
 _LOG_SPREADS = (-20.0, 2.0)  # as SB3's SAC has them
 _FAR = 0.3  # m, unit of places that layers take
 # An action between two levels, such as one of a plan that is imitated, is done by chance while PPO tries it: with

@@ -77,6 +77,8 @@ def test_it_is_evaluated_over_goals_and_controlled_towards_one(run, bundle, tmp_
     goals = {row.rsplit(",", 1)[1] for row in rows[1:]}
     assert len(goals) == 3
     assert all(len(goal.split()) == 3 for goal in goals)
+    exported = CliRunner().invoke(app, ["export", str(run), str(tmp_path / "bundle")])
+    assert exported.exit_code == 0, exported.output
     folder = str(run.parent / "bundle")
     refused = CliRunner().invoke(app, ["control", folder, "--engine", "twin", "--duration", "0.3"])
     assert refused.exit_code != 0

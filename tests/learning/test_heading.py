@@ -50,7 +50,7 @@ def test_a_policy_does_the_same_at_any_yaw(head):
         before = actor(torch.from_numpy(TASK.state(states, p_WP))).numpy()
         after = actor(torch.from_numpy(TASK.state(*turned(states, p_WP, 0.9)))).numpy()
     wanted = before @ RotationMatrix.MakeZRotation(0.9).matrix().T
-    # A wave turns by up to 200 rad for a unit of the state, whose rounding it makes larger.
+    # A wave turns by up to 60 rad for a unit of the state, whose rounding it makes larger.
     np.testing.assert_allclose(after, wanted, atol=1e-3 if head == "dither" else 2e-5)
     assert np.linalg.norm(before, axis=1).max() <= 1.0 + 1e-6
     assert np.abs(before[:, :2]).max() > 0.01
