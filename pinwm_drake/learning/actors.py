@@ -126,8 +126,8 @@ class DitherActor(StateActor):
 
     SAC's distribution covers both of two good ways around an object, and its mean, which lies between them, stands
     still: a policy that acts by it may do so for ever. This one takes the mean plus sqrt(2) spread sin(F s), a wave of
-    the state s that is as far from the mean, on average, as a draw would be: an action follows from the state, and no
-    state stays as it is.
+    the state s that is as far from the mean, on average, as a draw would be: an action follows from the state, and
+    where the spread is wide a state hardly stays as it is.
     """
 
     _waves: Tensor
