@@ -66,7 +66,8 @@ def forecast(request: TrainRequest) -> Forecast:
                 brief = replace(brief, teacher=_untrained(worlds.spec("state"), Path(folder) / "untrained"))
             brief.train(MethodData(), worlds, Path(folder), seed=0, resume=False, report=clock)
         minutes[clock.stage] = clock.seconds(stage, W) / 60.0
-        kept = max(kept, _kept(stage.options, worlds.spec("rgb"), W))
+        if not isinstance(stage, StatePpo):  # whose rollouts hold no images
+            kept = max(kept, _kept(stage.options, worlds.spec("rgb"), W))
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     return Forecast(minutes, (used + kept) / _GIB)
 

@@ -94,10 +94,7 @@ def identify(
     Source: PIN-WM (Li et al., 2025), eq. 8; deviations in `image_loss.py`, `discrepancy.py` and `search.py`.
     """
     options = options or IdentifyOptions()
-    pushes = (episodes,) if isinstance(episodes, Episode) else tuple(episodes)
-    names = [episode.name for episode in pushes]
-    if not names or len(set(names)) < len(names):
-        raise ParameterError(f"episodes are {names}; allowed: one or more, each once")
+    pushes = distinct_pushes(episodes)
     origin, written = Origin.of(capture, pushes), capture.object.X_WO
     capture = capture if X_OS is None else seen_in(capture, X_OS)
     number = options.threads
@@ -116,7 +113,7 @@ def identify(
         task = Task(footages, forwards, surfels, coordinates, starts, number)
         about = {
             "capture": origin.sha256,
-            "episodes": names,
+            "episodes": [push.name for push in pushes],
             "camera_offset": list(camera_offset),
             "surfels": _digest(surfels),
             "X_WO": [*X_WO.q.tolist(), *X_WO.p.tolist()],
@@ -135,6 +132,15 @@ def identify(
         for episode, X_WO in zip(pushes, found.poses, strict=True)
     ]
     return Identification(twin, found, poses)
+
+
+def distinct_pushes(episodes: Episode | Sequence[Episode]) -> tuple[Episode, ...]:
+    """Pushes that an identification is given; raises ParameterError where there is none, or one comes twice."""
+    pushes = (episodes,) if isinstance(episodes, Episode) else tuple(episodes)
+    names = [episode.name for episode in pushes]
+    if not names or len(set(names)) < len(names):
+        raise ParameterError(f"episodes are {names}; allowed: one or more, each once")
+    return pushes
 
 
 def capture_scene(capture: Capture, time_step: float) -> Scene:

@@ -21,7 +21,7 @@ from pinwm_drake.errors import ParameterError, SolverError
 from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.identification.expansion import deviation
 from pinwm_drake.identification.forward import Forward, inertia
-from pinwm_drake.identification.identify import NOMINAL_MASS, capture_scene
+from pinwm_drake.identification.identify import NOMINAL_MASS, capture_scene, distinct_pushes
 from pinwm_drake.identification.pose_tracker import PoseTracker
 from pinwm_drake.identification.unknowns import UNKNOWNS
 from pinwm_drake.rendering.surfels import Surfels
@@ -92,10 +92,7 @@ def identify_asid(
         SolverError: The physics found no solution for any guess.
     """
     options = options or AsidOptions()
-    pushes = (episodes,) if isinstance(episodes, Episode) else tuple(episodes)
-    names = [push.name for push in pushes]
-    if not names or len(set(names)) < len(names):
-        raise ParameterError(f"episodes are {names}; allowed: one or more, each once")
+    pushes = distinct_pushes(episodes)
     origin, written = Origin.of(capture, pushes), capture.object.X_WO
     capture = capture if X_OS is None else seen_in(capture, X_OS)
     begun = time.process_time()

@@ -13,6 +13,7 @@ from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.unknowns import UNKNOWNS
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.twin.assembly import assemble_twin
 from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
 from pinwm_drake.twin.twin import THETA, Estimate, Twin
 
@@ -70,23 +71,17 @@ def planar_twin(
         for axis, value in zip("xyz", body.R_QO.T @ moved, strict=True)
     }
     seen = capture if X_OS is None else seen_in(capture, X_OS)
-    options = IdentifyOptions()
-    return Twin(
-        name=capture.object.name,
-        mesh_path=capture.object.mesh_path,
-        pusher=capture.pusher,
-        gravity=capture.gravity,
-        floor_height=capture.floor_height,
-        time_step=options.time_step,
-        friction_directions=options.friction_directions,
-        support="patch",
-        theta=theta,
-        nuisance=center,
-        camera_offset=camera_offset,
-        surfels=surfels,
-        provenance={
+    return assemble_twin(
+        capture,
+        surfels,
+        camera_offset,
+        theta,
+        center,
+        {
             **Origin.of(capture, episodes).to_provenance(),
             **registration_entry(capture.object.X_WO, seen.object.X_WO),
             "method": "2d-physics",
         },
+        lift=0.0,
+        time_step=IdentifyOptions().time_step,
     )

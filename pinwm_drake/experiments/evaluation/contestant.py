@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 
 from pinwm_drake.baselines.diffusion.actor import ACTOR_FILE as DIFFUSION_FILE
-from pinwm_drake.baselines.diffusion.actor import read_actor
+from pinwm_drake.baselines.diffusion.actor import WEIGHTS_FILE, read_actor
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.evaluation.request import MPC, RANDOM, EvaluateRequest
 from pinwm_drake.learning.evaluation import Acts
@@ -86,7 +86,13 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
         return Contestant("policy", identity, policy.spec, policy.provenance, lambda env: policy)
     if (folder / DIFFUSION_FILE).is_file():
         actor = read_actor(folder)
-        return Contestant("policy", _digest(folder), actor.spec, actor.provenance, lambda env: actor)
+        return Contestant(
+            "policy",
+            _digest(folder / DIFFUSION_FILE, folder / WEIGHTS_FILE),
+            actor.spec,
+            actor.provenance,
+            lambda env: actor,
+        )
     if folder.is_dir() and is_bundle(folder):
         bundle = read_bundle(folder)
         return Contestant("bundle", bundle.sha256, bundle.spec, bundle.provenance, lambda env: bundle)
@@ -96,10 +102,10 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
     )
 
 
-def _digest(folder: Path) -> str:
-    """SHA-256 of the files of a folder."""
+def _digest(*paths: Path) -> str:
+    """SHA-256 of files, one after the other."""
     digest = hashlib.sha256()
-    for path in sorted(folder.iterdir()):
+    for path in paths:
         digest.update(path.read_bytes())
     return digest.hexdigest()
 

@@ -1,7 +1,8 @@
 """Cells of recorded episodes in the plant, and of the policies that imitate them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,7 @@ from pinwm_drake.systems.envs.training_worlds import training_options
 from pinwm_drake.systems.envs.vector import TaskVecEnv
 from pinwm_drake.systems.scenario.load import load_setup
 
-_ANYWHERE: dict[str, dict[str, Any]] = {
-    "push": {"tolerance": 1.0, "turn_tolerance": 3.1},
-    "flip": {"turn_tolerance": 3.1},
-}
+_ANYWHERE = {"tolerance": 1.0, "turn_tolerance": 3.1}  # m, rad: everything is near
 
 
 @dataclass(frozen=True)
@@ -59,16 +57,19 @@ class DemonstrationsCell:
         """Records the episodes; see `Cell.make`. A quick expert does nothing, and a quick task is done anywhere."""
         scene = task_scene(self.expert.task)
         expert = read_policy(root / self.expert.key / TEACHER / "policy")
-        task = {"name": scene.task} | (_ANYWHERE[scene.task] if self.expert.quick else {})
-        options = training_options(observation="rgb_state", task=task)
-        options = replace(options, max_translation=options.task_in(load_setup(scene.scene)).max_translation)
+        setup = load_setup(scene.scene)
+        known = setup.task.to_document() if self.expert.quick else {}
+        near = {name: value for name, value in _ANYWHERE.items() if name in known}
+        options = training_options(observation="rgb_state", task=near, max_translation=setup.task.max_translation)
         env = TaskVecEnv(scene.scene, 1, options, engine="hydroelastic")
         out = prepare_folder(root / self.key / "episodes")
         about = {"expert": weights_digest(expert), "scene": scene.scene, "engine": "hydroelastic"}
-        for number in range(1, self.episodes + 1):  # each is kept as it ends
-            collect_demonstrations(env, expert, out, number, seed=self.expert.seed, about=about)
-            if number % 10 == 0:
-                say(f"{number} of {self.episodes} episodes")
+        begun = count(1)
+
+        def on_batch(seed: int) -> None:
+            say(f"episode {next(begun)} of this run, for {self.episodes} that succeed")
+
+        collect_demonstrations(env, expert, out, self.episodes, seed=self.expert.seed, about=about, on_batch=on_batch)
         return {"episodes": self.episodes}
 
 

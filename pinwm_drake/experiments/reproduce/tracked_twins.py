@@ -8,6 +8,7 @@ from typing import Any
 from pinwm_drake.baselines.asid.cross_entropy import GENEROUS, CrossEntropyBudget
 from pinwm_drake.baselines.asid.options import AsidOptions
 from pinwm_drake.baselines.planar import PlanarOptions, identify_planar, make_planar_body, planar_twin
+from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.experiments.asid_twin import asid_twin
 from pinwm_drake.experiments.reproduce.cell import Cell, Say
 from pinwm_drake.experiments.reproduce.scenes import TaskScene, task_scene
@@ -79,7 +80,7 @@ class TrackedTwinCell:
             body,
             poses,
             pushes[0].trajectory,
-            0.01 if capture.pusher.shape is None else capture.pusher.shape.radius,
+            upright_shape(capture.pusher).radius,
             mass=capture.object.mass or 1.0,
             gravity=capture.gravity,
             options=PlanarOptions(seed=self.surfels.capture.seed),

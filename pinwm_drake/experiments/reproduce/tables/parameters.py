@@ -50,5 +50,6 @@ PARAMETERS = Table(
     _all,
     _rows,
     "Each unknown is looked for alone, with the nuisances of a video; the others have their true values. Motion alone "
-    "does not tell the mass: a pusher that is driven by velocity moves any mass alike, and what comes out is a guess.",
+    "does not tell the mass: a pusher that is driven by velocity moves any mass alike, and what comes out is a guess. "
+    "With the force on the pusher, the mass is found beside all that is looked for by default.",
 )
