@@ -1,6 +1,7 @@
 """A policy: a network with its specification, on disk as a folder of YAML and npz."""
 
 import hashlib
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -98,8 +99,34 @@ def write_policy(folder: Path, policy: Policy) -> None:
     prepare_folder(folder)
     write_arrays(folder / WEIGHTS_FILE, {"schema_version": _WEIGHTS_VERSION}, weights(policy.actor))
     document = {"schema_version": _VERSION, "spec": policy.spec.to_document(), "provenance": policy.provenance}
-    with replacing(folder / POLICY_FILE) as path:
-        path.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
+    write_document(folder / POLICY_FILE, document)
+
+
+def write_document(path: Path, document: Mapping[str, Any]) -> None:
+    """Writes the document of a policy, plain data, as YAML; raises InputError where it cannot be written."""
+    with replacing(path) as temporary:
+        temporary.write_text(yaml.safe_dump(dict(document), sort_keys=False, allow_unicode=True))
+
+
+def read_document(path: Path, versions: Collection[int], *, allowed: str, of_version: str) -> dict[str, Any]:
+    """Document that `write_document` wrote, with a schema_version that is known.
+
+    Args:
+        path: File.
+        versions: The versions.
+        allowed: Words on what the file should be, for messages.
+        of_version: Words on the versions, for messages.
+
+    Raises:
+        InputError: The file is missing, cannot be read, or is another document.
+    """
+    try:
+        document = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(path, value=error, allowed=allowed) from error
+    if not isinstance(document, dict) or document.get("schema_version") not in versions:
+        raise InputError(path, value="another document", allowed=of_version)
+    return document
 
 
 def read_policy(folder: Path) -> Policy:
@@ -109,14 +136,12 @@ def read_policy(folder: Path) -> Policy:
         InputError: A file is missing, cannot be read, or does not fit the other.
     """
     path = folder / POLICY_FILE
-    try:
-        document = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, value=error, allowed="policy.yaml that `pinwm train` wrote") from error
-    if not isinstance(document, dict) or document.get("schema_version") not in _VERSIONS:
-        raise InputError(
-            path, value="another document", allowed=f"a policy with schema_version {' or '.join(map(str, _VERSIONS))}"
-        )
+    document = read_document(
+        path,
+        _VERSIONS,
+        allowed="policy.yaml that `pinwm train` wrote",
+        of_version=f"a policy with schema_version {' or '.join(map(str, _VERSIONS))}",
+    )
     try:
         spec = PolicySpec.from_document(document.get("spec"))
     except ParameterError as error:

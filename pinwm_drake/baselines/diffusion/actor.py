@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import torch
-import yaml
 
 from pinwm_drake.baselines.diffusion.network import DiffusionNetwork, require_diffusers
 from pinwm_drake.baselines.diffusion.options import NetworkOptions
 from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError, ParameterError, require
-from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.learning.policy import read_document, write_document
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
 from pinwm_drake.learning.weights import set_weights, weights
 
@@ -158,8 +158,7 @@ def write_actor(folder: Path, actor: DiffusionActor) -> None:
         "seed": actor.seed,
         "provenance": actor.provenance,
     }
-    with replacing(folder / ACTOR_FILE) as path:
-        path.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
+    write_document(folder / ACTOR_FILE, document)
 
 
 def read_actor(folder: Path) -> DiffusionActor:
@@ -171,12 +170,8 @@ def read_actor(folder: Path) -> DiffusionActor:
     """
     require_diffusers()
     path, allowed = folder / ACTOR_FILE, "what `write_actor` wrote"
-    try:
-        document = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, value=error, allowed=allowed) from error
-    if not isinstance(document, dict) or document.get("schema_version") != _VERSION:
-        raise InputError(path, value="another document", allowed=f"{allowed}, with schema_version {_VERSION}")
+    of_version = f"{allowed}, with schema_version {_VERSION}"
+    document = read_document(path, [_VERSION], allowed=allowed, of_version=of_version)
     arrays = read_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, "diffusion policy")
     if arrays is None:
         raise InputError(folder / WEIGHTS_FILE, value="no such file", allowed=f"the weights beside {ACTOR_FILE}")

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import torch
-import yaml
 
 from pinwm_drake.baselines.dreamer.behaviour import Actor
 from pinwm_drake.baselines.dreamer.options import NetworkOptions
@@ -14,7 +13,8 @@ from pinwm_drake.baselines.dreamer.rssm import Latent
 from pinwm_drake.baselines.dreamer.world_model import Perception
 from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError, ParameterError, require
-from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.learning.policy import read_document, write_document
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
 from pinwm_drake.learning.weights import set_weights, weights
 
@@ -121,8 +121,7 @@ def write_dreamer(folder: Path, policy: DreamerPolicy) -> None:
     write_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, arrays)
     spec, sizes = policy.spec.to_document(), asdict(policy.networks)
     document = dict(zip(_KEYS, (_VERSION, spec, sizes, policy.provenance), strict=True))
-    with replacing(folder / DREAMER_FILE) as path:
-        path.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
+    write_document(folder / DREAMER_FILE, document)
 
 
 def read_dreamer(folder: Path) -> DreamerPolicy:
@@ -132,13 +131,10 @@ def read_dreamer(folder: Path) -> DreamerPolicy:
         InputError: A file is missing, cannot be read, or does not fit the other.
     """
     path = folder / DREAMER_FILE
-    try:
-        document = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, value=error, allowed="a policy of Dreamer V2") from error
-    known = isinstance(document, dict) and set(document) == set(_KEYS) and document["schema_version"] == _VERSION
-    if not known:
-        raise InputError(path, value="another document", allowed=f"a policy with schema_version {_VERSION}")
+    of_version = f"a policy with schema_version {_VERSION}"
+    document = read_document(path, [_VERSION], allowed="a policy of Dreamer V2", of_version=of_version)
+    if set(document) != set(_KEYS):
+        raise InputError(path, value="another document", allowed=of_version)
     try:
         spec = PolicySpec.from_document(document["spec"])
         policy = make_policy(spec, NetworkOptions(**document["networks"]))
