@@ -8,6 +8,7 @@ velocity. What is in FOLDER goes on.
 
 import argparse
 import csv
+from functools import partial
 from pathlib import Path
 
 from benchmarks import timing
@@ -44,8 +45,7 @@ def main() -> None:
     torch.set_num_threads(1)
     worlds, out = PointMassWorlds(_WORLDS, given.size), prepare_folder(given.out)
     recorded = out / EPISODES
-    explore = Wandering(_WORLDS, given.seed)
-    collect(worlds.worlds("rgb_state"), explore, recorded, _RECORDED, seed=given.seed, resume=True)
+    collect(worlds.worlds("rgb_state"), partial(Wandering, _WORLDS), recorded, _RECORDED, seed=given.seed)
     method = DreamerV2(
         networks=NetworkOptions(deter=64, hidden=64, latents=8, classes=8, units=64),
         model=ModelOptions(updates=given.updates, length=12, learning_rate=1e-3),

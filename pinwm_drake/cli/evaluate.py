@@ -61,6 +61,14 @@ def evaluate(
         str | None,
         typer.Option(help="Twin or scenario with whose parameters mpc plans.", show_default="the scene"),
     ] = None,
+    stand_in: Annotated[
+        bool,
+        typer.Option(
+            "--stand-in",
+            help="Stand in for a robot: a lump in the object and feet below it, a camera that is off, late actions, "
+            "ragged masks, one lamp.",
+        ),
+    ] = False,
     workers: Annotated[
         int | None, typer.Option(help="Processes that share the episodes.", show_default="one on each core")
     ] = None,
@@ -87,6 +95,7 @@ def evaluate(
         max_steps=max_steps,
         max_translation=max_translation,
         model=model,
+        stand_in=stand_in,
     )
     done = 0
     try:

@@ -19,7 +19,7 @@ def reproduce(
         list[str],
         typer.Argument(
             metavar="TABLE...",
-            help="policies, one-step, randomization, parameters, geometry-noise, tasks, all; report writes.",
+            help="policies, one-step, randomization, parameters, geometry-noise, tasks, stand-in, all; report writes.",
         ),
     ],
     out: Annotated[

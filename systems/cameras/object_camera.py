@@ -88,6 +88,7 @@ def AddCaptureRig(
     supersampling: int,
     X_WC: RigidTransform | None = None,
     query: OutputPort | None = None,
+    renderer: RenderEngineVtkParams | None = None,
 ) -> CaptureRig:
     """Adds a camera to a diagram, and a renderer to its scene graph where it has none yet.
 
@@ -98,13 +99,14 @@ def AddCaptureRig(
         supersampling: Number of rendered pixels that make one, along each side.
         X_WC: Pose of the camera until another one is set, OpenCV axes; None for the world's.
         query: The scene graph's query port as the diagram has it; None for that of the scene graph itself.
+        renderer: Settings of the renderer that is added; None for even light from all sides.
 
     Returns:
         The camera.
     """
     if not scene_graph.HasRenderer(_RENDERER):
-        engine = RenderEngineVtkParams(default_clear_color=np.ones(3), lights=_lights())
-        scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(engine))
+        even = RenderEngineVtkParams(default_clear_color=np.ones(3), lights=_lights())
+        scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(renderer or even))
     focal_x, focal_y, centre_x, centre_y = (supersampling * camera.intrinsics).tolist()
     # The engine takes the principal point from the corner of the image, as this project does, although Drake's
     # documentation counts from the middle of the first pixel: measured in tests/systems/cameras/.

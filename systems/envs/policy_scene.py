@@ -2,7 +2,7 @@
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,9 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.learning.images.window import window_size
 from pinwm_drake.learning.spec import CameraSpec, ObjectSpec, Observes, PolicySpec, PusherSpec, SceneSpec
-from pinwm_drake.systems.envs.env import TaskEnv
-from pinwm_drake.systems.envs.options import EnvOptions, longest_translation
-from pinwm_drake.systems.scenario.load import Scene, shipped_scenarios
+from pinwm_drake.systems.envs.env import TaskEnv, changed_options
+from pinwm_drake.systems.envs.options import EnvOptions, environment_setup, longest_translation
+from pinwm_drake.systems.scenario.load import Scene, load_setup, shipped_scenarios
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks import Task, default_scene
 
@@ -100,13 +100,21 @@ def usual_scene(spec: PolicySpec) -> str:
     return name if name in shipped_scenarios() else default_scene(spec.task.name)
 
 
-def spec_environment(spec: PolicySpec, scene: Scene, engine: str | None = None, **changes: Any) -> TaskEnv:
+def spec_environment(
+    spec: PolicySpec,
+    scene: Scene,
+    engine: str | None = None,
+    *,
+    truth: Callable[[Setup], Setup] | None = None,
+    **changes: Any,
+) -> TaskEnv:
     """Makes the environment of a scene in which a policy has the observations and actions that it is made for.
 
     Args:
         spec: Specification of the policy.
         scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
         engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
+        truth: Gives the scene that is simulated from the one that is believed in and checked; None where both are one.
         changes: Fields of `EnvOptions` in the place of the specification's; a mapping as `task` changes the policy's.
 
     Raises:
@@ -125,9 +133,13 @@ def spec_environment(spec: PolicySpec, scene: Scene, engine: str | None = None, 
         max_translation=spec.max_translation,
         image_size=camera.width,
     )
-    environment = TaskEnv(scene, engine, options, **changes)
-    check_scene(spec, environment.setup)
-    return environment
+    if truth is None:
+        environment = TaskEnv(scene, engine, options, **changes)
+        check_scene(spec, environment.setup)
+        return environment
+    believed, options = load_setup(scene), changed_options(options, changes)
+    check_scene(spec, environment_setup(believed, options))
+    return TaskEnv(truth(believed), engine, options)
 
 
 def _task(task: Task, wanted: Task | Mapping[str, Any] | None) -> Task:

@@ -24,6 +24,7 @@ _DOMAIN = "domain."
 _MIDWAY = 0.7  # share of the episodes that begin in a waypoint, where there are any
 RESET_OPTIONS = ("place", "X_WO", "p_WP", "goal")
 OnReset = Callable[[int], Domain | None]
+Spoil = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,8 @@ class Worlds:
             0 at first.
         domain: Called with a world's index before it begins an episode; gives the theta and colours of that episode, or
             None to leave them. Colours are not asked for where no images are seen.
+        spoil: Called with each new image (height, width, 4) uint8 RGBA and the generator of its world; gives the image
+            that is seen instead. None at first.
     """
 
     def __init__(
@@ -112,6 +115,7 @@ class Worlds:
         self.observation_space = self._observer.space
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
         self._delay = Delay(options.latency, self.setup.scenario.pusher.horizon, num_worlds, self.task)
+        self.spoil: Spoil | None = None
         self._goal = np.zeros((num_worlds, self.task.goal_size))
         self._steps = np.zeros(num_worlds, int)
         self._random = [seeding.np_random(None)[0] for _ in range(num_worlds)]
@@ -195,7 +199,7 @@ class Worlds:
         if self._observer.needs_images:
             # The port renders all worlds; at the start of an episode those that begin are enough.
             images = self.run.images() if self.run.world_model is None else self.run.images_of(worlds)
-            self._observer.begin(worlds, images)
+            self._observer.begin(worlds, self._spoilt(images, worlds))
 
     def set_object_states(self, object_state: np.ndarray, p_WP: np.ndarray) -> None:
         """Puts every one of the twin's worlds into a state, at the beginning of an episode; images are not taken.
@@ -229,7 +233,7 @@ class Worlds:
         terminated = progress.success & ~failed
         truncated = failed | ((self._steps >= self.max_steps) & ~terminated)
         if self._observer.needs_images and not failed.all():
-            self._observer.see(self.run.images())
+            self._observer.see(self._spoilt(self.run.images(), np.arange(self.num_worlds)))
         reward = self.task.rewards(before, progress)
         return Advance(reward, terminated, truncated, progress, self._steps.copy(), failures)
 
@@ -286,6 +290,13 @@ class Worlds:
             self.run.set_world_state(last[0][world], last[1][world], world)
         self._take_state()
         return failures
+
+    def _spoilt(self, images: np.ndarray, worlds: np.ndarray) -> np.ndarray:
+        """Images (m, height, width, 4) uint8 of worlds with indices (m,) as they are seen."""
+        if self.spoil is None:
+            return images
+        pairs = zip(images, worlds.tolist(), strict=True)
+        return np.stack([self.spoil(image, self._random[world]) for image, world in pairs])
 
     def _disturb(self) -> None:
         """Changes the velocities of the twin's objects by chance, each as far as it is fast."""

@@ -22,8 +22,7 @@ from pinwm_drake.capture.scene import PUSHER_KINDS, PusherGeometry, PusherKind, 
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_transforms
 from pinwm_drake.errors import require
 from pinwm_drake.files import appearing
-from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.geometry.stored_pieces import mesh_pieces
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import OBJECT_NAMES
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
@@ -32,7 +31,7 @@ from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.realism.camera import LabCamera
 from pinwm_drake.systems.runs.realism.lamp import glossy_model
 from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log, moved_camera, moved_on_floor
-from pinwm_drake.systems.runs.realism.uneven import draw_unevenness, write_with_feet
+from pinwm_drake.systems.runs.realism.uneven import uneven_twin
 from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates, Recording
 from pinwm_drake.systems.runs.rocking import SPEEDS, rocking_poke
 from pinwm_drake.systems.scenario.load import load_setup
@@ -41,7 +40,6 @@ from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import on_floor
 from pinwm_drake.systems.scenario.viewpoints import around, framed
 from pinwm_drake.tasks import FlipTask, PushTask
-from pinwm_drake.twin import Estimate
 from pinwm_drake.twin.rollout import twin_parameters, twin_scene
 
 CaptureProgress = Callable[[str, float, str], None]
@@ -183,7 +181,7 @@ class _Capture:
         self.generator = np.random.default_rng([options.seed, 0])
         R_WO = self._first_turn()
         if options.realistic:
-            setup = _uneven_setup(setup, self.mesh, R_WO, options, models)
+            setup = _uneven_setup(setup, R_WO, options, models)
         self.twin, self.shape = setup.twin, options.shape
         self.camera = Camera.from_field_of_view(options.size, options.size, _FIELD_OF_VIEW)
         self.recorder: PushRecorder = MakePushRecorder(
@@ -331,23 +329,10 @@ class _Capture:
         return rocking_poke(self.recorder, self.X_WO, self.mesh, self.shape, generator, speeds, self.options.frames)
 
 
-def _uneven_setup(
-    setup: Setup, mesh: trimesh.Trimesh, R_WO: RotationMatrix, options: SimulateOptions, models: Path
-) -> Setup:
+def _uneven_setup(setup: Setup, R_WO: RotationMatrix, options: SimulateOptions, models: Path) -> Setup:
     """Setup with a lump in the object, feet below it unless it lies, and glossy colours, whose files go to `models`."""
-    up = R_WO.matrix()[2]
     generator = np.random.default_rng([options.seed, 2])
-    hulls = [piece.vertices for piece in mesh_pieces(setup.twin.mesh_path)]
-    found = draw_unevenness(mesh, hulls, options.mass, up, generator)
-    twin, plain = setup.twin, mass_properties(mesh, mass=options.mass).p_com
-    theta = {f"inertia_{2 * axis}": float(found.inertia[k, k]) for k, axis in enumerate("xyz")}
-    off = {f"center_{axis}": float(found.p_com[k] - plain[k]) for k, axis in enumerate("xyz")}
-    twin = dataclasses.replace(
-        twin,
-        mesh_path=twin.mesh_path if options.lying else write_with_feet(twin.mesh_path, models, found.feet, up),
-        theta=twin.theta | {name: dataclasses.replace(twin.theta[name], value=value) for name, value in theta.items()},
-        nuisance=twin.nuisance | {name: Estimate(value, None, True, "m", "drawn") for name, value in off.items()},
-    )
+    twin = uneven_twin(setup.twin, R_WO.matrix()[2], generator, models, feet=not options.lying)
     return dataclasses.replace(
         make_setup(setup.scenario, twin=twin), visual_path=glossy_model(setup.visual_path, models)
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+from pydrake.geometry import RenderEngineVtkParams
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.documents import Entry
@@ -41,6 +42,7 @@ class Setup:
         period: s, at which the pusher's velocity is sampled; also that of the twin's updates.
         plant_time_step: s, one step of Drake's plants; a whole number of them make a period.
         task: The scenario's task, with the object's orientation `scenario.start.q_WO`.
+        renderer: Settings of the renderer of Drake's plants; None for even light from all sides.
     """
 
     scenario: Scenario
@@ -51,6 +53,7 @@ class Setup:
     period: float
     plant_time_step: float
     task: Task
+    renderer: RenderEngineVtkParams | None = None
 
     def with_theta(self, **values: float) -> "Setup":
         """The setup with other values of some of `THETA`'s parameters, such as friction_floor=0.1.

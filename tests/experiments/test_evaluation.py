@@ -1,19 +1,26 @@
 import csv
+import dataclasses
 import os
 import signal
 from multiprocessing import active_children
 
 import numpy as np
 import pytest
+import torch
 
-from pinwm_drake.errors import ParameterError, SolverError
+from pinwm_drake.errors import InputError, ParameterError, SolverError
 from pinwm_drake.experiments.evaluation.contestant import read_contestant
 from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner, _run, run_episodes
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+from pinwm_drake.experiments.evaluation.results import settings_of
 from pinwm_drake.experiments.evaluation.run import REPORT_FILE, TABLE_FILE, VIDEO_FILE, evaluate
 from pinwm_drake.experiments.evaluation.store import EpisodeStore
+from pinwm_drake.learning.policy import Policy, make_actor, write_policy
 from pinwm_drake.parallel import Executor
+from pinwm_drake.systems.envs.options import EnvOptions
+from pinwm_drake.systems.envs.policy_scene import policy_spec
 from tests.cli.evaluations import document, write_scenario
+from tests.systems.stations import action_setup
 
 
 @pytest.fixture(scope="module")
@@ -93,3 +100,40 @@ def test_an_evaluation_may_be_late(scenario):
     np.testing.assert_allclose(paths[1][1:], paths[0][:-1], atol=1e-9)
     with pytest.raises(ParameterError, match="--latency"):
         EvaluateRequest("random", scenario, "twin", latency=-0.1)
+
+
+def test_a_stand_in_is_another_scene_that_policies_do_not_know(scenario, tmp_path):
+    torch.manual_seed(0)
+    spec = policy_spec(action_setup(scenario), EnvOptions(frames=2, max_translation=0.02, max_steps=2), "rgb")
+    write_policy(tmp_path / "policy", Policy(spec, make_actor(spec), {}))
+    found = []
+    for stand_in in (False, True, True):
+        request = EvaluateRequest(str(tmp_path / "policy"), scenario, "point", episodes=1, stand_in=stand_in)
+        found.append(EpisodeRunner(read_contestant(request), request))
+    plain, _, again = found
+    first, second, third = (one.run(3) for one in found)
+    for name in ("p_WO", "q_WO", "p_WP", "views"):
+        np.testing.assert_array_equal(getattr(second, name), getattr(third, name))
+    # The same start; 80 of the first 100 ms pass before anything moves.
+    np.testing.assert_allclose(second.p_WP[0], first.p_WP[0], atol=1e-4)
+    moved = [np.linalg.norm(record.p_WP[1] - record.p_WP[0]) for record in (first, second)]
+    assert moved[1] == pytest.approx(0.2 * moved[0], rel=0.3)
+    # The object is seen, in another light and outline.
+    shown = [(record.views[0] < 255).any(axis=-1) for record in (first, second)]
+    assert 0 < (shown[0] != shown[1]).sum() < 0.6 * shown[0].sum()
+    both = shown[0] & shown[1]
+    assert np.abs(first.views[0][both].astype(int) - second.views[0][both]).mean() > 10
+    settings = settings_of(request, again.contestant, again.env, "")
+    assert "stand_in" not in settings_of(dataclasses.replace(request, stand_in=False), plain.contestant, plain.env, "")
+    assert settings["stand_in"]["camera_place"] == 0.003
+    assert settings["latency"] == settings["stand_in"]["latency"] == 0.08
+    EpisodeStore(tmp_path / "store", {"a": 1}, resume=False).write(3, second)
+    with pytest.raises(InputError, match="stand_in"):
+        EpisodeStore(tmp_path / "store", {"a": 1, "stand_in": {}}, resume=True).read(3)
+
+
+def test_a_stand_in_is_a_plant_with_a_latency_of_its_own():
+    with pytest.raises(ParameterError, match="--stand-in: got one with engine twin"):
+        EvaluateRequest("random", engine="twin", stand_in=True)
+    with pytest.raises(ParameterError, match="--latency"):
+        EvaluateRequest("random", latency=0.1, stand_in=True)

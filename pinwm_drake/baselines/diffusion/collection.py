@@ -8,12 +8,12 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.baselines.diffusion.demonstrations import WORK, Episode, episode_path
+from pinwm_drake.baselines.recording import record_episodes
 from pinwm_drake.checkpoints import read_arrays
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.evaluation import Acts, result_of
 from pinwm_drake.learning.rounds import OnRound
-from pinwm_drake.learning.world_evaluation import usual_starts
 
 _BATCH = "batch"
 _TRIES = 10  # episodes for each one that is wanted, before the expert is given up
@@ -58,8 +58,7 @@ def collect_demonstrations(
         words = np.random.SeedSequence(seed, spawn_key=(batch,)).generate_state(2)
         if on_batch is not None:
             on_batch(int(words[0] >> 1))
-        with usual_starts(env):
-            found = _successes(env, expert, int(words[1] >> 1))
+        found = _successes(env, expert, int(words[1] >> 1))
         for one in found[: episodes - done]:
             one.write(episode_path(folder, done), told, **{_BATCH: np.array(batch)})
             done += 1
@@ -76,33 +75,15 @@ def _recorded(folder: Path, about: Mapping[str, object]) -> tuple[int, int]:
 
 def _successes(env: VecEnv, expert: Acts, seed: int) -> list[Episode]:
     """Episodes with success among one of each world, in the order of the worlds."""
-    W = env.num_envs
-    env.seed(seed)
-    seen: Any = env.reset()
-    images, pushers = (
-        [[_last(seen["image"][world])] for world in range(W)],
-        [[seen["pusher"][world]] for world in range(W)],
-    )
-    taken: list[list[np.ndarray]] = [[] for _ in range(W)]
-    found: dict[int, Episode] = {}
-    state, begins, running = None, np.ones(W, bool), np.ones(W, bool)
-    while running.any():
+    state: Any = None
+
+    def act(seen: Any, begins: np.ndarray) -> np.ndarray:
+        nonlocal state
         actions, state = expert.predict(seen, state=state, episode_start=begins, deterministic=True)
-        actions = np.clip(actions, -1.0, 1.0).astype(np.float32)
-        seen, _, begins, infos = env.step(actions)
-        for world in np.flatnonzero(running).tolist():
-            last = infos[world]["terminal_observation"] if begins[world] else None
-            image, pusher = (seen[name][world] if last is None else last[name] for name in ("image", "pusher"))
-            taken[world].append(actions[world].copy())
-            images[world].append(_last(image))
-            pushers[world].append(pusher.copy())
-            if last is not None and result_of(infos[world], None, len(taken[world]), {}).success:
-                arrays = (np.stack(part[world]) for part in (images, pushers, taken))
-                found[world] = Episode(*arrays)
-        running &= ~begins
-    return [found[world] for world in sorted(found)]
+        return actions
 
-
-def _last(image: np.ndarray) -> np.ndarray:
-    """The last image (height, width, 3) of a stack, copied."""
-    return image[..., -3:].copy()
+    return [
+        Episode(one.images, one.pusher, one.actions)
+        for one in record_episodes(env, act, seed)
+        if result_of(one.info, None, len(one.actions), {}).success
+    ]

@@ -8,10 +8,11 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.baselines.dreamer.replay import Episode, episode_file
+from pinwm_drake.baselines.recording import Act, record_episodes
 from pinwm_drake.errors import require
 from pinwm_drake.files import prepare_folder
+from pinwm_drake.learning.rounds import OnRound
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.learning.world_evaluation import usual_starts
 
 Explore = Callable[[Any], np.ndarray]
 _SHORTEST, _LONGEST = 3, 12  # actions of one push
@@ -62,84 +63,60 @@ class RandomPushes:
         return way * draw.uniform(_SLOWEST, 1.0, (len(way), 1))
 
 
+def random_pushes(spec: PolicySpec, worlds: int) -> Callable[[int], Explore]:
+    """Function from a seed to random pushes in W worlds, for `collect`; see `RandomPushes`."""
+    return lambda seed: RandomPushes(spec, worlds, np.random.default_rng(seed))
+
+
 def collect(
     env: VecEnv,
-    explore: Explore,
+    make_explore: Callable[[int], Explore],
     folder: Path,
     episodes: int,
     *,
     seed: int,
     about: Mapping[str, object] | None = None,
-    resume: bool = False,
+    on_batch: OnRound | None = None,
 ) -> list[Episode]:
-    """Episodes of a policy that explores, each written to a file as it ends.
+    """Episodes of a policy that explores, each a file `00000.npz` and so on.
 
-    The number of episodes of each world is settled beforehand, as in `evaluate_worlds`: those that end first would be
-    the short ones. All begin where the scene says.
+    The worlds run batches of one episode each, all of which follow from the seed and the batch's number: those that end
+    first would be the short ones. A collection that was stopped goes on with the same episodes, and so does one that is
+    asked for more.
 
     Args:
         env: Worlds with observation "rgb_state": `image`, whose last three channels are kept, `pusher` and `state`.
-        explore: Function from the worlds' observation to their actions (W, n).
+        make_explore: Gives, from a batch's seed, the function from the worlds' observation to their actions (W, n).
         folder: Folder of the episodes; made if need be.
         episodes: Number of episodes, 1 or more.
-        seed: Seed of the first world; world k has `seed + k`.
-        about: What the episodes depend on, as JSON takes it.
-        resume: Flag: where all files are there, they are read, and nothing is collected.
+        seed: Seed of the collection, 0 or more.
+        about: What the episodes depend on, as JSON takes it: a folder with episodes of other ones is refused.
+        on_batch: Called with a seed before a batch, to draw its domains.
 
     Returns:
-        The episodes, those of the first world first.
+        The episodes, batch after batch, in the order of the worlds.
 
     Raises:
         InputError: A file cannot be read or written, or is of another collection.
         ParameterError: The number is out of range.
     """
     require("episodes", episodes, episodes >= 1, "1 or more")
-    prepare_folder(folder)
-    W = env.num_envs
-    wanted = [(episodes + W - 1 - world) // W for world in range(W)]
-    files = [episode_file(folder, number) for number in range(episodes)]
-    if not resume or not all(file.exists() for file in files):
-        own = np.split(np.array(files, object), np.cumsum(wanted)[:-1])
-        with usual_starts(env):
-            env.seed(seed)
-            _run(env, explore, wanted, own, about)
-    return [Episode.read(file, about) for file in files]
+    told = {"seed": seed, "worlds": env.num_envs, **(about or {})}
+    files = [episode_file(prepare_folder(folder), number) for number in range(episodes)]
+    for number, begin in enumerate(range(0, episodes, env.num_envs)):
+        batch = files[begin : begin + env.num_envs]
+        if all(file.exists() for file in batch):
+            continue
+        domains, worlds, own = np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(3) >> 1
+        if on_batch is not None:
+            on_batch(int(domains))
+        found = record_episodes(env, _acting(make_explore(int(own))), int(worlds))
+        for file, one in zip(batch, found, strict=False):
+            terminated = np.array(not one.info.get("TimeLimit.truncated", False))
+            Episode(one.images, one.pusher, one.actions, one.rewards, terminated).write(file, told)
+    return [Episode.read(file, told) for file in files]
 
 
-def _run(
-    env: VecEnv,
-    explore: Explore,
-    wanted: list[int],
-    files: list[np.ndarray],
-    about: Mapping[str, object] | None,
-) -> None:
-    """Acts in the worlds until each has as many episodes as wanted, and writes them to files of each world's own."""
-    seen: Any = env.reset()
-    done = [0] * env.num_envs
-    steps: list[list[tuple[np.ndarray, ...]]] = [[] for _ in done]
-    while any(k < most for k, most in zip(done, wanted, strict=True)):
-        actions = explore(seen)
-        found: Any = env.step(actions)
-        for world, (k, most) in enumerate(zip(done, wanted, strict=True)):
-            if k < most:
-                image, pusher = seen["image"][world, ..., -3:], seen["pusher"][world]
-                steps[world].append((image, pusher, actions[world], found[1][world]))
-        seen, ends, infos = found[0], found[2], found[3]
-        for world in np.flatnonzero(ends).tolist():
-            if done[world] < wanted[world]:
-                _joined(steps[world], infos[world]).write(files[world][done[world]], about)
-                done[world] += 1
-            steps[world] = []
-
-
-def _joined(steps: list[tuple[np.ndarray, ...]], info: dict[str, Any]) -> Episode:
-    """Episode of its steps and the info at its end."""
-    images, pusher, actions, rewards = (np.stack(part) for part in zip(*steps, strict=True))
-    last = info["terminal_observation"]
-    return Episode(
-        np.concatenate([images, last["image"][None, ..., -3:]]),
-        np.concatenate([pusher, last["pusher"][None]]).astype(np.float32),
-        actions.astype(np.float32),
-        rewards.astype(np.float32),
-        np.array(not info.get("TimeLimit.truncated", False)),
-    )
+def _acting(explore: Explore) -> Act:
+    """Function for `record_episodes` of one that needs not know where episodes begin."""
+    return lambda seen, begins: explore(seen)

@@ -1,15 +1,16 @@
 """Dreamer V2 as a method: task-agnostic episodes, a world model of them, and a policy of its imagination."""
 
+import shutil
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from stable_baselines3.common.vec_env import VecEnv
 
-from pinwm_drake.baselines.dreamer.collect import RandomPushes, collect
+from pinwm_drake.baselines.dreamer.collect import collect, random_pushes
 from pinwm_drake.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
 from pinwm_drake.baselines.dreamer.policy import DreamerPolicy, image_size, write_dreamer
 from pinwm_drake.baselines.dreamer.replay import Episode, Replay, read_episodes
-from pinwm_drake.baselines.dreamer.training import BEHAVIOUR, MODEL, generator_of, train_behaviour, train_model
+from pinwm_drake.baselines.dreamer.training import BEHAVIOUR, MODEL, train_behaviour, train_model
 from pinwm_drake.baselines.method import MakeWorlds, MethodData
 from pinwm_drake.errors import InputError, require
 from pinwm_drake.learning.progress import Report
@@ -58,7 +59,9 @@ class DreamerV2:
         from_worlds = {"worlds": make_worlds.about, "num_worlds": env.num_envs, "episodes": self.episodes, "seed": seed}
         told: dict[str, object] = {**from_worlds, "spec": spec.to_document(), "networks": asdict(self.networks)}
         if data.trajectories is None:
-            episodes = self._collect(env, make_worlds, out / EPISODES, from_worlds, seed, resume)
+            if not resume:
+                shutil.rmtree(out / EPISODES, ignore_errors=True)
+            episodes = self._collect(env, make_worlds, out / EPISODES, from_worlds, seed)
         else:
             episodes = read_episodes(data.trajectories)
             if not episodes:
@@ -95,17 +98,8 @@ class DreamerV2:
         return policy
 
     def _collect(
-        self,
-        env: VecEnv,
-        make_worlds: MakeWorlds,
-        folder: Path,
-        about: dict[str, object],
-        seed: int,
-        resume: bool,
+        self, env: VecEnv, make_worlds: MakeWorlds, folder: Path, about: dict[str, object], seed: int
     ) -> list[Episode]:
         """Episodes of random pushes, in domains that follow from the seed."""
-        generator = generator_of(seed, EPISODES, 0)
-        make_worlds.begin(int(generator.integers(1 << 31)))
-        pushes = RandomPushes(make_worlds.spec("rgb"), env.num_envs, generator)
-        first = int(generator.integers(1 << 31))
-        return collect(env, pushes, folder, self.episodes, seed=first, about=about, resume=resume)
+        explore = random_pushes(make_worlds.spec("rgb"), env.num_envs)
+        return collect(env, explore, folder, self.episodes, seed=seed, about=about, on_batch=make_worlds.begin)

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from pinwm_drake.baselines.diffusion.actor import ACTOR_FILE as DIFFUSION_FILE
-from pinwm_drake.baselines.diffusion.actor import WEIGHTS_FILE, read_actor
+from pinwm_drake.baselines.diffusion.actor import ACTOR_FILE, DiffusionActor, read_actor
+from pinwm_drake.baselines.diffusion.actor import WEIGHTS_FILE as ACTOR_WEIGHTS
+from pinwm_drake.baselines.dreamer.policy import DREAMER_FILE, DreamerPolicy, read_dreamer
+from pinwm_drake.baselines.dreamer.policy import WEIGHTS_FILE as DREAMER_WEIGHTS
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.evaluation.request import MPC, RANDOM, EvaluateRequest
 from pinwm_drake.learning.evaluation import Acts
@@ -21,10 +23,18 @@ from pinwm_drake.models import policy_path, shipped_policies
 from pinwm_drake.systems.envs import policy_scene
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.scenario.load import load_setup, scene_hash
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import with_start_yaw
 from pinwm_drake.tasks import PushTask, default_scene
+
+_Read = Callable[[Path], DiffusionActor | DreamerPolicy]
+# Documents of policies of other methods, their weights, and what reads them.
+_BASELINES: tuple[tuple[str, str, _Read], ...] = (
+    (ACTOR_FILE, ACTOR_WEIGHTS, read_actor),
+    (DREAMER_FILE, DREAMER_WEIGHTS, read_dreamer),
+)
 
 
 class RandomActions:
@@ -84,15 +94,9 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
         spec = json.dumps(policy.spec.to_document(), sort_keys=True)
         identity = hashlib.sha256(f"{weights_digest(policy)}{spec}".encode()).hexdigest()
         return Contestant("policy", identity, policy.spec, policy.provenance, lambda env: policy)
-    if (folder / DIFFUSION_FILE).is_file():
-        actor = read_actor(folder)
-        return Contestant(
-            "policy",
-            _digest(folder / DIFFUSION_FILE, folder / WEIGHTS_FILE),
-            actor.spec,
-            actor.provenance,
-            lambda env: actor,
-        )
+    for file, others, read in _BASELINES:
+        if (folder / file).is_file():
+            return _baseline(read(folder), _digest(folder / file, folder / others))
     if folder.is_dir() and is_bundle(folder):
         bundle = read_bundle(folder)
         return Contestant("bundle", bundle.sha256, bundle.spec, bundle.provenance, lambda env: bundle)
@@ -100,6 +104,11 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
     raise InputError(
         folder, value=found, allowed=f"a policy, a bundle, {', '.join([*shipped_policies(), MPC])} or {RANDOM}"
     )
+
+
+def _baseline(policy: DiffusionActor | DreamerPolicy, identity: str) -> Contestant:
+    """Contestant of a policy of another method."""
+    return Contestant("policy", identity, policy.spec, policy.provenance, lambda env: policy)
 
 
 def _digest(*paths: Path) -> str:
@@ -127,8 +136,13 @@ def usual_scene(policy: str, task: str | None) -> str:
     return default_scene(PushTask.name) if spec is None else policy_scene.usual_scene(spec)
 
 
-def make_environment(contestant: Contestant, request: EvaluateRequest) -> TaskEnv:
+def make_environment(contestant: Contestant, request: EvaluateRequest, models: Path) -> TaskEnv:
     """Makes the environment that an evaluation runs in.
+
+    Args:
+        contestant: Policy or controller that acts.
+        request: What is asked for.
+        models: Folder for meshes of a stand-in, which the environment's setup names.
 
     Raises:
         InputError: The scene, or one of its files, cannot be used.
@@ -140,7 +154,10 @@ def make_environment(contestant: Contestant, request: EvaluateRequest) -> TaskEn
         setup = with_start_yaw(setup, request.yaw, None if spec is None else spec.task.goal_yaw)
     named = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
     task = {name: value for name, value in named.items() if value is not None}
-    latency = (request.latency, request.latency)
+    stand_in = StandIn() if request.stand_in else None
+    late = request.latency if stand_in is None else stand_in.latency
+    latency = (late, late)
+    truth = None if stand_in is None else lambda believed: stand_in.true_scene(believed, models)
     if spec is None:
         task |= {} if request.task is None else {"name": request.task}
         options = EnvOptions(
@@ -148,9 +165,12 @@ def make_environment(contestant: Contestant, request: EvaluateRequest) -> TaskEn
         )
         if request.max_translation is None:
             options = dataclasses.replace(options, max_translation=options.task_in(setup).max_translation)
-        return TaskEnv(setup, request.engine, options)
+        return TaskEnv(setup if truth is None else truth(setup), request.engine, options)
     steps: dict[str, Any] = {} if request.max_steps is None else {"max_steps": request.max_steps}
-    return policy_scene.spec_environment(spec, setup, request.engine, task=task, latency=latency, **steps)
+    env = policy_scene.spec_environment(spec, setup, request.engine, truth=truth, task=task, latency=latency, **steps)
+    if stand_in is not None:
+        env.worlds.spoil = stand_in.spoil()
+    return env
 
 
 def _model(request: EvaluateRequest) -> Setup:

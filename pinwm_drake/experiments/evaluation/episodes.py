@@ -1,10 +1,12 @@
 """Runs the episodes of an evaluation, in this process or shared among several."""
 
 import math
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,7 +42,9 @@ class EpisodeRunner:
         Raises:
             PinwmError: The scene cannot be used, or is not one that the policy is made for.
         """
-        self.contestant, self.env = contestant, make_environment(contestant, request)
+        self._models = tempfile.TemporaryDirectory()  # goes when this goes
+        self.contestant = contestant
+        self.env = make_environment(contestant, request, Path(self._models.name))
         self._policy = contestant.make(self.env)
         self._mesh = load_mesh(self.env.setup.twin.mesh_path)
 

@@ -31,6 +31,7 @@ class EvaluateRequest:
     max_translation: float | None = None
     model: str | None = None
     task: str | None = None
+    stand_in: bool = False
 
     def __post_init__(self) -> None:
         """Checks the options that nothing else checks."""
@@ -40,6 +41,10 @@ class EvaluateRequest:
         require("--seed", self.seed, 0 <= self.seed <= last, f"0 to {last}")
         require("--yaw", self.yaw, self.yaw is None or 0.0 <= self.yaw <= math.pi + 1e-9, "0 to pi")
         require("--latency", self.latency, 0.0 <= self.latency < math.inf, "0 or more")
+        plant = not self.stand_in or self.engine != "twin"
+        require("--stand-in", f"one with engine {self.engine}", plant, "with hydroelastic, point")
+        own = not self.stand_in or self.latency == 0.0
+        require("--latency", "one beside that of the stand-in", own, "without --stand-in")
         free = self.max_translation is None or self.policy in (MPC, RANDOM)
         require("--max-translation", "one beside a policy, which has its own", free, "with mpc, random")
         named = self.task is None or self.policy in (MPC, RANDOM)

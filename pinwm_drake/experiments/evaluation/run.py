@@ -23,7 +23,7 @@ from pinwm_drake.parallel import Executor
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.report import EvaluationStory, write_evaluation_report
 from pinwm_drake.report.video import write_video
-from pinwm_drake.systems.scenario.load import scene_hash
+from pinwm_drake.systems.scenario.load import load_setup, scene_hash
 from pinwm_drake.threads import available
 
 EPISODES = "episodes"
@@ -80,7 +80,8 @@ def evaluate(
     processes = Executor(executor, workers=workers)
     contestant = read_contestant(request)
     runner = EpisodeRunner(contestant, request)
-    settings = settings_of(request, contestant, runner.env, scene_hash(runner.env.setup))
+    believed = load_setup(request.scene) if request.stand_in else runner.env.setup
+    settings = settings_of(request, contestant, runner.env, scene_hash(believed))
     store = EpisodeStore(prepare_folder(out) / EPISODES, settings, resume=resume)
     records = _run_all(runner, request, store, processes, progress)
     evaluation = _evaluation(records)

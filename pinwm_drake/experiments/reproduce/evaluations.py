@@ -14,8 +14,18 @@ from pinwm_drake.experiments.reproduce.demonstrations import DemonstrationsCell,
 from pinwm_drake.experiments.reproduce.policies import PolicyCell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.scenes import task_scene
-from pinwm_drake.experiments.reproduce.systems import DIFFUSION, MPC, PIN_WM, RANDOM_ACTIONS, SCENE, TRUE_THETA, system
+from pinwm_drake.experiments.reproduce.systems import (
+    DIFFUSION,
+    DREAMER,
+    MPC,
+    PIN_WM,
+    RANDOM_ACTIONS,
+    SCENE,
+    TRUE_THETA,
+    system,
+)
 from pinwm_drake.experiments.reproduce.tracked_twins import TrackedTwinCell
+from pinwm_drake.experiments.reproduce.trajectories import dreamer
 from pinwm_drake.experiments.reproduce.twins import TwinCell
 
 _DEMONSTRATIONS = 100
@@ -33,6 +43,7 @@ class EvaluationCell:
         subject: Cell of the policy; for what plans of the twin to plan with, for chance None.
         max_steps: Number of actions of an episode; None for the task's.
         inside: Path of the policy in its cell's folder.
+        stand_in: Flag: in the stand-in for a robot; see `StandIn`.
     """
 
     task: str
@@ -42,11 +53,13 @@ class EvaluationCell:
     subject: Cell | None
     max_steps: int | None = None
     inside: str = ""
+    stand_in: bool = False
 
     @property
     def key(self) -> str:
         """Path of its folder."""
-        return f"evaluations/{self.task}/{self.system}/seed-{self.seed}"
+        kind = "stand-in" if self.stand_in else "evaluations"
+        return f"{kind}/{self.task}/{self.system}/seed-{self.seed}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:
@@ -65,7 +78,9 @@ class EvaluationCell:
         given: dict[str, Any] = {"policy": subject}
         if self.system in (MPC, RANDOM_ACTIONS):
             given = {"policy": EVALUATED_MPC if self.system == MPC else RANDOM, "model": subject, "task": scene.task}
-        request = EvaluateRequest(scene=scene.scene, episodes=self.episodes, max_steps=self.max_steps, **given)
+        request = EvaluateRequest(
+            scene=scene.scene, episodes=self.episodes, max_steps=self.max_steps, stand_in=self.stand_in, **given
+        )
 
         def progress(now: EvaluationProgress) -> None:
             if now.evaluation is not None and now.drawn is None and now.done % 10 == 0:
@@ -84,7 +99,7 @@ def _twin(request: ReproduceRequest, task: str, origin: str, seed: int) -> TwinC
     return request.twin(task, seed) if origin == PIN_WM else request.tracked(task, seed, origin)
 
 
-def evaluated(request: ReproduceRequest, task: str, name: str, seed: int) -> EvaluationCell:
+def evaluated(request: ReproduceRequest, task: str, name: str, seed: int, *, stand_in: bool = False) -> EvaluationCell:
     """Cell of the evaluation of a system, with those that it needs.
 
     Args:
@@ -92,6 +107,7 @@ def evaluated(request: ReproduceRequest, task: str, name: str, seed: int) -> Eva
         task: Name of the task's scene.
         name: Name of the system.
         seed: Seed of the experiment.
+        stand_in: Flag: in the stand-in for a robot.
     """
     about, quick = system(name), request.quick
     twin, inside = _twin(request, task, about.twin, seed), ""
@@ -100,6 +116,8 @@ def evaluated(request: ReproduceRequest, task: str, name: str, seed: int) -> Eva
         expert = PolicyCell(task, TRUE_THETA, seed, None, quick)
         subject = DiffusionCell(DemonstrationsCell(expert, 2 if quick else _DEMONSTRATIONS), quick)
         inside = "policy"
+    elif name == DREAMER:
+        subject = dreamer(task, seed, quick)
     elif about.domains is not None:
         subject = PolicyCell(task, name, seed, twin, quick)
-    return EvaluationCell(task, name, seed, request.episodes, subject, request.max_steps, inside)
+    return EvaluationCell(task, name, seed, request.episodes, subject, request.max_steps, inside, stand_in)

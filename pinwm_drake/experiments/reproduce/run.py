@@ -13,13 +13,15 @@ from pinwm_drake.experiments.reproduce.tables.geometry_noise import GEOMETRY_NOI
 from pinwm_drake.experiments.reproduce.tables.one_step import ONE_STEP
 from pinwm_drake.experiments.reproduce.tables.parameters import PARAMETERS
 from pinwm_drake.experiments.reproduce.tables.policies import POLICIES, RANDOMIZATION
+from pinwm_drake.experiments.reproduce.tables.stand_in import STAND_IN
 from pinwm_drake.experiments.reproduce.tables.table import Table
 from pinwm_drake.experiments.reproduce.tables.tasks import TASKS_TABLE
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.parallel import Executor
 from pinwm_drake.provenance import timestamp
 
-TABLES = {table.name: table for table in (POLICIES, ONE_STEP, RANDOMIZATION, PARAMETERS, GEOMETRY_NOISE, TASKS_TABLE)}
+_ALL = (POLICIES, ONE_STEP, RANDOMIZATION, PARAMETERS, GEOMETRY_NOISE, TASKS_TABLE, STAND_IN)
+TABLES = {table.name: table for table in _ALL}
 
 
 @dataclass(frozen=True)

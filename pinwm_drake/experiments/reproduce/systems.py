@@ -47,6 +47,7 @@ def _cousins(delta: float) -> Domains:
 
 ASID, ASID_GENEROUS, PLANAR = "asid", "asid-generous", "2d-physics"
 PIN_WM, NO_COUSINS, TRUE_THETA, DIFFUSION = "pin-wm", "pin-wm-0", "true-theta", "diffusion-policy"
+DREAMER = "dreamer-v2"
 _ALL = (
     System("random", "one theta and colours, drawn once from R", PIN_WM, _random(once=True, painted=True)),
     System("robogsim", "the theta of `random`, fitted surfels", PIN_WM, _random(once=True)),
@@ -58,6 +59,7 @@ _ALL = (
     System(PLANAR, "theta by a planar simulator", PLANAR, _cousins(0.0)),
     System(NO_COUSINS, "the twin of one push", PIN_WM, _cousins(0.0)),
     System(PIN_WM, "cousins of the twin of one push", PIN_WM, _cousins(0.1)),
+    System(DREAMER, "no world: imagines what a model of 100 episodes of random pushes says", SCENE, None),
     System(DIFFUSION, "no world: imitates 100 episodes of an expert in the plant", SCENE, None),
     System(TRUE_THETA, "the true theta", SCENE, _cousins(0.0)),
     System(MPC, "not trained: plans in the twin, sees the state", PIN_WM, None),

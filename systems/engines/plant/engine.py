@@ -76,7 +76,7 @@ def AddPlantEngine(builder: DiagramBuilder, setup: Setup, contact: ContactName) 
     drive = builder.AddNamedSystem("pusher_drive", PusherDrive(setup.period, step, place.p_WP))
     builder.Connect(drive.get_output_port(), plant.get_desired_state_input_port(parts.pusher_instance))
     camera = setup.camera
-    rig = AddCaptureRig(builder, parts.scene_graph, camera, _SUPERSAMPLING, setup.X_WC)
+    rig = AddCaptureRig(builder, parts.scene_graph, camera, _SUPERSAMPLING, setup.X_WC, renderer=setup.renderer)
     image = builder.AddNamedSystem("object_image", ObjectImage(camera.width, camera.height, _SUPERSAMPLING))
     builder.Connect(rig.sensor.color_image_output_port(), image.GetInputPort("color_image"))
     builder.Connect(rig.sensor.label_image_output_port(), image.GetInputPort("label_image"))

@@ -8,13 +8,12 @@ from pydrake.math import RigidTransform, RotationMatrix
 from scipy.spatial.transform import Rotation, Slerp
 
 from pinwm_drake.systems.runs.realism.lamp import light_by_lamp
-from pinwm_drake.systems.runs.realism.masks import blurred, ragged
+from pinwm_drake.systems.runs.realism.masks import blurred, draw_behind, ragged
 from pinwm_drake.systems.runs.realism.mistakes import Realism
 from pinwm_drake.systems.runs.recorder import PushRecorder
 
 _MOMENTS = 5  # of an exposure
 _STILL = 2e-4  # m, that no corner moves by while an exposure needs no more than one moment
-_TONE, _TINT = (90, 200), 25  # of what is behind the object
 
 
 class LabCamera:
@@ -39,8 +38,7 @@ class LabCamera:
         self.recorder, self.realism = recorder, realism
         self._corners, self._generator = corners, generator
         light_by_lamp(recorder, generator)
-        tone = generator.uniform(*_TONE) + generator.uniform(-_TINT, _TINT, 3)
-        self._behind = np.clip(tone, 0, 255).astype(np.uint8)
+        self._behind = draw_behind(generator)
         self.wider = float(generator.uniform(-1, 1) * (realism.mask - realism.flicker))
 
     def still(self, X_WO: RigidTransform, X_WC: list[RigidTransform]) -> Iterator[np.ndarray]:

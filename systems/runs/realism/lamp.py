@@ -70,6 +70,13 @@ def _by_colour(visual_path: Path) -> list[tuple[str, list[float], np.ndarray]]:
 
 def light_by_lamp(recorder: PushRecorder, generator: np.random.Generator) -> None:
     """Lights the scene of a recorder by one lamp, in a direction drawn at random, and a little by the room."""
+    params, scene_graph = draw_lamp(generator), recorder.station.engine.scene_graph
+    scene_graph.RemoveRenderer(_RENDERER)
+    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
+
+
+def draw_lamp(generator: np.random.Generator) -> RenderEngineVtkParams:
+    """Renderer with one lamp that casts shadows, in a direction drawn at random, and a little light of the room."""
     angle, height = generator.uniform(-np.pi, np.pi), generator.uniform(*_HEIGHTS)
     flat = np.sqrt(1 - height**2)
     place = _AWAY * np.array([flat * np.cos(angle), flat * np.sin(angle), height])
@@ -83,9 +90,6 @@ def light_by_lamp(recorder: PushRecorder, generator: np.random.Generator) -> Non
         place = _ROOM_AWAY * np.array([np.cos(turn), np.sin(turn), 0.5])
         # Points cast no shadows.
         lights.append(LightParameter(type="point", color=white, frame="world", intensity=_ROOM, position=place))
-    params = RenderEngineVtkParams(
+    return RenderEngineVtkParams(
         default_clear_color=np.ones(3), lights=lights, cast_shadows=True, shadow_map_size=_SHADOW_MAP
     )
-    scene_graph = recorder.station.engine.scene_graph
-    scene_graph.RemoveRenderer(_RENDERER)
-    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))

@@ -7,6 +7,13 @@ import numpy as np
 
 _PATCH = 24  # px, of the noise along an outline
 _UNEVEN = 0.4  # px, standard deviation of that noise
+_TONE, _TINT = (90, 200), 25  # of what is behind the object
+
+
+def draw_behind(generator: np.random.Generator) -> np.ndarray:
+    """Colour (3,) uint8 of what is behind an object, drawn at random: a grey with a tint."""
+    tone = generator.uniform(*_TONE) + generator.uniform(-_TINT, _TINT, 3)
+    return np.clip(tone, 0, 255).astype(np.uint8)
 
 
 def ragged(

@@ -1,5 +1,6 @@
 """Objects that are no uniform solids on flat faces: a lump within, and feet that stand out of the face below."""
 
+import dataclasses
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +11,9 @@ import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
 from pinwm_drake.errors import GeometryError
-from pinwm_drake.geometry.meshes import mass_properties
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.geometry.stored_pieces import BESIDE, mesh_pieces
+from pinwm_drake.twin import Estimate, Twin
 
 _FOOT_HEIGHT = 7e-5  # m, by which feet stand out
 _FOOT_RADIUS, _FOOT_LENGTH = 0.003, 0.002  # m, of the discs that are feet
@@ -37,6 +40,34 @@ class Unevenness:
     p_com: np.ndarray
     inertia: np.ndarray
     feet: np.ndarray
+
+
+def uneven_twin(twin: Twin, up: np.ndarray, generator: np.random.Generator, folder: Path, *, feet: bool = True) -> Twin:
+    """Twin of an object with a lump within, and feet below.
+
+    Args:
+        twin: The object as a uniform solid.
+        up: (3,), axis of O that points up.
+        generator: Source of randomness.
+        folder: Folder of the new mesh.
+        feet: Flag: it stands on feet.
+
+    Raises:
+        InputError: The mesh cannot be used.
+        GeometryError: No lump or no feet were found that leave the object standing.
+    """
+    mesh, mass = load_mesh(twin.mesh_path), twin.theta["mass"].value
+    hulls = [piece.vertices for piece in mesh_pieces(twin.mesh_path)]
+    found = draw_unevenness(mesh, hulls, mass, up, generator)
+    plain = mass_properties(mesh, mass=mass).p_com
+    theta = {f"inertia_{2 * axis}": float(found.inertia[k, k]) for k, axis in enumerate("xyz")}
+    off = {f"center_{axis}": float(found.p_com[k] - plain[k]) for k, axis in enumerate("xyz")}
+    return dataclasses.replace(
+        twin,
+        mesh_path=write_with_feet(twin.mesh_path, folder, found.feet, up) if feet else twin.mesh_path,
+        theta=twin.theta | {name: dataclasses.replace(twin.theta[name], value=value) for name, value in theta.items()},
+        nuisance=twin.nuisance | {name: Estimate(value, None, True, "m", "drawn") for name, value in off.items()},
+    )
 
 
 def draw_unevenness(
@@ -130,6 +161,8 @@ def write_with_feet(mesh_path: Path, folder: Path, feet: np.ndarray, up: np.ndar
     count = sum(line.startswith("v ") for line in text.splitlines())
     turn = np.eye(4)
     turn[:3, :3] = np.column_stack([*_plane(up), up])
+    if (beside := mesh_path.parent / BESIDE).is_dir():
+        shutil.copytree(beside, folder / BESIDE)
     for k, foot in enumerate(feet):
         disc = trimesh.creation.cylinder(_FOOT_RADIUS, _FOOT_LENGTH, sections=12)
         disc.apply_transform(turn)
@@ -137,7 +170,8 @@ def write_with_feet(mesh_path: Path, folder: Path, feet: np.ndarray, up: np.ndar
         text += f"o foot_{k}\n" + "".join(f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in disc.vertices)
         text += "".join(f"f {a} {b} {c}\n" for a, b, c in disc.faces + 1 + count)
         count += len(disc.vertices)
+        if beside.is_dir():
+            # They are found beside the mesh, and would stand on a flat face without these.
+            disc.export(folder / BESIDE / f"foot_{k}.obj")
     path.write_text(text, encoding="utf-8")
-    if (beside := mesh_path.parent / "pieces").is_dir():
-        shutil.copytree(beside, folder / "pieces")
     return path

@@ -1,51 +1,31 @@
+from functools import partial
+
 import numpy as np
 import pytest
 
-from benchmarks.point_mass import PointMass, PointMassWorlds, Wandering
+from benchmarks.point_mass import STEPS, PointMass, PointMassWorlds, Wandering
 from pinwm_drake.baselines.dreamer.collect import RandomPushes, collect
 from pinwm_drake.errors import InputError
 from pinwm_drake.tasks import PushTask
 
 
-def test_each_world_gives_its_share_and_the_last_image_is_that_of_the_end(tmp_path):
-    seen, env = [], PointMass(3, 8)
+def test_a_collection_that_was_stopped_goes_on_with_the_same_episodes(tmp_path):
+    def collected(name, number, **settings):
+        return collect(PointMass(2, 8), partial(Wandering, 2), tmp_path / name, number, seed=5, **settings)
 
-    class Watch(Wandering):
-        def __call__(self, observation):
-            seen.append(observation["image"][0])
-            return super().__call__(observation)
-
-    found = collect(env, Watch(3, 0), tmp_path, 4, seed=5)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{k:05}.npz" for k in range(4)]
-    # The first two are of world 0, one after the other.
-    first, second = found[:2]
-    np.testing.assert_array_equal(first.images[:-1], np.stack(seen[: len(first)]))
-    np.testing.assert_array_equal(second.images[0], seen[len(first)])
-    assert not np.array_equal(first.images[-1], second.images[0])
-    for one in found:
-        # Rewards add up to the way towards the middle, and 1 more where it was reached.
-        assert len(one) == 25 or one.terminated
-        assert one.images.shape == (len(one) + 1, 8, 8, 3)
-
-
-def test_a_collection_follows_from_its_seed_and_is_not_done_twice(tmp_path):
-    about = {"seed": 5}
-    first = collect(PointMass(2, 8), Wandering(2, 0), tmp_path / "a", 3, seed=5, about=about)
-    other = collect(PointMass(2, 8), Wandering(2, 0), tmp_path / "b", 3, seed=5)
-    for a, b in zip(first, other, strict=True):
-        np.testing.assert_array_equal(a.images, b.images)
-        np.testing.assert_array_equal(a.rewards, b.rewards)
-    (tmp_path / "a" / "00001.npz").unlink()
-    again = collect(PointMass(2, 8), Wandering(2, 0), tmp_path / "a", 3, seed=5, about=about, resume=True)
-    np.testing.assert_array_equal(again[1].actions, first[1].actions)
-
-    def refuse(seen):
-        raise AssertionError
-
-    kept = collect(PointMass(2, 8), refuse, tmp_path / "a", 3, seed=5, about=about, resume=True)
-    np.testing.assert_array_equal(kept[2].actions, first[2].actions)
-    with pytest.raises(InputError, match="seed"):
-        collect(PointMass(2, 8), refuse, tmp_path / "a", 3, seed=5, about={"seed": 6}, resume=True)
+    seeds = []
+    whole = collected("a", 5, on_batch=seeds.append)
+    assert len(seeds) == len(set(seeds)) == 3
+    assert sorted(path.name for path in (tmp_path / "a").iterdir()) == [f"{k:05}.npz" for k in range(5)]
+    collected("b", 3)  # stops amid the second batch
+    for one, other in zip(whole, collected("b", 5), strict=True):
+        np.testing.assert_array_equal(one.images, other.images)
+        np.testing.assert_array_equal(one.rewards, other.rewards)
+    assert all(len(one) == STEPS or one.terminated for one in whole)
+    collected("a", 5, on_batch=seeds.append)
+    assert len(seeds) == 3  # nothing is done twice
+    with pytest.raises(InputError, match="scene"):
+        collected("a", 5, about={"scene": "other"})
 
 
 def test_most_pushes_head_for_the_object():

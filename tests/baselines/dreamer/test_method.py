@@ -1,5 +1,6 @@
 import csv
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -82,7 +83,7 @@ def test_a_folder_of_trajectories_without_any_is_refused(tmp_path):
 def test_a_point_mass_is_moved_to_the_middle_after_learning_from_random_episodes_alone(tmp_path):
     worlds = PointMassWorlds(16, 16)
     recorded = tmp_path / "recorded"
-    collect(worlds.worlds("rgb_state"), Wandering(16, 1), recorded, 100, seed=1)
+    collect(worlds.worlds("rgb_state"), partial(Wandering, 16), recorded, 100, seed=1)
     method = DreamerV2(
         networks=NetworkOptions(deter=64, hidden=64, latents=8, classes=8, units=64),
         model=ModelOptions(updates=600, length=12, learning_rate=1e-3),

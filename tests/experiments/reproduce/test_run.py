@@ -42,6 +42,16 @@ def test_the_plan_names_every_cell_once_and_what_is_left(tmp_path: Path):
     assert whole.hours > 20.0
 
 
+def test_the_stand_in_evaluates_the_same_policies_in_folders_of_its_own(tmp_path: Path):
+    waves = plan(tables_of(["stand-in"]), ReproduceRequest(tasks=("push",), methods=("pin-wm", "mpc")), tmp_path).waves
+    cells = {cell.key: cell for wave in waves for cell in wave}
+    tried = {key: cell for key, cell in cells.items() if key.startswith("stand-in/")}
+    assert set(tried) == {f"stand-in/push/{name}/seed-0" for name in ("pin-wm", "mpc")}
+    assert {cell.episodes for cell in tried.values()} == {20}
+    assert not any(key.startswith("evaluations/") for key in cells)
+    assert "policies/push/pin-wm/seed-0" in cells
+
+
 @pytest.mark.parametrize("values", [{"tasks": ("juggle",)}, {"methods": ("dreams",)}, {"seeds": 0}, {"draws": 0}])
 def test_requests_that_make_no_sense_are_refused(values):
     with pytest.raises(ParameterError):

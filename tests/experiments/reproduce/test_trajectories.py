@@ -1,0 +1,24 @@
+from pathlib import Path
+
+from pinwm_drake.baselines.dreamer.policy import read_dreamer
+from pinwm_drake.baselines.dreamer.replay import read_episodes
+from pinwm_drake.experiments.reproduce.report import read_results
+from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+from pinwm_drake.experiments.reproduce.run import reproduce, tables_of
+from pinwm_drake.parallel import Executor
+
+
+def test_random_pushes_are_recorded_in_the_plant_dreamt_of_and_evaluated(tmp_path: Path):
+    request = ReproduceRequest(tasks=("push",), methods=("dreamer-v2",), episodes=1, quick=True)
+    tables = tables_of(["policies"])
+    reproduce(tables, request, tmp_path, executor=Executor(workers=1))
+    episodes = read_episodes(tmp_path / "trajectories/push/seed-0/episodes")
+    assert [len(one) for one in episodes] == [4, 4]
+    assert episodes[0].images.shape == (5, 64, 64, 3)
+    assert episodes[0].images.min() < 200  # the object, on white
+    policy = read_dreamer(tmp_path / "policies/push/dreamer-v2/seed-0")
+    assert policy.spec.max_steps > 4
+    (done,) = read_results(tables, request, tmp_path).values()
+    assert done is not None
+    assert done["result"]["episodes"] == 1
+    assert done["settings"]["subject"]["kind"] == "DreamerCell"
