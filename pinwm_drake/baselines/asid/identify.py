@@ -6,7 +6,7 @@ project's.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.baselines.asid.cross_entropy import Minimum, minimise
-from pinwm_drake.baselines.asid.options import AsidOptions, physical
+from pinwm_drake.baselines.asid.options import AsidOptions, Span, physical
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, pose_at
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.errors import ParameterError, SolverError
@@ -111,7 +111,7 @@ def identify_asid(
     ]
 
     def loss(points: np.ndarray) -> np.ndarray:
-        values = physical(points, ranges)
+        values = _values(points, ranges, options.held)
         found: np.ndarray = np.mean([match.loss(values) for match in matches], axis=0)
         return found
 
@@ -119,12 +119,12 @@ def identify_asid(
     if not np.isfinite(minimum.value):
         raise SolverError("the physics found no solution for any guess; allowed: another seed or time_step")
     seconds = tracking, time.process_time() - begun
-    best = physical(minimum.point[None], ranges)
+    best = _values(minimum.point[None], ranges, options.held)
     twin = assemble_twin(
         capture,
         surfels,
         camera_offset,
-        _theta(scene, mass, best),
+        _theta(scene, mass, best, set(ranges)),
         {},
         {
             **origin.to_provenance(),
@@ -182,6 +182,11 @@ class _Match:
         return torch.where(alive, far.square().sum(-1).mean(0), torch.inf).numpy()
 
 
+def _values(points: np.ndarray, ranges: Mapping[str, Span], held: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """Physical values (W,) of points (W, d) of the unit cube, and of what is held."""
+    return {name: np.full(len(points), value) for name, value in held.items()} | physical(points, ranges)
+
+
 def _unknowns(values: dict[str, np.ndarray], mass: float) -> dict[str, Tensor]:
     """Values (W,) by the names of `UNKNOWNS`, in which moments are factors for a nominal mass [kg]."""
     found = {name: torch.from_numpy(value) for name, value in values.items() if name != "inertia"}
@@ -189,12 +194,12 @@ def _unknowns(values: dict[str, np.ndarray], mass: float) -> dict[str, Tensor]:
     return found | dict.fromkeys(_MOMENTS, torch.from_numpy(values["inertia"]) * found["mass"] / mass)
 
 
-def _theta(scene: Scene, mass: float, values: dict[str, np.ndarray]) -> dict[str, Estimate]:
-    """Estimates of theta from the values (1,) that a search found; without one, the mass [kg] is the capture's."""
+def _theta(scene: Scene, mass: float, values: dict[str, np.ndarray], sought: set[str]) -> dict[str, Estimate]:
+    """Estimates of theta from the values (1,) of what was sought and held; without one, the mass [kg] is as given."""
     unknowns = _unknowns(values, mass)
     moments = inertia(scene, mass, unknowns)[0].diagonal().tolist()
     found = {f"inertia_{axis * 2}": moment for axis, moment in zip("xyz", moments, strict=True)}
     found |= {name: float(unknowns[name][0]) for name in THETA if name not in found}
-    known = "mass" not in values
-    notes = dict.fromkeys(THETA, _NOTE) | {"mass": "as the capture says" if known else _MASS_NOTE}
+    notes = {name: _NOTE if name in sought or name.startswith("inertia") else "held" for name in THETA}
+    notes["mass"] = _MASS_NOTE if "mass" in sought else "held" if "mass" in values else "as the capture says"
     return {name: Estimate(found[name], None, False, unit, notes[name]) for name, unit in THETA.items()}

@@ -24,7 +24,9 @@ class AsidOptions:
             to 1.
         restitution: Range of both coefficients of restitution.
         inertia: Range of the factor of all moments of inertia, against a uniform solid of the same mass.
-        mass: Range of the mass, kg, where the capture does not tell it.
+        mass: Range of the mass, kg, where it is looked for.
+        free: Names of what is looked for; None for everything but a mass that the capture tells.
+        held: Values of what is not looked for, by name.
         tracker: Settings of the pose tracker.
         time_step: Time step of the physics, s.
         num_threads: Threads of the physics; None for one on each core.
@@ -35,6 +37,8 @@ class AsidOptions:
     restitution: Span = (0.0, 0.5)
     inertia: Span = (0.3, 3.0)
     mass: Span = (0.2, 5.0)
+    free: tuple[str, ...] | None = None
+    held: Mapping[str, float] = field(default_factory=dict)
     tracker: PoseTrackerOptions = field(default_factory=PoseTrackerOptions)
     time_step: float = 1.0 / 240.0
     num_threads: int | None = None
@@ -48,14 +52,21 @@ class AsidOptions:
             allowed = f"two numbers of {least:g} to {end:g}, the first below the second"
             require(name, (low, high), least <= low < high <= end, allowed)
         require("time_step", self.time_step, 1e-5 <= self.time_step <= 0.05, "1e-5 to 0.05 s")
+        names = {*_FRICTIONS, *_RESTITUTIONS, "inertia", "mass"}
+        chosen = set(self.free or names)
+        require("free", self.free, chosen <= names, ", ".join(sorted(names)))
+        if self.free is not None:
+            held = names - chosen - {"mass"}
+            require("held", sorted(self.held), held <= set(self.held) <= names - chosen, f"{', '.join(sorted(held))}")
         number = self.num_threads
         require("num_threads", number, number is None or number >= 1, "1 or more, or none")
 
     def ranges(self, *, mass_known: bool) -> dict[str, Span]:
         """Ranges of the unknowns, by the names of `THETA`; "inertia" is the factor of all three moments."""
         found = dict.fromkeys(_FRICTIONS, self.friction) | dict.fromkeys(_RESTITUTIONS, self.restitution)
-        found["inertia"] = self.inertia
-        return found if mass_known else {**found, "mass": self.mass}
+        found |= {"inertia": self.inertia, "mass": self.mass}
+        names = self.free or [name for name in found if name != "mass" or not mass_known]
+        return {name: found[name] for name in names}
 
 
 def physical(points: np.ndarray, ranges: Mapping[str, Span]) -> dict[str, np.ndarray]:

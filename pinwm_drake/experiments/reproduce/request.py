@@ -47,9 +47,9 @@ class ReproduceRequest:
         """Cell of the twin that PIN-WM identifies, of a task and seed."""
         return TwinCell(self._surfels(task, seed))
 
-    def tracked(self, task: str, seed: int, system: str) -> TrackedTwinCell:
-        """Cell of the twin that another system identifies."""
-        return TrackedTwinCell(self._surfels(task, seed), system)
+    def tracked(self, task: str, seed: int, system: str, only: str = "") -> TrackedTwinCell:
+        """Cell of the twin that another system identifies, by one unknown alone where it is named."""
+        return TrackedTwinCell(self._surfels(task, seed), system, only)
 
     def _surfels(self, task: str, seed: int) -> SurfelsCell:
         return SurfelsCell(CaptureCell(task, seed, self.quick))

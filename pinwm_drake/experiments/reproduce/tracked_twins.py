@@ -29,15 +29,17 @@ class TrackedTwinCell:
     Attributes:
         surfels: Cell of the appearance.
         system: "asid", "asid-generous" or "2d-physics".
+        only: Name of the one unknown that ASID looks for, while the others have their true values; "" for all.
     """
 
     surfels: SurfelsCell
     system: str
+    only: str = ""
 
     @property
     def key(self) -> str:
         """Path of its folder."""
-        return f"twins/{self.system}/{self.surfels.capture.place}"
+        return f"twins/{self.system}{'-' if self.only else ''}{self.only}/{self.surfels.capture.place}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:
@@ -66,6 +68,10 @@ class TrackedTwinCell:
         capture = self.surfels.capture
         budget = GENEROUS if self.system == ASID_GENEROUS and not capture.quick else CrossEntropyBudget()
         options = AsidOptions(budget, friction=scene.spans.friction, tracker=self._tracker, num_threads=1)
+        if self.only:
+            true = {name: value for name, value in scene.true_theta.items() if not name.startswith("inertia")}
+            held = {name: value for name, value in (true | {"inertia": 1.0}).items() if name != self.only}
+            options = replace(options, free=(self.only,), held=held)
         paths = root / capture.key, root / self.surfels.key
         return asid_twin(*paths, out, seed=capture.seed, episodes=[scene.episode], options=options).twin
 

@@ -47,6 +47,21 @@ def test_theta_is_recovered_from_exact_poses(pushed):
     assert np.sqrt(result.minimum.value) < 5e-5
 
 
+def test_one_unknown_is_looked_for_alone_while_the_others_have_given_values(pushed):
+    held = {"friction_pusher": 0.3, "restitution_floor": 0.0, "restitution_pusher": 0.0, "inertia": 1.0, "mass": 2.0}
+    budget = CrossEntropyBudget(samples=60, elites=12, rounds=8)
+    result = found(pushed, budget, free=("friction_floor",), held=held)
+    theta = {name: one.value for name, one in result.twin.theta.items()}
+    assert result.minimum.point.shape == (1,)
+    assert theta["friction_floor"] == pytest.approx(TRUTH["friction_floor"], rel=5e-3)
+    assert (theta["friction_pusher"], theta["mass"]) == (TRUTH["friction_pusher"], 2.0)
+    assert theta["inertia_zz"] == pytest.approx(2.0 * SIDE**2 / 6.0, rel=1e-3)
+    with pytest.raises(ParameterError, match="held"):
+        AsidOptions(free=("friction_floor",), held={"mass": 1.0})
+    with pytest.raises(ParameterError, match="free"):
+        AsidOptions(free=("colour",))
+
+
 def test_the_default_budget_gives_a_twin_that_can_be_written(pushed, tmp_path):
     result = found(pushed)
     assert len(result.minimum.rounds) == 10

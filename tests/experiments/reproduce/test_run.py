@@ -42,6 +42,25 @@ def test_the_plan_names_every_cell_once_and_what_is_left(tmp_path: Path):
     assert whole.hours > 20.0
 
 
+def test_parameters_are_identified_one_at_a_time_by_every_system_that_has_them(tmp_path: Path):
+    (table,), request = tables_of(["parameters"]), ReproduceRequest(tasks=("push",))
+    rows = table.rows(request, read_results([table], request, tmp_path))
+    assert [(row[1], row[2]) for row in rows if row[2] != "asid-generous"] == [
+        ("friction_floor", "pin-wm"),
+        ("friction_floor", "asid"),
+        ("friction_floor, beside all that is looked for by default", "2d-physics"),
+        ("mass", "pin-wm"),
+        ("mass", "asid"),
+        ("restitution_floor", "pin-wm"),
+        ("restitution_floor", "asid"),
+        ("mass, with the force on the pusher, beside all that is looked for by default", "pin-wm"),
+    ]
+    keys = {cell.key for cell in table.cells(request)}
+    assert {"twins/asid-mass/push/seed-0", "twins/2d-physics/push/seed-0"} <= keys
+    few = {cell.system for cell in table.cells(ReproduceRequest(tasks=("push",), methods=("asid",)))}
+    assert few == {"asid"}
+
+
 def test_the_stand_in_evaluates_the_same_policies_in_folders_of_its_own(tmp_path: Path):
     waves = plan(tables_of(["stand-in"]), ReproduceRequest(tasks=("push",), methods=("pin-wm", "mpc")), tmp_path).waves
     cells = {cell.key: cell for wave in waves for cell in wave}
