@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pinwm_drake.cli.console import say
+from pinwm_drake.errors import InputError
 
 if TYPE_CHECKING:
     from pinwm_drake.experiments.reproduce.cell import Cell
@@ -38,6 +39,9 @@ def reproduce(
     executor: Annotated[str, typer.Option(help="joblib, or ray.")] = "joblib",
     workers: Annotated[int | None, typer.Option(help="Processes.", show_default="one on each core")] = None,
     plan_only: Annotated[bool, typer.Option("--plan", help="Print the plan and end.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume/--no-resume", help="Take what is made in the folder; else nothing may be there.")
+    ] = True,
     report: Annotated[
         Path | None, typer.Option(help="File of the report.", show_default="report.md in the folder of the cells")
     ] = None,
@@ -64,6 +68,8 @@ def reproduce(
         return
     planned = plan(tables, request, out)
     _show(planned)
+    if sum(planned.done) and not resume:
+        raise InputError(out, value=f"{sum(planned.done)} cells that are made", allowed="a new folder, or --resume")
     if plan_only:
         return
 
