@@ -51,7 +51,7 @@ class OutcomesCell:
     @property
     def hours(self) -> float:
         """Estimate of its time, h."""
-        return self.draws / 3600.0
+        return 2.5 * self.draws / 3600.0
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Draws the actions; see `Cell.make`."""
