@@ -43,7 +43,7 @@ class Executor:
 
     With joblib they are this machine's. With Ray they are this machine's too, or those of a cluster: one that the
     process is connected to already, or that `RAY_ADDRESS` names; its machines share the folder of a store. Ray gives
-    the work of a worker that was killed to another one, up to three times.
+    the work of a worker or machine that was killed to another one, up to three times.
 
     Attributes:
         name: "joblib" or "ray".

@@ -5,12 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from pinwm_drake.experiments.reproduce.cell import Cell, CellStore
+from pinwm_drake.experiments.reproduce.figures import table_figures
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.tables.table import Row, Table
 from pinwm_drake.files import replacing
-from pinwm_drake.report.figures.one_step import one_step_figure
-
-FIGURE_FILE = "one_step.png"
 
 
 def read_results(tables: Sequence[Table], request: ReproduceRequest, root: Path) -> dict[Cell, dict[str, Any] | None]:
@@ -24,25 +22,26 @@ def read_results(tables: Sequence[Table], request: ReproduceRequest, root: Path)
 
 
 def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest, root: Path) -> None:
-    """Writes tables in Markdown, with where and when their cells were made; a figure of one-step errors beside them.
+    """Writes tables in Markdown, with where and when their cells were made, and figures of them beside the file.
 
     Args:
-        path: File.
+        path: File; figures have its stem and the table's name.
         tables: The tables.
         request: Tasks, systems and seeds; cells that are not made are "not run".
         root: Folder of the experiment.
 
     Raises:
-        InputError: A cell of other settings is in the folder, or the file cannot be written.
+        InputError: A cell of other settings is in the folder, or a file cannot be written.
     """
     results = read_results(tables, request, root)
-    curves = {cell.key: done["result"]["curve"] for cell, done in results.items() if done and "curve" in done["result"]}
     parts = ["# The paper's tables", f"Written by `pinwm reproduce report` from the folders of {root.name}."]
     for table in tables:
         parts += [f"## {table.title}", table.words, markdown(table.header, table.rows(request, results))]
-    if curves:
-        one_step_figure(path.with_name(FIGURE_FILE), curves)
-        parts.append(f"![Errors after one action over the iterations of each identification]({FIGURE_FILE})")
+        for name, figure in table_figures(table, request, results).items():
+            picture = path.with_name(f"{path.stem}-{name}.png")
+            with replacing(picture) as temporary:
+                figure.savefig(temporary)
+            parts.append(f"![{table.title}]({picture.name})")
     made = [done["provenance"] for done in results.values() if done is not None]
     if made:
         commits = sorted({one["commit"] or "no repository" for one in made})

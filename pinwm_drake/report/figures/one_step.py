@@ -1,28 +1,21 @@
 """Figure of one-step errors over the iterations of identifications."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-from pinwm_drake.files import replacing
+from matplotlib.figure import Figure
+
 from pinwm_drake.report.style import new_figure, tidy
 
 _PANELS = (("translation", 1e3, "translation [mm]"), ("rotation", 1.0, "rotation [rad]"))
 
 
-def one_step_figure(path: Path, curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> Path:
-    """Draws mean errors over the iterations.
+def one_step_figure(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
+    """Figure of mean errors over the iterations.
 
     Args:
-        path: File of the figure.
         curves: Points of each identification, by its name: `iteration`, and the `mean` of `translation` [m] and of
             `rotation` [rad].
-
-    Returns:
-        The path.
-
-    Raises:
-        InputError: The picture cannot be written.
     """
     figure = new_figure(8, 3.0)
     panels = figure.subplots(1, 2)
@@ -35,6 +28,4 @@ def one_step_figure(path: Path, curves: Mapping[str, Sequence[Mapping[str, Any]]
         axes.set_yscale("log")
     panels[0].legend(frameon=False, fontsize=8)
     tidy(panels)
-    with replacing(path) as temporary:
-        figure.savefig(temporary)
-    return path
+    return figure

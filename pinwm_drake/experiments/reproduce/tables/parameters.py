@@ -1,7 +1,5 @@
 """Table of parameters: one physical unknown is identified at a time, while the others have their true values."""
 
-from dataclasses import dataclass
-
 from pinwm_drake.experiments.reproduce.cell import Cell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.scenes import task_scene
@@ -13,49 +11,48 @@ from pinwm_drake.experiments.reproduce.twins import CaptureCell, SurfelsCell, Tw
 _UNKNOWNS = ("friction_floor", "mass", "restitution_floor")
 _FORCES = "mass"  # what a capture with forces is for
 _PLANAR_UNKNOWN = "friction_floor"  # of 2D Physics; its mass is held, and it knows no restitution
-_BESIDE = ", beside all that is looked for by default"
+BESIDE = ", beside all that is looked for by default"
 # Of the paper's table of identified parameters, for its push (Li et al., arXiv 2504.16693v2).
 _PAPER = {("push", "friction_floor"): "0.0305", ("push", "mass"): "0.76 kg"}
 
 
-@dataclass(frozen=True)
-class _Entry:
-    """A row: the value of an unknown in a twin."""
+def unknown(cell: TwinCell | TrackedTwinCell) -> tuple[str, str]:
+    """Name of the parameter that a twin of this table is for, and the words for it."""
+    if cell.only:
+        return cell.only, cell.only
+    if cell.system == PLANAR:
+        return _PLANAR_UNKNOWN, f"{_PLANAR_UNKNOWN}{BESIDE}"
+    return _FORCES, f"{_FORCES}, with the force on the pusher{BESIDE}"
 
-    unknown: str
-    cell: TwinCell | TrackedTwinCell
-    words: str = ""
 
-
-def _entries(request: ReproduceRequest) -> list[_Entry]:
-    found = []
+def _cells(request: ReproduceRequest) -> list[TwinCell | TrackedTwinCell]:
+    found: list[TwinCell | TrackedTwinCell] = []
     for task in request.tasks:
         seeds = range(request.seeds)
         for name in _UNKNOWNS:
             for system in request.chosen((PIN_WM, ASID, ASID_GENEROUS)):
                 for seed in seeds:
                     own = request.twin(task, seed).surfels
-                    alone = TwinCell(own, only=name) if system == PIN_WM else TrackedTwinCell(own, system, name)
-                    found.append(_Entry(name, alone))
+                    found.append(TwinCell(own, only=name) if system == PIN_WM else TrackedTwinCell(own, system, name))
             if name == _PLANAR_UNKNOWN and request.chosen((PLANAR,)):
-                found += [_Entry(name, request.tracked(task, seed, PLANAR), _BESIDE) for seed in seeds]
+                found += [request.tracked(task, seed, PLANAR) for seed in seeds]
         if request.chosen((PIN_WM,)):
             forced = [SurfelsCell(CaptureCell(task, seed, request.quick, forces=True)) for seed in seeds]
-            found += [_Entry(_FORCES, TwinCell(one), f", with the force on the pusher{_BESIDE}") for one in forced]
+            found += [TwinCell(one) for one in forced]
     return found
 
 
 def _all(request: ReproduceRequest) -> list[Cell]:
-    return [entry.cell for entry in _entries(request)]
+    return list(_cells(request))
 
 
 def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
     rows: list[Row] = []
-    for entry in _entries(request):
-        name, cell, task = entry.unknown, entry.cell, entry.cell.surfels.capture.task
-        done, true = results.get(cell), task_scene(task).true_theta[name]
+    for cell in _cells(request):
+        (name, words), task, done = unknown(cell), cell.surfels.capture.task, results.get(cell)
+        true = task_scene(task).true_theta[name]
         paper = _PAPER.get((task, name), "not at hand") if cell.system == PIN_WM else "not at hand"
-        head = [task, f"{name}{entry.words}", cell.system, str(cell.surfels.capture.seed), f"{true:g}"]
+        head = [task, words, cell.system, str(cell.surfels.capture.seed), f"{true:g}"]
         if done is None:
             rows.append([*head, MISSING, "", "", paper])
             continue
