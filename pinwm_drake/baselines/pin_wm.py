@@ -144,6 +144,10 @@ class Distillation:
         common["until"] = self.until.within(self.until.minutes - spent)
         common["about"] = {**make_worlds.about, "teacher": weights_digest(teacher)}
         spec = replace(make_worlds.spec("rgb"), head=teacher.spec.head, width=teacher.spec.width)
+        if isinstance(self.teacher, Path) and teacher.spec.history != spec.history:
+            raise InputError(
+                self.teacher, value=f"one with a history of {teacher.spec.history}", allowed=f"{spec.history}"
+            )
         return train_distil(make_worlds.worlds("rgb_state"), teacher, spec, out / STAGE, self.options, **common)
 
 

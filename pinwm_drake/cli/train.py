@@ -74,6 +74,12 @@ def train(
     worlds: Annotated[int, typer.Option(help="That are trained in at once.")] = 64,
     image_size: Annotated[int, typer.Option(help="px.")] = 64,
     frames: Annotated[int, typer.Option(help="Images that the policy sees, one an action.")] = 3,
+    history: Annotated[
+        int,
+        typer.Option(
+            help="Last actions that teacher and student see, each with what was before it. More than 0: no bundle."
+        ),
+    ] = 0,
     max_translation: Annotated[
         float | None, typer.Option(help="m, of the pusher in an action of 0.1 s.", show_default="the task's")
     ] = None,
@@ -142,6 +148,7 @@ def train(
         worlds=worlds,
         image_size=image_size,
         frames=frames,
+        history=history,
         max_translation=max_translation,
         steps=steps,
         round_steps=round_steps,

@@ -18,6 +18,7 @@ from pinwm_drake.learning.ppo import PpoOptions
 from pinwm_drake.learning.progress import Step
 from pinwm_drake.learning.sac import SacOptions
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.tasks.history import history_size
 
 _BRIEF = 20  # actions and updates between two reports of a brief training, or twice that
 _ROLLOUT = 8  # actions of each world in a brief rollout
@@ -120,7 +121,8 @@ def _kept(options: SacOptions | PpoOptions | DistilOptions, spec: PolicySpec, wo
     """Bytes that a stage keeps to learn from when it is full."""
     height, width, channels = spec.image_shape
     if isinstance(options, SacOptions):
-        numbers = 2 * spec.task.state_size + spec.action_size + 3
+        state = history_size(spec.task.state_size, spec.action_size, spec.history)
+        numbers = 2 * state + spec.action_size + 3
         return 4.0 * numbers * min(options.steps, options.buffer_size)
     if isinstance(options, DistilOptions):
         return 3.0 * height * width * min(options.rounds * options.round_images, options.keep)

@@ -10,7 +10,7 @@ import numpy as np
 from pinwm_drake.errors import require
 from pinwm_drake.files import appearing
 from pinwm_drake.learning.bundle import Bundle, is_bundle, read_bundle
-from pinwm_drake.learning.export import export_policy, require_images
+from pinwm_drake.learning.export import export_policy, require_exportable
 from pinwm_drake.learning.policy import Policy, read_policy
 from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.learning.spec import PolicySpec, SceneSpec
@@ -47,7 +47,7 @@ def export_bundle(
         spec = read_bundle(folder).spec
         return upgrade_bundle(folder, out, _scene(spec, scene or usual_scene(spec)), limits)
     policy = read_policy(folder)
-    require_images(policy)
+    require_exportable(policy)
     scene = scene or usual_scene(policy.spec)
     if policy.spec.scene is None:
         policy = dataclasses.replace(policy, spec=dataclasses.replace(policy.spec, scene=_scene(policy.spec, scene)))

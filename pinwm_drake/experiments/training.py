@@ -62,6 +62,7 @@ class TrainRequest:
     worlds: int = 64
     image_size: int = 64
     frames: int = 3
+    history: int = 0
     max_translation: float | None = None
     steps: int | None = None
     round_steps: int | None = None
@@ -132,7 +133,7 @@ def train(
     if request.threads is not None:
         torch.set_num_threads(request.threads)
     begun, worlds = time.monotonic(), worlds_of(request, domains)
-    if request.method != "state" and not request.resume:
+    if request.method != "state" and not request.resume and not request.history:  # that asks for one without a bundle
         check_exportable(worlds.spec("rgb"))
     if worlds.setup.task.waypoints and request.teacher is None:
         folder = prepare_folder(out / WAYPOINTS)
@@ -179,7 +180,8 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
     options = training_options(
         task=given if request.task is None else {"name": request.task} | given,
         image_size=request.image_size,
-        frames=request.frames,
+        frames=max(request.frames, request.history + 1) if request.history else request.frames,
+        history=request.history,
         max_translation=request.max_translation,
         latency=(0.0, request.latency),
     )

@@ -22,6 +22,7 @@ from pinwm_drake.learning.heading import Heading
 from pinwm_drake.learning.images.window import Window
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.tasks import Task
+from pinwm_drake.tasks.history import history_size
 
 # rad for a unit of the state, and up to twice that: 10 mm of an object turn a wave by 3 to 6 rad. With 100, rounding in
 # ONNX moved an action by 9 of the 10 micrometres that a bundle allows.
@@ -57,20 +58,21 @@ def level_shares(action: Tensor) -> Tensor:
 class StateActor(nn.Module):
     """Network from the state (B, state_size) to an action: two hidden layers and a head.
 
+    With a history the state goes on with what was before, as `tasks.history` has it: the layers see all of it.
+
     Attributes:
         latent_size: Width of the last hidden layer.
         head: Linear layer to `outputs` numbers for each component of the action, those of the first component first.
         heading: Frame that the layers see and act in, where the task has one.
     """
 
-    def __init__(self, task: Task, outputs: int, activation: type[nn.Module], width: int) -> None:
-        """Builds layers of a width for a task's state and action."""
+    def __init__(self, task: Task, outputs: int, activation: type[nn.Module], width: int, history: int) -> None:
+        """Builds layers of a width for a task's state and action, with those before the last actions."""
         super().__init__()
         self.latent_size, self._components = width, task.action_size
         self.heading = Heading(task)
-        self.body = nn.Sequential(
-            nn.Linear(task.state_size, width), activation(), nn.Linear(width, width), activation()
-        )
+        size = history_size(task.state_size, task.action_size, history)
+        self.body = nn.Sequential(nn.Linear(size, width), activation(), nn.Linear(width, width), activation())
         self.head = nn.Linear(width, task.action_size * outputs)
 
     def latent(self, seen: Seen) -> Tensor:
@@ -96,9 +98,9 @@ class StateActor(nn.Module):
 class LevelActor(StateActor):
     """Network from the state to an action by levels; hidden layers of tanh."""
 
-    def __init__(self, task: Task, width: int = 256) -> None:
-        """Builds layers of a width for a task's state and action."""
-        super().__init__(task, len(LEVELS), nn.Tanh, width)
+    def __init__(self, task: Task, width: int = 256, history: int = 0) -> None:
+        """Builds layers; see `StateActor`."""
+        super().__init__(task, len(LEVELS), nn.Tanh, width, history)
 
     def logits(self, seen: Seen) -> Tensor:
         """Logits (B, n, len(LEVELS)) of an observation."""
@@ -132,9 +134,9 @@ class DitherActor(StateActor):
 
     _waves: Tensor
 
-    def __init__(self, task: Task, width: int = 256) -> None:
-        """Builds layers of a width for a task's state and action."""
-        super().__init__(task, 2, nn.ReLU, width)
+    def __init__(self, task: Task, width: int = 256, history: int = 0) -> None:
+        """Builds layers; see `StateActor`."""
+        super().__init__(task, 2, nn.ReLU, width, history)
         number = task.state_size * task.action_size
         waves = _WAVES * torch.linspace(1.0, 2.0, number).reshape(task.state_size, task.action_size)
         self.register_buffer("_waves", waves, persistent=False)
@@ -147,7 +149,8 @@ class DitherActor(StateActor):
     def forward(self, state: Tensor) -> Tensor:
         """Actions (B, n) of states (B, state_size) float32."""
         mean, log_spread = self._parts(state)
-        wave = math.sqrt(2.0) * torch.sin(self.heading.state(state) @ self._waves)
+        now = self.heading.state(state)[:, : len(self._waves)]
+        wave = math.sqrt(2.0) * torch.sin(now @ self._waves)
         return self.heading.action((mean + log_spread.exp() * wave).tanh(), state)
 
     def imitation(self, found: Tensor, state: Tensor) -> Tensor:
@@ -164,9 +167,9 @@ class DitherActor(StateActor):
 class TanhActor(StateActor):
     """Network from the state to an action by numbers; hidden layers of ReLU, as SB3's SAC has them."""
 
-    def __init__(self, task: Task, width: int = 256) -> None:
-        """Builds layers of a width for a task's state and action."""
-        super().__init__(task, 1, nn.ReLU, width)
+    def __init__(self, task: Task, width: int = 256, history: int = 0) -> None:
+        """Builds layers; see `StateActor`."""
+        super().__init__(task, 1, nn.ReLU, width, history)
 
     def forward(self, state: Tensor) -> Tensor:
         """Actions (B, n) of states (B, state_size) float32."""
@@ -183,7 +186,7 @@ class TanhActor(StateActor):
         return state.new_full((len(state),), torch.inf)
 
 
-_HEADS: Mapping[str, Callable[[Task, int], StateActor]] = {
+_HEADS: Mapping[str, Callable[[Task, int, int], StateActor]] = {
     "levels": LevelActor,
     "tanh": TanhActor,
     "dither": DitherActor,
@@ -192,7 +195,7 @@ _HEADS: Mapping[str, Callable[[Task, int], StateActor]] = {
 
 def state_actor(spec: PolicySpec) -> StateActor:
     """An untrained network from the state to the action, with the head that a specification names."""
-    return _HEADS[spec.head](spec.task, spec.width)
+    return _HEADS[spec.head](spec.task, spec.width, spec.history)
 
 
 class ImageActor(nn.Module):
@@ -200,7 +203,8 @@ class ImageActor(nn.Module):
 
     Between the two stands a state as `StateActor` takes it, so that what was learned from the state can be taken over.
     The task says what of it has to be estimated (`Task.assembly`). Where the specification has a window, the layers see
-    that part of the images, and the estimate of the place is added to the place that the window shows.
+    that part of the images, and the estimate of the place is added to the place that the window shows. With a history
+    the states before the last actions are estimated from the same images; the actions themselves are known.
 
     Attributes:
         actor: Network from the state to the action.
@@ -236,12 +240,14 @@ class ImageActor(nn.Module):
             size = self.convolutions(torch.zeros(1, channels, height, width)).shape[1]
         self.features = nn.Sequential(nn.Linear(size, features), nn.ReLU())
         self.task = task = spec.task
+        self._history = spec.history
         self.assembly = task.assembly(np.array(spec.pusher_low), np.array(spec.pusher_high))
         size_of_estimate = task.state_size if self.assembly is None else self.assembly.estimate_size
+        known = history_size(task.action_size, task.action_size, spec.history) + (0 if spec.window is None else 2)
         self.estimate = nn.Sequential(
-            nn.Linear(features + task.action_size + (0 if spec.window is None else 2), features),
+            nn.Linear(features + known, features),
             nn.ReLU(),
-            nn.Linear(features, size_of_estimate),
+            nn.Linear(features, size_of_estimate * (1 + spec.history)),
         )
         self.actor = state_actor(spec)
         # As images come; convolutions take two thirds of the time with it.
@@ -277,11 +283,11 @@ class ImageActor(nn.Module):
         return 1.0 - image.permute(0, 3, 1, 2).float() / 255.0
 
     def state(self, dark: Tensor, pusher: Tensor, goal: Tensor | None = None) -> Tensor:
-        """Estimate of the state (B, state_size), by images and the pusher's position.
+        """Estimate of the state (B, state_size), by images and the pusher's position; both may have a history.
 
         Args:
             dark: (B, channels, height, width) float32, as `darken` gives them.
-            pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1.
+            pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1; then what was before.
             goal: (B, task.goal_size) float32, goals of the episodes; None for the task's own.
         """
         place = None
@@ -289,6 +295,17 @@ class ImageActor(nn.Module):
             dark, place = self.window(dark)
         known = [pusher] if place is None else [pusher, place / _FAR]
         estimate: Tensor = self.estimate(torch.cat([self.features(self.convolutions(dark)), *known], 1))
+        if not self._history:
+            return self._assembled(estimate, pusher, place, goal)
+        n = self.task.action_size
+        now, *before = estimate.chunk(1 + self._history, 1)
+        parts = [self._assembled(now, pusher[:, :n], place, goal)]
+        for past, one in zip(pusher[:, n:].split(2 * n, 1), before, strict=True):
+            parts += [self._assembled(one, past[:, :n], place, goal), past[:, n:]]
+        return torch.cat(parts, 1)
+
+    def _assembled(self, estimate: Tensor, pusher: Tensor, place: Tensor | None, goal: Tensor | None) -> Tensor:
+        """State (B, state_size) of an estimate, with the pusher (B, n) at that time; the others as for `state`."""
         if self.assembly is None:
             return estimate
         state: Tensor = self.assembly(estimate, pusher, place, *([] if goal is None else [goal]))
@@ -304,7 +321,7 @@ class ImageActor(nn.Module):
 
         Args:
             image: (B, height, width, channels) uint8, RGB.
-            pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1.
+            pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1; then what was before.
             goal: (B, task.goal_size) float32, goals of the episodes; None for the task's own.
         """
         actions: Tensor = self.actor(self.state(self.darken(image), pusher, goal))

@@ -107,10 +107,10 @@ def export_policy(
         The bundle, as it was read back.
 
     Raises:
-        ParameterError: It does not observe images, or the samples do not fit it.
+        ParameterError: It does not observe images, or sees a history, or the samples do not fit it.
         InputError: The folder holds something or cannot be written to, or the network in ONNX answers otherwise.
     """
-    require_images(policy)
+    require_exportable(policy)
     spec, golden = policy.spec, golden_samples(policy, *samples, estimate=estimate)
     contract = make_contract(spec, limits, golden.mask_pixels(), estimate=estimate)
     files = {
@@ -140,11 +140,13 @@ def check_exportable(spec: PolicySpec) -> None:
         spec: Specification of a policy that observes "rgb".
 
     Raises:
-        ParameterError: Limits do not follow from the specification, or torch cannot write the network in ONNX.
+        ParameterError: Limits do not follow from the specification, the policy sees a history, or torch cannot write
+            the network in ONNX.
         InputError: The network in ONNX cannot be loaded, is not what a contract of the specification says, or answers
             otherwise.
     """
     policy = Policy(spec, make_actor(spec).eval())
+    require_exportable(policy)
     middle = 0.5 * (np.array(spec.pusher_low) + np.array(spec.pusher_high))
     goals = np.zeros((1, spec.task.goal_size))
     golden = golden_samples(policy, np.zeros((1, *spec.image_shape), np.uint8), middle[None], goals)
@@ -157,10 +159,13 @@ def check_exportable(spec: PolicySpec) -> None:
     check_golden(Path(GOLDEN_FILE), Network(content, Path(ONNX_FILE), contract), golden)
 
 
-def require_images(policy: Policy) -> None:
-    """Raises ParameterError where a policy does not observe images."""
+def require_exportable(policy: Policy) -> None:
+    """Raises ParameterError where a policy does not observe images, or sees a history, which no controller keeps."""
     if policy.spec.observes != "rgb":
         raise ParameterError(f"policy: got one that observes {policy.spec.observes}; allowed: rgb, as bundles do")
+    if policy.spec.history:
+        given = f"one that sees the last {policy.spec.history} actions"
+        raise ParameterError(f"policy: got {given}; allowed: a history of 0, as bundles have")
 
 
 def golden_samples(

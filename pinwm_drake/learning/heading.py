@@ -27,14 +27,18 @@ class Heading(nn.Module):
         super().__init__()
         self._pusher = task.heading
         self._vectors: Sequence[int] = () if task.heading is None else task.level_vectors
+        self._state_size, self._action_size = task.state_size, task.action_size
 
     def state(self, state: Tensor) -> Tensor:
-        """States (B, state_size), whose level vectors are told along the heading and across it."""
+        """States (B, state_size), whose level vectors are told along the heading and across it.
+
+        What was before them, as `tasks.history` has it, may follow; it is told along the heading of now.
+        """
         if self._pusher is None:
             return state
         c, s = self._direction(state)
         columns = list(state.unbind(1))
-        for k in self._vectors:
+        for k in self._all_vectors(len(columns)):
             x, y = columns[k], columns[k + 1]
             columns[k], columns[k + 1] = c * x + s * y, c * y - s * x
         return torch.stack(columns, 1)
@@ -44,7 +48,7 @@ class Heading(nn.Module):
 
         Args:
             action: (B, n) along and across the heading, in [-1, 1].
-            state: (B, state_size), of the world's axes, by which the heading is found.
+            state: (B, state_size), of the world's axes, by which the heading is found; a history may follow.
         """
         if self._pusher is None:
             return action
@@ -60,6 +64,12 @@ class Heading(nn.Module):
         x, y, *others = action.unbind(1)
         return torch.stack([c * x + s * y, c * y - s * x, *others], 1)
 
+    def _all_vectors(self, size: int) -> list[int]:
+        """Indices of the x of each vector in a state with a history, of some size: those of states and of actions."""
+        begins = range(self._state_size, size, self._state_size + self._action_size)
+        past = [begin + k for begin in begins for k in (*self._vectors, self._state_size)]
+        return [*self._vectors, *past]
+
     def _direction(self, state: Tensor) -> tuple[Tensor, Tensor]:
         """Cosine and sine (B,) of the yaw of the heading."""
         assert self._pusher is not None
@@ -73,12 +83,12 @@ class HeadingExtractor(BaseFeaturesExtractor):
     """Extractor of SB3's networks that tells a task's state along its heading."""
 
     def __init__(self, observation_space: Any, task: Task) -> None:
-        """Takes the task whose state is observed."""
-        super().__init__(observation_space, task.state_size)
+        """Takes the task whose state is observed, maybe with a history."""
+        super().__init__(observation_space, observation_space.shape[0])
         self._heading = Heading(task)
 
     def forward(self, state: Tensor) -> Tensor:
-        """Features (B, state_size) of states (B, state_size)."""
+        """Features (B, k) of states (B, k)."""
         return self._heading.state(state)
 
 

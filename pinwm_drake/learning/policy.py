@@ -45,7 +45,8 @@ class Policy:
         Args:
             observation: Observation of one world or of B, as the environment gives it. A policy that observes "state"
                 takes an array or a dict with `state`; one that observes "rgb" a dict with `image` and `pusher`. Where
-                the task draws goals, `goal` is in the dict; a state without one is of the task's own goal.
+                the task draws goals, `goal` is in the dict; a state without one is of the task's own goal. State and
+                pusher have the history that the specification names.
             state: Not used.
             episode_start: Not used.
             deterministic: Not used: it always is.

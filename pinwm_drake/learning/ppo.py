@@ -12,6 +12,7 @@ from stable_baselines3.common.utils import ConstantSchedule, set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.heading import AlongHeading
@@ -26,6 +27,7 @@ from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.toward_goal import TowardGoal
 from pinwm_drake.learning.weights import pack, unpack
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from pinwm_drake.tasks.history import begun
 from pinwm_drake.tasks.waypoints import Waypoints
 
 _NEVER = 1 << 30
@@ -143,8 +145,11 @@ def train_ppo(
         The best policy, by its evaluations.
 
     Raises:
+        ParameterError: The policy is one of images with a history.
         InputError: A checkpoint cannot be used, or a file cannot be written.
     """
+    if spec.observes == "rgb" and spec.history:
+        raise ParameterError(f"history: got {spec.history} for PPO from images; allowed: 0, or a teacher of the state")
     told = {"options": asdict(options), "seed": seed, "spec": spec.to_document(), "worlds": env.num_envs}
     rollout = options.n_steps * env.num_envs
     size = rollout * math.ceil(min(options.round_steps, options.steps) / rollout)
@@ -160,9 +165,11 @@ def train_ppo(
     if rounds.number:
         learner.unpack(rounds.arrays)
     elif shown is not None and len(shown):
-        state = torch.from_numpy(spec.task.state(shown.object_state, shown.p_WP))
+        state = spec.task.state(shown.object_state, shown.p_WP)
+        if spec.history:  # episodes begin there too
+            state = begun(state, spec.action_size, spec.history)
         action = torch.from_numpy(shown.action.astype(np.float32))
-        learner.policy.imitate(state, action, updates=options.imitation, seed=seed)
+        learner.policy.imitate(torch.from_numpy(state), action, updates=options.imitation, seed=seed)
     while not rounds.ended(options.patience):
         rounds.begin(worlds, on_round)
         learner.set_rate(rounds.falling(options.last_share))

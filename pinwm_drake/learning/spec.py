@@ -17,7 +17,7 @@ Head = Literal["levels", "tanh", "dither"]
 HEADS = ("levels", "tanh", "dither")
 PUSHER_SHAPES = ("sphere", "capsule", "cylinder", "mesh")
 _FLAT = ("goal", "q_WO", "tolerance", "turn_tolerance")  # in version 1, which knew the push task alone
-_LATER = {"head": "levels", "window": None, "width": 256}  # fields that came later, as specifications were before
+_LATER = {"head": "levels", "window": None, "width": 256, "history": 0}  # fields that came later, as they were before
 
 
 @dataclass(frozen=True)
@@ -143,6 +143,8 @@ class PolicySpec:
         head: "levels", "tanh" or "dither": how the network ends; see `actors`.
         window: px, side of the part of the images that the network sees, around the object; None for all.
         width: Width of the two hidden layers from the state to the action.
+        history: Number of the last actions that it sees, each with the state before it (observing "state") or the
+            pusher's position (observing "rgb", with an image of each time); see `tasks.history`.
 
     Raises:
         ParameterError: A value is not finite, not positive, or not among those allowed.
@@ -162,6 +164,7 @@ class PolicySpec:
     head: Head = "levels"
     window: int | None = None
     width: int = 256
+    history: int = 0
 
     def __post_init__(self) -> None:
         """Checks the values."""
@@ -172,6 +175,10 @@ class PolicySpec:
         for name in ("frames", "max_steps", "width"):
             if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
                 raise ParameterError(f"{name}: got {getattr(self, name)!r}; allowed: a whole number, 1 or more")
+        most = math.inf if self.observes == "state" else self.frames - 1
+        if not isinstance(self.history, int) or not 0 <= self.history <= most:
+            allowed = "a whole number, 0 or more; of images less than frames"
+            raise ParameterError(f"history: got {self.history!r}; allowed: {allowed}")
         for name in ("horizon", "max_translation"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ParameterError(f"{name}: got {getattr(self, name)}; allowed: more than 0")

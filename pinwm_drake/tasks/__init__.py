@@ -3,6 +3,7 @@
 task.py    the seam: `Task`, `Progress`, and tasks by name
 push.py    an object is pushed to a pose on the floor
 flip.py    an object is poked until one of its axes points up
+history.py what was before a state, where policies see it
 """
 
 from pinwm_drake.tasks.flip import FlipTask

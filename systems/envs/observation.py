@@ -9,10 +9,13 @@ from gymnasium import spaces
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.rendering.kernels.stack import roll_in
 from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.tasks.history import begun, history_size
 from pinwm_drake.threads import available, share
 
 Kind = Literal["state", "rgb", "rgb_state"]
-KINDS = ("state", "rgb", "rgb_state")
+_ENTRIES = {"state": ("state",), "rgb": ("image", "pusher"), "rgb_state": ("image", "pusher", "state")}
+KINDS = tuple(_ENTRIES)
+_PAST = "past."
 
 Observation = Any  # an array, or a dict of arrays; W worlds lead
 
@@ -25,26 +28,33 @@ class Observer:
     along the task's axes across the box that it may be in. `rgb_state` has all three. Where episodes draw their goals,
     `goal`, float32 (task.goal_size,), is beside these, and `state` is a dict of state and goal too.
 
+    With a history of h actions, `state` and `pusher` go on with what was before, as `tasks.history` has it: state or
+    position before each of the last h actions, and the action, as it was asked for, in [-1, 1] along the task's axes.
+
     Attributes:
         kind: "state", "rgb" or "rgb_state".
         space: Observation space of one world.
     """
 
-    def __init__(self, setup: Setup, kind: Kind, frames: int = 1) -> None:
+    def __init__(self, setup: Setup, kind: Kind, frames: int = 1, history: int = 0) -> None:
         """Builds the observation space.
 
         Args:
             setup: The scene: task, camera, pusher's box and number of worlds.
             kind: "state", "rgb" or "rgb_state".
             frames: Number k of the last images that are seen, 1 or more.
+            history: Number h of the last actions that are seen, 0 or more.
 
         Raises:
-            ParameterError: There is no such kind, or no frame.
+            ParameterError: There is no such kind, or no frame; or a history beside goals that episodes draw, from
+                which the state is told, and the actions are not.
         """
         if kind not in KINDS:
             raise ParameterError(f"observation: got {kind!r}; allowed: {', '.join(KINDS)}")
         if frames < 1:
             raise ParameterError(f"frames: got {frames}; allowed: 1 or more")
+        if history and setup.task.goal_size:
+            raise ParameterError(f"history: got {history} where episodes draw their goals; allowed: 0")
         self.kind, self._task = kind, setup.task
         pusher, self._axes = setup.scenario.pusher, setup.task.axis_indices
         low, high = np.array(pusher.low)[self._axes], np.array(pusher.high)[self._axes]
@@ -52,20 +62,23 @@ class Observer:
         height, width = setup.camera.height, setup.camera.width
         self._images = np.zeros((setup.scenario.num_worlds, height, width, 3 * frames), np.uint8)
         bound = self._task.state_bound
-        state = spaces.Box(-bound, bound, (self._task.state_size,), np.float32)
-        seen: dict[str, spaces.Space] = {
+        n, worlds = self._task.action_size, setup.scenario.num_worlds
+        sizes = {"pusher": n, "state": self._task.state_size}
+        shapes = {name: (history_size(size, n, history),) for name, size in sizes.items()}
+        every: dict[str, spaces.Space] = {
             "image": spaces.Box(0, 255, self._images.shape[1:], np.uint8),
-            "pusher": spaces.Box(-1.0, 1.0, (self._task.action_size,), np.float32),
+            "pusher": spaces.Box(-1.0, 1.0, shapes["pusher"], np.float32),
+            "state": spaces.Box(-bound, bound, shapes["state"], np.float32),
         }
-        if kind == "rgb_state":
-            seen["state"] = state
+        seen = {name: every[name] for name in _ENTRIES[kind]}
         if self._task.goal_size:
-            seen = {"state": state} if kind == "state" else seen
             seen["goal"] = spaces.Box(-np.inf, np.inf, (self._task.goal_size,), np.float32)
-        elif kind == "state":
-            self.space: spaces.Space = state
-            return
-        self.space = spaces.Dict(seen)
+        self.space = every["state"] if list(seen) == ["state"] else spaces.Dict(seen)
+        self._past = {
+            name: np.zeros((worlds, history, size + n), np.float32)
+            for name, size in sizes.items()
+            if history and name in seen
+        }
 
     @property
     def needs_images(self) -> bool:
@@ -80,14 +93,33 @@ class Observer:
         """Takes images (m, height, width, 4) uint8 RGBA as all that worlds with indices (m,) have seen."""
         self._images[worlds] = np.tile(images[..., :3], self._images.shape[3] // 3)
 
+    def remember(self, object_state: np.ndarray, p_WP: np.ndarray, goal: np.ndarray, actions: np.ndarray) -> None:
+        """Takes actions (W, n) in [-1, 1]^n, and the states before them, as for `observe`, as the last ones."""
+        if not self._past:
+            return
+        now, action = self._now(object_state, p_WP, goal), self._task.translation(actions, 1.0)[:, self._axes]
+        for name, past in self._past.items():
+            past[:, 1:] = past[:, :-1].copy()
+            past[:, 0] = np.concatenate([now[name], action], axis=1)
+
+    def forget(self, object_state: np.ndarray, p_WP: np.ndarray, goal: np.ndarray, worlds: np.ndarray) -> None:
+        """Takes the states, as for `observe`, of worlds with indices (m,) as all that was there, without an action."""
+        if not self._past:
+            return
+        now = self._now(object_state[worlds], p_WP[worlds], goal[worlds])
+        for name, past in self._past.items():
+            past[worlds] = begun(now[name], self._task.action_size, 1)[:, None, now[name].shape[1] :]
+
     def get_state(self) -> dict[str, np.ndarray]:
-        """Images that the worlds have seen last, by name, for `set_state`."""
-        return {"images": self._images.copy()} if self.needs_images else {}
+        """Images and history that the worlds have seen last, by name, for `set_state`."""
+        past = {f"{_PAST}{name}": values.copy() for name, values in self._past.items()}
+        return past | ({"images": self._images.copy()} if self.needs_images else {})
 
     def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Restores the images of `get_state`."""
+        """Restores the arrays of `get_state`."""
         if self.needs_images:
             self._images = arrays["images"].copy()
+        self._past = {name: arrays[f"{_PAST}{name}"].copy() for name in self._past}
 
     def observe(
         self,
@@ -106,12 +138,20 @@ class Observer:
         """
         object_state, p_WP = object_state[worlds], p_WP[worlds]
         goal = np.zeros((len(p_WP), 0)) if goal is None else goal[worlds]
-        seen: dict[str, np.ndarray] = {}
-        if self.needs_images:
-            pusher = (p_WP[:, self._axes] - self._middle) / self._half
-            seen = {"image": self._images[worlds].copy(), "pusher": np.clip(pusher, -1.0, 1.0).astype(np.float32)}
-        if self.kind != "rgb":
-            seen["state"] = self._task.state(*self._task.from_goal(object_state, p_WP, goal))
+        seen = {"image": self._images[worlds].copy()} if self.needs_images else {}
+        seen |= self._now(object_state, p_WP, goal)
+        for name, past in self._past.items():
+            seen[name] = np.concatenate([seen[name], past[worlds].reshape(len(p_WP), -1)], axis=1)
         if self._task.goal_size:
             seen["goal"] = goal.astype(np.float32)
         return seen if isinstance(self.space, spaces.Dict) else seen["state"]
+
+    def _now(self, object_state: np.ndarray, p_WP: np.ndarray, goal: np.ndarray) -> dict[str, np.ndarray]:
+        """Pusher and state, where they are seen, of worlds (m, ...), without a history; see `observe`."""
+        seen: dict[str, np.ndarray] = {}
+        if self.needs_images:
+            pusher = (p_WP[:, self._axes] - self._middle) / self._half
+            seen["pusher"] = np.clip(pusher, -1.0, 1.0).astype(np.float32)
+        if self.kind != "rgb":
+            seen["state"] = self._task.state(*self._task.from_goal(object_state, p_WP, goal))
+        return seen

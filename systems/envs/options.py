@@ -29,9 +29,10 @@ class EnvOptions:
         friction_directions: Has no effect, as the friction cone is round; kept for older calls and files.
         image_size: px, width and height of images; None for those of the scene's camera.
         latency: s, least and largest time after which an action takes effect; drawn for each episode. See `Delay`.
+        history: Number of the last actions that are seen, with the states before them; see `Observer`.
 
     Raises:
-        ParameterError: `max_steps` is less than 1.
+        ParameterError: `max_steps` is less than 1, or `history` less than 0.
     """
 
     observation: Kind = "state"
@@ -43,11 +44,14 @@ class EnvOptions:
     friction_directions: int | None = None
     image_size: int | None = None
     latency: tuple[float, float] = (0.0, 0.0)
+    history: int = 0
 
     def __post_init__(self) -> None:
-        """Validates the number of steps; scene and task validate the rest."""
+        """Validates the numbers of steps; scene and task validate the rest."""
         if self.max_steps is not None and self.max_steps < 1:
             raise ParameterError(f"max_steps: got {self.max_steps}; allowed: 1 or more")
+        if self.history < 0:
+            raise ParameterError(f"history: got {self.history}; allowed: 0 or more")
 
     def task_in(self, setup: Setup) -> Task:
         """The task in a scene, with the object's orientation of that scene.

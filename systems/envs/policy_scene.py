@@ -31,7 +31,8 @@ def policy_spec(setup: Setup, options: EnvOptions, observes: Observes) -> Policy
 
     Args:
         setup: The scene, as `environment_setup` makes it.
-        options: Options of which frames, longest translation and number of steps count; the task is the setup's.
+        options: Options of which frames, history, longest translation and number of steps count; the task is the
+            setup's.
         observes: "rgb" or "state".
 
     Raises:
@@ -61,6 +62,7 @@ def policy_spec(setup: Setup, options: EnvOptions, observes: Observes) -> Policy
         task=task,
         max_steps=task.max_steps if options.max_steps is None else int(options.max_steps),
         scene=scene_spec(setup),
+        history=options.history,
     )
     return dataclasses.replace(spec, window=window_size(spec)) if observes == "rgb" else spec
 
@@ -132,6 +134,7 @@ def spec_environment(
         max_steps=spec.max_steps,
         max_translation=spec.max_translation,
         image_size=camera.width,
+        history=spec.history,
     )
     if truth is None:
         environment = TaskEnv(scene, engine, options, **changes)

@@ -111,7 +111,7 @@ class Worlds:
         self.max_steps = self.task.max_steps if options.max_steps is None else int(options.max_steps)
         self.run = StationRun(self.setup, engine, options.max_translation)
         self.engine = self.run.station.engine.name
-        self._observer = Observer(self.setup, options.observation, options.frames)
+        self._observer = Observer(self.setup, options.observation, options.frames, options.history)
         self.observation_space = self._observer.space
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
         self._delay = Delay(options.latency, self.setup.scenario.pusher.horizon, num_worlds, self.task)
@@ -196,6 +196,7 @@ class Worlds:
             self._delay.begin(world, generator)
         self._steps[worlds] = 0
         self._take_state()
+        self._observer.forget(self._object_state, self._p_WP, self._goal, worlds)
         if self._observer.needs_images:
             # The port renders all worlds; at the start of an episode those that begin are enough.
             images = self.run.images() if self.run.world_model is None else self.run.images_of(worlds)
@@ -211,6 +212,7 @@ class Worlds:
         self.run.set_world_state(object_state, p_WP)
         self._steps[:] = 0
         self._take_state()
+        self._observer.forget(self._object_state, self._p_WP, self._goal, np.arange(self.num_worlds))
 
     def advance(self, actions: np.ndarray) -> Advance:
         """Goes on by one action in every world.
@@ -224,6 +226,7 @@ class Worlds:
             Rewards, ends of episodes, progress and failures.
         """
         before = self._progress
+        self._observer.remember(self._object_state, self._p_WP, self._goal, actions)
         self._steps += 1
         failures = self._advance(self._delay(actions))
         if self.disturbance:

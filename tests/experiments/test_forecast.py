@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 
 from pinwm_drake.baselines.pin_wm import Distillation, StateSac
@@ -57,3 +59,5 @@ def test_memory_is_that_of_what_is_learned_from():
     assert _kept(DistilOptions(rounds=2, round_images=100), spec, 4) == 200 * height * width * 3
     assert _kept(PpoOptions(n_steps=16), spec, 4) == 64 * height * width * channels
     assert _kept(SacOptions(steps=1000), spec, 4) == 1000 * 4 * (2 * 11 + 2 + 3)
+    past = replace(spec, history=1)
+    assert _kept(SacOptions(steps=1000), past, 4) == 1000 * 4 * (2 * (11 + 11 + 2) + 2 + 3)

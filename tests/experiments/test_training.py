@@ -2,8 +2,12 @@ import numpy as np
 import pytest
 
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+from pinwm_drake.experiments.evaluation.run import evaluate
+from pinwm_drake.experiments.golden_samples import export_bundle
 from pinwm_drake.experiments.training import TrainRequest, train
 from pinwm_drake.learning.policy import read_policy
+from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.mpc.sampling import SamplingOptions
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions
 from pinwm_drake.systems.scenario.load import load_setup
@@ -76,7 +80,7 @@ def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
     brief = WaypointOptions(attempts=1, planner=SamplingOptions(samples=16, first_iterations=1))
     twin = load_setup("flip_mug").with_theta(friction_floor=0.22).twin
     write_twin(tmp_path / "twin", twin)
-    cases = ({"task": "flip"}, {"in_scene": "flip_mug"})
+    cases = ({"task": "flip"}, {"in_scene": "flip_mug", "history": 2})
     for k, options in enumerate(cases):
         request = TrainRequest(
             str(tmp_path / "twin"), tmp_path / str(k), method="state", worlds=2, steps=128, round_steps=128, episodes=1,
@@ -86,6 +90,7 @@ def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
         assert (tmp_path / str(k) / "waypoints" / WAYPOINTS_FILE).exists()
         assert policy.provenance["task"] == "flip"
         assert policy.spec.scene.object.name == "mug"
+        assert policy.spec.history == options.get("history", 0)
         assert policy.provenance["trained_in"]["scene"] == "flip_mug"
         assert policy.provenance["trained_in"]["task"]["up"] == [0.0, 0.0, -1.0]
 
@@ -93,3 +98,37 @@ def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
 def test_an_unknown_task_is_refused(tmp_path):
     with pytest.raises(ParameterError, match=r"task: got 'juggle'; allowed: a mapping whose name is one of .*push"):
         train(TrainRequest("push_t", tmp_path, task="juggle"))
+
+
+@pytest.fixture(scope="module")
+def sees_the_past(tmp_path_factory):
+    """Folder of a brief training whose policies see two past states and actions."""
+    folder = tmp_path_factory.mktemp("history")
+    short = {"worlds": 4, "image_size": 32, "steps": 128, "round_steps": 128, "rounds": 1, "images": 64, "updates": 4}
+    train(TrainRequest("push_t", folder, history=2, frames=2, episodes=4, threads=1, **short))
+    return folder
+
+
+def test_teacher_and_student_that_see_the_past_are_trained_read_and_evaluated(sees_the_past, tmp_path):
+    teacher, student = read_policy(sees_the_past / "teacher" / "policy"), read_policy(sees_the_past)
+    assert (teacher.spec.history, student.spec.history, student.spec.frames) == (2, 2, 3)
+    for name, values in teacher.actor.state_dict().items():
+        np.testing.assert_array_equal(student.actor.actor.state_dict()[name], values)
+    for folder in (sees_the_past / "teacher" / "policy", sees_the_past):
+        request = EvaluateRequest(str(folder), scene="push_t", engine="point", episodes=2, max_steps=3)
+        found = evaluate(request, tmp_path / folder.name, workers=1)
+        assert found.episodes == 2
+    env = spec_environment(student.spec, "push_t", "twin")
+    seen, _ = env.reset(seed=0)
+    action = student.predict(seen)[0]
+    assert action.shape == (2,)
+    past = seen | {"pusher": seen["pusher"] + np.array([0.0, 0.0, *[0.3] * 8], np.float32)}
+    assert not np.allclose(student.predict(past)[0], action, atol=1e-6)
+
+
+def test_a_policy_that_sees_the_past_has_no_bundle_and_teaches_none_that_does_not(sees_the_past, tmp_path):
+    with pytest.raises(ParameterError, match="sees the last 2 actions; allowed: a history of 0"):
+        export_bundle(sees_the_past, tmp_path / "bundle")
+    request = TrainRequest("push_t", tmp_path / "run", teacher=sees_the_past / "teacher" / "policy", worlds=2)
+    with pytest.raises(InputError, match="a history of 2; allowed: 0"):
+        train(request)

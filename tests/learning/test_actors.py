@@ -2,7 +2,9 @@ import numpy as np
 import torch
 
 from pinwm_drake.learning.actors import DitherActor
+from pinwm_drake.learning.policy import make_actor
 from pinwm_drake.tasks import PushTask
+from tests.learning.toy_worlds import toy_spec
 
 
 def between_two_ways(spread):
@@ -47,3 +49,27 @@ def test_it_is_learned_from_by_its_mean_alone():
     actor.imitation(found, seen + 0.5).backward()
     assert float(found.grad.abs().max()) == 0.0  # a mean that does not depend on the state
     assert torch.isinf(actor.margin(seen)).all()
+
+
+def test_states_before_are_estimated_and_the_rest_of_a_history_is_known():
+    actor, pusher = make_actor(toy_spec("rgb", frames=3, history=2)), torch.rand(5, 10) - 0.5
+    with torch.no_grad():
+        found = actor.state(torch.rand(5, 9, 16, 16), pusher)
+    now, first, first_action, second, second_action = found.split([11, 11, 2, 11, 2], 1)
+    for state, at in ((now, 0), (first, 2), (second, 6)):
+        p_WP = torch.tensor([0.0, 0.1]) + 0.3 * pusher[:, at : at + 2]
+        np.testing.assert_allclose(state[:, 9:], p_WP / 0.1, atol=1e-5)
+    np.testing.assert_array_equal(torch.cat([first_action, second_action], 1), pusher[:, [4, 5, 8, 9]])
+    for one, other in ((now, first), (first, second)):  # estimates of their own
+        assert (one - other)[:, :7].abs().max() > 1e-4
+
+
+def test_a_wave_is_one_of_the_state_of_now():
+    actor = DitherActor(PushTask(), 16, history=1)
+    with torch.no_grad():
+        actor.head.weight.zero_()
+        seen = torch.cat([states(8), torch.rand(8, 13)], 1)
+        found = actor(seen)
+        seen[:, 11:] = 0.0
+        np.testing.assert_array_equal(actor(seen), found)
+    assert found.abs().max() > 0.1

@@ -158,6 +158,10 @@ def test_what_cannot_be_exported_is_refused(policy, tmp_path):
 
     state = Policy(dataclasses.replace(SPEC, observes="state"), policy.actor)
     assert refused(state, images, p_WP).startswith("policy: got one that observes state; allowed: rgb")
+    past = dataclasses.replace(SPEC, history=1)
+    assert refused(Policy(past, policy.actor), images, p_WP).startswith("policy: got one that sees the last 1 actions")
+    with pytest.raises(ParameterError, match="allowed: a history of 0"):
+        check_exportable(past)
     assert "got images of float64 (6, 32, 32, 6); allowed: uint8 (n, 32, 32, 6)" in refused(policy, images * 1.0, p_WP)
     assert "got images of uint8 (0, 32, 32, 6)" in refused(policy, images[:0], p_WP[:0])
     assert "got positions (5, 2); allowed: (6, 2)" in refused(policy, images, p_WP[1:])

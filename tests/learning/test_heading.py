@@ -41,14 +41,22 @@ def turned(states, p_WP, yaw):
     return np.column_stack([q, *vectors]), p_WP @ R.matrix().T
 
 
+@pytest.mark.parametrize("history", [0, 2])
 @pytest.mark.parametrize("head", ["levels", "tanh", "dither"])
-def test_a_policy_does_the_same_at_any_yaw(head):
+def test_a_policy_does_the_same_at_any_yaw(head, history):
     torch.manual_seed(1)
-    actor = make_actor(flip_spec(head=head))
+    actor = make_actor(flip_spec(head=head, history=history))
     states, p_WP = scenes(40)
+    past = [(*scenes(40, seed=1 + k), np.random.default_rng(k).uniform(-0.5, 0.5, (40, 3))) for k in range(history)]
+
+    def seen(yaw):
+        parts = [TASK.state(*turned(states, p_WP, yaw))]
+        for state, pusher, action in past:
+            parts += [TASK.state(*turned(state, pusher, yaw)), action @ RotationMatrix.MakeZRotation(yaw).matrix().T]
+        return torch.from_numpy(np.concatenate(parts, axis=1, dtype=np.float32))
+
     with torch.no_grad():
-        before = actor(torch.from_numpy(TASK.state(states, p_WP))).numpy()
-        after = actor(torch.from_numpy(TASK.state(*turned(states, p_WP, 0.9)))).numpy()
+        before, after = actor(seen(0.0)).numpy(), actor(seen(0.9)).numpy()
     wanted = before @ RotationMatrix.MakeZRotation(0.9).matrix().T
     # A wave turns by up to 60 rad for a unit of the state, whose rounding it makes larger.
     np.testing.assert_allclose(after, wanted, atol=1e-3 if head == "dither" else 2e-5)

@@ -116,13 +116,24 @@ def test_files_that_are_missing_or_broken_are_named(tmp_path, policy):
         read_policy(tmp_path)
 
 
-def test_a_specification_survives_its_document():
-    spec = toy_spec("rgb")
+@pytest.mark.parametrize("history", [0, 1])
+def test_a_specification_survives_its_document(history):
+    spec = toy_spec("rgb", history=history)
     assert PolicySpec.from_document(yaml.safe_load(yaml.safe_dump(spec.to_document()))) == spec
+    assert ("history" in spec.to_document()) == bool(history)  # documents without one are as they were
 
 
 @pytest.mark.parametrize(
-    "changes", [{"observes": "smell"}, {"horizon": 0.0}, {"pusher_low": (1.0, 1.0)}, {"frames": 0}]
+    "changes",
+    [
+        {"observes": "smell"},
+        {"horizon": 0.0},
+        {"pusher_low": (1.0, 1.0)},
+        {"frames": 0},
+        {"history": 2},
+        {"history": -1, "observes": "state"},
+        {"history": 1.0, "observes": "state"},
+    ],
 )
 def test_a_specification_that_makes_no_sense_is_refused(changes):
     with pytest.raises(ParameterError):

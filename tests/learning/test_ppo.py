@@ -199,3 +199,8 @@ def test_a_training_from_images_changes_them(tmp_path):
 def test_options_that_make_no_sense_are_refused(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         PpoOptions(**values)
+
+
+def test_a_history_beside_images_is_refused(tmp_path):
+    with pytest.raises(ParameterError, match="history: got 1 for PPO from images"):
+        train_ppo(ToyWorlds(images=True), toy_spec("rgb", history=1), tmp_path, PpoOptions(), stage="ppo")

@@ -119,5 +119,5 @@ def evaluated(request: ReproduceRequest, task: str, name: str, seed: int, *, sta
     elif name == DREAMER:
         subject = dreamer(task, seed, quick)
     elif about.domains is not None:
-        subject = PolicyCell(task, name, seed, twin, quick)
+        subject = PolicyCell(task, name, seed, twin, quick, about.history)
     return EvaluationCell(task, name, seed, request.episodes, subject, request.max_steps, inside, stand_in)

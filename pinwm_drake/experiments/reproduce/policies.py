@@ -39,6 +39,7 @@ class PolicyCell:
         seed: Seed of the experiment.
         twin: Cell of the twin that it is trained in; None for the scene's own parameters.
         quick: Flag: hardly any training.
+        history: Number of past states and actions that the policy sees.
     """
 
     task: str
@@ -46,6 +47,7 @@ class PolicyCell:
     seed: int
     twin: TwinCell | TrackedTwinCell | None
     quick: bool = False
+    history: int = 0
 
     @property
     def key(self) -> str:
@@ -74,6 +76,7 @@ class PolicyCell:
             seed=self.seed,
             threads=1,
             resume=True,
+            history=self.history,
             **(_QUICK if self.quick else {}),
         )
         told: dict[str, Step] = {}

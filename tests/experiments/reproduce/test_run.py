@@ -9,6 +9,7 @@ import pytest
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.experiments.reproduce.cell import CellStore
+from pinwm_drake.experiments.reproduce.policies import PolicyCell
 from pinwm_drake.experiments.reproduce.report import read_results, write_report
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.run import plan, reproduce, tables_of
@@ -40,6 +41,11 @@ def test_the_plan_names_every_cell_once_and_what_is_left(tmp_path: Path):
     assert len(names) == len(set(names))
     assert {f"policies/{task}/domain-rand/seed-1" for task in ("push", "flip")} <= set(names)
     assert whole.hours > 20.0
+    histories = {cell.system: cell.history for wave in whole.waves for cell in wave if isinstance(cell, PolicyCell)}
+    assert {name for name, history in histories.items() if history == 4} == {
+        "domain-rand", "domain-rand-2", "domain-rand-4",
+    }  # fmt: skip
+    assert set(histories.values()) == {0, 4}
 
 
 def test_parameters_are_identified_one_at_a_time_by_every_system_that_has_them(tmp_path: Path):

@@ -60,10 +60,10 @@ def test_worlds_of_a_round_follow_from_its_seed(worlds):
     assert not np.array_equal(first["image"], other["image"])
 
 
-@pytest.mark.parametrize("kind", ["state", "rgb_state"])
-def test_worlds_go_on_bit_by_bit_from_a_state_that_they_gave(worlds, kind):
+@pytest.mark.parametrize(("kind", "history"), [("state", 0), ("rgb_state", 0), ("state", 2), ("rgb_state", 2)])
+def test_worlds_go_on_bit_by_bit_from_a_state_that_they_gave(worlds, kind, history):
     actions = np.random.default_rng(0).uniform(-1, 1, (14, 3, 2)).astype(np.float32)
-    other = training_worlds(max_steps=4)
+    other = training_worlds(max_steps=4, history=history)
 
     def play(env, some):
         out = [env.step(action) for action in some]
