@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
@@ -33,6 +34,7 @@ class Outcomes:
         action: (n, action_size), in [-1, 1].
         turned: (n, 4) wxyz, turns of the object until the action ends, world.
         moved: (n, 3) m, world, ways of the object until then.
+        longest: () m, longest translation of the pusher in an action, which is the unit of `action`.
     """
 
     q_WO: np.ndarray
@@ -41,6 +43,7 @@ class Outcomes:
     action: np.ndarray
     turned: np.ndarray
     moved: np.ndarray
+    longest: np.ndarray
 
     def write(self, path: Path) -> None:
         """Writes the outcomes; raises InputError where the file cannot be written."""
@@ -56,23 +59,24 @@ class Outcomes:
         return cls(**{name: arrays[name] for name in names})
 
 
-def plant_outcomes(scene: str, engine: str, draws: int, seed: int) -> Outcomes:
+def plant_outcomes(scene: str, engine: str, draws: int, seed: int, *, max_translation: float | None = None) -> Outcomes:
     """Outcomes of actions of full length towards random points of the box around the object.
 
     Actions that miss the object do not count. Those that do not even touch it in the twin's physics are not tried in a
-    plant, where each takes seconds: of a push, seven of eight.
+    plant, where each takes seconds: of a push, twenty-four of twenty-five.
 
     Args:
         scene: Scene whose theta the plant has, and whose starts are drawn; see `load_setup`.
         engine: "hydroelastic" or "point"; or "twin".
         draws: Number of actions.
         seed: Seed of starts and actions.
+        max_translation: m, translation of the pusher in an action; None for the longest that its speed allows.
 
     Raises:
         PinwmError: The scene cannot be used.
     """
     setup = load_setup(scene)
-    env, twin = TaskEnv(setup, engine, EnvOptions()), TaskEnv(setup, "twin", EnvOptions())
+    env, twin = (TaskEnv(setup, one, EnvOptions(max_translation=max_translation)) for one in (engine, "twin"))
     start, generator = StartDistribution(setup), np.random.default_rng(seed)
     rows: list[tuple[np.ndarray, ...]] = []
     while len(rows) < draws:
@@ -88,7 +92,9 @@ def plant_outcomes(scene: str, engine: str, draws: int, seed: int) -> Outcomes:
         if np.linalg.norm(moved) < _TOUCHED:
             continue
         rows.append((place.X_WO.rotation().ToQuaternion().wxyz(), p_WO, place.p_WP, action, turned, moved))
-    return Outcomes(*(np.array(column) for column in zip(*rows, strict=True)))
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    columns.append(np.array(env.worlds.run.max_translation))
+    return Outcomes(*columns)
 
 
 def step_errors(setup: Setup, outcomes: Outcomes) -> np.ndarray:
@@ -100,7 +106,8 @@ def step_errors(setup: Setup, outcomes: Outcomes) -> np.ndarray:
         setup: The scene, with the twin in the place of the object.
         outcomes: What the same actions did in the plant.
     """
-    env, vertices = TaskEnv(setup, "twin", EnvOptions()), StartDistribution(setup).vertices
+    env = TaskEnv(setup, "twin", EnvOptions(max_translation=float(outcomes.longest)))
+    vertices = StartDistribution(setup).vertices
     rows = []
     for k in range(len(outcomes.action)):
         R_WO = RotationMatrix(Quaternion(outcomes.q_WO[k]))
@@ -112,13 +119,30 @@ def step_errors(setup: Setup, outcomes: Outcomes) -> np.ndarray:
     return np.array(rows)
 
 
-def _after(env: TaskEnv, X_WO: RigidTransform, p_WP: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turn (4,) wxyz and way (3,) m of the object in an action, after it has come to rest."""
-    env.reset(seed=0, options={"X_WO": X_WO, "p_WP": p_WP})
-    for _ in range(_REST):
-        env.step(np.zeros_like(action))
-    before = env.worlds.run.object_state[0].copy()
-    env.step(action)
-    after = env.worlds.run.object_state[0]
+def observed(env: TaskEnv, X_WO: RigidTransform, p_WP: np.ndarray, action: np.ndarray) -> tuple[list[Any], np.ndarray]:
+    """Observations and states of the object (7, 13) at a start, after each of 5 actions of rest, and after an action.
+
+    Args:
+        env: The environment.
+        X_WO: Pose of the object at the start.
+        p_WP: (3,) m, world: place of the pusher.
+        action: (action_size,) in [-1, 1].
+    """
+    seen = [env.reset(seed=0, options={"X_WO": X_WO, "p_WP": p_WP})[0]]
+    states = [env.worlds.run.object_state[0].copy()]
+    for one in (*[np.zeros_like(action)] * _REST, action):
+        seen.append(env.step(one)[0])
+        states.append(env.worlds.run.object_state[0].copy())
+    return seen, np.array(states)
+
+
+def motion(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Turn (4,) wxyz and way (3,) m of an object between two poses, each (7 or more,) q_WO wxyz, p_WO [m]."""
     R_before, R_after = (Rotation.from_quat(np.roll(state[:4], -1)) for state in (before, after))
     return np.roll((R_after * R_before.inv()).as_quat(), 1), after[4:7] - before[4:7]
+
+
+def _after(env: TaskEnv, X_WO: RigidTransform, p_WP: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Turn (4,) wxyz and way (3,) m of the object in an action, after it has come to rest."""
+    _, states = observed(env, X_WO, p_WP, action)
+    return motion(states[-2], states[-1])

@@ -38,3 +38,10 @@ def test_outcomes_are_kept_and_follow_from_the_seed(outcomes, tmp_path):
     assert np.linalg.norm(outcomes.moved, axis=1).min() > 1e-3
     with pytest.raises(InputError, match="no such file"):
         Outcomes.read(tmp_path / "none.npz")
+
+
+def test_actions_are_as_long_as_they_are_asked_to_be(outcomes):
+    assert float(outcomes.longest) == pytest.approx(0.03)  # the longest that the scene's pusher can do
+    short = plant_outcomes("push_t", "twin", 1, 0, max_translation=0.02)
+    assert float(short.longest) == 0.02
+    assert step_errors(load_setup("push_t"), short).max() < 1e-9

@@ -116,10 +116,10 @@ class Rssm(nn.Module):
         """Logits (..., latents, classes) by recurrent states (..., deter)."""
         return self.prior(deter).unflatten(-1, self._shape)
 
-    def imagine(self, latent: Latent, action: Tensor) -> Latent:
-        """Next latent state after actions (B, n), of which nothing is seen."""
+    def imagine(self, latent: Latent, action: Tensor, *, mode: bool = False) -> Latent:
+        """Next latent state after actions (B, n), of which nothing is seen; `mode` is that of `draw`."""
         deter = self.advance(latent, action)
-        return Latent(deter, draw(self.prior_logits(deter)))
+        return Latent(deter, draw(self.prior_logits(deter), mode=mode))
 
     def see(
         self, latent: Latent, action: Tensor, embed: Tensor, first: Tensor, *, mode: bool = False
@@ -139,17 +139,18 @@ class Rssm(nn.Module):
         logits = self.posterior(torch.cat([deter, embed], -1)).unflatten(-1, self._shape)
         return Latent(deter, draw(logits, mode=mode)), logits
 
-    def observe(self, action: Tensor, embed: Tensor, first: Tensor) -> tuple[Latent, Tensor]:
+    def observe(self, action: Tensor, embed: Tensor, first: Tensor, *, mode: bool = False) -> tuple[Latent, Tensor]:
         """Latent states (B, L, ...) of sequences, and the posterior's logits (B, L, latents, classes).
 
         Args:
             action: (B, L, n) actions that led to each step.
             embed: (B, L, embed_size) features of the observations.
             first: (B, L) bool, true where an episode begins; as if it were in each sequence's first step.
+            mode: Flag: the likeliest latents instead of drawn ones.
         """
         latent, states, logits = self.initial(len(action)), [], []
         for t in range(action.shape[1]):
-            latent, found = self.see(latent, action[:, t], embed[:, t], first[:, t])
+            latent, found = self.see(latent, action[:, t], embed[:, t], first[:, t], mode=mode)
             states.append(latent)
             logits.append(found)
         return Latent(*(torch.stack(parts, 1) for parts in zip(*states, strict=True))), torch.stack(logits, 1)

@@ -21,10 +21,11 @@ from torch import nn
 
 from pinwm_drake.baselines.dreamer.behaviour import Actor, Behaviour
 from pinwm_drake.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
-from pinwm_drake.baselines.dreamer.policy import DreamerPolicy
+from pinwm_drake.baselines.dreamer.policy import DreamerPolicy, image_size
 from pinwm_drake.baselines.dreamer.replay import Replay
 from pinwm_drake.baselines.dreamer.world_model import Terms, WorldModel
 from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.progress import Pace, Report, Step
 from pinwm_drake.learning.rounds import CHECKPOINT_FILE, EVALUATION_SEED, OnRound, Rounds, Until
@@ -107,6 +108,31 @@ def train_model(
     if stored is None or len(rows) > len(curve):
         keep()
     return model.requires_grad_(False).eval(), len(rows), time.monotonic() - begun
+
+
+def read_world_model(folder: Path, policy: DreamerPolicy) -> WorldModel:
+    """Reads the world model of a training, which stays in its checkpoint.
+
+    Args:
+        folder: Folder of the training, in which `train_model` had the folder `MODEL`.
+        policy: Policy that was trained in it, which tells the sizes.
+
+    Returns:
+        The model, without gradients.
+
+    Raises:
+        InputError: There is no checkpoint, or it cannot be read, or is of other sizes.
+    """
+    path = folder / MODEL / CHECKPOINT_FILE
+    arrays = read_arrays(path, {}, MODEL)
+    if arrays is None:
+        raise InputError(path, value="no such file", allowed="the checkpoint of a world model's training")
+    model = WorldModel(image_size(policy.spec), policy.spec.action_size, policy.networks)
+    try:
+        set_weights(model, {name.removeprefix("net."): a for name, a in arrays.items() if name.startswith("net.")})
+    except ParameterError as error:
+        raise InputError(path, value=error, allowed="a world model of the policy's sizes") from error
+    return model.requires_grad_(False).eval()
 
 
 def train_behaviour(

@@ -85,10 +85,10 @@ class WorldModel(nn.Module):
         self.reward = layers(features, sizes.units, sizes.layers, 1)
         self.goes_on = layers(features, sizes.units, sizes.layers, 1)
 
-    def posterior(self, batch: Batch) -> tuple[Latent, Tensor]:
-        """Latent states (B, L, ...) of sequences, and the posterior's logits (B, L, latents, classes)."""
+    def posterior(self, batch: Batch, *, mode: bool = False) -> tuple[Latent, Tensor]:
+        """Latent states (B, L, ...) of sequences, and the posterior's logits; see `Rssm.observe`."""
         embed = self.perception.embed(batch.image, batch.pusher)
-        return self.perception.rssm.observe(batch.action, embed, batch.first)
+        return self.perception.rssm.observe(batch.action, embed, batch.first, mode=mode)
 
     def loss(self, batch: Batch, options: ModelOptions) -> Terms:
         """Terms of the loss on sequences, means over their steps.
@@ -114,17 +114,19 @@ class WorldModel(nn.Module):
         )
 
     @torch.no_grad()
-    def foresee(self, batch: Batch, seen: int) -> tuple[Tensor, Tensor]:
+    def foresee(self, batch: Batch, seen: int, *, mode: bool = False) -> tuple[Tensor, Tensor]:
         """Images (B, L - seen, 3, height, width), 0 for white, and rewards (B, L - seen), of actions alone.
 
         Args:
             batch: Sequences; what is observed after the first steps is not looked at.
             seen: Number of steps at the beginning whose observations are seen, 1 to L - 1.
+            mode: Flag: the likeliest latents instead of drawn ones.
         """
-        latent = Latent(*(part[:, -1] for part in self.posterior(Batch(*(part[:, :seen] for part in batch)))[0]))
+        known = Batch(*(part[:, :seen] for part in batch))
+        latent = Latent(*(part[:, -1] for part in self.posterior(known, mode=mode)[0]))
         images, rewards = [], []
         for action in batch.action[:, seen:].unbind(1):
-            latent = self.perception.rssm.imagine(latent, action)
+            latent = self.perception.rssm.imagine(latent, action, mode=mode)
             images.append(self.decoder(latent.features)[0])
             rewards.append(self.reward(latent.features)[:, 0])
         return torch.stack(images, 1), torch.stack(rewards, 1)

@@ -10,6 +10,7 @@ from matplotlib.ticker import PercentFormatter
 
 from pinwm_drake.experiments.reproduce.cell import Cell
 from pinwm_drake.experiments.reproduce.evaluations import EvaluationCell
+from pinwm_drake.experiments.reproduce.imagined_steps import ImaginedStepCell, SeenOutcomesCell
 from pinwm_drake.experiments.reproduce.predictions import OneStepCell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.scenes import task_scene
@@ -26,6 +27,7 @@ Made = TypeVar("Made", bound=Cell)
 Key = TypeVar("Key")
 Result = Mapping[str, Any]
 Identified = TwinCell | TrackedTwinCell
+Predicted = OneStepCell | ImaginedStepCell | SeenOutcomesCell
 _PARTS = (("translation", 1e3, "translation [mm]"), ("rotation", 1.0, "rotation [rad]"))
 _ROW, _FRAME = 0.28, 0.55  # inches: a row's height, and that of a panel's title and axis
 _SPREAD = 0.5  # of a row, over which seeds are spread
@@ -42,7 +44,12 @@ def table_figures(table: Table, request: ReproduceRequest, results: Results) -> 
         results: Results of the table's cells, as `read_results` gives them; what is missing is named in the figure.
     """
     done = {cell: None if (one := results.get(cell)) is None else one["result"] for cell in table.cells(request)}
-    evaluations, steps = _of(EvaluationCell, done), _of(OneStepCell, done)
+    evaluations = _of(EvaluationCell, done)
+    steps: dict[Predicted, Result | None] = {
+        **_of(OneStepCell, done),
+        **_of(ImaginedStepCell, done),
+        **_of(SeenOutcomesCell, done),
+    }
     twins: dict[Identified, Result | None] = {**_of(TwinCell, done), **_of(TrackedTwinCell, done)}
     figures: dict[str, Figure] = {}
     if any(evaluations.values()):
@@ -88,7 +95,7 @@ def success_figure(results: Mapping[EvaluationCell, Result | None]) -> Figure:
     return figure
 
 
-def error_figure(results: Mapping[OneStepCell, Result | None]) -> Figure:
+def error_figure(results: Mapping[Predicted, Result | None]) -> Figure:
     """Figure of errors after one action: the mean of each seed, and a line from the median to the 95th percentile.
 
     Args:
@@ -107,7 +114,7 @@ def error_figure(results: Mapping[OneStepCell, Result | None]) -> Figure:
     return figure
 
 
-def noise_figure(results: Mapping[OneStepCell, Result | None]) -> Figure:
+def noise_figure(results: Mapping[Predicted, Result | None]) -> Figure:
     """Figure of mean errors after one action over the noise of the mesh: a point a seed, the line their mean.
 
     Args:
@@ -246,7 +253,8 @@ def _done(results: Mapping[Any, Result | None]) -> list[Result]:
     return [found for found in results.values() if found is not None]
 
 
-def _share(cell: OneStepCell) -> float:
-    """Standard deviation of the mesh that a twin was made with, by its diagonal; 0 for the true one."""
-    capture = None if cell.twin is None else cell.twin.surfels.capture
+def _share(cell: Predicted) -> float:
+    """Standard deviation of the mesh that a twin was made with, by its diagonal; 0 for the true one, or none."""
+    twin = cell.twin if isinstance(cell, OneStepCell) else None
+    capture = None if twin is None else twin.surfels.capture
     return capture.share if isinstance(capture, NoisyCaptureCell) else 0.0

@@ -21,7 +21,7 @@ from pinwm_drake.twin import Twin
 from pinwm_drake.twin.rollout import NO_EFFECT, twin_scene
 from pinwm_drake.twin.twin import Estimate
 
-OUTCOMES_FILE = "outcomes.npz"
+OUTCOMES_FILE, ENGINE = "outcomes.npz", "hydroelastic"
 _POINTS = 8  # of the curve over the iterations
 _MOMENTS = ("moment_xx", "moment_yy", "moment_zz")
 
@@ -33,10 +33,12 @@ class OutcomesCell:
     Attributes:
         task: Name of the task's scene.
         draws: Number of actions.
+        max_translation: m, translation of the pusher in each; None for the longest that its speed allows.
     """
 
     task: str
     draws: int
+    max_translation: float | None
 
     @property
     def key(self) -> str:
@@ -55,7 +57,7 @@ class OutcomesCell:
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Draws the actions; see `Cell.make`."""
-        found = plant_outcomes(task_scene(self.task).scene, "hydroelastic", self.draws, 0)
+        found = plant_outcomes(task_scene(self.task).scene, ENGINE, self.draws, 0, max_translation=self.max_translation)
         found.write(prepare_folder(root / self.key) / OUTCOMES_FILE)
         return {"moved": float(np.linalg.norm(found.moved, axis=1).mean())}
 
@@ -96,15 +98,15 @@ class OneStepCell:
         """Takes the same actions in the twin; see `Cell.make`."""
         scene, outcomes = task_scene(self.outcomes.task).scene, Outcomes.read(root / self.outcomes.key / OUTCOMES_FILE)
         if self.twin is None:
-            return _summary(step_errors(load_setup(scene), outcomes))
+            return summary(step_errors(load_setup(scene), outcomes))
         folder = root / self.twin.key
         setup = load_setup(scene, twin=folder)
-        result: dict[str, Any] = _summary(step_errors(setup, outcomes))
+        result: dict[str, Any] = summary(step_errors(setup, outcomes))
         if self.curve:
             history = read_history(folder / HISTORY_FILE)
             result["curve"] = [
                 {"iteration": int(history.iteration[row]), "loss": float(history.loss[row])}
-                | _summary(step_errors(replace(setup, twin=twin_at(setup.twin, history, row)), outcomes))
+                | summary(step_errors(replace(setup, twin=twin_at(setup.twin, history, row)), outcomes))
                 for row in guesses(history)
             ]
         return result
@@ -132,7 +134,7 @@ def twin_at(twin: Twin, history: History, row: int) -> Twin:
     return replace(twin, theta=theta, nuisance=twin.nuisance | shape, draws=None)
 
 
-def _summary(errors: np.ndarray) -> dict[str, Any]:
+def summary(errors: np.ndarray) -> dict[str, Any]:
     """Mean, median and 95th percentile of translation [m] and rotation [rad] errors (n, 2)."""
     found = {}
     for name, values in zip(("translation", "rotation"), errors.T, strict=True):

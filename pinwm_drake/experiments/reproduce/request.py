@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pinwm_drake.errors import require
-from pinwm_drake.experiments.reproduce.scenes import TASK_SCENES, TASKS
+from pinwm_drake.experiments.reproduce.predictions import OutcomesCell
+from pinwm_drake.experiments.reproduce.scenes import TASK_SCENES, TASKS, task_scene
 from pinwm_drake.experiments.reproduce.systems import SYSTEMS
 from pinwm_drake.experiments.reproduce.tracked_twins import TrackedTwinCell
 from pinwm_drake.experiments.reproduce.twins import CaptureCell, SurfelsCell, TwinCell
@@ -50,6 +51,10 @@ class ReproduceRequest:
     def tracked(self, task: str, seed: int, system: str, only: str = "") -> TrackedTwinCell:
         """Cell of the twin that another system identifies, by one unknown alone where it is named."""
         return TrackedTwinCell(self._surfels(task, seed), system, only)
+
+    def outcomes(self, task: str) -> OutcomesCell:
+        """Cell of what random actions do in the plant, as long as those that policies are trained with."""
+        return OutcomesCell(task, self.draws, task_scene(task).max_translation)
 
     def _surfels(self, task: str, seed: int) -> SurfelsCell:
         return SurfelsCell(CaptureCell(task, seed, self.quick))

@@ -7,6 +7,7 @@ from pinwm_drake.cousins import FLIP_SPANS, Spans
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.runs.simulated_capture import SimulateOptions
 from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.tasks import task_from_document
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,11 @@ class TaskScene:
     def true_theta(self) -> dict[str, float]:
         """True values of `THETA`'s parameters, SI units."""
         return {name: estimate.value for name, estimate in load_setup(self.scene).twin.theta.items()}
+
+    @property
+    def max_translation(self) -> float | None:
+        """Longest translation of an action that policies are trained for, m; None for that of the pusher's speed."""
+        return task_from_document({"name": self.task}).max_translation
 
     def capture(self, seed: int, *, quick: bool) -> SimulateOptions:
         """Options of the capture; a quick one has fewer and smaller images."""

@@ -59,6 +59,9 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monke
     rest = trained(SHORT, tmp_path / "b", resume=True)
     assert alike(whole, rest)
     assert alike(rest, read_dreamer(tmp_path / "b"))
+    model = weights(training.read_world_model(tmp_path / "b", rest))
+    assert all(np.array_equal(model[f"perception.{name}"], one) for name, one in weights(rest.perception).items())
+    assert {"decoder.pusher.0.weight", "reward.0.weight"} <= set(model)
     curves = [(tmp_path / one / "model" / training.CURVE_FILE).read_text() for one in "ab"]
     assert curves[0] == curves[1]
     assert [row["updates"] for row in csv.DictReader(curves[0].splitlines())] == ["2", "4", "6"]
@@ -73,6 +76,14 @@ def test_a_training_with_other_settings_is_refused(tmp_path):
         trained(replace(SHORT, behaviour=replace(SHORT.behaviour, entropy=0.5)), tmp_path, resume=True)
     with pytest.raises(InputError, match="episodes"):
         trained(replace(SHORT, episodes=2), tmp_path, resume=True)
+
+
+def test_a_world_model_that_is_not_there_or_of_other_sizes_is_refused(tmp_path):
+    policy = trained(SHORT, tmp_path / "a")
+    with pytest.raises(InputError, match="no such file"):
+        training.read_world_model(tmp_path, policy)
+    with pytest.raises(InputError, match="of the policy's sizes"):
+        training.read_world_model(tmp_path / "a", replace(policy, networks=replace(SIZES, depth=2)))
 
 
 def test_a_folder_of_trajectories_without_any_is_refused(tmp_path):

@@ -64,3 +64,7 @@ def test_a_model_foresees_what_actions_do():
     assert images.shape == (1, 6, 3, 8, 8)
     assert ((seen > 0.5) == on).all()
     assert np.corrcoef(rewards[0], on)[0, 1] > 0.9
+    # Without draws it says the same again.
+    likeliest = [model.foresee(batch, 1, mode=True)[0] for _ in range(2)]
+    assert torch.equal(*likeliest)
+    assert ((likeliest[0][0, :, :, 2:6, 2:6].mean((1, 2, 3)) > 0.5) == on).all()

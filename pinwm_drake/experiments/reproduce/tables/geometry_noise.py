@@ -1,7 +1,7 @@
 """Table of geometry noise: one-step errors of twins whose mesh is known with an error only."""
 
 from pinwm_drake.experiments.reproduce.cell import Cell
-from pinwm_drake.experiments.reproduce.predictions import OneStepCell, OutcomesCell
+from pinwm_drake.experiments.reproduce.predictions import OneStepCell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.tables.one_step import PARTS, error_words
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table
@@ -18,9 +18,7 @@ def _cells(request: ReproduceRequest) -> list[tuple[float, OneStepCell]]:
                 capture = CaptureCell(task, seed, request.quick)
                 known = NoisyCaptureCell(capture, share) if share else capture
                 twin = TwinCell(SurfelsCell(known))
-                found.append(
-                    (share, OneStepCell(twin.system, OutcomesCell(task, request.draws), twin, curve=not share))
-                )
+                found.append((share, OneStepCell(twin.system, request.outcomes(task), twin, curve=not share)))
     return found
 
 

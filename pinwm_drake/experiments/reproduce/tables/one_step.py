@@ -1,43 +1,54 @@
-"""Table of one-step errors: how far a twin is from the plant after one random action."""
+"""Table of one-step errors: how far a system's prediction is from the plant after one random action."""
 
 from collections.abc import Sequence
 
 from pinwm_drake.experiments.reproduce.cell import Cell
+from pinwm_drake.experiments.reproduce.imagined_steps import ImaginedStepCell, SeenOutcomesCell
 from pinwm_drake.experiments.reproduce.predictions import OneStepCell, OutcomesCell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
-from pinwm_drake.experiments.reproduce.systems import ASID, ASID_GENEROUS, PLANAR
+from pinwm_drake.experiments.reproduce.systems import ASID, ASID_GENEROUS, DREAMER, PIN_WM, PLANAR, SCENE
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table
+from pinwm_drake.experiments.reproduce.trajectories import dreamer
+
+_SYSTEMS = (PIN_WM, ASID, ASID_GENEROUS, PLANAR, DREAMER)
+_READOUT = "readout of true images: what reading a pose adds"
+_ENGINES = "the scene's own theta: the engines' difference"
 
 
-def _cells(request: ReproduceRequest) -> list[OneStepCell]:
-    found = []
+def _cells(request: ReproduceRequest) -> list[tuple[Row, Cell]]:
+    """Task, name and seed of each row, and its cell; the scene's own theta is always there."""
+    found: list[tuple[Row, Cell]] = []
     for task in request.tasks:
-        outcomes = OutcomesCell(task, request.draws)
-        twins = [request.twin(task, seed) for seed in range(request.seeds)]
-        found += [OneStepCell(twin.system, outcomes, twin, curve=True) for twin in twins]
-        for system in (ASID, ASID_GENEROUS, PLANAR):
-            others = [request.tracked(task, seed, system) for seed in range(request.seeds)]
-            found += [OneStepCell(system, outcomes, twin) for twin in others]
-        found.append(OneStepCell("scene", outcomes, None))
+        outcomes, names = request.outcomes(task), request.chosen(_SYSTEMS)
+        for name in names:
+            for seed in range(request.seeds):
+                found.append(((task, name, str(seed)), _cell(request, outcomes, name, seed)))
+        if DREAMER in names:
+            found.append(((task, _READOUT, ""), SeenOutcomesCell(outcomes)))
+        found.append(((task, _ENGINES, ""), OneStepCell(SCENE, outcomes, None)))
     return found
 
 
+def _cell(request: ReproduceRequest, outcomes: OutcomesCell, name: str, seed: int) -> Cell:
+    """Cell of a system's errors after the actions."""
+    if name == DREAMER:
+        return ImaginedStepCell(SeenOutcomesCell(outcomes), dreamer(outcomes.task, seed, request.quick))
+    if name == PIN_WM:
+        return OneStepCell(name, outcomes, request.twin(outcomes.task, seed), curve=True)
+    return OneStepCell(name, outcomes, request.tracked(outcomes.task, seed, name))
+
+
 def _all(request: ReproduceRequest) -> list[Cell]:
-    return list(_cells(request))
+    return [cell for _, cell in _cells(request)]
 
 
 def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
-    return [_row(cell, results) for cell in _cells(request)]
-
-
-def _row(cell: OneStepCell, results: Results) -> Row:
-    done = results.get(cell)
-    name = "the scene's own theta: the engines' difference" if cell.origin == "scene" else cell.origin
-    task, draws = cell.outcomes.task, str(cell.outcomes.draws)
-    seed = "" if cell.twin is None else str(cell.twin.surfels.capture.seed)
-    if done is None:
-        return [task, name, seed, MISSING, "", draws]
-    return [task, name, seed, *(error_words(done["result"][part], unit) for part, unit in PARTS), draws]
+    rows: list[Row] = []
+    for head, cell in _cells(request):
+        done = results.get(cell)
+        words = [MISSING, ""] if done is None else [error_words(done["result"][part], unit) for part, unit in PARTS]
+        rows.append([*head, *words, str(request.draws)])
+    return rows
 
 
 PARTS = (("translation", "mm"), ("rotation", "rad"))
@@ -53,9 +64,10 @@ def error_words(found: dict[str, float], unit: str) -> str:
 ONE_STEP = Table(
     "one-step",
     "One-step errors",
-    ("task", "twin", "seed", "translation", "rotation", "draws"),
+    ("task", "prediction", "seed", "translation", "rotation", "draws"),
     _all,
     _rows,
-    "Errors of the object's pose after one action of full length towards a random point of the object, against Drake's "
-    "hydroelastic plant.",
+    "Errors of the object's pose after one action towards a random point of the object, as long as those that policies "
+    "take, against Drake's hydroelastic plant. Dreamer V2 predicts images, from which poses are read by the rendering "
+    "loss; the error of that alone is the row of the plant's own images.",
 )
