@@ -66,7 +66,7 @@ class StateActor(nn.Module):
         heading: Frame that the layers see and act in, where the task has one.
     """
 
-    def __init__(self, task: Task, outputs: int, activation: type[nn.Module], width: int, history: int) -> None:
+    def __init__(self, task: Task, outputs: int, activation: type[nn.Module], width: int, history: int = 0) -> None:
         """Builds layers of a width for a task's state and action, with those before the last actions."""
         super().__init__()
         self.latent_size, self._components = width, task.action_size
