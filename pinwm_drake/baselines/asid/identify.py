@@ -111,7 +111,7 @@ def identify_asid(
     ]
 
     def loss(points: np.ndarray) -> np.ndarray:
-        values = _values(points, ranges, options.held)
+        values = _values(points, ranges, options.held, mass)
         found: np.ndarray = np.mean([match.loss(values) for match in matches], axis=0)
         return found
 
@@ -119,7 +119,7 @@ def identify_asid(
     if not np.isfinite(minimum.value):
         raise SolverError("the physics found no solution for any guess; allowed: another seed or time_step")
     seconds = tracking, time.process_time() - begun
-    best = _values(minimum.point[None], ranges, options.held)
+    best = _values(minimum.point[None], ranges, options.held, mass)
     twin = assemble_twin(
         capture,
         surfels,
@@ -182,9 +182,14 @@ class _Match:
         return torch.where(alive, far.square().sum(-1).mean(0), torch.inf).numpy()
 
 
-def _values(points: np.ndarray, ranges: Mapping[str, Span], held: Mapping[str, float]) -> dict[str, np.ndarray]:
-    """Physical values (W,) of points (W, d) of the unit cube, and of what is held."""
-    return {name: np.full(len(points), value) for name, value in held.items()} | physical(points, ranges)
+def _values(
+    points: np.ndarray, ranges: Mapping[str, Span], held: Mapping[str, float], mass: float
+) -> dict[str, np.ndarray]:
+    """Physical values (W,) of points (W, d) of the unit cube, and of what is held; the inertia for a mass [kg]."""
+    found = {name: np.full(len(points), value) for name, value in held.items()} | physical(points, ranges)
+    if "inertia" in held and "mass" in ranges:
+        found["inertia"] *= mass / found["mass"]  # what is held is the inertia, and not its share of the mass
+    return found
 
 
 def _unknowns(values: dict[str, np.ndarray], mass: float) -> dict[str, Tensor]:

@@ -26,7 +26,7 @@ class AsidOptions:
         inertia: Range of the factor of all moments of inertia, against a uniform solid of the same mass.
         mass: Range of the mass, kg, where it is looked for.
         free: Names of what is looked for; None for everything but a mass that the capture tells.
-        held: Values of what is not looked for, by name.
+        held: Values of what is not looked for, by name; with the inertia held, the mass has an effect.
         tracker: Settings of the pose tracker.
         time_step: Time step of the physics, s.
         num_threads: Threads of the physics; None for one on each core.

@@ -56,6 +56,12 @@ def test_one_unknown_is_looked_for_alone_while_the_others_have_given_values(push
     assert theta["friction_floor"] == pytest.approx(TRUTH["friction_floor"], rel=5e-3)
     assert (theta["friction_pusher"], theta["mass"]) == (TRUTH["friction_pusher"], 2.0)
     assert theta["inertia_zz"] == pytest.approx(2.0 * SIDE**2 / 6.0, rel=1e-3)
+    held = TRUTH | {"restitution_floor": 0.0, "restitution_pusher": 0.0, "inertia": 1.0}
+    result = found(pushed, budget, free=("mass",), held=held)
+    theta = {name: one.value for name, one in result.twin.theta.items()}
+    # With the moments of a uniform cube of 1 kg, the way it turns tells the mass.
+    assert theta["inertia_zz"] == pytest.approx(SIDE**2 / 6.0, rel=1e-3)
+    assert theta["mass"] == pytest.approx(1.0, rel=0.02)
     with pytest.raises(ParameterError, match="held"):
         AsidOptions(free=("friction_floor",), held={"mass": 1.0})
     with pytest.raises(ParameterError, match="free"):

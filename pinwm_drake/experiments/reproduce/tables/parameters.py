@@ -69,8 +69,8 @@ PARAMETERS = Table(
     ("task", "unknown", "system", "seed", "true", "identified", "95 % interval", "identifiable", "paper"),
     _all,
     _rows,
-    "Each unknown is looked for alone, by PIN-WM with the nuisances of a video; the others have their true values. "
-    "Motion alone does not tell the mass: a pusher that is driven by velocity moves any mass alike, and what comes out "
-    "is a guess, here as in the paper, whose 0.76 kg for 1 kg is one. The force on the pusher tells it. 2D Physics "
-    "holds the mass and knows no restitution.",
+    "Each unknown is looked for alone, by PIN-WM with the nuisances of a video; the others, inertia included, have "
+    "their true values. Motion alone tells no more than the ratio of mass and inertia: a pusher that is driven by "
+    "velocity moves an object of twice both alike, so that a mass that is looked for beside the inertia, as the paper's "
+    "0.76 kg for 1 kg, is a guess. The force on the pusher tells it. 2D Physics holds the mass and knows no restitution.",
 )
