@@ -71,6 +71,6 @@ PARAMETERS = Table(
     _rows,
     "Each unknown is looked for alone, by PIN-WM with the nuisances of a video; the others, inertia included, have "
     "their true values. Motion alone tells no more than the ratio of mass and inertia: a pusher that is driven by "
-    "velocity moves an object of twice both alike, so that a mass that is looked for beside the inertia, as the paper's "
-    "0.76 kg for 1 kg, is a guess. The force on the pusher tells it. 2D Physics holds the mass and knows no restitution.",
+    "velocity moves an object of twice both alike. A mass that is looked for beside the inertia, as the 0.76 kg for 1 "
+    "kg of the paper, is a guess; the force on the pusher tells it. 2D Physics holds the mass, and has no restitution.",
 )
