@@ -73,5 +73,5 @@ def test_a_cube_that_tips_over_its_edge_is_found():
 def test_a_picture_of_nothing_leaves_the_object_within_reach():
     found = read(np.ones((SIZE, SIZE, 3)))
     place, _ = errors(found, START)
-    assert np.isfinite(place)
+    assert place < 0.04  # four standard deviations of the way that it is thought to have gone
     assert found.p[2] == pytest.approx(SIDE / 2)

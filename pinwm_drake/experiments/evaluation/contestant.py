@@ -23,7 +23,6 @@ from pinwm_drake.models import policy_path, shipped_policies
 from pinwm_drake.systems.envs import policy_scene
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
-from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.scenario.load import load_setup, scene_hash
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import with_start_yaw
@@ -154,10 +153,8 @@ def make_environment(contestant: Contestant, request: EvaluateRequest, models: P
         setup = with_start_yaw(setup, request.yaw, None if spec is None else spec.task.goal_yaw)
     named = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
     task = {name: value for name, value in named.items() if value is not None}
-    stand_in = StandIn() if request.stand_in else None
-    late = request.latency if stand_in is None else stand_in.latency
-    latency = (late, late)
-    truth = None if stand_in is None else lambda believed: stand_in.true_scene(believed, models)
+    station, latency = request.station, (request.delay, request.delay)
+    truth = None if station is None else lambda believed: station.true_scene(believed, models)
     if spec is None:
         task |= {} if request.task is None else {"name": request.task}
         options = EnvOptions(
@@ -168,8 +165,8 @@ def make_environment(contestant: Contestant, request: EvaluateRequest, models: P
         return TaskEnv(setup if truth is None else truth(setup), request.engine, options)
     steps: dict[str, Any] = {} if request.max_steps is None else {"max_steps": request.max_steps}
     env = policy_scene.spec_environment(spec, setup, request.engine, truth=truth, task=task, latency=latency, **steps)
-    if stand_in is not None:
-        env.worlds.spoil = stand_in.spoil()
+    if station is not None:
+        env.worlds.spoil = station.spoil()
     return env
 
 

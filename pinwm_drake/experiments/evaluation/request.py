@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from pinwm_drake.errors import require
+from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.scenario.schema import ENGINES
 
 MPC, RANDOM = "mpc", "random"
@@ -50,6 +51,16 @@ class EvaluateRequest:
         named = self.task is None or self.policy in (MPC, RANDOM)
         require("--task", "one beside a policy, which has its own", named, "with mpc, random")
         require("--model", "one", self.model is None or self.policy == MPC, "with mpc")
+
+    @property
+    def station(self) -> StandIn | None:
+        """Stand-in for a robot in which the episodes run; None for the scene as it is believed to be."""
+        return StandIn() if self.stand_in else None
+
+    @property
+    def delay(self) -> float:
+        """Time after which actions take effect, s: the stand-in's own where there is one."""
+        return self.latency if self.station is None else self.station.latency
 
     @property
     def seeds(self) -> range:

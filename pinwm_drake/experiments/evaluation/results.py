@@ -26,7 +26,6 @@ from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.film import EpisodeFilm
 from pinwm_drake.report.evaluation.report import EvaluationStory
 from pinwm_drake.systems.envs.env import TaskEnv
-from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.scenario.load import load_setup
 
 _TILE, _SECTIONS = 200, 12  # px of a picture of an episode, and sides of a pusher that is shown that small
@@ -38,7 +37,6 @@ _COLUMNS = (
 
 def settings_of(request: EvaluateRequest, contestant: Contestant, env: TaskEnv, scene_sha256: str) -> dict[str, Any]:
     """Settings that the results depend on, but for the seeds, as plain data."""
-    stand_in = StandIn() if request.stand_in else None
     return {
         "policy": contestant.kind,
         "policy_sha256": contestant.identity,
@@ -47,12 +45,12 @@ def settings_of(request: EvaluateRequest, contestant: Contestant, env: TaskEnv, 
         "engine": env.engine,
         **{f"task.{name}": value for name, value in env.task.to_document().items()},
         "start_yaw": [float(value) for value in env.setup.scenario.start.yaw],
-        "latency": request.latency if stand_in is None else stand_in.latency,
+        "latency": request.delay,
         "max_steps": env.max_steps,
         "max_translation": env.run.max_translation,
         "observes": contestant.observes,
         "image": [env.setup.camera.width, env.setup.camera.height] if contestant.observes == "rgb" else None,
-        **({} if stand_in is None else {"stand_in": asdict(stand_in)}),
+        **({} if request.station is None else {"stand_in": asdict(request.station)}),
     }
 
 

@@ -24,9 +24,8 @@ from pinwm_drake.experiments.reproduce.systems import (
     TRUE_THETA,
     system,
 )
-from pinwm_drake.experiments.reproduce.tracked_twins import TrackedTwinCell
 from pinwm_drake.experiments.reproduce.trajectories import dreamer
-from pinwm_drake.experiments.reproduce.twins import TwinCell
+from pinwm_drake.experiments.reproduce.twins import IdentifiedCell
 
 _DEMONSTRATIONS = 100
 
@@ -92,7 +91,7 @@ class EvaluationCell:
         return results
 
 
-def _twin(request: ReproduceRequest, task: str, origin: str, seed: int) -> TwinCell | TrackedTwinCell | None:
+def _twin(request: ReproduceRequest, task: str, origin: str, seed: int) -> IdentifiedCell | None:
     """Cell of the twin of an identification; None for the scene's own parameters."""
     if origin == SCENE:
         return None

@@ -17,8 +17,7 @@ from pinwm_drake.experiments.reproduce.scenes import task_scene
 from pinwm_drake.experiments.reproduce.systems import PIN_WM
 from pinwm_drake.experiments.reproduce.tables.parameters import BESIDE, unknown
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Table
-from pinwm_drake.experiments.reproduce.tracked_twins import TrackedTwinCell
-from pinwm_drake.experiments.reproduce.twins import NoisyCaptureCell, TwinCell
+from pinwm_drake.experiments.reproduce.twins import IdentifiedCell, NoisyCaptureCell
 from pinwm_drake.report.figures.one_step import one_step_figure
 from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, new_figure, start_colour, tidy
 from pinwm_drake.twin import THETA
@@ -26,7 +25,6 @@ from pinwm_drake.twin import THETA
 Made = TypeVar("Made", bound=Cell)
 Key = TypeVar("Key")
 Result = Mapping[str, Any]
-Identified = TwinCell | TrackedTwinCell
 Predicted = OneStepCell | ImaginedStepCell | SeenOutcomesCell
 _PARTS = (("translation", 1e3, "translation [mm]"), ("rotation", 1.0, "rotation [rad]"))
 _ROW, _FRAME = 0.28, 0.55  # inches: a row's height, and that of a panel's title and axis
@@ -50,7 +48,7 @@ def table_figures(table: Table, request: ReproduceRequest, results: Results) -> 
         **_of(ImaginedStepCell, done),
         **_of(SeenOutcomesCell, done),
     }
-    twins: dict[Identified, Result | None] = {**_of(TwinCell, done), **_of(TrackedTwinCell, done)}
+    twins = _of(IdentifiedCell, done)
     figures: dict[str, Figure] = {}
     if any(evaluations.values()):
         figures[table.name] = success_figure(evaluations)
@@ -141,7 +139,7 @@ def noise_figure(results: Mapping[Predicted, Result | None]) -> Figure:
     return figure
 
 
-def parameter_figure(results: Mapping[Identified, Result | None]) -> Figure:
+def parameter_figure(results: Mapping[IdentifiedCell, Result | None]) -> Figure:
     """Figure of identified parameters with their 95 % intervals, by system; hollow where the video does not tell.
 
     The dotted line is the true value, and a point is a seed.
@@ -162,7 +160,7 @@ def parameter_figure(results: Mapping[Identified, Result | None]) -> Figure:
     return figure
 
 
-def _draw_estimates(axes: Axes, twins: Mapping[Identified, Result | None], true: Mapping[str, float]) -> None:
+def _draw_estimates(axes: Axes, twins: Mapping[IdentifiedCell, Result | None], true: Mapping[str, float]) -> None:
     """Draws the true value of what twins are for, and those that they have, a column for each system."""
     systems = _grouped(twins, lambda cell: cell.system)
     axes.set_xticks(range(len(systems)), list(systems), fontsize=7)
@@ -182,7 +180,7 @@ def _draw_estimates(axes: Axes, twins: Mapping[Identified, Result | None], true:
             axes.plot(x, estimate["value"], "o", color=TWIN, markerfacecolor=filled, markersize=5)
 
 
-def _panel(cell: Identified) -> str:
+def _panel(cell: IdentifiedCell) -> str:
     """Title of the panel of a twin."""
     return unknown(cell)[1].removesuffix(BESIDE)
 

@@ -9,8 +9,7 @@ from typing import Any
 from pinwm_drake.experiments.reproduce.cell import Cell, Say
 from pinwm_drake.experiments.reproduce.scenes import task_scene
 from pinwm_drake.experiments.reproduce.systems import system
-from pinwm_drake.experiments.reproduce.tracked_twins import TrackedTwinCell
-from pinwm_drake.experiments.reproduce.twins import TwinCell
+from pinwm_drake.experiments.reproduce.twins import IdentifiedCell
 from pinwm_drake.experiments.training import TrainRequest, train
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.progress import Report, Step
@@ -45,7 +44,7 @@ class PolicyCell:
     task: str
     system: str
     seed: int
-    twin: TwinCell | TrackedTwinCell | None
+    twin: IdentifiedCell | None
     quick: bool = False
     history: int = 0
 

@@ -11,8 +11,7 @@ import torch
 from pinwm_drake.experiments.one_step import Outcomes, plant_outcomes, step_errors
 from pinwm_drake.experiments.reproduce.cell import Cell, Say
 from pinwm_drake.experiments.reproduce.scenes import task_scene
-from pinwm_drake.experiments.reproduce.tracked_twins import TrackedTwinCell
-from pinwm_drake.experiments.reproduce.twins import TwinCell
+from pinwm_drake.experiments.reproduce.twins import IdentifiedCell
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.identification.forward import inertia
 from pinwm_drake.identification.history import HISTORY_FILE, History, read_history
@@ -75,7 +74,7 @@ class OneStepCell:
 
     origin: str
     outcomes: OutcomesCell
-    twin: TwinCell | TrackedTwinCell | None
+    twin: IdentifiedCell | None
     curve: bool = False
 
     @property

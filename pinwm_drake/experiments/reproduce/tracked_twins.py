@@ -10,10 +10,10 @@ from pinwm_drake.baselines.asid.options import AsidOptions
 from pinwm_drake.baselines.planar import PlanarOptions, identify_planar, make_planar_body, planar_twin
 from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.experiments.asid_twin import asid_twin
-from pinwm_drake.experiments.reproduce.cell import Cell, Say
+from pinwm_drake.experiments.reproduce.cell import Say
 from pinwm_drake.experiments.reproduce.scenes import TaskScene, task_scene
 from pinwm_drake.experiments.reproduce.systems import ASID, ASID_GENEROUS
-from pinwm_drake.experiments.reproduce.twins import SurfelsCell
+from pinwm_drake.experiments.reproduce.twins import IdentifiedCell
 from pinwm_drake.experiments.twins import read_pushes, run_provenance
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.identification.pose_tracker import PoseTracker, PoseTrackerOptions
@@ -23,28 +23,11 @@ from pinwm_drake.twin import SURFELS_FILE, Twin, write_twin
 
 
 @dataclass(frozen=True)
-class TrackedTwinCell:
+class TrackedTwinCell(IdentifiedCell):
     """Cell of a twin whose poses a tracker gives, without physics, and whose parameters follow from these.
 
-    Attributes:
-        surfels: Cell of the appearance.
-        system: "asid", "asid-generous" or "2d-physics".
-        only: Name of the one unknown that ASID looks for, while the others have their true values; "" for all.
+    The system is "asid", "asid-generous" or "2d-physics", of which ASID alone can look for one unknown.
     """
-
-    surfels: SurfelsCell
-    system: str
-    only: str = ""
-
-    @property
-    def key(self) -> str:
-        """Path of its folder."""
-        return f"twins/{self.system}{'-' if self.only else ''}{self.only}/{self.surfels.capture.place}"
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """Surfels, and their capture."""
-        return (self.surfels, self.surfels.capture)
 
     @property
     def hours(self) -> float:

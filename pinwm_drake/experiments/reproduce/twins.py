@@ -167,8 +167,8 @@ class SurfelsCell:
 
 
 @dataclass(frozen=True)
-class TwinCell:
-    """Cell of a twin that PIN-WM identifies from one push.
+class IdentifiedCell:
+    """Cell of a twin that a system identifies from one push; the systems are its subclasses.
 
     Attributes:
         surfels: Cell of the appearance.
@@ -178,7 +178,7 @@ class TwinCell:
     """
 
     surfels: SurfelsCell
-    system: str = "pin-wm"
+    system: str
     only: str = ""
 
     @property
@@ -190,6 +190,22 @@ class TwinCell:
     def needs(self) -> tuple[Cell, ...]:
         """Surfels, and their capture."""
         return (self.surfels, self.surfels.capture)
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        raise NotImplementedError
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Identifies the twin; see `Cell.make`."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class TwinCell(IdentifiedCell):
+    """Cell of a twin that PIN-WM identifies from the images of one push."""
+
+    system: str = "pin-wm"
 
     @property
     def hours(self) -> float:

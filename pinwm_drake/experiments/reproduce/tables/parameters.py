@@ -6,7 +6,7 @@ from pinwm_drake.experiments.reproduce.scenes import task_scene
 from pinwm_drake.experiments.reproduce.systems import ASID, ASID_GENEROUS, PIN_WM, PLANAR
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table
 from pinwm_drake.experiments.reproduce.tracked_twins import TrackedTwinCell
-from pinwm_drake.experiments.reproduce.twins import CaptureCell, SurfelsCell, TwinCell
+from pinwm_drake.experiments.reproduce.twins import CaptureCell, IdentifiedCell, SurfelsCell, TwinCell
 
 _UNKNOWNS = ("friction_floor", "mass", "restitution_floor")
 _FORCES = "mass"  # what a capture with forces is for
@@ -16,7 +16,7 @@ BESIDE = ", beside all that is looked for by default"
 _PAPER = {("push", "friction_floor"): "0.0305", ("push", "mass"): "0.76 kg"}
 
 
-def unknown(cell: TwinCell | TrackedTwinCell) -> tuple[str, str]:
+def unknown(cell: IdentifiedCell) -> tuple[str, str]:
     """Name of the parameter that a twin of this table is for, and the words for it."""
     if cell.only:
         return cell.only, cell.only
@@ -25,8 +25,8 @@ def unknown(cell: TwinCell | TrackedTwinCell) -> tuple[str, str]:
     return _FORCES, f"{_FORCES}, with the force on the pusher{BESIDE}"
 
 
-def _cells(request: ReproduceRequest) -> list[TwinCell | TrackedTwinCell]:
-    found: list[TwinCell | TrackedTwinCell] = []
+def _cells(request: ReproduceRequest) -> list[IdentifiedCell]:
+    found: list[IdentifiedCell] = []
     for task in request.tasks:
         seeds = range(request.seeds)
         for name in _UNKNOWNS:
