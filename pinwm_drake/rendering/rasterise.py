@@ -18,15 +18,15 @@ from pinwm_drake.threads import share
 
 _NOTHING = np.empty((0, 0, 0), np.float32)
 
-# Intrinsics (V, 4), image size (height, width) and background (3,).
-_Fixed = tuple[np.ndarray, tuple[int, int], np.ndarray]
+# Intrinsics (V, 4), rho (V,) of the discs one pixel from their centres, image size (height, width), background (3,).
+_Fixed = tuple[np.ndarray, np.ndarray, tuple[int, int], np.ndarray]
 
 # Pixels and surfels of all views that are worth another thread: below, waking it takes longer.
 _WORTH_A_THREAD = 16384
 
 
 def rasterise(
-    surfels: Surfels, camera: Camera, X_CO: Pose, full: bool, background: Tensor, num_threads: int
+    surfels: Surfels, camera: Camera, X_CO: Pose, full: bool, background: Tensor, steepness: Tensor, num_threads: int
 ) -> tuple[Tensor, ...]:
     """Renders V views; see `render.render`. Returns color, alpha and, if `full`, depth, normal and distortion."""
     inputs = (
@@ -43,7 +43,7 @@ def rasterise(
     intrinsics = _array(camera.intrinsics)
     if intrinsics.ndim == 1:
         intrinsics = intrinsics[None].repeat(len(X_CO.p), 0)
-    fixed = (intrinsics, (camera.height, camera.width), _array(background))
+    fixed = (intrinsics, _array(steepness), (camera.height, camera.width), _array(background))
     if torch.is_grad_enabled() and any([tensor.requires_grad for tensor in inputs]):  # noqa: C419 (half the time)
         # torch leaves `apply` untyped.
         images = _Rasterise.apply(full, fixed, num_threads, *inputs)  # type: ignore[no-untyped-call]
@@ -64,7 +64,7 @@ def _array(tensor: Tensor) -> np.ndarray:
     return np.ascontiguousarray((tensor.detach() if tensor.requires_grad else tensor).numpy(), np.float32)
 
 
-def _inputs(inputs: tuple[Tensor, ...], intrinsics: np.ndarray) -> tuple[tuple, np.ndarray, np.ndarray, tuple]:
+def _inputs(inputs: tuple[Tensor, ...], fixed: _Fixed) -> tuple[tuple, np.ndarray, np.ndarray, tuple]:
     """Surfels, their harmonics, q_CO and the views, as the kernels take them."""
     p, q, log_scale, logit_opacity, sh, _, t = (_array(tensor) for tensor in inputs)
     require_shapes(p, q, log_scale, logit_opacity, sh)
@@ -74,7 +74,7 @@ def _inputs(inputs: tuple[Tensor, ...], intrinsics: np.ndarray) -> tuple[tuple, 
         raise RenderingError(f"X_CO of view {view} is {q_CO[view]}, {t[view]}; allowed: finite numbers")
     R = np.empty((len(t), 3, 3), np.float32)
     pose.fill_rotations(q_CO, R)
-    return (p, q, log_scale, logit_opacity), sh if sh.ndim == 4 else sh[None], q_CO, (R, t, intrinsics)
+    return (p, q, log_scale, logit_opacity), sh if sh.ndim == 4 else sh[None], q_CO, (R, t, *fixed[:2])
 
 
 def _prepared(surfels: tuple) -> np.ndarray:
@@ -95,8 +95,8 @@ def _images(V: int, size: tuple[int, int], full: bool) -> tuple[np.ndarray, ...]
 
 def _render(full: bool, fixed: _Fixed, num_threads: int, inputs: tuple[Tensor, ...]) -> tuple[np.ndarray, ...]:
     """The images of at least as many views as threads, without anything kept for a backward pass."""
-    intrinsics, size, background = fixed
-    surfels, sh, _, view = _inputs(inputs, intrinsics)
+    intrinsics, _, size, background = fixed
+    surfels, sh, _, view = _inputs(inputs, fixed)
     images = _images(len(intrinsics), size, full)
     share(
         forward.render_views,
@@ -111,8 +111,8 @@ def _forward(
     full: bool, fixed: _Fixed, num_threads: int, inputs: tuple[Tensor, ...]
 ) -> tuple[tuple[np.ndarray, ...], tuple]:
     """The images, and what the backward pass needs; threads share the rows of each view."""
-    intrinsics, size, background = fixed
-    surfels, sh, q_CO, view = _inputs(inputs, intrinsics)
+    intrinsics, steepness, size, background = fixed
+    surfels, sh, q_CO, view = _inputs(inputs, fixed)
     V, N = len(intrinsics), len(surfels[0])
     splats = np.empty((V, N, COLUMNS), np.float32)
     depths = np.empty((V, N), np.float32)
@@ -126,7 +126,7 @@ def _forward(
     share(forward.bin_views, (size, boxes, depths.view(np.int32), starts, entries), V, num_threads)
     images = _images(V, size, full)
     # Depths are counted from the object's origin.
-    arguments = (splats, boxes, starts, entries, background, full, view[1][:, 2].copy(), images)
+    arguments = (splats, boxes, starts, entries, background, full, steepness, view[1][:, 2].copy(), images)
     share(forward.blend_rows, arguments, V * rows, num_threads)
     return images, (surfels, sh, q_CO, view, arguments)
 

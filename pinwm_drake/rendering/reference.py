@@ -25,13 +25,12 @@ NEAR = 0.01  # m; nothing nearer is seen
 LEAST_ALPHA = 1.0 / 255.0  # what is more transparent does not count
 MOST_ALPHA = 0.99
 LEAST_TRANSMITTANCE = 1e-4  # a pixel that lets less through takes no more
-PIXEL_FILTER = 2.0  # rho of the low-pass disc one pixel from the centre
 
 _CHUNK = 1 << 21  # pixels times surfels that are worked on at once
 
 
 def render_reference(
-    surfels: Surfels, camera: Camera, X_CO: Pose, full: bool, background: Tensor
+    surfels: Surfels, camera: Camera, X_CO: Pose, full: bool, background: Tensor, steepness: Tensor
 ) -> tuple[Tensor, ...]:
     """Renders V views; see `render.render`. Returns color, alpha and, if `full`, depth, normal and distortion."""
     dtype, device = surfels.p_OS.dtype, surfels.p_OS.device
@@ -39,11 +38,22 @@ def render_reference(
     R_CO = quaternion_to_matrix(torch.nn.functional.normalize(X_CO.q, dim=-1)).to(device, dtype)
     p_CO = X_CO.p.to(device, dtype)
     intrinsics = camera.intrinsics.to(device, dtype).expand(V, 4)
+    steepness = steepness.to(device, dtype)
     views = []
     for v in range(V):
         sh = surfels.sh if surfels.sh.ndim == 3 else surfels.sh[v]
         views.append(
-            _render_view(surfels, sh, camera, intrinsics[v], R_CO[v], p_CO[v], full, background.to(device, dtype))
+            _render_view(
+                surfels,
+                sh,
+                camera,
+                intrinsics[v],
+                R_CO[v],
+                p_CO[v],
+                full,
+                background.to(device, dtype),
+                steepness[v],
+            )
         )
     return tuple(torch.stack(parts) for parts in zip(*views, strict=True))
 
@@ -57,6 +67,7 @@ def _render_view(
     p_CO: Tensor,
     full: bool,
     background: Tensor,
+    steepness: Tensor,
 ) -> list[Tensor]:
     fx, fy, cx, cy = intrinsics.unbind()
     R_OS = quaternion_to_matrix(torch.nn.functional.normalize(surfels.q_OS, dim=-1))
@@ -94,7 +105,7 @@ def _render_view(
         z = det / w
         ahead = ahead & (z > NEAR)
         rho_plane = torch.where(ahead, (q[..., 0] ** 2 + q[..., 1] ** 2) / w**2, torch.inf)
-        rho_disc = PIXEL_FILTER * ((x - center[:, 0]) ** 2 + (y - center[:, 1]) ** 2)
+        rho_disc = steepness * ((x - center[:, 0]) ** 2 + (y - center[:, 1]) ** 2)
         on_plane = rho_plane <= rho_disc
         rho = torch.where(on_plane, torch.where(ahead, rho_plane, 0.0), rho_disc)
         alpha = (opacity * torch.exp(-0.5 * rho)).clamp_max(MOST_ALPHA)

@@ -1,5 +1,6 @@
 """The image I = R(x, alpha) of surfels, differentiable in all of them and in the object's pose."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,12 +10,13 @@ from torch import Tensor
 from pinwm_drake.errors import RenderingError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.rasterise import rasterise
-from pinwm_drake.rendering.reference import render_reference
+from pinwm_drake.rendering.reference import NEAR, render_reference
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.threads import available
 
 _WHITE = torch.ones(3)
+PIXEL_DISC = math.sqrt(0.5)  # px, standard deviation of the low-pass disc of Huang et al. (2024)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,7 @@ def render(
     *,
     full: bool = True,
     background: Tensor | None = None,
+    disc: float | Tensor = PIXEL_DISC,
     backend: Literal["numba", "torch"] = "numba",
     num_threads: int | None = None,
 ) -> Rendering:
@@ -54,6 +57,8 @@ def render(
         X_CO: pose of the object in the camera frame (OpenCV axes): q (V, 4), p (V, 3), m, or without V for one view.
         full: whether to render depth, normal and distortion too.
         background: (3,), colour behind the surfels; None for white.
+        disc: px, standard deviation of the disc around a projected centre, by which a surfel counts where that makes
+            it opaquer; a number, or (V,), above 0, without gradient. `narrow_disc` gives one for small images.
         backend: "numba" runs compiled kernels on the CPU; "torch" the dense reference, on the surfels' device.
         num_threads: threads of the numba backend; None for one on each core.
 
@@ -61,9 +66,9 @@ def render(
         V views.
 
     Raises:
-        RenderingError: shapes that do not fit, a tensor that is not on the CPU for "numba", an unknown backend, a pose
-            of no finite numbers ("numba"). The surfels' numbers are not looked at here, which would take as long as a
-            small image: `Surfels.check` does.
+        RenderingError: shapes that do not fit, a disc of no size, a tensor that is not on the CPU for "numba", an
+            unknown backend, a pose of no finite numbers ("numba"). The surfels' numbers are not looked at here, which
+            would take as long as a small image: `Surfels.check` does.
     """
     if backend not in ("numba", "torch"):
         raise RenderingError(f"backend is {backend!r}; allowed: 'numba' or 'torch'")
@@ -81,7 +86,29 @@ def render(
         background = _WHITE
     elif background.shape != (3,):
         raise RenderingError(f"background is {tuple(background.shape)}; allowed: (3,)")
+    disc = torch.as_tensor(disc, dtype=torch.float64).detach()
+    if disc.shape not in ((), (V,)) or not bool((disc > 0.0).all()):
+        raise RenderingError(f"disc is {tuple(disc.shape)}, {disc.tolist()}; allowed: above 0 px, a number or ({V},)")
+    steepness = (disc**-2).expand(V)
     if backend == "numba":
-        return Rendering(*rasterise(surfels, camera, Pose(q, p), full, background, num_threads or available()))
+        return Rendering(
+            *rasterise(surfels, camera, Pose(q, p), full, background, steepness, num_threads or available())
+        )
     surfels.check_shapes()
-    return Rendering(*render_reference(surfels, camera, Pose(q, p), full, background))
+    return Rendering(*render_reference(surfels, camera, Pose(q, p), full, background, steepness))
+
+
+def narrow_disc(surfels: Surfels, camera: Camera, depth: Tensor) -> Tensor:
+    """Discs (V,) px for `render` that are no wider than most surfels are in an image.
+
+    A surfel that is much smaller than a pixel is drawn as wide as one otherwise, and the nearest ones hide what is
+    beside them: a small image smears. With this it shows what is seen through the middles of its pixels.
+
+    Args:
+        surfels: the surfels.
+        camera: one, or V of them.
+        depth: (V,) m, of the object along the camera's axis; not above 0 counts as near.
+    """
+    size = surfels.log_scale.detach().mean(-1).exp().median()  # m, the sides of a square as large as most
+    focal = camera.intrinsics[..., :2].prod(-1).sqrt()
+    return (focal * size.double() / depth.detach().double().clamp_min(NEAR)).clamp(max=PIXEL_DISC)

@@ -15,7 +15,7 @@ from pydrake.systems.sensors import ConvertDepth32FTo16U, ImageDepth16U, ImageDe
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.occluder import mesh_depth
-from pinwm_drake.rendering.render import Rendering, render
+from pinwm_drake.rendering.render import Rendering, narrow_disc, render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
 from pinwm_drake.spatial.rotations import normalize_quaternion
@@ -149,7 +149,8 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         surfels = self.surfels
         if surfels.sh.ndim == 4:
             surfels = Surfels(**{**surfels.tensors(), "sh": surfels.sh[:worlds]})
-        views = render(surfels, self.camera, X_CO, full=full, num_threads=self._threads)
+        disc = narrow_disc(surfels, self.camera, X_CO.p[:, 2])
+        views = render(surfels, self.camera, X_CO, full=full, disc=disc, num_threads=self._threads)
         shown = views.alpha.numpy() >= 0.5
         if self._mesh is not None:
             vertices, faces = self._mesh

@@ -5,7 +5,7 @@ import torch
 import trimesh
 from pydrake.math import RigidTransform
 
-from pinwm_drake.rendering import Camera, Rendering, Surfels, render
+from pinwm_drake.rendering import Camera, Rendering, Surfels, narrow_disc, render
 from pinwm_drake.rendering.occluder import mesh_depth
 from pinwm_drake.spatial.poses import Pose
 
@@ -65,13 +65,20 @@ class WorldImages:
         p_CO = object_state[:, 4:7] @ self._R_CW.T + self._p_CW
         X_CO = Pose(torch.from_numpy(q_CO), torch.from_numpy(p_CO))
         surfels = Surfels(self.surfels.p_OS, self.surfels.q_OS, self.surfels.log_scale, self.surfels.logit_opacity, sh)
-        image = render(surfels, self.camera, X_CO, full=False, num_threads=self._threads)
+        image = render(
+            surfels,
+            self.camera,
+            X_CO,
+            full=False,
+            disc=narrow_disc(surfels, self.camera, X_CO.p[:, 2]),
+            num_threads=self._threads,
+        )
         return cut_out(image, (image.alpha.numpy() >= _LEAST) & self._visible(q_CO, p_CO, p_WP))
 
     def _visible(self, q_CO: np.ndarray, p_CO: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
         """Mask (W, height, width) of the object's mesh where the pusher does not stand before it.
 
-        Small surfels are drawn wider than they are, by up to a pixel, which is much in a small image; the mesh is not.
+        Surfels fade out beyond the border of what they cover; the mesh does not.
         """
         vertices, faces = self._object
         depth = mesh_depth(_turned(q_CO, vertices) + p_CO[:, None], faces, self.camera, _NEAR)

@@ -10,11 +10,13 @@ from pinwm_drake.rendering.kernels.project_adjoint import pull_surfel
 
 
 @entry_point
-def pull_rows(splats, boxes, starts, entries, background, full, origins, images, image_bars, bars, bands, first, last):
+def pull_rows(
+    splats, boxes, starts, entries, background, full, steepness, origins, images, image_bars, bars, bands, first, last
+):
     """Pulls the gradients of bands first..last-1 of tile rows back to the projected surfels.
 
     Args:
-        splats, boxes, starts, entries, background, full, origins, images: as in `forward.blend_rows`.
+        splats, boxes, starts, entries, background, full, steepness, origins, images: as in `forward.blend_rows`.
         image_bars: gradients with respect to the images.
         bars: (parts, V, N, 16), receives sums.
         bands: (bands, 3): part, first and last-plus-one tile row counted through all views; bands that share a
@@ -40,6 +42,7 @@ def pull_rows(splats, boxes, starts, entries, background, full, origins, images,
                     entries,
                     background,
                     full,
+                    steepness[v],
                     origins[v],
                     images,
                     image_bars,

@@ -34,7 +34,6 @@ ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 NEAR = np.float32(reference.NEAR)
 LEAST_ALPHA, MOST_ALPHA = np.float32(reference.LEAST_ALPHA), np.float32(reference.MOST_ALPHA)
 LEAST_TRANSMITTANCE = np.float32(reference.LEAST_TRANSMITTANCE)
-PIXEL_FILTER = np.float32(reference.PIXEL_FILTER)
 
 # exp(-rho / 2) = p(rho)^16 with p(rho) = exp(-rho / 32), a polynomial on [0, 12], where rho stays when it counts.
 # Its relative error is 2e-7 there, p's being a least-squares fit of degree 5.
@@ -62,15 +61,16 @@ def falloff(rho):
 
 
 @kernel
-def reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2):
+def reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2, steepness):
     """A surfel seen from (dx, dy) px beside its centre: q_0, q_1, 1 / q_2, rho, and whether rho is its plane's.
 
-    The plane counts where it is ahead of the near plane, 0 < q_2 < most_q2, and opaquer than the disc.
+    The plane counts where it is ahead of the near plane, 0 < q_2 < most_q2, and opaquer than the disc, whose rho is
+    `steepness` one pixel from the centre.
     """
     q0, q1, q2 = j00 * dx + j01 * dy, j10 * dx + j11 * dy, p0 * dx + p1 * dy + ONE
     inverse = ONE / q2
     rho = (q0 * q0 + q1 * q1) * (inverse * inverse)
-    disc = PIXEL_FILTER * (dx * dx + dy * dy)
+    disc = steepness * (dx * dx + dy * dy)
     on_plane = (rho <= disc) & (q2 > ZERO) & (q2 < most_q2)
     return q0, q1, inverse, rho if on_plane else disc, on_plane
 
@@ -102,7 +102,7 @@ def fill_places(work, x, y):
 
 
 @kernel
-def _blend_color(work, splats, v, s, x_center, y_center, first, last):
+def _blend_color(work, splats, v, s, x_center, y_center, first, last, steepness):
     opacity = splats[v, s, OPACITY]
     j00, j01, j10, j11 = splats[v, s, J00], splats[v, s, J01], splats[v, s, J10], splats[v, s, J11]
     p0, p1 = splats[v, s, P0], splats[v, s, P1]
@@ -112,7 +112,7 @@ def _blend_color(work, splats, v, s, x_center, y_center, first, last):
     for i in range(number):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        _, _, _, rho, _ = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2)
+        _, _, _, rho, _ = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2, steepness)
         alpha = min(opacity * falloff(rho), MOST_ALPHA)
         left = work[_T + k]
         counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
@@ -124,7 +124,7 @@ def _blend_color(work, splats, v, s, x_center, y_center, first, last):
 
 
 @kernel
-def _blend_disc(work, splats, v, s, x_center, y_center, first, last):
+def _blend_disc(work, splats, v, s, x_center, y_center, first, last, steepness):
     """`_blend_color` of a surfel so small that only its disc is seen."""
     opacity = splats[v, s, OPACITY]
     red, green, blue = splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE]
@@ -132,7 +132,7 @@ def _blend_disc(work, splats, v, s, x_center, y_center, first, last):
     for i in range(number):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        alpha = min(opacity * falloff(PIXEL_FILTER * (dx * dx + dy * dy)), MOST_ALPHA)
+        alpha = min(opacity * falloff(steepness * (dx * dx + dy * dy)), MOST_ALPHA)
         left = work[_T + k]
         counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
         weight = left * alpha if counts else ZERO
@@ -143,7 +143,7 @@ def _blend_disc(work, splats, v, s, x_center, y_center, first, last):
 
 
 @kernel
-def _blend_full(work, splats, v, s, x_center, y_center, first, last, origin):
+def _blend_full(work, splats, v, s, x_center, y_center, first, last, steepness, origin):
     opacity, z_center = splats[v, s, OPACITY], splats[v, s, Z]
     j00, j01, j10, j11 = splats[v, s, J00], splats[v, s, J01], splats[v, s, J10], splats[v, s, J11]
     p0, p1 = splats[v, s, P0], splats[v, s, P1]
@@ -154,7 +154,7 @@ def _blend_full(work, splats, v, s, x_center, y_center, first, last, origin):
     for i in range(number):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        _, _, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2)
+        _, _, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2, steepness)
         alpha = min(opacity * falloff(rho), MOST_ALPHA)
         z = (z_center * inverse if on_plane else z_center) - origin
         left = work[_T + k]
@@ -172,7 +172,7 @@ def _blend_full(work, splats, v, s, x_center, y_center, first, last, origin):
 
 
 @kernel
-def blend_tile(v, slot, row, column, splats, boxes, starts, entries, background, full, origin, images, work):
+def blend_tile(v, slot, row, column, splats, boxes, starts, entries, background, full, steepness, origin, images, work):
     """Blends one tile of view v and writes its pixels.
 
     Args:
@@ -185,6 +185,7 @@ def blend_tile(v, slot, row, column, splats, boxes, starts, entries, background,
         starts, entries: the tiles' lists from `bins.py`.
         background: (3,).
         full: whether to write more than color and alpha.
+        steepness: rho of the discs one pixel from their centres.
         origin: depth from which depths are counted, m, so that their squares keep their digits.
         images: color (V, H, W, 3), alpha (V, H, W), first and second moment of depth (V, H, W), normal (V, H, W, 3).
         work: (11 * 64,), with its places filled in.
@@ -210,11 +211,11 @@ def blend_tile(v, slot, row, column, splats, boxes, starts, entries, background,
         top, bottom = max(boxes[slot, s, 0] - row * TILE, 0), min(boxes[slot, s, 1] - row * TILE, TILE)
         x_center, y_center = splats[slot, s, XC] - x_tile, splats[slot, s, YC] - y_tile
         if full:
-            _blend_full(work, splats, slot, s, x_center, y_center, top, bottom, origin)
+            _blend_full(work, splats, slot, s, x_center, y_center, top, bottom, steepness, origin)
         elif boxes[slot, s, 4] != 0:
-            _blend_disc(work, splats, slot, s, x_center, y_center, top, bottom)
+            _blend_disc(work, splats, slot, s, x_center, y_center, top, bottom, steepness)
         else:
-            _blend_color(work, splats, slot, s, x_center, y_center, top, bottom)
+            _blend_color(work, splats, slot, s, x_center, y_center, top, bottom, steepness)
         if (e - starts[slot, tile]) % PATIENCE == PATIENCE - 1 and opaque(work):
             break
     for i in range(min(TILE, height - row * TILE)):

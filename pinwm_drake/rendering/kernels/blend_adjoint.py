@@ -19,7 +19,6 @@ from pinwm_drake.rendering.kernels.blend import (
     NEAR,
     ONE,
     PATIENCE,
-    PIXEL_FILTER,
     ZERO,
     falloff,
     opaque,
@@ -54,11 +53,9 @@ TWO = np.float32(2.0)
 _T, _REST, _GR, _GG, _GB, _GA, _GM1, _GM2, _GNX, _GNY, _GNZ, X, Y = (PIXELS * channel for channel in range(13))
 CHANNELS = 13
 
-TWICE = TWO * PIXEL_FILTER
-
 
 @kernel
-def _pull_color(work, bars, part, splats, v, s, x_center, y_center, first, last):
+def _pull_color(work, bars, part, splats, v, s, x_center, y_center, first, last, steepness):
     opacity = splats[v, s, OPACITY]
     j00, j01, j10, j11 = splats[v, s, J00], splats[v, s, J01], splats[v, s, J10], splats[v, s, J11]
     p0, p1 = splats[v, s, P0], splats[v, s, P1]
@@ -71,7 +68,7 @@ def _pull_color(work, bars, part, splats, v, s, x_center, y_center, first, last)
     for i in range(number):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        q0, q1, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2)
+        q0, q1, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2, steepness)
         e = falloff(rho)
         alpha = min(opacity * e, MOST_ALPHA)
         left = work[_T + k]
@@ -105,8 +102,8 @@ def _pull_color(work, bars, part, splats, v, s, x_center, y_center, first, last)
         sum_y0 += d0 * dy
         sum_y1 += d1 * dy
         sum_y2 += d2 * dy
-    bars[part, v, s, XC] -= sum_s0 * j00 + sum_s1 * j10 + sum_s2 * p0 + TWICE * sum_dx
-    bars[part, v, s, YC] -= sum_s0 * j01 + sum_s1 * j11 + sum_s2 * p1 + TWICE * sum_dy
+    bars[part, v, s, XC] -= sum_s0 * j00 + sum_s1 * j10 + sum_s2 * p0 + TWO * steepness * sum_dx
+    bars[part, v, s, YC] -= sum_s0 * j01 + sum_s1 * j11 + sum_s2 * p1 + TWO * steepness * sum_dy
     bars[part, v, s, J00] += sum_x0
     bars[part, v, s, J01] += sum_y0
     bars[part, v, s, J10] += sum_x1
@@ -120,7 +117,7 @@ def _pull_color(work, bars, part, splats, v, s, x_center, y_center, first, last)
 
 
 @kernel
-def _pull_full(work, bars, part, splats, v, s, x_center, y_center, first, last, origin):
+def _pull_full(work, bars, part, splats, v, s, x_center, y_center, first, last, steepness, origin):
     opacity, z_center = splats[v, s, OPACITY], splats[v, s, Z]
     j00, j01, j10, j11 = splats[v, s, J00], splats[v, s, J01], splats[v, s, J10], splats[v, s, J11]
     p0, p1 = splats[v, s, P0], splats[v, s, P1]
@@ -135,7 +132,7 @@ def _pull_full(work, bars, part, splats, v, s, x_center, y_center, first, last, 
     for i in range(number):
         k = start + i
         dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        q0, q1, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2)
+        q0, q1, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2, steepness)
         e = falloff(rho)
         alpha = min(opacity * e, MOST_ALPHA)
         stretch = inverse if on_plane else ONE
@@ -179,8 +176,8 @@ def _pull_full(work, bars, part, splats, v, s, x_center, y_center, first, last, 
         sum_y0 += d0 * dy
         sum_y1 += d1 * dy
         sum_y2 += d2 * dy
-    bars[part, v, s, XC] -= sum_s0 * j00 + sum_s1 * j10 + sum_s2 * p0 + TWICE * sum_dx
-    bars[part, v, s, YC] -= sum_s0 * j01 + sum_s1 * j11 + sum_s2 * p1 + TWICE * sum_dy
+    bars[part, v, s, XC] -= sum_s0 * j00 + sum_s1 * j10 + sum_s2 * p0 + TWO * steepness * sum_dx
+    bars[part, v, s, YC] -= sum_s0 * j01 + sum_s1 * j11 + sum_s2 * p1 + TWO * steepness * sum_dy
     bars[part, v, s, J00] += sum_x0
     bars[part, v, s, J01] += sum_y0
     bars[part, v, s, J10] += sum_x1
@@ -199,12 +196,28 @@ def _pull_full(work, bars, part, splats, v, s, x_center, y_center, first, last, 
 
 @kernel
 def pull_tile(
-    v, row, column, splats, boxes, starts, entries, background, full, origin, images, image_bars, bars, part, work
+    v,
+    row,
+    column,
+    splats,
+    boxes,
+    starts,
+    entries,
+    background,
+    full,
+    steepness,
+    origin,
+    images,
+    image_bars,
+    bars,
+    part,
+    work,
 ):
     """Pulls the gradients of one tile's pixels back to the surfels in it.
 
     Args:
-        v, row, column, splats, boxes, starts, entries, background, full, origin, images: as in `blend.blend_tile`.
+        v, row, column, splats, boxes, starts, entries, background, full, steepness, origin, images: as in
+            `blend.blend_tile`.
         image_bars: gradients with respect to `images`.
         bars: (parts, V, N, 16), the gradients with respect to `splats` are added to its part.
         part: index of the part of `bars` that gains the gradients.
@@ -253,8 +266,8 @@ def pull_tile(
         top, bottom = max(boxes[v, s, 0] - row * TILE, 0), min(boxes[v, s, 1] - row * TILE, TILE)
         x_center, y_center = splats[v, s, XC] - x_tile, splats[v, s, YC] - y_tile
         if full:
-            _pull_full(work, bars, part, splats, v, s, x_center, y_center, top, bottom, origin)
+            _pull_full(work, bars, part, splats, v, s, x_center, y_center, top, bottom, steepness, origin)
         else:
-            _pull_color(work, bars, part, splats, v, s, x_center, y_center, top, bottom)
+            _pull_color(work, bars, part, splats, v, s, x_center, y_center, top, bottom, steepness)
         if (e - starts[v, tile]) % PATIENCE == PATIENCE - 1 and opaque(work):
             break

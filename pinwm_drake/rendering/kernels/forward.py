@@ -34,7 +34,7 @@ def bin_views(size, boxes, keys, starts, entries, first, last):
 
 
 @entry_point
-def blend_rows(splats, boxes, starts, entries, background, full, origins, images, first, last):
+def blend_rows(splats, boxes, starts, entries, background, full, steepness, origins, images, first, last):
     """Blends tile rows first..last-1, counted through all views."""
     work = np.empty(CHANNELS * PIXELS, np.float32)
     fill_places(work, X, Y)
@@ -44,7 +44,20 @@ def blend_rows(splats, boxes, starts, entries, background, full, origins, images
         v = i // rows
         for column in range(columns):
             blend_tile(
-                v, v, i - v * rows, column, splats, boxes, starts, entries, background, full, origins[v], images, work
+                v,
+                v,
+                i - v * rows,
+                column,
+                splats,
+                boxes,
+                starts,
+                entries,
+                background,
+                full,
+                steepness[v],
+                origins[v],
+                images,
+                work,
             )
 
 
@@ -81,6 +94,7 @@ def render_views(same, sh, view, size, background, full, images, first, last):
                     entries,
                     background,
                     full,
+                    view[3][v],
                     view[1][v, 2],
                     images,
                     tile_work,

@@ -47,8 +47,8 @@ _SLOPE_2, _SLOPE_3 = np.float32(1.0 / 0.3), np.float32(1.0 / 0.1)
 _BASE_2, _BASE_3 = np.float32(math.log(0.3) - 1.0), np.float32(math.log(0.1) - 1.0)
 _MOST_REACH = np.float32(-math.log(reference.LEAST_ALPHA))
 
-# A smallest squared stretch above which the disc hides the plane; a little more, for rounding.
-_PLANE_HIDDEN = np.float32(1.001 * reference.PIXEL_FILTER)
+# A smallest squared stretch, by the disc's, above which the disc hides the plane; a little more, for rounding.
+_PLANE_HIDDEN = np.float32(1.001)
 
 # A block of surfels; the channels of what is the same in all views; and of the work array, of what is found in one.
 BLOCK = 64
@@ -160,7 +160,7 @@ def prepare_surfels(surfels, same):
 @kernel
 def _project_block(v, view, size, same, work):
     """Projects a block into view v; a surfel that is not seen gets an empty box, from 1 to 0."""
-    R, t, intrinsics = view
+    R, t, intrinsics, steepness = view
     height, width = np.float32(size[0]), np.float32(size[1])
     fx, fy, cx, cy = intrinsics[v, 0], intrinsics[v, 1], intrinsics[v, 2], intrinsics[v, 3]
     r00, r01, r02 = R[v, 0, 0], R[v, 0, 1], R[v, 0, 2]
@@ -187,7 +187,7 @@ def _project_block(v, view, size, same, work):
         b10, b11 = fy * inverse * (ay - y_z * az), fy * inverse * (by - y_z * bz)
         xc, yc = fx * x_z + cx, fy * y_z + cy
         # Where opacity exp(-rho / 2) reaches the least that counts; the disc's radius there.
-        radius = math.sqrt(max(HALF * reach, ZERO))
+        radius = math.sqrt(max(reach / steepness[v], ZERO))
         bend = reach * (w0 * w0 + w1 * w1) - ONE
         k = reach / bend
         mx, my = k * (b00 * w0 + b01 * w1), k * (b10 * w0 + b11 * w1)
@@ -221,7 +221,7 @@ def _project_block(v, view, size, same, work):
         bend = ONE + radius * (abs(work[_P0 + i]) + abs(work[_P1 + i]))
         squares, det = j00 * j00 + j01 * j01 + j10 * j10 + j11 * j11, j00 * j11 - j01 * j10
         stretch = HALF * (squares - math.sqrt(max(squares * squares - FOUR * det * det, ZERO)))
-        work[_SMALL + i] = ONE if stretch > _PLANE_HIDDEN * bend * bend else ZERO
+        work[_SMALL + i] = ONE if stretch > _PLANE_HIDDEN * steepness[v] * bend * bend else ZERO
         nx, ny, nz = same[_UX, i], same[_UY, i], same[_UZ, i]
         nx, ny, nz = (
             r00 * nx + r01 * ny + r02 * nz,
@@ -244,7 +244,7 @@ def project_surfels(v, slot, same, sh, view, size, whole, splats, depths, boxes,
         slot: index in `splats`, `depths` and `boxes` that receives the view.
         same: (blocks, 14, 64), of `prepare_surfels`.
         sh: (1 or V, N, K, 3).
-        view: R_CO (V, 3, 3), p_CO (V, 3), intrinsics (V, 4).
+        view: R_CO (V, 3, 3), p_CO (V, 3), intrinsics (V, 4), and rho (V,) of the discs one pixel from their centres.
         size: height and width, px.
         whole: whether all columns of `splats` are wanted; else only those that `blend_tile` reads without `full`.
         splats: (slots, N, 16), receives the columns of `columns.py`.

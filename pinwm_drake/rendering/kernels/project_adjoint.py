@@ -82,7 +82,7 @@ def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars,
     """
     p, q, log_scale, _ = surfels
     p_out, q_out, scale_out, opacity_out = surfel_bars
-    R, t, intrinsics = view
+    R, t, intrinsics, _ = view
     if boxes[v, s, 0] >= boxes[v, s, 1]:
         return
     first = bars[0, v, s]
