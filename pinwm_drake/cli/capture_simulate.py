@@ -47,6 +47,13 @@ def simulate(
             help="As a lab has it: uneven object, one lamp, blur, ragged masks; start, cameras and clock a bit off.",
         ),
     ] = False,
+    stand_in: Annotated[
+        bool,
+        typer.Option(
+            "--stand-in",
+            help="Likewise, of the object and in the light that `pinwm evaluate --stand-in` has.",
+        ),
+    ] = False,
     forces: Annotated[
         bool,
         typer.Option("--forces", help="Logs the object's force on the pusher, and leaves the mass for it to tell."),
@@ -77,6 +84,7 @@ def simulate(
         supersampling=supersampling,
         realistic=realistic,
         forces=forces,
+        stand_in=stand_in,
     )
     with stages_bar() as progress:
         simulate_capture(options, out, progress=progress)

@@ -31,6 +31,7 @@ from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.realism.camera import LabCamera
 from pinwm_drake.systems.runs.realism.lamp import glossy_model
 from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log, moved_camera, moved_on_floor
+from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.runs.realism.uneven import uneven_twin
 from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates, Recording
 from pinwm_drake.systems.runs.rocking import SPEEDS, rocking_poke
@@ -88,6 +89,7 @@ class SimulateOptions:
     realistic: bool = False
     task: str = PushTask.name
     forces: bool = False
+    stand_in: bool = False
 
     def __post_init__(self) -> None:
         """Checks them; those of the scenario within its bounds."""
@@ -109,6 +111,11 @@ class SimulateOptions:
         require("--pusher", self.pusher, self.pusher in PUSHER_KINDS, ", ".join(PUSHER_KINDS))
         _require_quantity("--pusher-radius", self.pusher_radius, Shape, "radius")
         require("--supersampling", self.supersampling, 1 <= self.supersampling <= 8, "1 to 8")
+
+    @property
+    def in_a_lab(self) -> bool:
+        """Flag: nothing is as well known as Drake has it."""
+        return self.realistic or self.stand_in
 
     @property
     def pokes(self) -> bool:
@@ -180,8 +187,9 @@ class _Capture:
         self.mesh_path, self.mesh = setup.twin.mesh_path, load_mesh(setup.twin.mesh_path)
         self.generator = np.random.default_rng([options.seed, 0])
         R_WO = self._first_turn()
-        if options.realistic:
-            setup = _uneven_setup(setup, R_WO, options, models)
+        station = StandIn() if options.stand_in else None
+        if options.in_a_lab:
+            setup = _uneven_setup(setup, R_WO, options, station, models)
         self.twin, self.shape = setup.twin, options.shape
         self.camera = Camera.from_field_of_view(options.size, options.size, _FIELD_OF_VIEW)
         self.recorder: PushRecorder = MakePushRecorder(
@@ -192,8 +200,9 @@ class _Capture:
         self.X_WO = self.recorder.settle(on_floor(standing, R_WO, x, y, 0.0))
         self.mistakes = np.random.default_rng([options.seed, 3])
         self.lab: LabCamera | None = None
-        if options.realistic:
-            self.lab = LabCamera(self.recorder, Realism(), self.mesh.convex_hull.vertices, self.mistakes)
+        if options.in_a_lab:
+            lamp = None if station is None else station.lamp()
+            self.lab = LabCamera(self.recorder, Realism(), self.mesh.convex_hull.vertices, self.mistakes, lamp)
 
     def write(self, progress: CaptureProgress) -> None:
         """Writes all files of the capture."""
@@ -306,7 +315,7 @@ class _Capture:
         """A random push of the object at rest, and what came of it."""
         options = self.options
         speed = options.push_speed * generator.uniform(0.85, 1.15)
-        if options.realistic and options.speed is None:
+        if options.in_a_lab and options.speed is None:
             # A lab does not know the friction when it chooses a speed.
             speed = generator.uniform(*_ANY_SPEED)
         push = choose_push(
@@ -329,10 +338,16 @@ class _Capture:
         return rocking_poke(self.recorder, self.X_WO, self.mesh, self.shape, generator, speeds, self.options.frames)
 
 
-def _uneven_setup(setup: Setup, R_WO: RotationMatrix, options: SimulateOptions, models: Path) -> Setup:
+def _uneven_setup(
+    setup: Setup, R_WO: RotationMatrix, options: SimulateOptions, station: StandIn | None, models: Path
+) -> Setup:
     """Setup with a lump in the object, feet below it unless it lies, and glossy colours, whose files go to `models`."""
-    generator = np.random.default_rng([options.seed, 2])
-    twin = uneven_twin(setup.twin, R_WO.matrix()[2], generator, models, feet=not options.lying)
+    up = R_WO.matrix()[2]
+    if station is not None:
+        twin = station.uneven(setup.twin, up, models)
+    else:
+        generator = np.random.default_rng([options.seed, 2])
+        twin = uneven_twin(setup.twin, up, generator, models, feet=not options.lying)
     return dataclasses.replace(
         make_setup(setup.scenario, twin=twin), visual_path=glossy_model(setup.visual_path, models)
     )

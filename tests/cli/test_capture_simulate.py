@@ -10,6 +10,8 @@ from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.capture.static_views import read_static_views
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
+from pinwm_drake.systems.runs.realism.stand_in import StandIn
+from pinwm_drake.systems.scenario.load import load_setup
 
 SMALL = ["--size", "48", "--episodes", "2", "--static-views", "2", "--frames", "8", "--rate", "12"]
 SMALL += ["--supersampling", "1", "--distance", "0.02"]
@@ -170,3 +172,23 @@ def test_a_realistic_capture_is_a_bit_off(pinwm, made, tmp_path):
         _, masks = read_frames(episode)
         assert masks.any(dim=1).any(dim=1).all()
     assert (out / "static/images/00000.png").read_bytes() != (made / "static/images/00000.png").read_bytes()
+
+
+def test_a_capture_of_the_stand_in_is_of_its_object_in_its_light(pinwm, tmp_path):
+    few = ["--size", "48", "--episodes", "1", "--static-views", "2", "--frames", "2", "--rate", "4"]
+    few += ["--supersampling", "1", "--distance", "0.02", "--object", "t_block"]
+    for seed in (1, 2):
+        code, _, errors = pinwm(
+            "capture", "simulate", str(tmp_path / f"{seed}"), "--seed", f"{seed}", "--stand-in", *few
+        )
+        assert (code, errors) == (0, "")
+    truths = [yaml.safe_load((tmp_path / f"{seed}/ground_truth.yaml").read_text()) for seed in (1, 2)]
+    (tmp_path / "models").mkdir()
+    true = StandIn().true_scene(load_setup("push_t"), tmp_path / "models")
+    theta = {name: one.value for name, one in true.twin.theta.items()}
+    for truth in truths:
+        # The same lump whatever the capture's seed is: it is that of the station.
+        assert truth["inertia_xx"] == pytest.approx(theta["inertia_xx"], rel=1e-6)
+        assert truth["inertia_zz"] == pytest.approx(theta["inertia_zz"], rel=1e-6)
+    poses = read_episode(read_capture(tmp_path / "1"), "0000").object_poses
+    assert 0.0250 < poses.p_WO[0, 2] < 0.0252  # on feet

@@ -73,7 +73,7 @@ class CellStore:
             return None
         except (OSError, ValueError) as error:
             raise InputError(path, value=error, allowed="a file that `pinwm reproduce` wrote") from error
-        if done.get("settings") != settings_of(cell):
+        if not _is_of(cell, done.get("settings")):
             raise InputError(path, value="a cell of other settings", allowed="another folder, or to remove this one")
         return done
 
@@ -113,6 +113,27 @@ def settings_of(cell: Any) -> Any:
     if isinstance(cell, tuple):
         return [settings_of(one) for one in cell]
     return cell
+
+
+def _is_of(cell: Any, settings: Any) -> bool:
+    """Flag: settings, as `settings_of` told them, are those of a cell.
+
+    A field that they lack counts as its default, so that a setting that is added leaves what was made before valid.
+    """
+    if is_dataclass(cell):
+        known = {one.name: one.default for one in fields(cell)}
+        if not isinstance(settings, dict) or settings.get("kind") != type(cell).__name__:
+            return False
+        told = settings.keys() - {"kind"}
+        return told <= known.keys() and all(
+            _is_of(getattr(cell, name), settings[name]) if name in told else getattr(cell, name) == default
+            for name, default in known.items()
+        )
+    if isinstance(cell, tuple):
+        if not isinstance(settings, list) or len(settings) != len(cell):
+            return False
+        return all(_is_of(one, told) for one, told in zip(cell, settings, strict=True))
+    return bool(cell == settings)
 
 
 def empty_folder(path: Path) -> Path:

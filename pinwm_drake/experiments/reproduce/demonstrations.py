@@ -13,6 +13,7 @@ from pinwm_drake.baselines.diffusion.options import NetworkOptions, TrainingOpti
 from pinwm_drake.baselines.method import MethodData
 from pinwm_drake.baselines.pin_wm import TEACHER
 from pinwm_drake.experiments.reproduce.cell import Cell, Say
+from pinwm_drake.experiments.reproduce.plants import recording_plant
 from pinwm_drake.experiments.reproduce.policies import PolicyCell, say_rounds
 from pinwm_drake.experiments.reproduce.scenes import task_scene
 from pinwm_drake.experiments.training import TrainRequest, worlds_of
@@ -20,7 +21,6 @@ from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.policy import read_policy, weights_digest
 from pinwm_drake.learning.progress import Step
 from pinwm_drake.systems.envs.training_worlds import training_options
-from pinwm_drake.systems.envs.vector import TaskVecEnv
 from pinwm_drake.systems.scenario.load import load_setup
 
 _ANYWHERE = {"tolerance": 1.0, "turn_tolerance": 3.1}  # m, rad: everything is near
@@ -41,7 +41,7 @@ class DemonstrationsCell:
     @property
     def key(self) -> str:
         """Path of its folder."""
-        return f"demonstrations/{self.expert.task}/seed-{self.expert.seed}"
+        return f"demonstrations/{self.expert.place}/seed-{self.expert.seed}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:
@@ -61,9 +61,14 @@ class DemonstrationsCell:
         known = setup.task.to_document() if self.expert.quick else {}
         near = {name: value for name, value in _ANYWHERE.items() if name in known}
         options = training_options(observation="rgb_state", task=near, max_translation=setup.task.max_translation)
-        env = TaskVecEnv(scene.scene, 1, options, engine="hydroelastic")
+        env = recording_plant(setup, options, root / self.key / "models", stand_in=self.expert.stand_in)
         out = prepare_folder(root / self.key / "episodes")
-        about = {"expert": weights_digest(expert), "scene": scene.scene, "engine": "hydroelastic"}
+        about = {
+            "expert": weights_digest(expert),
+            "scene": scene.scene,
+            "engine": "hydroelastic",
+            "stand_in": self.expert.stand_in,
+        }
         begun = count(1)
 
         def on_batch(seed: int) -> None:
@@ -89,7 +94,7 @@ class DiffusionCell:
     def key(self) -> str:
         """Path of its folder."""
         expert = self.demonstrations.expert
-        return f"policies/{expert.task}/diffusion-policy/seed-{expert.seed}"
+        return f"policies/{expert.place}/diffusion-policy/seed-{expert.seed}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:

@@ -91,11 +91,13 @@ class EvaluationCell:
         return results
 
 
-def _twin(request: ReproduceRequest, task: str, origin: str, seed: int) -> IdentifiedCell | None:
+def _twin(request: ReproduceRequest, task: str, origin: str, seed: int, stand_in: bool) -> IdentifiedCell | None:
     """Cell of the twin of an identification; None for the scene's own parameters."""
     if origin == SCENE:
         return None
-    return request.twin(task, seed) if origin == PIN_WM else request.tracked(task, seed, origin)
+    if origin == PIN_WM:
+        return request.twin(task, seed, stand_in=stand_in)
+    return request.tracked(task, seed, origin, stand_in=stand_in)
 
 
 def evaluated(request: ReproduceRequest, task: str, name: str, seed: int, *, stand_in: bool = False) -> EvaluationCell:
@@ -106,17 +108,17 @@ def evaluated(request: ReproduceRequest, task: str, name: str, seed: int, *, sta
         task: Name of the task's scene.
         name: Name of the system.
         seed: Seed of the experiment.
-        stand_in: Flag: in the stand-in for a robot.
+        stand_in: Flag: in the stand-in for a robot, where it is filmed, identified and trained too.
     """
     about, quick = system(name), request.quick
-    twin, inside = _twin(request, task, about.twin, seed), ""
+    twin, inside = _twin(request, task, about.twin, seed, stand_in), ""
     subject: Cell | None = twin
     if name == DIFFUSION:
-        expert = PolicyCell(task, TRUE_THETA, seed, None, quick)
+        expert = PolicyCell(task, TRUE_THETA, seed, None, quick, stand_in=stand_in)
         subject = DiffusionCell(DemonstrationsCell(expert, 2 if quick else _DEMONSTRATIONS), quick)
         inside = "policy"
     elif name == DREAMER:
-        subject = dreamer(task, seed, quick)
+        subject = dreamer(task, seed, quick, stand_in=stand_in)
     elif about.domains is not None:
-        subject = PolicyCell(task, name, seed, twin, quick, about.history)
+        subject = PolicyCell(task, name, seed, twin, quick, about.history, stand_in)
     return EvaluationCell(task, name, seed, request.episodes, subject, request.max_steps, inside, stand_in)

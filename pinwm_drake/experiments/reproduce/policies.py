@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pinwm_drake.experiments.reproduce.cell import Cell, Say
-from pinwm_drake.experiments.reproduce.scenes import task_scene
+from pinwm_drake.experiments.reproduce.scenes import scene_folder, task_scene
 from pinwm_drake.experiments.reproduce.systems import system
 from pinwm_drake.experiments.reproduce.twins import IdentifiedCell
 from pinwm_drake.experiments.training import TrainRequest, train
@@ -25,6 +25,7 @@ _QUICK: dict[str, Any] = {
     "updates": 20,
     "episodes": 8,
 }
+_LATENCY = 0.15  # s, at most, of actions for a robot; how late it will be is not known
 _QUICK_SEARCH = WaypointOptions(attempts=1, rounds=0, planner=SamplingOptions(samples=8, first_iterations=1))
 
 
@@ -39,6 +40,7 @@ class PolicyCell:
         twin: Cell of the twin that it is trained in; None for the scene's own parameters.
         quick: Flag: hardly any training.
         history: Number of past states and actions that the policy sees.
+        stand_in: Flag: for the stand-in for a robot, with actions that take effect up to 0.15 s late.
     """
 
     task: str
@@ -47,11 +49,17 @@ class PolicyCell:
     twin: IdentifiedCell | None
     quick: bool = False
     history: int = 0
+    stand_in: bool = False
+
+    @property
+    def place(self) -> str:
+        """Folder of what is made for the same scene."""
+        return scene_folder(self.task, self.stand_in)
 
     @property
     def key(self) -> str:
         """Path of its folder."""
-        return f"policies/{self.task}/{self.system}/seed-{self.seed}"
+        return f"policies/{self.place}/{self.system}/seed-{self.seed}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:
@@ -76,6 +84,7 @@ class PolicyCell:
             threads=1,
             resume=True,
             history=self.history,
+            latency=_LATENCY if self.stand_in else 0.0,
             **(_QUICK if self.quick else {}),
         )
         told: dict[str, Step] = {}

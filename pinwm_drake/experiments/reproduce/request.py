@@ -44,17 +44,17 @@ class ReproduceRequest:
         """Number of actions of an evaluated episode; None for the task's."""
         return 3 if self.quick else None
 
-    def twin(self, task: str, seed: int) -> TwinCell:
-        """Cell of the twin that PIN-WM identifies, of a task and seed."""
-        return TwinCell(self._surfels(task, seed))
+    def twin(self, task: str, seed: int, *, stand_in: bool = False) -> TwinCell:
+        """Cell of the twin that PIN-WM identifies, of a task and seed; of the stand-in's object where that is asked."""
+        return TwinCell(self._surfels(task, seed, stand_in))
 
-    def tracked(self, task: str, seed: int, system: str, only: str = "") -> TrackedTwinCell:
-        """Cell of the twin that another system identifies, by one unknown alone where it is named."""
-        return TrackedTwinCell(self._surfels(task, seed), system, only)
+    def tracked(self, task: str, seed: int, system: str, only: str = "", *, stand_in: bool = False) -> TrackedTwinCell:
+        """Cell of the twin that another system identifies, by one unknown alone where it is named; see `twin`."""
+        return TrackedTwinCell(self._surfels(task, seed, stand_in), system, only)
 
     def outcomes(self, task: str) -> OutcomesCell:
         """Cell of what random actions do in the plant, as long as those that policies are trained with."""
         return OutcomesCell(task, self.draws, task_scene(task).max_translation)
 
-    def _surfels(self, task: str, seed: int) -> SurfelsCell:
-        return SurfelsCell(CaptureCell(task, seed, self.quick))
+    def _surfels(self, task: str, seed: int, stand_in: bool) -> SurfelsCell:
+        return SurfelsCell(CaptureCell(task, seed, self.quick, stand_in=stand_in))

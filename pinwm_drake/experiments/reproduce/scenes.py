@@ -80,6 +80,11 @@ TASK_SCENES: Mapping[str, TaskScene] = {scene.name: scene for scene in _ALL}
 TASKS = ("push", "flip")  # those of most tables
 
 
+def scene_folder(task: str, stand_in: bool) -> str:
+    """Name of the folders of a task's scene, or of the stand-in for a robot with it."""
+    return f"{task}-stand-in" if stand_in else task
+
+
 def task_scene(task: str) -> TaskScene:
     """Scene of a name.
 

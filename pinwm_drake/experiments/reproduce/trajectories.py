@@ -11,15 +11,15 @@ from pinwm_drake.baselines.dreamer.method import DreamerV2
 from pinwm_drake.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
 from pinwm_drake.baselines.method import MethodData
 from pinwm_drake.experiments.reproduce.cell import Cell, Say
+from pinwm_drake.experiments.reproduce.plants import recording_plant
 from pinwm_drake.experiments.reproduce.policies import say_rounds
-from pinwm_drake.experiments.reproduce.scenes import task_scene
+from pinwm_drake.experiments.reproduce.scenes import scene_folder, task_scene
 from pinwm_drake.experiments.training import TrainRequest, worlds_of
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.progress import Step
 from pinwm_drake.systems.envs.options import environment_setup
 from pinwm_drake.systems.envs.policy_scene import policy_spec
 from pinwm_drake.systems.envs.training_worlds import training_options
-from pinwm_drake.systems.envs.vector import TaskVecEnv
 from pinwm_drake.systems.scenario.load import load_setup
 
 _STEPS, _FEW_STEPS = 30, 4  # actions of an episode
@@ -39,17 +39,24 @@ class TrajectoriesCell:
         seed: Seed of the experiment.
         episodes: Number of episodes.
         steps: Number of actions of each.
+        stand_in: Flag: in the stand-in for a robot; see `StandIn`.
     """
 
     task: str
     seed: int
     episodes: int
     steps: int
+    stand_in: bool = False
+
+    @property
+    def place(self) -> str:
+        """Path within the folders of what is made of it."""
+        return f"{scene_folder(self.task, self.stand_in)}/seed-{self.seed}"
 
     @property
     def key(self) -> str:
         """Path of its folder."""
-        return f"trajectories/{self.task}/seed-{self.seed}"
+        return f"trajectories/{self.place}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:
@@ -67,7 +74,7 @@ class TrajectoriesCell:
         setup = load_setup(scene.scene)
         translation = setup.task.max_translation
         options = training_options(observation="rgb_state", max_translation=translation, max_steps=self.steps)
-        env = TaskVecEnv(scene.scene, 1, options, engine="hydroelastic")
+        env = recording_plant(setup, options, root / self.key / "models", stand_in=self.stand_in)
         spec = policy_spec(environment_setup(setup, options), options, "rgb")
         explore, begun = random_pushes(spec, 1), count(1)
 
@@ -75,6 +82,7 @@ class TrajectoriesCell:
             say(f"episode {next(begun)} of this run, of {self.episodes}")
 
         out, about = root / self.key / "episodes", {"scene": scene.scene, "engine": "hydroelastic", "steps": self.steps}
+        about["stand_in"] = self.stand_in
         found = collect(env, explore, out, self.episodes, seed=self.seed, about=about, on_batch=on_batch)
         ended = sum(bool(one.terminated) for one in found)
         return {"episodes": len(found), "actions": sum(len(one) for one in found), "successes": ended}
@@ -95,7 +103,8 @@ class DreamerCell:
     @property
     def key(self) -> str:
         """Path of its folder."""
-        return f"policies/{self.trajectories.task}/dreamer-v2/seed-{self.trajectories.seed}"
+        scene, seed = self.trajectories.place.split("/")
+        return f"policies/{scene}/dreamer-v2/{seed}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:
@@ -118,13 +127,14 @@ class DreamerCell:
         return {name: {"steps": step.steps, "best": step.best, "seconds": step.seconds} for name, step in told.items()}
 
 
-def dreamer(task: str, seed: int, quick: bool) -> DreamerCell:
+def dreamer(task: str, seed: int, quick: bool, *, stand_in: bool = False) -> DreamerCell:
     """Cell of the policy of Dreamer V2 of a task and seed, from 100 episodes, or from 2 where hardly any is to be done.
 
     Args:
         task: Name of the task's scene.
         seed: Seed of the experiment.
         quick: Flag: hardly any training.
+        stand_in: Flag: in the stand-in for a robot.
     """
-    few = TrajectoriesCell(task, seed, 2, _FEW_STEPS)
-    return DreamerCell(few if quick else TrajectoriesCell(task, seed, 100, _STEPS), quick)
+    few = TrajectoriesCell(task, seed, 2, _FEW_STEPS, stand_in)
+    return DreamerCell(few if quick else TrajectoriesCell(task, seed, 100, _STEPS, stand_in), quick)

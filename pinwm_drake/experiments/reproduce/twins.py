@@ -34,17 +34,19 @@ class CaptureCell:
         seed: Seed of the experiment.
         quick: Flag: few and small images.
         forces: Flag: the force on the pusher is measured, and the mass is not.
+        stand_in: Flag: of the object and in the light of the stand-in for a robot, as a lab has it; see `StandIn`.
     """
 
     task: str
     seed: int
     quick: bool = False
     forces: bool = False
+    stand_in: bool = False
 
     @property
     def place(self) -> str:
         """Path within the folders of what is made of it."""
-        return f"{self.task}{'-forces' if self.forces else ''}/seed-{self.seed}"
+        return f"{self.task}{'-forces' if self.forces else ''}{'-stand-in' if self.stand_in else ''}/seed-{self.seed}"
 
     @property
     def key(self) -> str:
@@ -63,7 +65,8 @@ class CaptureCell:
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Films the object at rest and twice in motion; see `Cell.make`."""
-        options = replace(task_scene(self.task).capture(self.seed, quick=self.quick), forces=self.forces)
+        known = task_scene(self.task).capture(self.seed, quick=self.quick)
+        options = replace(known, forces=self.forces, stand_in=self.stand_in)
         simulate_capture(options, empty_folder(root / self.key))
         return {"object": options.object_name, "friction": options.friction}
 

@@ -4,10 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import RenderEngineVtkParams
 from pydrake.math import RigidTransform, RotationMatrix
 from scipy.spatial.transform import Rotation, Slerp
 
-from pinwm_drake.systems.runs.realism.lamp import light_by_lamp
+from pinwm_drake.systems.runs.realism.lamp import draw_lamp, light
 from pinwm_drake.systems.runs.realism.masks import blurred, draw_behind, ragged
 from pinwm_drake.systems.runs.realism.mistakes import Realism
 from pinwm_drake.systems.runs.recorder import PushRecorder
@@ -25,7 +26,12 @@ class LabCamera:
     """
 
     def __init__(
-        self, recorder: PushRecorder, realism: Realism, corners: np.ndarray, generator: np.random.Generator
+        self,
+        recorder: PushRecorder,
+        realism: Realism,
+        corners: np.ndarray,
+        generator: np.random.Generator,
+        lamp: RenderEngineVtkParams | None = None,
     ) -> None:
         """Puts up the lamp, and draws what is behind the object and how wide masks are.
 
@@ -34,10 +40,11 @@ class LabCamera:
             realism: How large mistakes are.
             corners: (n, 3) m, frame O, of the object.
             generator: Source of randomness.
+            lamp: Renderer with a lamp; None draws one.
         """
         self.recorder, self.realism = recorder, realism
         self._corners, self._generator = corners, generator
-        light_by_lamp(recorder, generator)
+        light(recorder, draw_lamp(generator) if lamp is None else lamp)
         self._behind = draw_behind(generator)
         self.wider = float(generator.uniform(-1, 1) * (realism.mask - realism.flicker))
 

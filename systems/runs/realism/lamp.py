@@ -68,9 +68,9 @@ def _by_colour(visual_path: Path) -> list[tuple[str, list[float], np.ndarray]]:
     return [(name, colours[name], points[np.array(triangles)]) for name, triangles in faces.items()]
 
 
-def light_by_lamp(recorder: PushRecorder, generator: np.random.Generator) -> None:
-    """Lights the scene of a recorder by one lamp, in a direction drawn at random, and a little by the room."""
-    params, scene_graph = draw_lamp(generator), recorder.station.engine.scene_graph
+def light(recorder: PushRecorder, params: RenderEngineVtkParams) -> None:
+    """Lights the scene of a recorder as a renderer's parameters say, `draw_lamp`'s for one."""
+    scene_graph = recorder.station.engine.scene_graph
     scene_graph.RemoveRenderer(_RENDERER)
     scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis, Quaternion
+from pydrake.geometry import RenderEngineVtkParams
 from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.errors import InputError, require
@@ -15,6 +16,7 @@ from pinwm_drake.systems.runs.realism.lamp import draw_lamp, glossy_model
 from pinwm_drake.systems.runs.realism.masks import draw_behind, ragged
 from pinwm_drake.systems.runs.realism.uneven import uneven_twin
 from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.twin import Twin
 
 _OBJECT, _CAMERA, _LAMP, _MASK = range(4)  # streams of the seed
 
@@ -66,7 +68,7 @@ class StandIn:
             raise InputError(setup.visual_path, value="no materials", allowed="a stand-in of an object that ships")
         q_WO = np.array(setup.scenario.start.q_WO)
         up = RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO))).matrix()[2]
-        twin = uneven_twin(setup.twin, up, self._generator(_OBJECT), models)
+        twin = self.uneven(setup.twin, up, models)
         return dataclasses.replace(
             setup,
             # With the name of an object that ships, plants would take the contact meshes that ship, without feet.
@@ -74,8 +76,25 @@ class StandIn:
             twin=twin,
             visual_path=glossy_model(setup.visual_path, models),
             X_WC=self._moved(setup.X_WC),
-            renderer=draw_lamp(self._generator(_LAMP)),
+            renderer=self.lamp(),
         )
+
+    def uneven(self, twin: Twin, up: np.ndarray, models: Path) -> Twin:
+        """Twin of the station's object: with a lump, and feet below it.
+
+        Args:
+            twin: The object as it is believed to be.
+            up: (3,) direction of the world's z, frame O, as it stands.
+            models: Folder of the mesh with feet; it has to stay.
+
+        Raises:
+            GeometryError: No lump or no feet were found that leave the object standing.
+        """
+        return uneven_twin(twin, up, self._generator(_OBJECT), models)
+
+    def lamp(self) -> RenderEngineVtkParams:
+        """Renderer with the station's lamp."""
+        return draw_lamp(self._generator(_LAMP))
 
     def spoil(self) -> Callable[[np.ndarray, np.random.Generator], np.ndarray]:
         """Function of an image (height, width, 4) uint8 RGBA and a generator that gives it with a ragged mask."""

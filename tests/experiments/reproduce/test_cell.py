@@ -67,3 +67,30 @@ def test_a_cell_of_other_settings_is_refused_and_kept(tmp_path: Path):
 
 def test_settings_are_plain_data():
     assert json.loads(json.dumps(settings_of(ALL))) == settings_of(ALL)
+
+
+@dataclass(frozen=True)
+class Older:
+    """A `Number` as it was before it had hours."""
+
+    name: str
+    own: int
+    needs: tuple[Number, ...] = ()
+
+
+def test_a_setting_that_is_added_leaves_cells_as_they_were(tmp_path: Path):
+    store, cell = CellStore(tmp_path), Number("both", 10, (ONE,))
+    done = {"settings": settings_of(Older("both", 10, (ONE,))) | {"kind": "Number"}, "result": {}, "provenance": {}}
+    store.write(cell, done)
+    assert store.read(cell) == done
+    for other in (
+        Number("both", 10, (ONE,), hours=1.0),
+        Number("both", 10, (TWO,)),
+        Number("both", 10, (ONE, TWO)),
+        Number("both", 11, (ONE,)),
+    ):
+        with pytest.raises(InputError, match="other settings"):
+            store.read(other)
+    store.write(cell, done | {"settings": done["settings"] | {"more": 1}})
+    with pytest.raises(InputError, match="other settings"):
+        store.read(cell)

@@ -1,10 +1,13 @@
 from pathlib import Path
 
+import numpy as np
+
 from pinwm_drake.baselines.dreamer.policy import read_dreamer
 from pinwm_drake.baselines.dreamer.replay import read_episodes
 from pinwm_drake.experiments.reproduce.report import read_results
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.run import reproduce, tables_of
+from pinwm_drake.experiments.reproduce.trajectories import TrajectoriesCell
 from pinwm_drake.parallel import Executor
 
 
@@ -22,3 +25,16 @@ def test_random_pushes_are_recorded_in_the_plant_dreamt_of_and_evaluated(tmp_pat
     assert done is not None
     assert done["result"]["episodes"] == 1
     assert done["settings"]["subject"]["kind"] == "DreamerCell"
+
+
+def test_for_the_stand_in_they_are_recorded_in_it(tmp_path: Path):
+    plain, stand_in = (TrajectoriesCell("push", 0, 1, 3, flag) for flag in (False, True))
+    assert plain.key != stand_in.key
+    found = []
+    for cell in (plain, stand_in):
+        cell.make(tmp_path, print)
+        found += read_episodes(tmp_path / cell.key / "episodes")
+    assert not np.array_equal(found[0].images[0], found[1].images[0])  # lamp, camera and mask
+    # Actions are late by most of an action's time: the pusher has hardly gone after the first one.
+    moves = [np.linalg.norm(one.pusher[1] - one.pusher[0]) for one in found]
+    assert moves[1] < 0.5 * moves[0]

@@ -36,6 +36,7 @@ def test_cells_of_other_noise_unknowns_and_seeds_have_folders_of_their_own():
         TwinCell(SurfelsCell(NoisyCaptureCell(capture, 0.005))),
         TwinCell(SurfelsCell(CaptureCell("push", 1))),
         TwinCell(SurfelsCell(CaptureCell("flip", 0))),
+        TwinCell(SurfelsCell(CaptureCell("push", 0, stand_in=True))),
     ]
     assert len({cell.key for cell in cells}) == len(cells)
     assert len({cell.surfels.key for cell in cells}) == len(cells) - 1
