@@ -28,15 +28,12 @@ _CREASE = np.deg2rad(30.0)  # faces meet in a crease where they turn by more
 _ROW_GAP, _FILL_GAP = 0.9, 2.0
 # Where the tip of a surfel along a crease, so many scales from its middle, is beside the mesh, it gets shorter.
 _TIP, _SHORTER = 1.5, 0.5
-# Where views are coarse: so many surfels on a pixel's square of surface are enough. The renderer makes none narrower
-# than a pixel, and an outline moves out by what many of those add up to; they sit so many pixels deeper instead.
-_DENSEST, _DEEPER = 0.4, 0.85
 _FEWEST = 100
 _JOIN = 1e-8  # m: corners nearer to each other are one
 _ROWS = 64  # points that are looked up in the faces at once
 
 
-def painted_surfels(visual_path: Path, number: int = 2500, *, pixel: float | None = None, seed: int = 0) -> Surfels:
+def painted_surfels(visual_path: Path, number: int = 2500, *, seed: int = 0) -> Surfels:
     """Opaque surfels all over a coloured mesh, flat on it, each in the diffuse colour of the face that it lies on.
 
     Colours are the material's numbers as they stand (Kd), which is what a renderer shows of them in full light: sRGB
@@ -45,9 +42,6 @@ def painted_surfels(visual_path: Path, number: int = 2500, *, pixel: float | Non
     Args:
         visual_path: An OBJ file whose faces have materials with a Kd in an MTL file, m, object frame O.
         number: Number of surfels at the most, 100 or more.
-        pixel: Size on the object of a pixel of the views that outlines are to be right in, m: distance over focal
-            length. Where it is coarse, there are fewer surfels, and they lie up to 0.85 of it below the surface. None
-            for views so fine that the renderer's limit of a pixel does not matter.
         seed: Seed of the places; the same seed gives the same surfels.
 
     Returns:
@@ -56,18 +50,13 @@ def painted_surfels(visual_path: Path, number: int = 2500, *, pixel: float | Non
     Raises:
         InputError: The file is missing, cannot be read, has no faces of any area, a face without a material, or a
             material with a texture.
-        RenderingError: The number or the size of a pixel is out of range.
+        RenderingError: The number is out of range.
     """
-    if number < _FEWEST or (pixel is not None and not pixel > 0.0):
-        raise RenderingError(f"painted_surfels got number={number}, pixel={pixel}; allowed: 100 or more, above 0 m")
+    if number < _FEWEST:
+        raise RenderingError(f"painted_surfels got number={number}; allowed: 100 or more")
     mesh, colours = _read(visual_path)
     generator = np.random.default_rng(seed)
-    step, depth = float(mesh.extents.max()) / _STEPS, 0.0
-    if pixel is not None:
-        squares = float(mesh.area) / pixel**2
-        number = min(number, max(round(_DENSEST * squares), _FEWEST))
-        step = max(step, 0.5 * pixel)
-        depth = _DEEPER * pixel * min(number / (_DENSEST * squares), 1.0)
+    step = float(mesh.extents.max()) / _STEPS
     creases = _Creases(mesh, 0.5 * step)
     wanted = int(_CREASE_SHARE * number)
     rows = line_creases(mesh, _FURTHER * step, wanted, lambda patches: np.ones(patches.number, bool))
@@ -87,7 +76,6 @@ def painted_surfels(visual_path: Path, number: int = 2500, *, pixel: float | Non
     keep_inside(fill, mesh)
     patches = Patches.join(rows, fill)
     sh = torch.from_numpy((colours[_faces_under(mesh, patches.points)[0]] - 0.5) / Y0).float()
-    patches.points[:] -= depth * patches.normals
     surfels = as_surfels(patches, _OPACITY)
     return Surfels(surfels.p_OS, surfels.q_OS, surfels.log_scale, surfels.logit_opacity, sh[:, None])
 

@@ -99,7 +99,7 @@ def render(
 
 
 def narrow_disc(surfels: Surfels, camera: Camera, depth: Tensor) -> Tensor:
-    """Discs (V,) px for `render` that are no wider than most surfels are in an image.
+    """Discs (V,) px for `render` that are no wider than the surfels are in an image, nine in ten of them.
 
     A surfel that is much smaller than a pixel is drawn as wide as one otherwise, and the nearest ones hide what is
     beside them: a small image smears. With this it shows what is seen through the middles of its pixels.
@@ -109,6 +109,7 @@ def narrow_disc(surfels: Surfels, camera: Camera, depth: Tensor) -> Tensor:
         camera: one, or V of them.
         depth: (V,) m, of the object along the camera's axis; not above 0 counts as near.
     """
-    size = surfels.log_scale.detach().mean(-1).exp().median()  # m, the sides of a square as large as most
+    narrower = surfels.log_scale.detach().amin(-1)
+    size = narrower.kthvalue(-(-len(narrower) // 10)).values.exp()  # m
     focal = camera.intrinsics[..., :2].prod(-1).sqrt()
     return (focal * size.double() / depth.detach().double().clamp_min(NEAR)).clamp(max=PIXEL_DISC)

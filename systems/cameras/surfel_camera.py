@@ -66,8 +66,8 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         Args:
             surfels: Surfels of the object, frame O; one set of colours, or one for each world.
             camera: Camera with intrinsics (4,).
-            mesh: Mesh of the object, m, frame O. Surfels are drawn up to a pixel wider than they are, which is much in
-                a small image; the mesh is not. None takes all that surfels cover.
+            mesh: Mesh of the object, m, frame O, whose outline images have. None takes all that surfels cover, which
+                is a little more.
             num_worlds: W.
             near: Least depth, m; depths below it are too close.
             far: Largest depth, m; depths above it are too far.

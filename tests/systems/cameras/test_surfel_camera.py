@@ -108,9 +108,9 @@ def test_a_mesh_gives_a_coarse_picture_its_outline(surfels):
             np.testing.assert_array_equal(image(system, context, "color_image")[..., 3] == 255, label)
             np.testing.assert_array_equal(np.isfinite(image(system, context, "depth_image_32f")), label)
             found[name] = (mask & label).sum() / (mask | label).sum()
-        # Measured: 0.997 to 1.000 against 0.76 to 0.80.
+        # Surfels drawn as wide as pixels had 0.76 to 0.80.
         assert found["mesh"] > 0.98
-        assert found["surfels"] < 0.9
+        assert 0.93 < found["surfels"] < found["mesh"]
 
 
 def test_depths_out_of_range_are_marked_as_drake_does(surfels):
