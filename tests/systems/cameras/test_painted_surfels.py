@@ -47,8 +47,8 @@ def test_they_look_like_the_mesh(name):
     assert min(overlaps) > 0.96
 
 
-# In the mean of 8 poses measured: 0.985, 0.993, 0.977; the mug's wall is a pixel thick. With discs as wide as a pixel, silhouettes were
-# 18 % to 29 % too large: 0.851, 0.775, 0.827.
+# In the mean of 8 poses measured: 0.985, 0.993, 0.977; the mug's wall is a pixel thick. With discs as wide as a pixel,
+# silhouettes were 18 % to 29 % too large: 0.851, 0.775, 0.827.
 @pytest.mark.parametrize(("name", "least"), [("t_block", 0.97), ("cube", 0.97), ("mug", 0.96)])
 def test_outlines_are_right_in_coarse_pictures_too(name, least):
     visual = model_path(f"{name}/{name}_visual.obj")
