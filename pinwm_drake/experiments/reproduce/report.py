@@ -8,7 +8,7 @@ from pinwm_drake.experiments.reproduce.cell import Cell, CellStore
 from pinwm_drake.experiments.reproduce.figures import table_figures
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.tables.table import Row, Table
-from pinwm_drake.files import replacing
+from pinwm_drake.files import prepare_folder, replacing
 
 
 def read_results(tables: Sequence[Table], request: ReproduceRequest, root: Path) -> dict[Cell, dict[str, Any] | None]:
@@ -34,6 +34,7 @@ def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest,
         InputError: A cell of other settings is in the folder, or a file cannot be written.
     """
     results = read_results(tables, request, root)
+    prepare_folder(path.parent)
     parts = ["# The paper's tables", f"Written by `pinwm reproduce report` from the folders of {root.name}."]
     for table in tables:
         parts += [f"## {table.title}", table.words, markdown(table.header, table.rows(request, results))]

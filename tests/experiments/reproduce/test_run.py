@@ -120,8 +120,9 @@ def test_a_table_is_made_though_it_was_killed_and_nothing_is_made_twice(tmp_path
         "pin-wm": 2,
         "random-actions": 2,
     }
-    write_report(tmp_path / "report.md", tables, ReproduceRequest(tasks=("push",), episodes=2, quick=True), tmp_path)
-    lines = (tmp_path / "report.md").read_text().splitlines()
+    path = tmp_path / "new" / "report.md"
+    write_report(path, tables, ReproduceRequest(tasks=("push",), episodes=2, quick=True), tmp_path)
+    lines = path.read_text().splitlines()
     rows = {line.split(" | ")[1]: line for line in lines if line.startswith("| push")}
     assert list(rows) == list(SYSTEMS)
     assert "| 3.0 | 1 |" in rows["pin-wm"]
