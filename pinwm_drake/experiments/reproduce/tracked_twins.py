@@ -56,11 +56,11 @@ class TrackedTwinCell(IdentifiedCell):
             held = {name: value for name, value in (true | {"inertia": 1.0}).items() if name != self.only}
             options = replace(options, free=(self.only,), held=held)
         paths = root / capture.key, root / self.surfels.key
-        return asid_twin(*paths, out, seed=capture.seed, episodes=[scene.episode], options=options).twin
+        return asid_twin(*paths, out, seed=capture.seed, episodes=[capture.episode], options=options).twin
 
     def _planar(self, root: Path, out: Path, scene: TaskScene) -> Twin:
         folder = root / self.surfels.key
-        capture, pushes = read_pushes(root / self.surfels.capture.key, [scene.episode])
+        capture, pushes = read_pushes(root / self.surfels.capture.key, [self.surfels.capture.episode])
         surfels, offset = read_ply(folder / SURFELS_FILE), read_offset(folder / ALIGN_FILE)
         poses = PoseTracker(capture, surfels, offset, self._tracker).track(pushes[0]).poses
         height = float(pushes[0].trajectory.p_WP[0, 2] - poses.p_WO[0, 2])

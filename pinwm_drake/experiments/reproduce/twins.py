@@ -54,6 +54,11 @@ class CaptureCell:
         return f"captures/{self.place}"
 
     @property
+    def episode(self) -> str:
+        """Episode that is identified from."""
+        return "0000" if self.stand_in else task_scene(self.task).episode
+
+    @property
     def needs(self) -> tuple[Cell, ...]:
         """None: it begins with nothing."""
         return ()
@@ -64,9 +69,14 @@ class CaptureCell:
         return 0.02 if self.quick else 0.05
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Films the object at rest and twice in motion; see `Cell.make`."""
+        """Films the object at rest and twice in motion, once in the stand-in; see `Cell.make`.
+
+        In the stand-in the lying mug rolls: no second poke was found that rocks it.
+        """
         known = task_scene(self.task).capture(self.seed, quick=self.quick)
         options = replace(known, forces=self.forces, stand_in=self.stand_in)
+        if self.stand_in:
+            options = replace(options, episodes=1)
         simulate_capture(options, empty_folder(root / self.key))
         return {"object": options.object_name, "friction": options.friction}
 
@@ -107,6 +117,11 @@ class NoisyCaptureCell:
     def key(self) -> str:
         """Path of its folder."""
         return f"captures/{self.place}"
+
+    @property
+    def episode(self) -> str:
+        """Episode that is identified from."""
+        return self.capture.episode
 
     @property
     def needs(self) -> tuple[Cell, ...]:
@@ -228,8 +243,7 @@ class TwinCell(IdentifiedCell):
             true = {name: value for name, value in scene.true_theta.items() if not name.startswith("inertia")}
             held = {name: value for name, value in true.items() if name != self.only}
             options = replace(options, free=(self.only, *NUISANCES), held=held)
-        episode = scene.episode
-        found = twin_from_capture(root / capture.key, out, episodes=[episode], options=options, resume=True)
+        found = twin_from_capture(root / capture.key, out, episodes=[capture.episode], options=options, resume=True)
         theta = {name: estimate.value for name, estimate in found.twin.theta.items()}
         estimates = {
             name: {

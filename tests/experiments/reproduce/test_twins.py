@@ -50,3 +50,9 @@ def test_the_true_theta_is_that_of_the_issue():
         assert task_scene(task).true_theta["restitution_floor"] == 0.0
         assert task_scene(task).capture(0, quick=True).friction == task_scene(task).true_theta["friction_floor"]
         assert task_scene(task).capture(0, quick=True).pusher_friction == task_scene(task).pusher_friction
+
+
+def test_what_is_filmed_in_the_stand_in_is_one_episode_that_is_identified_from():
+    captures = [CaptureCell("flip", 0, stand_in=flag) for flag in (False, True)]
+    assert [one.episode for one in captures] == ["0001", "0000"]
+    assert NoisyCaptureCell(captures[0], 0.01).episode == "0001"
