@@ -7,7 +7,7 @@ from typing import Any
 from pinwm_drake.experiments.reproduce.cell import Cell, CellStore
 from pinwm_drake.experiments.reproduce.figures import table_figures
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
-from pinwm_drake.experiments.reproduce.tables.table import Row, Table
+from pinwm_drake.experiments.reproduce.tables.table import MISSING, Row, Table
 from pinwm_drake.files import prepare_folder, replacing
 
 
@@ -37,7 +37,11 @@ def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest,
     prepare_folder(path.parent)
     parts = ["# The paper's tables", f"Written by `pinwm reproduce report` from the folders of {root.name}."]
     for table in tables:
-        parts += [f"## {table.title}", table.words, markdown(table.header, table.rows(request, results))]
+        parts += [
+            f"## {table.title}",
+            table.words,
+            markdown(table.header, _listed(table.header, table.rows(request, results))),
+        ]
         for name, figure in table_figures(table, request, results).items():
             picture = path.with_name(f"{path.stem}-{name}.png")
             with replacing(picture) as temporary:
@@ -51,6 +55,14 @@ def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest,
         parts.append(f"Commits {', '.join(commits)}; machines: {'; '.join(machines)}; {first} to {last}.")
     with replacing(path) as temporary:
         temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def _listed(header: Row, rows: Sequence[Row]) -> list[Row]:
+    """Rows of a report: those of seeds after the first one only where they were run."""
+    if "seed" not in header:
+        return list(rows)
+    at = header.index("seed")
+    return [row for row in rows if row[at] in ("", "0") or MISSING not in row]
 
 
 def markdown(header: Row, rows: Sequence[Row]) -> str:

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -180,3 +182,15 @@ def test_the_report_links_the_figures_of_what_is_made(tmp_path):
     assert text.count("![") == 1
     assert "![Policies](report-policies.png)" in text
     assert sum(one is not None for one in read_results(tables, REQUEST, tmp_path).values()) == 3
+
+
+def test_seeds_that_were_not_run_are_listed_once(tmp_path):
+    request = dataclasses.replace(REQUEST, seeds=3)
+    tables = tables_of(["one-step"])
+    write_report(tmp_path / "report.md", tables, request, tmp_path)
+    rows = [
+        line.split(" | ") for line in (tmp_path / "report.md").read_text().splitlines() if line.startswith("| push")
+    ]
+    assert "not run" in rows[0]
+    assert {row[2].strip() for row in rows} <= {"", "0"}
+    assert len(rows) == len({row[1] for row in rows})
