@@ -51,7 +51,7 @@ def simulate(
         bool,
         typer.Option(
             "--stand-in",
-            help="Likewise, of the object and in the light that `pinwm evaluate --stand-in` has.",
+            help="As a lab has it, of the object and in the light of `pinwm evaluate --stand-in`.",
         ),
     ] = False,
     forces: Annotated[

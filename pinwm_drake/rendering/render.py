@@ -112,4 +112,5 @@ def narrow_disc(surfels: Surfels, camera: Camera, depth: Tensor) -> Tensor:
     narrower = surfels.log_scale.detach().amin(-1)
     size = narrower.kthvalue(-(-len(narrower) // 10)).values.exp()  # m
     focal = camera.intrinsics[..., :2].prod(-1).sqrt()
-    return (focal * size.double() / depth.detach().double().clamp_min(NEAR)).clamp(max=PIXEL_DISC)
+    away = torch.where(depth > NEAR, depth, NEAR).detach().double()  # NEAR too for what is no number
+    return (focal * size.double() / away).clamp(max=PIXEL_DISC)

@@ -37,11 +37,8 @@ def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest,
     prepare_folder(path.parent)
     parts = ["# The paper's tables", f"Written by `pinwm reproduce report` from the folders of {root.name}."]
     for table in tables:
-        parts += [
-            f"## {table.title}",
-            table.words,
-            markdown(table.header, _listed(table.header, table.rows(request, results))),
-        ]
+        rows = _listed(table.header, table.rows(request, results))
+        parts += [f"## {table.title}", table.words, markdown(table.header, rows)]
         for name, figure in table_figures(table, request, results).items():
             picture = path.with_name(f"{path.stem}-{name}.png")
             with replacing(picture) as temporary:
