@@ -67,14 +67,26 @@ def test_parameters_are_identified_one_at_a_time_by_every_system_that_has_them(t
     assert few == {"asid"}
 
 
-def test_the_stand_in_evaluates_the_same_policies_in_folders_of_its_own(tmp_path: Path):
+def test_the_stand_in_has_captures_twins_policies_and_evaluations_of_its_own(tmp_path: Path):
     waves = plan(tables_of(["stand-in"]), ReproduceRequest(tasks=("push",), methods=("pin-wm", "mpc")), tmp_path).waves
     cells = {cell.key: cell for wave in waves for cell in wave}
     tried = {key: cell for key, cell in cells.items() if key.startswith("stand-in/")}
     assert set(tried) == {f"stand-in/push/{name}/seed-0" for name in ("pin-wm", "mpc")}
     assert {cell.episodes for cell in tried.values()} == {20}
-    assert not any(key.startswith("evaluations/") for key in cells)
-    assert "policies/push/pin-wm/seed-0" in cells
+    assert set(cells) - set(tried) == {
+        "captures/push-stand-in/seed-0",
+        "surfels/push-stand-in/seed-0",
+        "twins/pin-wm/push-stand-in/seed-0",
+        "policies/push-stand-in/pin-wm/seed-0",
+    }
+
+
+@pytest.mark.parametrize("name", ["dreamer-v2", "diffusion-policy"])
+def test_what_is_recorded_for_the_stand_in_is_recorded_in_it(name, tmp_path: Path):
+    waves = plan(tables_of(["stand-in"]), ReproduceRequest(tasks=("flip",), methods=(name,)), tmp_path).waves
+    keys = [cell.key for wave in waves for cell in wave]
+    assert all(key.split("/")[1] == "flip-stand-in" for key in keys if not key.startswith("stand-in/"))
+    assert len(keys) > 2
 
 
 @pytest.mark.parametrize("values", [{"tasks": ("juggle",)}, {"methods": ("dreams",)}, {"seeds": 0}, {"draws": 0}])
