@@ -58,7 +58,7 @@ def render(
         full: whether to render depth, normal and distortion too.
         background: (3,), colour behind the surfels; None for white.
         disc: px, standard deviation of the disc around a projected centre, by which a surfel counts where that makes
-            it opaquer; a number, or (V,), above 0, without gradient. `narrow_disc` gives one for small images.
+            it opaquer; a number, or (V,), above 0, without gradient. `narrow_disc` gives it for small images.
         backend: "numba" runs compiled kernels on the CPU; "torch" the dense reference, on the surfels' device.
         num_threads: threads of the numba backend; None for one on each core.
 
@@ -98,19 +98,23 @@ def render(
     return Rendering(*render_reference(surfels, camera, Pose(q, p), full, background, steepness))
 
 
-def narrow_disc(surfels: Surfels, camera: Camera, depth: Tensor) -> Tensor:
-    """Discs (V,) px for `render` that are no wider than the surfels are in an image, nine in ten of them.
+def narrow_width(surfels: Surfels) -> float:
+    """Scale [m] along the narrower tangent that nine in ten surfels have, or a larger one."""
+    narrower = surfels.log_scale.detach().amin(-1)
+    return float(narrower.kthvalue(-(-len(narrower) // 10)).values.exp())
+
+
+def narrow_disc(width: float, camera: Camera, depth: Tensor) -> Tensor:
+    """Discs (V,) px for `render` that are no wider than surfels are in an image.
 
     A surfel that is much smaller than a pixel is drawn as wide as one otherwise, and the nearest ones hide what is
     beside them: a small image smears. With this it shows what is seen through the middles of its pixels.
 
     Args:
-        surfels: the surfels.
+        width: m, of the surfels; see `narrow_width`.
         camera: one, or V of them.
         depth: (V,) m, of the object along the camera's axis; not above 0 counts as near.
     """
-    narrower = surfels.log_scale.detach().amin(-1)
-    size = narrower.kthvalue(-(-len(narrower) // 10)).values.exp()  # m
     focal = camera.intrinsics[..., :2].prod(-1).sqrt()
     away = torch.where(depth > NEAR, depth, NEAR).detach().double()  # NEAR too for what is no number
-    return (focal * size.double() / away).clamp(max=PIXEL_DISC)
+    return (focal * width / away).clamp(max=PIXEL_DISC)

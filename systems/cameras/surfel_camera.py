@@ -15,7 +15,7 @@ from pydrake.systems.sensors import ConvertDepth32FTo16U, ImageDepth16U, ImageDe
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.occluder import mesh_depth
-from pinwm_drake.rendering.render import Rendering, narrow_disc, render
+from pinwm_drake.rendering.render import Rendering, narrow_disc, narrow_width, render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
 from pinwm_drake.spatial.rotations import normalize_quaternion
@@ -87,6 +87,7 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         if surfels.sh.ndim == 4 and len(surfels.sh) != num_worlds:
             raise ParameterError(f"colours of {len(surfels.sh)} worlds; allowed: {num_worlds}, or one set for all")
         self.surfels, self.camera, self.num_worlds = surfels.detach(), camera, num_worlds
+        self._width = narrow_width(surfels)
         self._mesh = None if mesh is None else (np.array(mesh.vertices), np.array(mesh.faces))
         self._near, self._far, self._label, self._threads = near, far, int(label), num_threads
         poses = RigidTransform() if num_worlds == 1 else [RigidTransform()] * num_worlds
@@ -149,7 +150,7 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         surfels = self.surfels
         if surfels.sh.ndim == 4:
             surfels = Surfels(**{**surfels.tensors(), "sh": surfels.sh[:worlds]})
-        disc = narrow_disc(surfels, self.camera, X_CO.p[:, 2])
+        disc = narrow_disc(self._width, self.camera, X_CO.p[:, 2])
         views = render(surfels, self.camera, X_CO, full=full, disc=disc, num_threads=self._threads)
         shown = views.alpha.numpy() >= 0.5
         if self._mesh is not None:

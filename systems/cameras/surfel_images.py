@@ -5,7 +5,7 @@ import torch
 import trimesh
 from pydrake.math import RigidTransform
 
-from pinwm_drake.rendering import Camera, Rendering, Surfels, narrow_disc, render
+from pinwm_drake.rendering import Camera, Rendering, Surfels, narrow_disc, narrow_width, render
 from pinwm_drake.rendering.occluder import mesh_depth
 from pinwm_drake.spatial.poses import Pose
 
@@ -38,7 +38,7 @@ class WorldImages:
             X_WC: Pose of the camera, OpenCV axes.
             num_threads: Threads of the renderer; None for one on each core.
         """
-        self.surfels, self.camera = surfels, camera
+        self.surfels, self.camera, self._width = surfels, camera, narrow_width(surfels)
         self._object = np.asarray(object_mesh.vertices), np.asarray(object_mesh.faces)
         self._pusher = np.asarray(pusher_mesh.vertices) @ X_WC.rotation().matrix(), np.asarray(pusher_mesh.faces)
         X_CW = X_WC.inverse()
@@ -70,7 +70,7 @@ class WorldImages:
             self.camera,
             X_CO,
             full=False,
-            disc=narrow_disc(surfels, self.camera, X_CO.p[:, 2]),
+            disc=narrow_disc(self._width, self.camera, X_CO.p[:, 2]),
             num_threads=self._threads,
         )
         return cut_out(image, (image.alpha.numpy() >= _LEAST) & self._visible(q_CO, p_CO, p_WP))

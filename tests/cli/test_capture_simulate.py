@@ -10,6 +10,7 @@ from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.capture.static_views import read_static_views
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
+from pinwm_drake.systems.runs.realism import camera
 from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.scenario.load import load_setup
 
@@ -174,7 +175,9 @@ def test_a_realistic_capture_is_a_bit_off(pinwm, made, tmp_path):
     assert (out / "static/images/00000.png").read_bytes() != (made / "static/images/00000.png").read_bytes()
 
 
-def test_a_capture_of_the_stand_in_is_of_its_object_in_its_light(pinwm, tmp_path):
+def test_a_capture_of_the_stand_in_is_of_its_object_in_its_light(pinwm, tmp_path, monkeypatch):
+    lit, light = [], camera.light
+    monkeypatch.setattr(camera, "light", lambda recorder, params: lit.append(params) or light(recorder, params))
     few = ["--size", "48", "--episodes", "1", "--static-views", "2", "--frames", "2", "--rate", "4"]
     few += ["--supersampling", "1", "--distance", "0.02", "--object", "t_block"]
     for seed in (1, 2):
@@ -192,3 +195,5 @@ def test_a_capture_of_the_stand_in_is_of_its_object_in_its_light(pinwm, tmp_path
         assert truth["inertia_zz"] == pytest.approx(theta["inertia_zz"], rel=1e-6)
     poses = read_episode(read_capture(tmp_path / "1"), "0000").object_poses
     assert 0.0250 < poses.p_WO[0, 2] < 0.0252  # on feet
+    lamp = StandIn().lamp().lights[0].position
+    assert [list(params.lights[0].position) for params in lit] == 2 * [list(lamp)]

@@ -50,13 +50,13 @@ class TrajectoriesCell:
 
     @property
     def place(self) -> str:
-        """Path within the folders of what is made of it."""
-        return f"{scene_folder(self.task, self.stand_in)}/seed-{self.seed}"
+        """Folder of what is made for the same scene."""
+        return scene_folder(self.task, self.stand_in)
 
     @property
     def key(self) -> str:
         """Path of its folder."""
-        return f"trajectories/{self.place}"
+        return f"trajectories/{self.place}/seed-{self.seed}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:
@@ -103,8 +103,8 @@ class DreamerCell:
     @property
     def key(self) -> str:
         """Path of its folder."""
-        scene, seed = self.trajectories.place.split("/")
-        return f"policies/{scene}/dreamer-v2/{seed}"
+        about = self.trajectories
+        return f"policies/{about.place}/dreamer-v2/seed-{about.seed}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.experiments.reproduce.cell import DONE_FILE, Cell, Say, empty_folder
-from pinwm_drake.experiments.reproduce.scenes import task_scene
+from pinwm_drake.experiments.reproduce.scenes import scene_folder, task_scene
 from pinwm_drake.experiments.twins import twin_from_capture
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
@@ -46,7 +46,8 @@ class CaptureCell:
     @property
     def place(self) -> str:
         """Path within the folders of what is made of it."""
-        return f"{self.task}{'-forces' if self.forces else ''}{'-stand-in' if self.stand_in else ''}/seed-{self.seed}"
+        scene = scene_folder(f"{self.task}-forces" if self.forces else self.task, self.stand_in)
+        return f"{scene}/seed-{self.seed}"
 
     @property
     def key(self) -> str:
