@@ -280,19 +280,25 @@ class ImageActor(nn.Module):
         Args:
             image: (B, height, width, channels) RGB, uint8 or, as some of SB3's ways hand it on, floats from 0 to 255.
         """
-        return 1.0 - image.permute(0, 3, 1, 2).float() / 255.0
+        dark: Tensor = image.permute(0, 3, 1, 2).to(torch.float32, copy=True).sub_(255.0).div_(-255.0)
+        return dark
 
-    def state(self, dark: Tensor, pusher: Tensor, goal: Tensor | None = None) -> Tensor:
+    def state(self, image: Tensor, pusher: Tensor, goal: Tensor | None = None, factors: Tensor | None = None) -> Tensor:
         """Estimate of the state (B, state_size), by images and the pusher's position; both may have a history.
 
         Args:
-            dark: (B, channels, height, width) float32, as `darken` gives them.
+            image: (B, height, width, channels) RGB, as for `darken`.
             pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1; then what was before.
             goal: (B, task.goal_size) float32, goals of the episodes; None for the task's own.
+            factors: (B, channels) float32, by which what is dark is darker; None for one.
         """
         place = None
-        if self.window is not None:
-            dark, place = self.window(dark)
+        if self.window is None:
+            dark = self.darken(image)
+        else:
+            dark, place = self.window(image)
+        if factors is not None:
+            dark = dark * factors[:, :, None, None]
         known = [pusher] if place is None else [pusher, place / _FAR]
         estimate: Tensor = self.estimate(torch.cat([self.features(self.convolutions(dark)), *known], 1))
         if not self._history:
@@ -314,7 +320,7 @@ class ImageActor(nn.Module):
     def latent(self, seen: Seen) -> Tensor:
         """Last hidden layer (B, latent_size) of an observation with `image` and `pusher`."""
         assert isinstance(seen, Mapping)
-        return self.actor.latent(self.state(self.darken(seen["image"]), seen["pusher"], seen.get("goal")))
+        return self.actor.latent(self.state(seen["image"], seen["pusher"], seen.get("goal")))
 
     def forward(self, image: Tensor, pusher: Tensor, goal: Tensor | None = None) -> Tensor:
         """Actions (B, n) in [-1, 1]^n of images and positions of the pusher.
@@ -324,5 +330,5 @@ class ImageActor(nn.Module):
             pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1; then what was before.
             goal: (B, task.goal_size) float32, goals of the episodes; None for the task's own.
         """
-        actions: Tensor = self.actor(self.state(self.darken(image), pusher, goal))
+        actions: Tensor = self.actor(self.state(image, pusher, goal))
         return actions if goal is None else self.task.world_action(actions, goal)

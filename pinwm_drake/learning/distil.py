@@ -230,7 +230,8 @@ def _learn(
             group["lr"] = rate
         drawn = frames.draw(options.batch_size, generator)
         images, pusher, state, goal = (torch.from_numpy(one).to(device) for one in drawn)
-        found = student.state(augment(images), pusher, goal if goal.shape[1] else None)
+        moved, factors = augment.drawn(images)
+        found = student.state(moved, pusher, goal if goal.shape[1] else None, factors)
         loss = estimation_loss(found, state) + options.action_weight * student.actor.imitation(found, state)
         optimizer.zero_grad()
         loss.backward()

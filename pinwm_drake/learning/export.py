@@ -76,7 +76,7 @@ class InMetres(nn.Module):
         """
         pusher = (2.0 * (p_WP - self.low) / self.size - 1.0).clamp(-1.0, 1.0)
         told = None if goal is None else goal[None]
-        state = self.actor.state(self.actor.darken(image[None]), pusher[None], told)
+        state = self.actor.state(image[None], pusher[None], told)
         actions = self.actor.actor(state)
         action: Tensor = (actions if told is None else self.task.world_action(actions, told))[0]
         length = (action * action).sum().sqrt().clamp(min=1.0)
@@ -226,7 +226,7 @@ def _states(policy: Policy, seen: dict[str, np.ndarray]) -> np.ndarray:
     actor: Any = policy.actor
     given = {name: torch.from_numpy(part) for name, part in seen.items()}
     with torch.inference_mode():
-        states: np.ndarray = actor.state(actor.darken(given["image"]), given["pusher"], given.get("goal")).numpy()
+        states: np.ndarray = actor.state(given["image"], given["pusher"], given.get("goal")).numpy()
     return states
 
 

@@ -54,7 +54,7 @@ def test_it_is_learned_from_by_its_mean_alone():
 def test_states_before_are_estimated_and_the_rest_of_a_history_is_known():
     actor, pusher = make_actor(toy_spec("rgb", frames=3, history=2)), torch.rand(5, 10) - 0.5
     with torch.no_grad():
-        found = actor.state(torch.rand(5, 9, 16, 16), pusher)
+        found = actor.state(255 * torch.rand(5, 16, 16, 9), pusher)
     now, first, first_action, second, second_action = found.split([11, 11, 2, 11, 2], 1)
     for state, at in ((now, 0), (first, 2), (second, 6)):
         p_WP = torch.tensor([0.0, 0.1]) + 0.3 * pusher[:, at : at + 2]

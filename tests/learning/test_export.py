@@ -30,8 +30,8 @@ def test_a_network_that_cannot_be_exported_is_told_before_it_is_trained(monkeypa
     check_exportable(SPEC)
 
     class Silent(ImageActor):
-        def state(self, dark, pusher, goal=None):
-            return super().state(dark.relu() if dark.max() > 0.5 else -dark, pusher)
+        def state(self, image, pusher, goal=None, factors=None):
+            return super().state(image.relu() if image.max() > 100 else -image, pusher)
 
     monkeypatch.setattr(export, "make_actor", Silent)
     with pytest.raises(ParameterError, match="torch cannot export"):

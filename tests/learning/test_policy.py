@@ -50,7 +50,8 @@ def test_the_likeliest_level_is_taken_and_its_neighbours_are_heard():
 def test_the_pusher_stands_in_the_state_of_images_where_it_does_in_that_of_worlds():
     spec = toy_spec("rgb", task=PushTask(goal=(0.05, -0.1, 0.7)))
     actor = make_actor(spec)
-    state = actor.state(torch.rand(3, 6, 16, 16), torch.tensor([[-1.0, 1.0], [0.2, -0.4], [0.0, 0.0]])).detach().numpy()
+    pusher = torch.tensor([[-1.0, 1.0], [0.2, -0.4], [0.0, 0.0]])
+    state = actor.state(255 * torch.rand(3, 16, 16, 6), pusher).detach().numpy()
     x, y, c, s = state[:, :4].T
     assert np.hypot(c, s) == pytest.approx(1.0, abs=1e-6)
     # From the box's corners to the world, from there to the goal's axes, by hand.

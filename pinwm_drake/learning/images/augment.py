@@ -27,22 +27,29 @@ class Augment:
         Args:
             image: (B, height, width, 3 k) uint8, RGB.
         """
+        moved, factors = self.drawn(image)
+        dark: Tensor = moved.permute(0, 3, 1, 2).to(torch.float32, copy=True).sub_(255.0)
+        return dark.mul_((factors / -255.0)[:, :, None, None])
+
+    def drawn(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """Moved images (B, height, width, 3 k) uint8, and factors (B, 3 k) float32 by which they are to be darker.
+
+        Args:
+            image: That of a call, which is the two together.
+        """
         factors = 1.0 + self._gain * (2.0 * torch.rand(len(image), 3) - 1.0)
-        # Moved as bytes, a quarter of what floats are.
-        dark = 255 - image
         if self._shift > 0:
-            dark = torch.cat([self._moved(group) for group in dark.chunk(_GROUPS)])
-        scale = (factors / 255.0).repeat(1, image.shape[3] // 3)
-        return dark.permute(0, 3, 1, 2).float().mul_(scale[:, :, None, None].to(image.device))
+            image = torch.cat([self._moved(group) for group in image.chunk(_GROUPS)])
+        return image, factors.repeat(1, image.shape[3] // 3).to(image.device)
 
     def as_images(self, image: Tensor) -> Tensor:
         """Changed images (B, height, width, 3 k) uint8, 255 for white; the argument is that of a call."""
         return (255.0 * (1.0 - self(image))).round_().clamp_(0.0, 255.0).byte().permute(0, 2, 3, 1)
 
-    def _moved(self, dark: Tensor) -> Tensor:
-        """Images (b, height, width, 3 k), all moved by the same pixels; 0 comes in from the sides."""
+    def _moved(self, image: Tensor) -> Tensor:
+        """Images (b, height, width, 3 k), all moved by the same pixels; white comes in from the sides."""
         s = self._shift
         x, y = torch.randint(2 * s + 1, (2,)).tolist()
-        height, width = dark.shape[1:3]
-        padded = torch.nn.functional.pad(dark, (0, 0, s, s, s, s))
+        height, width = image.shape[1:3]
+        padded = torch.nn.functional.pad(image, (0, 0, s, s, s, s), value=255)
         return padded[:, y : y + height, x : x + width]

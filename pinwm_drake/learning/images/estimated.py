@@ -83,7 +83,7 @@ class Estimated(VecEnvWrapper):
         device = device_of(self._actor)
         given = {name: torch.from_numpy(values).to(device) for name, values in seen.items()}
         with torch.inference_mode():
-            found = self._actor.state(self._actor.darken(given["image"]), given["pusher"], given.get("goal"))
+            found = self._actor.state(given["image"], given["pusher"], given.get("goal"))
         return {"state": found.cpu().numpy(), TRUTH: seen["state"]}
 
 
@@ -119,7 +119,8 @@ class Regression(BaseCallback):
         for _ in range(self._epochs):
             for rows in torch.randperm(len(kept["state"])).split(self._batch_size):
                 seen = {name: values[rows].to(device) for name, values in kept.items()}
-                found = self._network.state(self._augment(seen["image"]), seen["pusher"], seen.get("goal"))
+                moved, factors = self._augment.drawn(seen["image"])
+                found = self._network.state(moved, seen["pusher"], seen.get("goal"), factors)
                 loss = estimation_loss(found, seen["state"])
                 self._optimizer.zero_grad()
                 loss.backward()

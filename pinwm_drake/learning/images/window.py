@@ -60,32 +60,34 @@ class Window(nn.Module):
         self.register_buffer("_rows", torch.arange(spec.camera.height).float(), persistent=False)
         self.register_buffer("_steps", torch.arange(spec.window), persistent=False)
 
-    def forward(self, dark: Tensor) -> tuple[Tensor, Tensor]:
-        """Window (B, 3 k, side, side) of images, and the place (B, 2) m, world, that its middle shows.
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """Window (B, 3 k, side, side) of images, 0 for white and 1 for black, and the place (B, 2) m, world, it shows.
 
         Args:
-            dark: (B, 3 k, height, width) float32, 0 for the white background.
+            image: (B, height, width, 3 k) RGB, uint8 or floats from 0 to 255; the background is white. What is not in
+                the window stays as it comes: numbers as floats are four times as long.
         """
-        there = dark[:, -3:].sum(1).clamp(0.0, 1.0)
+        # One after another: sums over three numbers take twice as long.
+        there = (image[..., -3].float() + image[..., -2] + image[..., -1] - 3.0 * 255.0).neg().clamp(0.0, 255.0)
         total = there.sum((1, 2))
-        some, total = total > 0.0, total.clamp(min=1e-3)
+        some, total = total > 0.0, total.clamp(min=1.0)
         x = torch.where(some, (there.sum(1) * self._columns).sum(1) / total, self._spec.cx).round()
         y = torch.where(some, (there.sum(2) * self._rows).sum(1) / total, self._spec.cy).round()
-        return self._cut(dark, x.long(), y.long()), self._place(x, y)
+        return self._cut(image, x.long(), y.long()), self._place(x, y)
 
-    def _cut(self, dark: Tensor, x: Tensor, y: Tensor) -> Tensor:
-        """Windows of images around pixels (B,); what is beyond the image is background."""
-        height, width = dark.shape[2:]
+    def _cut(self, image: Tensor, x: Tensor, y: Tensor) -> Tensor:
+        """Windows of images around pixels (B,), darkened; what is beyond the image is background."""
+        height, width = image.shape[1:3]
         rows = y[:, None] + self._steps - self._side // 2
         columns = x[:, None] + self._steps - self._side // 2
         inside = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[:, None, :]
         # Pixels, whose channels lie side by side, are copied whole: a quarter of the time that single numbers take.
-        pixels = dark.permute(0, 2, 3, 1).flatten(0, 2)
-        first = height * width * torch.arange(len(dark), device=dark.device)
+        pixels = image.flatten(0, 2)
+        first = height * width * torch.arange(len(image), device=image.device)
         row = first[:, None] + width * rows.clamp(0, height - 1)
         at = (row[:, :, None] + columns.clamp(0, width - 1)[:, None, :]).flatten()
-        found = pixels.index_select(0, at).unflatten(0, (len(dark), self._side, self._side))
-        return (found * inside[:, :, :, None]).permute(0, 3, 1, 2)
+        found = pixels.index_select(0, at).unflatten(0, (len(image), self._side, self._side))
+        return found.float().sub_(255.0).mul_((inside / -255.0)[:, :, :, None]).permute(0, 3, 1, 2)
 
     def _place(self, x: Tensor, y: Tensor) -> Tensor:
         """Places (B, 2) m, world, where the lines of sight of pixels (B,) meet the level of the object's middle."""

@@ -2,6 +2,7 @@ import torch
 
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
+from tests.learning.bundles import image_spec
 
 
 def picture(batch=16):
@@ -48,3 +49,19 @@ def test_as_images_white_stays_white_and_the_rest_is_what_is_darkened():
     assert images.shape == picture().shape
     torch.testing.assert_close(ImageActor.darken(images), changed, atol=0.5 / 255 + 1e-6, rtol=0)
     assert (images[:, 0] == 255).all()
+
+
+def test_a_policy_sees_moved_images_and_factors_as_it_does_the_two_together():
+    torch.manual_seed(0)
+    changed = Augment(1, 0.3)(picture())
+    torch.manual_seed(0)
+    moved, factors = Augment(1, 0.3).drawn(picture())
+    assert moved.dtype == torch.uint8
+    torch.testing.assert_close(ImageActor.darken(moved) * factors[:, :, None, None], changed)
+    actor = ImageActor(image_spec(9))
+    with torch.no_grad():
+        found = actor.state(moved, torch.zeros(16, 2), None, factors)
+        plain = actor.state(moved, torch.zeros(16, 2))
+        other = actor.state((255 * (1 - changed)).permute(0, 2, 3, 1), torch.zeros(16, 2))
+    torch.testing.assert_close(found, other, atol=1e-6, rtol=1e-6)
+    assert (plain - other).abs().max() > 1e-5

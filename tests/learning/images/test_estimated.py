@@ -26,7 +26,7 @@ def test_the_policy_sees_what_the_network_finds_in_images_and_the_critic_the_tru
     plain.seed(0)
     seen, image = worlds.reset(), plain.reset()
     with torch.no_grad():
-        expected = actor.state(actor.darken(torch.from_numpy(image["image"])), torch.from_numpy(image["pusher"]))
+        expected = actor.state(torch.from_numpy(image["image"]), torch.from_numpy(image["pusher"]))
     np.testing.assert_array_equal(seen["state"], expected.numpy())
     np.testing.assert_array_equal(seen[TRUTH], image["state"])
     model = Ppo(ActorCritic, worlds, n_steps=N_STEPS, policy_kwargs={"actor": actor.actor}, device="cpu")
@@ -86,7 +86,7 @@ def test_the_network_learns_from_rollouts_and_ppo_leaves_it_alone():
     def loss():
         kept = worlds.kept()
         with torch.no_grad():
-            return float(estimation_loss(actor.state(actor.darken(kept["image"]), kept["pusher"]), kept["state"]))
+            return float(estimation_loss(actor.state(kept["image"], kept["pusher"]), kept["state"]))
 
     first = loss()
     for _ in range(10):

@@ -17,9 +17,9 @@ SPEC = image_spec(48, scene=SCENE, window=16)
 
 
 def dark_square(x, y, side=7, size=48):
-    """One stack (1, 6, size, size) of a square around a pixel, in both images."""
-    image = torch.zeros(1, 6, size, size)
-    image[:, :, y - side // 2 : y + side // 2 + 1, x - side // 2 : x + side // 2 + 1] = 0.8
+    """One stack (1, size, size, 6) of a square around a pixel, in both images."""
+    image = torch.full((1, size, size, 6), 255, dtype=torch.uint8)
+    image[:, y - side // 2 : y + side // 2 + 1, x - side // 2 : x + side // 2 + 1] = 51
     return image
 
 
@@ -34,7 +34,7 @@ def test_it_shows_what_is_dark_wherever_that_is_and_background_beyond_the_image(
 
 def test_all_images_are_cut_where_the_newest_has_something():
     stack = dark_square(20, 24)
-    stack[:, :3] = dark_square(23, 24)[:, :3]
+    stack[..., :3] = dark_square(23, 24)[..., :3]
     window = Window(SPEC)(stack)[0]
     assert torch.equal(window[:, :3, :, 3:], window[:, 3:, :, :-3])
 
@@ -51,7 +51,7 @@ def test_its_place_is_where_the_line_of_sight_meets_the_middle_of_the_object():
 
 
 def test_images_without_anything_are_cut_in_their_middle():
-    window, place = Window(SPEC)(torch.zeros(2, 6, 48, 48))
+    window, place = Window(SPEC)(torch.full((2, 48, 48, 6), 255, dtype=torch.uint8))
     assert not window.any()
     assert place.abs().max() < 0.02
 
@@ -90,9 +90,9 @@ def test_an_estimate_of_nothing_is_the_place_that_the_window_shows(task):
     with torch.no_grad():
         actor.estimate[-1].weight.zero_()
         actor.estimate[-1].bias.zero_()
-        dark = dark_square(34, 14)
-        state = actor.state(dark, torch.zeros(1, spec.action_size))
-        place = actor.window(dark)[1][0].numpy()
+        image = dark_square(34, 14)
+        state = actor.state(image, torch.zeros(1, spec.action_size))
+        place = actor.window(image)[1][0].numpy()
     where = spec.task.object_state(state.numpy() if task == "push" else np.where(state == 0, 1e-3, state))[0][0, 4:6]
     assert where == pytest.approx(place, abs=1e-3)
 
@@ -100,7 +100,7 @@ def test_an_estimate_of_nothing_is_the_place_that_the_window_shows(task):
 def test_a_bundle_with_a_window_does_what_its_policy_does(tmp_path):
     policy = untrained_policy(SPEC)
     bundle = read_bundle(exported(tmp_path / "bundle", policy))
-    images = (255 * (1 - torch.cat([dark_square(x, 20) for x in range(4, 46, 3)]))).byte().permute(0, 2, 3, 1).numpy()
+    images = torch.cat([dark_square(x, 20) for x in range(4, 46, 3)]).numpy()
     longest = 0
     for image in images:
         action = policy.predict({"image": image, "pusher": np.zeros(2)})[0].astype(float)
@@ -109,3 +109,9 @@ def test_a_bundle_with_a_window_does_what_its_policy_does(tmp_path):
         assert bundle.act(image, middle) == pytest.approx(wanted, abs=TOLERANCE)
         longest = max(longest, float(np.abs(wanted).max()))
     assert longest > 0.1 * SPEC.max_translation
+
+
+def test_images_of_floats_are_seen_as_those_of_bytes():
+    window, image = Window(SPEC), dark_square(30, 12)
+    for found, expected in zip(window(image.float()), window(image), strict=True):
+        torch.testing.assert_close(found, expected)
