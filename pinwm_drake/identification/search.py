@@ -43,6 +43,9 @@ _CLOSE, _REFINED = 1.5, 2
 # images are quadratic over a pixel or two only. The later pictures are made with the clock that was found, which tells
 # where the pusher hides pixels.
 _SIZES = (0.5, 1.0)
+# Mean of draws above a bound, in their standard deviations, below which they are densest at it: that of a normal
+# distribution whose peak is one of its own standard deviations above the bound, below which it is cut off, is 1.62.
+_DENSEST = 1.6
 # Shares of the work that the stages take.
 _SHARES = {"screen": (0.0, 0.0), "coarse": (0.0, 0.4), "fine": (0.4, 0.3), "sample": (0.7, 0.3)}
 
@@ -259,7 +262,7 @@ class Search:
 
     def _found(self, surrogate: Surrogate, state: RefineState, start: int, draws: Tensor, energies: Tensor) -> Found:
         """Gathers the result."""
-        z = representative(surrogate, draws, energies)
+        z = representative(surrogate.objective, self.coordinates, draws, energies)
         poses = []
         for number, forward in enumerate(self.task.forwards):
             X_WO, alive = forward.poses(self.coordinates.values(z[None], number))
@@ -312,22 +315,30 @@ def _median_loss(expansions: Sequence) -> float:
     return float(torch.cat([expansion.loss for expansion in expansions]).median())
 
 
-def representative(surrogate: Surrogate, draws: Tensor, energies: Tensor) -> Tensor:
+def representative(
+    objective: Callable[[Tensor], Tensor], coordinates: Coordinates, draws: Tensor, energies: Tensor
+) -> Tensor:
     """Unknowns (p,) that stand for a posterior.
 
     They are its mean where that is as likely as its draws are. Where the posterior is bent, the mean is not; then it is
-    the draw nearest to the mean, in units of the draws' covariance, of the likelier half.
+    the draw nearest to the mean, in units of the draws' covariance, of the likelier half. An unknown that cannot be
+    less than what it usually is, such as a restitution of zero, is that wherever the draws are densest there: their
+    mean never is.
 
     Args:
-        surrogate: The objective.
+        objective: Minus the logarithm of the density (W,) of unknowns (W, p).
+        coordinates: The unknowns.
         draws: (N, p).
         energies: (N,), their objectives.
     """
     mean = draws.mean(0)
     usual = float(energies.median())
-    if float(surrogate.objective(mean[None])[0]) <= usual:
-        return mean
+    least = coordinates.one_sided & (mean - coordinates.low < _DENSEST * draws.std(0))
     likely = draws[energies <= usual]
     covariance = torch.cov(draws.T) + 1e-9 * torch.eye(draws.shape[1], dtype=torch.float64)
     away = likely - mean
-    return likely[int((away * torch.linalg.solve(covariance, away.T).T).sum(-1).argmin())]
+    nearest = likely[int((away * torch.linalg.solve(covariance, away.T).T).sum(-1).argmin())]
+    for z in (torch.where(least, coordinates.low, mean), mean, torch.where(least, coordinates.low, nearest)):
+        if float(objective(z[None])[0]) <= usual:
+            return z
+    return nearest

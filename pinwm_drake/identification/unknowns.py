@@ -178,6 +178,7 @@ class Coordinates:
             self._couple(first, second, deviation)
         bounds = [self._bounds(unknown) for unknown in self.free]
         self.low, self.high = torch.tensor(bounds, dtype=torch.float64).unbind(-1)
+        self.one_sided = torch.tensor([unknown.low == unknown.nominal for unknown in self.free])
 
     def _couple(self, first: str, second: str, deviation: float) -> None:
         """Adds to the prior that the logarithms of two unknowns differ as at z = 0, to a standard deviation."""
