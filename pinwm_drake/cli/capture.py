@@ -1,4 +1,4 @@
-"""`pinwm capture`: `check`, and the commands that have modules of their own."""
+"""`pinwm capture`: `check`, `refine`, and the commands that have modules of their own."""
 
 from collections import Counter
 from pathlib import Path
@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from pinwm_drake.cli.capture_import import import_app
 from pinwm_drake.cli.capture_simulate import simulate
+from pinwm_drake.cli.console import say, stages_bar
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 _MOST = 8  # problems of one file that are shown
 _STYLES = {"error": "bold red", "warning": "yellow"}
 
-capture_app = typer.Typer(name="capture", help="Check, import and simulate captures.", no_args_is_help=True)
+capture_app = typer.Typer(name="capture", help="Check, import, refine and simulate captures.", no_args_is_help=True)
 
 
 @capture_app.command(epilog="Example: pinwm capture check mycapture")
@@ -39,6 +40,23 @@ def check(
     console.print(f"{folder}: {_summary(result)}", style=_colour(result), highlight=False, markup=False, soft_wrap=True)
     if result.errors:
         raise SystemExit(1)
+
+
+@capture_app.command(epilog="Example: pinwm capture refine mycapture refined")
+def refine(
+    folder: Annotated[Path, typer.Argument(metavar="CAPTURE", help="The capture: a folder with capture.yaml.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the copy; it must not be there yet.")],
+) -> None:
+    """Copies a capture, its mesh fitted to the masks of the static views: for one that is a few millimetres wrong."""
+    from pinwm_drake.capture.refine import refine_capture
+
+    with stages_bar() as show:
+        found = refine_capture(folder, out, progress=lambda share, loss: show("fitting", share, f"misfit {loss:.2g}"))
+    say(
+        f"masks differ by {100 * found.after:.1f} % of the object's pixels instead of {100 * found.before:.1f} %; "
+        f"vertices moved by {1e3 * found.moved.mean():.1f} mm on average, {1e3 * found.moved.max():.1f} mm at most"
+    )
+    say(f"wrote {out}")
 
 
 capture_app.add_typer(import_app)

@@ -1,6 +1,7 @@
 """Cells of captures and twins."""
 
 import shutil
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pinwm_drake.capture.refine import refine_capture
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.experiments.reproduce.cell import DONE_FILE, Cell, Say, empty_folder
@@ -89,10 +91,12 @@ class NoisyCaptureCell:
     Attributes:
         capture: Cell of the capture.
         share: Standard deviation of the vertices, along each axis, by the diagonal of the mesh's box.
+        refined: Flag: the mesh is then fitted to the masks of the static views, as `pinwm capture refine` does.
     """
 
     capture: CaptureCell
     share: float
+    refined: bool = False
 
     @property
     def task(self) -> str:
@@ -112,7 +116,7 @@ class NoisyCaptureCell:
     @property
     def place(self) -> str:
         """Path within the folders of what is made of it."""
-        return f"{self.task}-noise-{self.share:g}/seed-{self.seed}"
+        return f"{self.task}-noise-{self.share:g}{'-refined' if self.refined else ''}/seed-{self.seed}"
 
     @property
     def key(self) -> str:
@@ -136,9 +140,18 @@ class NoisyCaptureCell:
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Copies the capture, and moves the vertices of its mesh; see `Cell.make`."""
-        out = root / self.key
-        shutil.rmtree(out, ignore_errors=True)
-        shutil.copytree(root / self.capture.key, out, ignore=shutil.ignore_patterns(DONE_FILE))
+        if self.refined:
+            known = replace(self, refined=False)
+            with tempfile.TemporaryDirectory(dir=root) as noisy:
+                told = known._copied(root, Path(noisy) / "capture")
+                found = refine_capture(Path(noisy) / "capture", empty_folder(root / self.key))
+            return {**told, "masks": {"before": found.before, "after": found.after}}
+        return self._copied(root, empty_folder(root / self.key))
+
+    def _copied(self, root: Path, out: Path) -> Mapping[str, Any]:
+        """Writes the capture with the moved vertices to a folder, and tells how far they were moved."""
+        ignored = shutil.ignore_patterns(DONE_FILE)
+        shutil.copytree(root / self.capture.key, out, ignore=ignored, dirs_exist_ok=True)
         path = read_capture(out).object.mesh_path
         mesh = load_mesh(path)
         sigma = 2.0 * self.share * half_diagonal(mesh)
