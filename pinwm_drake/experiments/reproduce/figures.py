@@ -120,10 +120,10 @@ def noise_figure(results: Mapping[Predicted, Result | None]) -> Figure:
     """
     figure = new_figure(8, 3.0)
     panels = figure.subplots(1, 2)
-    for number, (task, mine) in enumerate(_grouped(results, lambda cell: cell.outcomes.task).items()):
+    for number, (known, mine) in enumerate(_grouped(results, _known).items()):
         shares = {100.0 * share: _done(found) for share, found in _grouped(mine, _share).items()}
         missing = ", ".join(f"{share:g}" for share, found in shares.items() if not found)
-        label = f"{task} ({MISSING}: {missing} %)" if missing else task
+        label = f"{known} ({MISSING}: {missing} %)" if missing else known
         for axes, (part, scale, _) in zip(panels, _PARTS, strict=True):
             means = {share: [scale * one[part]["mean"] for one in found] for share, found in shares.items() if found}
             colour = start_colour(number)
@@ -251,8 +251,20 @@ def _done(results: Mapping[Any, Result | None]) -> list[Result]:
     return [found for found in results.values() if found is not None]
 
 
-def _share(cell: Predicted) -> float:
-    """Standard deviation of the mesh that a twin was made with, by its diagonal; 0 for the true one, or none."""
+def _noisy(cell: Predicted) -> NoisyCaptureCell | None:
+    """Cell of the capture whose mesh is known with an error that a twin was made of; None for the true one, or none."""
     twin = cell.twin if isinstance(cell, OneStepCell) else None
     capture = None if twin is None else twin.surfels.capture
-    return capture.share if isinstance(capture, NoisyCaptureCell) else 0.0
+    return capture if isinstance(capture, NoisyCaptureCell) else None
+
+
+def _share(cell: Predicted) -> float:
+    """Standard deviation of the mesh that a twin was made with, by its diagonal; 0 for the true one, or none."""
+    noisy = _noisy(cell)
+    return 0.0 if noisy is None else noisy.share
+
+
+def _known(cell: Predicted) -> str:
+    """Task of a twin, and how its mesh came about."""
+    noisy = _noisy(cell)
+    return cell.outcomes.task + (", mesh fitted to the masks" if noisy is not None and noisy.refined else "")

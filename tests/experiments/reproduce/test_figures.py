@@ -129,9 +129,11 @@ def test_errors_are_drawn_over_the_noise_and_missing_noise_is_named():
     assert list(figures) == ["geometry-noise"]
     axes = figures["geometry-noise"].axes[0]
     lines = {line.get_label(): line.get_xydata() for line in axes.lines if line.get_marker() != "o"}
-    assert list(lines) == ["push (not run: 1 %)", "flip"]
+    fitted = "push, mesh fitted to the masks (not run: 1 %)"
+    assert list(lines) == ["push (not run: 1 %)", fitted, "flip"]
     assert lines["push (not run: 1 %)"] == pytest.approx(np.array([[0.0, 1.05], [0.5, 1.55], [3.0, 4.05]]))
-    assert len(markers(axes)) == 3 * 2 + 4 * 2
+    assert lines[fitted] == pytest.approx(np.array([[0.5, 1.55], [3.0, 4.05]]))
+    assert len(markers(axes)) == 3 * 2 + 2 * 2 + 4 * 2
 
 
 def test_identified_parameters_are_drawn_beside_the_true_ones():

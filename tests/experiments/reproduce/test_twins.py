@@ -5,6 +5,7 @@ from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.experiments.reproduce.scenes import task_scene
 from pinwm_drake.experiments.reproduce.twins import CaptureCell, NoisyCaptureCell, SurfelsCell, TwinCell
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
+from tests.capture.pushed_cube import write_pushed_cube
 from tests.identification.samples import write_capture
 
 
@@ -25,6 +26,18 @@ def test_a_mesh_that_is_known_with_an_error_stays_a_solid_and_images_stay(tmp_pa
         for one in (capture, noisy)
     ]
     assert names[0] == names[1] != []
+
+
+def test_a_mesh_that_is_fitted_to_masks_is_nearer_to_the_true_one_than_without(tmp_path):
+    capture = CaptureCell("push", 3)
+    write_pushed_cube(tmp_path / capture.key)
+    cells = [NoisyCaptureCell(capture, 0.05), NoisyCaptureCell(capture, 0.05, refined=True)]
+    told = [cell.make(tmp_path, print) for cell in cells]
+    true, noisy, refined = (load_mesh(read_capture(tmp_path / one.key).object.mesh_path) for one in (capture, *cells))
+    away = [np.linalg.norm(mesh.vertices - true.vertices, axis=1).mean() for mesh in (noisy, refined)]
+    assert away[1] < 0.5 * away[0]
+    assert told[1]["masks"]["after"] < 0.5 * told[1]["masks"]["before"]
+    assert told[0] == {name: value for name, value in told[1].items() if name != "masks"}
 
 
 def test_cells_of_other_noise_unknowns_and_seeds_have_folders_of_their_own():
