@@ -128,7 +128,7 @@ class Coordinates:
     """The free unknowns as a vector z, and the held ones as constants.
 
     The columns of z are the free unknowns of the object in the order of `UNKNOWNS`, then those of the first push, of
-    the second, and so on.
+    the second, and so on. `one_sided` (p,) bool are those that cannot be less than their nominal value.
     """
 
     def __init__(

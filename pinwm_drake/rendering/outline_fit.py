@@ -5,6 +5,7 @@ so that it changes evenly while an edge passes over them. Its derivatives are di
 Gauss-Newton's steps (Nocedal and Wright, "Numerical Optimization", 2006, section 10.3) begin with small pictures.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ import trimesh
 from scipy.ndimage import gaussian_filter
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.rendering.views import View
 
@@ -71,8 +73,8 @@ def fit_outline(
         raise ParameterError(f"mesh: got {len(places)} vertices; allowed: at most {MOST_VERTICES}")
     corners = corners.reshape(-1)
     start = places.copy()
-    deviation = _PRIOR * float(np.linalg.norm(np.ptp(given, axis=0)))
-    own, steps = _Masks.of(views, given, faces, None), sum(number for _, number in _SIZES)
+    deviation = _PRIOR * 2.0 * half_diagonal(mesh)
+    own, steps = _Masks.of(views, given, faces), sum(number for _, number in _SIZES)
     done = 0
     for size, number in _SIZES:
         masks = _Masks.of(views, given, faces, size)
@@ -100,15 +102,10 @@ class _Masks:
     pixel: float  # m, of the object in them
 
     @classmethod
-    def of(cls, views: Sequence[View], vertices: np.ndarray, faces: np.ndarray, size: float | None) -> "_Masks":
-        """The parts of views in which a mesh is, so small that its box has a longer side [px]; None as they are."""
-        corners, parts, pixels = torch.from_numpy(vertices), [], []
-        for view in views:
-            box = view.object_box(corners, _MARGIN)
-            part = view.cropped(*box)
-            part = part if size is None else part.scaled(min(size / max(box[2:]), 1.0))
-            parts.append(part)
-            pixels.append(float(part.X_CO.p[2] / part.camera.intrinsics[:2].mean()))
+    def of(cls, views: Sequence[View], vertices: np.ndarray, faces: np.ndarray, size: float = math.inf) -> "_Masks":
+        """The parts of views in which a mesh is, whose longer side has at most so many px."""
+        parts = [view.close_up(torch.from_numpy(vertices), _MARGIN, size) for view in views]
+        pixels = [float(part.X_CO.p[2] / part.camera.intrinsics[:2].mean()) for part in parts]
         return cls(parts, faces, float(np.median(pixels)))
 
     def covered(self, vertices: np.ndarray, view: View) -> np.ndarray:
@@ -125,7 +122,7 @@ class _Masks:
         return np.concatenate(parts)
 
     def differing(self, vertices: np.ndarray) -> float:
-        """Number of pixels that differ, by those of the masks."""
+        """Share of the masks' pixels by which the mesh's differ."""
         differing = sum(int((self.covered(vertices, view) != view.mask.numpy()).sum()) for view in self.views)
         return differing / sum(int(view.mask.sum()) for view in self.views)
 

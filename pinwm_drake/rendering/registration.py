@@ -57,11 +57,7 @@ def register(views: Sequence[View], mesh: trimesh.Trimesh, up: np.ndarray) -> Re
         The registration; the given pose itself where no other one is clearly better.
     """
     corners = torch.from_numpy(np.array(mesh.vertices))
-    small = []
-    for view in views:
-        box = view.object_box(corners, _MARGIN)
-        part = view.cropped(*box)
-        small.append(part.scaled(min(_SIZE / max(box[2:]), 1.0)))
+    small = [view.close_up(corners, _MARGIN, _SIZE) for view in views]
     total = sum(int(view.mask.sum()) for view in small)
     if total == 0:
         return Registration(_moved(np.zeros(3), up), (0.0, 0.0))

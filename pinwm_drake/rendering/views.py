@@ -1,5 +1,6 @@
 """Posed images of one object."""
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -88,6 +89,11 @@ class View:
         rows, columns = torch.nonzero(self.mask, as_tuple=True)
         seen = torch.stack([columns, rows], -1)
         return box_around(self.camera, self.X_CO, p_OQ, margin, torch.cat([seen, seen + 1]))
+
+    def close_up(self, p_OQ: Tensor, margin: int, longest: float = math.inf) -> "View":
+        """The box of `object_box`, made smaller where its longer side has more than so many px."""
+        box = self.object_box(p_OQ, margin)
+        return self.cropped(*box).scaled(min(longest / max(box[2:]), 1.0))
 
 
 def project(camera: Camera, X_CO: Pose, p_OQ: Tensor) -> tuple[Tensor, Tensor]:

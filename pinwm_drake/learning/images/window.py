@@ -61,7 +61,9 @@ class Window(nn.Module):
         self.register_buffer("_steps", torch.arange(spec.window), persistent=False)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Window (B, 3 k, side, side) of images, 0 for white and 1 for black, and the place (B, 2) m, world, it shows.
+        """Window (B, 3 k, side, side) of images, and the place (B, 2) m, world, that its middle shows.
+
+        The window is float32, 0 for white and 1 for black.
 
         Args:
             image: (B, height, width, 3 k) RGB, uint8 or floats from 0 to 255; the background is white. What is not in
