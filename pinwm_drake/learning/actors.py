@@ -12,6 +12,7 @@ al., "Soft actor-critic" (ICML 2018).
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext
 
 import numpy as np
 import torch
@@ -211,6 +212,8 @@ class ImageActor(nn.Module):
         task: The task.
         window: Module that cuts the window out; None where the layers see all of an image.
         assembly: Module from estimate and pusher to the state; None where the estimate is the state.
+        mixed_precision: Flag: the layers from images to features multiply numbers of 16 bits (bfloat16), as a training
+            asks for where the CPU is quicker so; weights keep 32 bits.
     """
 
     def __init__(self, spec: PolicySpec, features: int = 192) -> None:
@@ -239,6 +242,7 @@ class ImageActor(nn.Module):
         with torch.no_grad():
             size = self.convolutions(torch.zeros(1, channels, height, width)).shape[1]
         self.features = nn.Sequential(nn.Linear(size, features), nn.ReLU())
+        self.mixed_precision = False
         self.task = task = spec.task
         self._history = spec.history
         self.assembly = task.assembly(np.array(spec.pusher_low), np.array(spec.pusher_high))
@@ -300,7 +304,9 @@ class ImageActor(nn.Module):
         if factors is not None:
             dark = dark * factors[:, :, None, None]
         known = [pusher] if place is None else [pusher, place / _FAR]
-        estimate: Tensor = self.estimate(torch.cat([self.features(self.convolutions(dark)), *known], 1))
+        with torch.autocast("cpu", torch.bfloat16) if self.mixed_precision else nullcontext():
+            features = self.features(self.convolutions(dark)).float()
+        estimate: Tensor = self.estimate(torch.cat([features, *known], 1))
         if not self._history:
             return self._assembled(estimate, pusher, place, goal)
         n = self.task.action_size

@@ -23,6 +23,7 @@ from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
+from pinwm_drake.learning.images.bfloat16 import has_bfloat16
 from pinwm_drake.learning.images.estimated import estimation_loss
 from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.option_checks import check_options
@@ -161,6 +162,7 @@ def _begin(
     """A student that sees nothing yet and acts as the teacher does, and its optimizer; both follow from the seed."""
     student = make_actor(spec).to(device)
     assert isinstance(student, ImageActor)
+    student.mixed_precision = has_bfloat16(device)
     set_weights(student.actor, weights(teacher.actor))
     student.actor.requires_grad_(False)
     learned = [one for one in student.parameters() if one.requires_grad]

@@ -17,6 +17,7 @@ from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.heading import AlongHeading
 from pinwm_drake.learning.images.augment import Augment
+from pinwm_drake.learning.images.bfloat16 import has_bfloat16
 from pinwm_drake.learning.images.estimated import Estimated, Regression
 from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.learning.policy import Policy, make_actor
@@ -201,6 +202,8 @@ class _Learner:
         self._actor, self._options = make_actor(spec).to(device), options
         self.regression: list[Regression] = []
         acts = self._actor
+        if isinstance(self._actor, ImageActor):
+            self._actor.mixed_precision = has_bfloat16(device)
         if isinstance(self._actor, ImageActor) and options.auxiliary:
             env = worlds = Estimated(env, self._actor, options.n_steps)
             acts = self._actor.actor

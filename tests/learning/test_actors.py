@@ -73,3 +73,21 @@ def test_a_wave_is_one_of_the_state_of_now():
         seen[:, 11:] = 0.0
         np.testing.assert_array_equal(actor(seen), found)
     assert found.abs().max() > 0.1
+
+
+def test_numbers_of_16_bits_change_estimates_and_gradients_by_rounding_alone():
+    torch.manual_seed(0)
+    actor = make_actor(toy_spec("rgb", frames=3))
+    image, pusher = 255 * torch.rand(64, 16, 16, 9), torch.rand(64, 2) - 0.5
+    found = {}
+    for mixed in (False, True):
+        actor.mixed_precision = mixed
+        state = actor.state(image, pusher)
+        actor.zero_grad()
+        state.square().mean().backward()
+        found[mixed] = state.detach(), torch.cat([one.grad.flatten() for one in actor.convolutions.parameters()])
+    for exact, rounded in zip(found[False], found[True], strict=True):
+        assert rounded.dtype == torch.float32
+        error = float((rounded - exact).norm() / exact.norm())
+        assert 0.0 < error < 0.02
+    assert all(one.dtype == torch.float32 for one in actor.parameters())
