@@ -19,9 +19,9 @@ _PRIOR_DRAWS = 4000
 KEPT = 400
 # Those that tell how likely each drift is.
 _SHARED = 48
-# An estimate is identifiable where the images narrow its prior to less than half, and its relative standard deviation
-# is below this.
-_NARROWED, PRECISE = 0.5, 0.3
+# An estimate is identifiable where the images narrow its prior to less than half, and its standard deviation, by its
+# value, is below this; where the value is zero, by this one of a quantity between 0 and 1.
+_NARROWED, PRECISE, _ZERO = 0.5, 0.3, 0.1
 _MASS_NOTE = "held: with a velocity-driven pusher only ratios to the mass are observable"
 _RATIO_NOTE = "free beside the inertia: only their ratio is observable, so that the interval is that of the prior"
 _PRIOR_NOTE = "the video says little about it: the interval is mostly that of the prior"
@@ -135,5 +135,5 @@ def interval(values: np.ndarray, value: float) -> tuple[float, float]:
 
 def _estimate(value: float, after: np.ndarray, before: np.ndarray, unit: str, *, physical: bool) -> Estimate:
     narrowed = float(after.std()) < _NARROWED * float(before.std())
-    precise = not physical or float(after.std()) < PRECISE * max(abs(value), 0.3 if value == 0.0 else 0.0)
+    precise = not physical or float(after.std()) < PRECISE * (abs(value) or _ZERO)
     return Estimate(value, interval(after, value), bool(narrowed and precise), unit, "" if narrowed else _PRIOR_NOTE)
