@@ -22,7 +22,7 @@ _QUICK: dict[str, Any] = {
     "round_steps": 512,
     "rounds": 1,
     "images": 256,
-    "updates": 20,
+    "updates": 8,
     "episodes": 8,
 }
 _LATENCY = 0.15  # s, at most, of actions for a robot; how late it will be is not known

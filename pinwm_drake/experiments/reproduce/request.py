@@ -42,7 +42,7 @@ class ReproduceRequest:
     @property
     def max_steps(self) -> int | None:
         """Number of actions of an evaluated episode; None for the task's."""
-        return 3 if self.quick else None
+        return 2 if self.quick else None
 
     def twin(self, task: str, seed: int, *, stand_in: bool = False) -> TwinCell:
         """Cell of the twin that PIN-WM identifies, of a task and seed; of the stand-in's object where that is asked."""
