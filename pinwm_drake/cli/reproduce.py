@@ -54,7 +54,7 @@ def reproduce(
 
     options: dict[str, Any] = {"seeds": seeds, "episodes": episodes, "draws": draws, "quick": quick}
     if quick:
-        options |= {"episodes": min(episodes, 2), "draws": min(draws, 3)}
+        options |= {"episodes": 1, "draws": min(draws, 3)}
     if task:
         options["tasks"] = tuple(task)
     if methods != "all":

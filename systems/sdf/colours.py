@@ -39,15 +39,13 @@ def coloured_mesh(mesh: trimesh.Trimesh, surfels: Surfels, mtl_name: str) -> tup
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # fewer colours than that are no harm
         palette, owner = kmeans2(colours, _COLOURS, minit="++", rng=np.random.default_rng(0))
-    lines = [f"mtllib {mtl_name}"]
-    lines += [f"v {_numbers(corner)}" for corner in triangles.reshape(-1, 3)]
-    lines += [f"vn {_numbers(normal)}" for normal in normals]
+    lines = [f"mtllib {mtl_name}", _rows("v", triangles.reshape(-1, 3)), _rows("vn", normals)]
     for colour in np.unique(owner):
         lines.append(f"usemtl colour_{colour}")
         for k in np.flatnonzero(owner == colour) + 1:
             lines.append(f"f {3 * k - 2}//{k} {3 * k - 1}//{k} {3 * k}//{k}")
     plain = "Ka 0 0 0\nKs 0 0 0\nillum 1\n"
-    materials = [f"newmtl colour_{k}\nKd {_numbers(palette[k])}\n{plain}" for k in np.unique(owner)]
+    materials = [f"newmtl colour_{k}\n{_rows('Kd', palette[k : k + 1])}\n{plain}" for k in np.unique(owner)]
     return "\n".join(lines) + "\n", "\n".join(materials)
 
 
@@ -65,5 +63,6 @@ def _colours(middles: np.ndarray, normals: np.ndarray, surfels: Surfels) -> np.n
     return (weight[..., None] * seen).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)[:, None]
 
 
-def _numbers(values: np.ndarray) -> str:
-    return " ".join(f"{value + 0.0:.6g}" for value in values)
+def _rows(keyword: str, values: np.ndarray) -> str:
+    """Lines of a keyword and three numbers each, of values (n, 3); formatted all at once, as there are thousands."""
+    return "\n".join([f"{keyword} %.6g %.6g %.6g"] * len(values)) % tuple((values + 0.0).ravel().tolist())
