@@ -219,7 +219,8 @@ class Rounds:
         if not isinstance(env, Resumable) or time.monotonic() - self._kept < _PERIOD:
             return
         worlds = {f"{_WORLDS}{name}": values for name, values in env.get_state().items()}
-        kept = {**arrays(), **worlds, **_generators(), "number": np.array(self.number)}
+        mine = {"number": np.array(self.number), "seconds": np.array(time.monotonic() - self._begun)}
+        kept = {**arrays(), **worlds, **_generators(), **mine}
         write_arrays(self.folder / ROUND_FILE, self._about, kept)
         self._kept = time.monotonic()
 
@@ -241,6 +242,7 @@ class Rounds:
         arrays = read_arrays(self.folder / ROUND_FILE, self._about, self.stage, ["number"])
         if arrays is None or int(arrays.pop("number")) != self.number:
             return None
+        self._begun = time.monotonic() - float(arrays.pop("seconds", self.seconds))
         worlds = [name for name in arrays if name.startswith(_WORLDS)]
         env.set_state({name.removeprefix(_WORLDS): arrays.pop(name) for name in worlds})
         _set_generators(arrays)

@@ -1,5 +1,7 @@
 import csv
 from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -107,6 +109,25 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, obser
     assert not (tmp_path / "b" / rounds.ROUND_FILE).exists()
     rows = list(csv.DictReader((tmp_path / "b" / "history.csv").read_text().splitlines()))
     assert [int(row["steps"]) for row in rows] == [256, 512, 768, 1024]
+
+
+@pytest.mark.usefixtures("often")
+def test_time_before_a_training_was_killed_counts(tmp_path, monkeypatch):
+    now = [0.0]  # s
+    monkeypatch.setattr(rounds, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    told, again = [], []
+
+    def kill(step):
+        told.append(step)
+        now[0] += 100.0
+        if len(told) == 3:  # in the second rollout of the first round
+            raise Killed
+
+    train = partial(train_ppo, ToyWorlds(images=False), toy_spec("state"), tmp_path, SHORT, stage="ppo")
+    with pytest.raises(Killed):
+        train(report=kill)
+    train(resume=True, report=again.append)
+    assert {step.seconds for step in again[1:]} == {200.0}  # as of the second rollout's beginning
 
 
 def test_progress_tells_of_every_rollout(tmp_path):
