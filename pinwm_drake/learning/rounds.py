@@ -225,7 +225,7 @@ class Rounds:
         self._kept = time.monotonic()
 
     def restore(self, env: VecEnv) -> dict[str, np.ndarray] | None:
-        """Puts generators and worlds into the state in which an earlier run kept the round that has just begun.
+        """Puts generators, worlds and time into the state in which an earlier run kept the round that has just begun.
 
         Args:
             env: The worlds.
