@@ -17,6 +17,7 @@ NAMES = (
     "environment",
     "flip",
     "policy",
+    "mixed_precision",
     "cuda",
 )
 LONG = ("hydroelastic",)  # a quarter of an hour or more: by name only

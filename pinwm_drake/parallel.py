@@ -5,10 +5,11 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from itertools import islice
+from graphlib import TopologicalSorter
 from multiprocessing.connection import Connection
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -75,6 +76,7 @@ class Executor:
         function: Callable[[Item], Result],
         items: Sequence[Item],
         *,
+        needs: Callable[[Item], Iterable[Item]] = lambda item: (),
         store: Store[Item, Result] | None = None,
         on_result: Callable[[Item, Result], None] = lambda item, result: None,
     ) -> list[Result]:
@@ -89,6 +91,7 @@ class Executor:
                 nothing but the arguments. What is expensive may stay in a variable of the module for later items, but
                 workers of a cluster may serve several calls.
             items: What to apply it to.
+            needs: The items that have to be done before one begins; they can be hashed, and are among `items`.
             store: Where results are kept; without one they come from worker to driver.
             on_result: Called in this process with each item and its result: those of the store, then each when done.
 
@@ -108,22 +111,22 @@ class Executor:
         for k, result in found.items():
             on_result(items[k], result)
         left = {k: item for k, item in enumerate(items) if k not in found}
-        with closing(self._share(_Work(function, store), left)) as done:
+        with closing(self._share(_Work(function, store), left, _order(left, needs))) as done:
             for k, returned in done:
                 result = returned if store is None else _read_back(store, items[k])
                 found[k] = result
                 on_result(items[k], result)
         return [found[k] for k in range(len(items))]
 
-    def _share(self, work: "_Work", items: dict[int, Any]) -> "_Done":
+    def _share(self, work: "_Work", items: dict[int, Any], order: "_Order") -> "_Done":
         workers = min(self.workers or available(), len(items))
         try:
             if self.name == RAY and items:
-                yield from _with_ray(work, items, workers)
+                yield from _with_ray(work, items, order, workers)
             elif workers > 1:
-                yield from _with_joblib(work, items, workers)
+                yield from _with_joblib(work, items, order, workers)
             else:
-                yield from _here(work, items)
+                yield from _here(work, items, order)
         except _WorkerEnded as error:
             kept = "" if work.store is None else "what is done is kept: go on with --resume, and "
             raise ParameterError(
@@ -134,6 +137,16 @@ class Executor:
 
 # The keys of items in the order in which they are done, each with what came back.
 _Done = Generator[tuple[int, Any], None, None]
+# Keys of items: an item is ready once those that it needs are done.
+_Order = TopologicalSorter[int]
+
+
+def _order(items: Mapping[int, Item], needs: Callable[[Item], Iterable[Item]]) -> _Order:
+    before = {k: tuple(needs(item)) for k, item in items.items()}
+    keys = {item: k for k, item in items.items()} if any(before.values()) else {}
+    order: _Order = TopologicalSorter({k: [keys[one] for one in found if one in keys] for k, found in before.items()})
+    order.prepare()
+    return order
 
 
 class _WorkerEnded(Exception):
@@ -162,30 +175,37 @@ def _read_back(store: Store[Item, Result], item: Item) -> Result:
     return result
 
 
-def _here(work: _Work, items: dict[int, Any]) -> _Done:
+def _here(work: _Work, items: dict[int, Any], order: _Order) -> _Done:
     import torch
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        for k, item in items.items():
-            yield k, work(item)
+        while ready := order.get_ready():
+            for k in ready:
+                yield k, work(items[k])
+            order.done(*ready)
     finally:
         torch.set_num_threads(threads)
 
 
-def _with_joblib(work: _Work, items: dict[int, Any], workers: int) -> _Done:
+def _with_joblib(work: _Work, items: dict[int, Any], order: _Order, workers: int) -> _Done:
     # joblib.Parallel would keep its workers for minutes, and use this process where it is called from a thread.
-    from joblib.externals.loky import ProcessPoolExecutor, as_completed
+    from joblib.externals.loky import FIRST_COMPLETED, ProcessPoolExecutor, wait
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
     ends, lasts = multiprocessing.Pipe(duplex=False)
     pool = ProcessPoolExecutor(workers, initializer=_begin, initargs=(ends,), env=_ONE_THREAD)
     whole = False
     try:
-        jobs = {pool.submit(work, item): k for k, item in items.items()}
-        for job in as_completed(jobs):
-            yield jobs[job], job.result()
+        running = {pool.submit(work, items[k]): k for k in order.get_ready()}
+        while running:
+            ended = wait(running, return_when=FIRST_COMPLETED).done
+            done = {running.pop(job): job.result() for job in ended}
+            order.done(*done)
+            # Before the caller is told, who may take a while.
+            running |= {pool.submit(work, items[k]): k for k in order.get_ready()}
+            yield from done.items()
         whole = True
     except TerminatedWorkerError as error:
         raise _WorkerEnded from error
@@ -208,7 +228,7 @@ def _end_with(ends: Connection) -> None:
         os._exit(1)
 
 
-def _with_ray(work: _Work, items: dict[int, Any], workers: int) -> _Done:
+def _with_ray(work: _Work, items: dict[int, Any], order: _Order, workers: int) -> _Done:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     import ray
 
@@ -222,17 +242,22 @@ def _with_ray(work: _Work, items: dict[int, Any], workers: int) -> _Done:
             logging_level="ERROR",
         )
     call = ray.remote(_call).options(num_cpus=1, max_retries=_RAY_RETRIES, runtime_env={"env_vars": _ONE_THREAD})
-    shared, left = ray.put(work), iter(items.items())
+    shared, ready = ray.put(work), deque(order.get_ready())
     running: dict[Any, int] = {}
+
+    def begin() -> None:
+        while ready and len(running) < workers:
+            k = ready.popleft()
+            running[call.remote(shared, items[k])] = k
+
     try:
-        for k, item in islice(left, workers):
-            running[call.remote(shared, item)] = k
+        begin()
         while running:
             (done,), _ = ray.wait(list(running), num_returns=1)
             result, at = ray.get(done), running.pop(done)
-            # Before the caller is told, who may take a while.
-            for k, item in islice(left, 1):
-                running[call.remote(shared, item)] = k
+            order.done(at)
+            ready.extend(order.get_ready())
+            begin()  # before the caller is told, who may take a while
             yield at, result
     except ray.exceptions.RayTaskError as error:
         raise error.cause from error

@@ -45,6 +45,16 @@ def logged(folder: Path, item: int) -> float:
     return item / 2
 
 
+def sum_of_needed(folder: Folder, item: int) -> float:
+    """One more than the results of the items that `smaller` names, which are in the folder."""
+    found = [folder.read(one) for one in smaller(item)]
+    return 1.0 + sum(one for one in found if one is not None) if None not in found else float("nan")
+
+
+def smaller(item: int) -> list[int]:
+    return [one for one in (item - 1, item - 2) if one >= 0]
+
+
 def pid(item: int) -> int:
     time.sleep(0.05)
     return os.getpid()

@@ -14,7 +14,7 @@ import pytest
 
 from pinwm_drake.errors import InputError, ParameterError, SolverError
 from pinwm_drake.parallel import EXECUTORS, Executor
-from tests.parallel_work import Folder, fail, gate, half, logged, pid, threads, torch_threads
+from tests.parallel_work import Folder, fail, gate, half, logged, pid, smaller, sum_of_needed, threads, torch_threads
 
 ROOT = Path(__file__).parents[1]
 PATIENCE = 120.0  # s, for what has to happen; most of it comes at once
@@ -100,6 +100,14 @@ def test_results_of_a_store_are_not_computed_again(name, store):
     assert sorted(told) == [1, 2, 3, 4]
     assert Executor(workers=1).map(function, [1, 5], store=store) == [7.0, 2.5]
     assert store.items() == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_item_begins_when_those_that_it_needs_are_done(name, workers, store):
+    store.write(0, 10.0)
+    function = partial(sum_of_needed, store)
+    results = Executor(name, workers).map(function, [5, 4, 3, 2, 1, 0], needs=smaller, store=store)
+    assert results[::-1] == [10.0, 11.0, 22.0, 34.0, 57.0, 92.0]
 
 
 @pytest.mark.parametrize("workers", [1, 2])

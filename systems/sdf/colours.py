@@ -1,5 +1,6 @@
 """Mesh of a twin in the colours of its surfels, for renderers that know meshes only."""
 
+import functools
 import warnings
 
 import numpy as np
@@ -7,6 +8,8 @@ import torch
 import trimesh
 from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
+from scipy.special import expit
+from torch import Tensor
 
 from pinwm_drake.rendering.harmonics import harmonics
 from pinwm_drake.rendering.surfels import Surfels
@@ -30,12 +33,26 @@ def coloured_mesh(mesh: trimesh.Trimesh, surfels: Surfels, mtl_name: str) -> tup
     Returns:
         The texts of the OBJ file, with a normal for each face, and of the MTL file, in at most 32 colours.
     """
+    learned = (surfels.p_OS, surfels.logit_opacity, surfels.sh)
+    parts = tuple((one.shape, one.detach().double().numpy().tobytes()) for one in learned)
+    return _coloured(mesh.vertices.tobytes(), mesh.faces.tobytes(), parts, mtl_name)
+
+
+@functools.lru_cache(maxsize=16)
+def _coloured(
+    vertices: bytes, faces: bytes, parts: tuple[tuple[tuple[int, ...], bytes], ...], mtl_name: str
+) -> tuple[str, str]:
+    """`coloured_mesh` of a mesh in memory and of centres, opacities and colours: each diagram of a twin asks for it."""
+    mesh = trimesh.Trimesh(
+        np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3), process=False
+    )
+    p_OS, logit_opacity, sh = (np.frombuffer(values).reshape(shape) for shape, values in parts)
     longest_edge = float(mesh.extents.max()) / _STEPS
     while len(triangles := divided(mesh.triangles, longest_edge)) > _TRIANGLES and longest_edge < mesh.extents.max():
         longest_edge *= 1.5
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
-    colours = _colours(triangles.mean(axis=1), normals, surfels)
+    colours = _colours(triangles.mean(axis=1), normals, p_OS, logit_opacity, torch.tensor(sh))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # fewer colours than that are no harm
         palette, owner = kmeans2(colours, _COLOURS, minit="++", rng=np.random.default_rng(0))
@@ -49,16 +66,17 @@ def coloured_mesh(mesh: trimesh.Trimesh, surfels: Surfels, mtl_name: str) -> tup
     return "\n".join(lines) + "\n", "\n".join(materials)
 
 
-def _colours(middles: np.ndarray, normals: np.ndarray, surfels: Surfels) -> np.ndarray:
-    """Colours (n, 3) of points (n, 3) [m] with outward normals (n, 3), sRGB from 0 to 1."""
-    count = min(_NEAREST, surfels.num_surfels)
-    distance, index = cKDTree(surfels.p_OS.detach().double().numpy()).query(middles, k=count)
+def _colours(
+    middles: np.ndarray, normals: np.ndarray, p_OS: np.ndarray, logit_opacity: np.ndarray, sh: Tensor
+) -> np.ndarray:
+    """Colours (n, 3), sRGB from 0 to 1, of points (n, 3) [m] with outward normals (n, 3); the rest as in `Surfels`."""
+    count = min(_NEAREST, len(p_OS))
+    distance, index = cKDTree(p_OS).query(middles, k=count)
     distance, index = distance.reshape(len(middles), count), index.reshape(len(middles), count)
-    sh = surfels.sh.detach().double()
     sh = sh if sh.ndim == 3 else sh.mean(dim=0)
-    basis = harmonics(-torch.from_numpy(normals), surfels.degree)
+    basis = harmonics(-torch.from_numpy(normals), round(sh.shape[1] ** 0.5) - 1)
     seen = (0.5 + torch.einsum("nk,njkc->njc", basis, sh[torch.from_numpy(index)])).clamp(0.0, 1.0).numpy()
-    opacity = torch.sigmoid(surfels.logit_opacity.detach().double()).numpy()[index]
+    opacity = expit(logit_opacity)[index]
     weight = opacity / (distance + _MINIMUM) ** 4
     return (weight[..., None] * seen).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)[:, None]
 

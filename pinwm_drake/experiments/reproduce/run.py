@@ -85,8 +85,10 @@ def reproduce(
         PinwmError: An input was refused, a cell of other settings is there, or a file cannot be written.
     """
     store = CellStore(prepare_folder(root))
-    for wave in plan(tables, request, root).waves:
-        (executor or Executor()).map(partial(_make, root), wave, store=store, on_result=on_cell)
+    cells = [cell for wave in plan(tables, request, root).waves for cell in wave]
+    (executor or Executor()).map(
+        partial(_make, root), cells, needs=lambda cell: cell.needs, store=store, on_result=on_cell
+    )
 
 
 def _make(root: Path, cell: Cell) -> dict[str, Any]:
