@@ -70,7 +70,7 @@ def twin_from_capture(
             + (f"loss {step.loss:.5f}  {theta}" if step.stage != "sample" else "draws from the posterior"),
         )
 
-    progress("identifying", 0.0, "getting ready (the first run compiles for minutes)")
+    progress("identifying", 0.0, "getting ready (minutes where kernels compile or a mesh is cut into pieces)")
     options = IdentifyOptions() if options is None else options
     result = identify(capture, pushes, surfels, offset, options, X_OS=X_OS, folder=out, resume=resume, report=searched)
     twin = replace(result.twin, provenance={**result.twin.provenance, **run_provenance()})

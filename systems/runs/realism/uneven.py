@@ -1,6 +1,7 @@
 """Objects that are no uniform solids on flat faces: a lump within, and feet that stand out of the face below."""
 
 import dataclasses
+import math
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ _OUTWARDS = (0.6, 0.95)  # of the way from the middle to the outline
 _BASE = 0.002  # m, from the lowest corner to those that count as the face below
 _SAFE = 0.006  # m, from the centre of mass to the edge of the polygon of feet, at least
 _ATTEMPTS = 1000
+_SAME = 1e-6  # m, between heights that are one
+_ROLLS = math.radians(15.0)  # to the next side, over which an object rolls by itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +78,8 @@ def draw_unevenness(
 ) -> Unevenness:
     """Draws where the mass of an object is, and the three or four places that it stands on.
 
+    One that could roll, as a mug that lies, lies as it would come to rest without feet.
+
     Args:
         mesh: The object, m, frame O.
         hulls: Corners (n, 3) m, frame O, of the convex pieces that fill it.
@@ -85,8 +90,19 @@ def draw_unevenness(
     Raises:
         GeometryError: No lump or no feet were found that leave the object standing.
     """
-    p_com, inertia = _with_lump(mesh, hulls, mass, generator)
-    return Unevenness(p_com, inertia, _feet(mesh, p_com, up, generator))
+    for _ in range(_ATTEMPTS):
+        p_com, inertia = _with_lump(mesh, hulls, mass, generator)
+        if _lies_lowest(mesh, p_com, up):
+            return Unevenness(p_com, inertia, _feet(mesh, p_com, up, generator))
+    raise GeometryError("no place for a lump was found with which the object would not roll away")
+
+
+def _lies_lowest(mesh: trimesh.Trimesh, p_com: np.ndarray, up: np.ndarray) -> bool:
+    """Flag: an object would not roll to another side by itself: a mug lies with its lump below."""
+    corners, normals = mesh.convex_hull.vertices, mesh.convex_hull.face_normals
+    near = np.vstack([-up, normals[normals @ -up > math.cos(_ROLLS)]])
+    heights = ((corners - p_com) @ near.T).max(axis=0)
+    return bool(heights[0] < heights.min() + _SAME)
 
 
 def _with_lump(

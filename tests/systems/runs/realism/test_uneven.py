@@ -51,6 +51,16 @@ def test_feet_stand_out_below(block, up, tmp_path):
     assert np.isin(mesh.vertices.round(8), standing.vertices.round(8)).all()
 
 
+def test_an_object_that_rolls_lies_with_its_lump_below():
+    # On one of its 32 sides, as a mug lies.
+    mesh, side = trimesh.creation.cylinder(0.04, 0.08, sections=32), np.pi / 32
+    up = -np.array([np.cos(side), np.sin(side), 0.0])
+    for seed in range(5):
+        found = draw_unevenness(mesh, [mesh.vertices], 0.5, up, np.random.default_rng(seed))
+        across = found.p_com - [0.0, 0.0, found.p_com[2]]
+        assert across @ -up > np.cos(1.01 * side) * np.linalg.norm(across)
+
+
 def test_an_object_on_an_edge_has_no_feet():
     wedge = trimesh.creation.cylinder(0.001, 0.1)
     with pytest.raises(GeometryError, match="wide enough"):
