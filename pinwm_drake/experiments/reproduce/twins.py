@@ -74,7 +74,7 @@ class CaptureCell:
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Films the object at rest and twice in motion, once in the stand-in; see `Cell.make`.
 
-        In the stand-in the lying mug rolls, and a second poke that rocks it takes long to find.
+        In the stand-in, a second poke that rocks the object would take long to find.
         """
         known = task_scene(self.task).capture(self.seed, quick=self.quick)
         options = replace(known, forces=self.forces, stand_in=self.stand_in)
