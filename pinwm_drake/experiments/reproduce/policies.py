@@ -104,7 +104,8 @@ def say_rounds(say: Say, told: dict[str, Step]) -> Report:
 
     def report(step: Step) -> None:
         if not math.isnan(step.success) and (step.stage not in told or told[step.stage].success != step.success):
-            say(f"{step.stage} {step.done:.0%}, success {step.success:.0%} in {step.length:.0f} actions")
+            length = "" if math.isnan(step.length) else f" in {step.length:.0f} actions"
+            say(f"{step.stage} {step.done:.0%}, success {step.success:.0%}{length}")
         told[step.stage] = step
 
     return report
