@@ -35,20 +35,17 @@ def coloured_mesh(mesh: trimesh.Trimesh, surfels: Surfels, mtl_name: str) -> tup
     """
     learned = (surfels.p_OS, surfels.logit_opacity, surfels.sh)
     parts = tuple((one.shape, one.detach().double().numpy().tobytes()) for one in learned)
-    return _coloured(mesh.vertices.tobytes(), mesh.faces.tobytes(), parts, mtl_name)
+    return _coloured(np.asarray(mesh.triangles, float).tobytes(), parts, mtl_name)
 
 
 @functools.lru_cache(maxsize=16)
-def _coloured(
-    vertices: bytes, faces: bytes, parts: tuple[tuple[tuple[int, ...], bytes], ...], mtl_name: str
-) -> tuple[str, str]:
-    """`coloured_mesh` of a mesh in memory and of centres, opacities and colours: each diagram of a twin asks for it."""
-    mesh = trimesh.Trimesh(
-        np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3), process=False
-    )
+def _coloured(corners: bytes, parts: tuple[tuple[tuple[int, ...], bytes], ...], mtl_name: str) -> tuple[str, str]:
+    """`coloured_mesh` of triangles, and of centres, opacities and colours: each diagram of a twin asks for it."""
+    whole = np.frombuffer(corners).reshape(-1, 3, 3)
     p_OS, logit_opacity, sh = (np.frombuffer(values).reshape(shape) for shape, values in parts)
-    longest_edge = float(mesh.extents.max()) / _STEPS
-    while len(triangles := divided(mesh.triangles, longest_edge)) > _TRIANGLES and longest_edge < mesh.extents.max():
+    extent = float(np.ptp(whole, axis=(0, 1)).max())
+    longest_edge = extent / _STEPS
+    while len(triangles := divided(whole, longest_edge)) > _TRIANGLES and longest_edge < extent:
         longest_edge *= 1.5
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
