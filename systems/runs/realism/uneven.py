@@ -27,6 +27,7 @@ _BASE = 0.002  # m, from the lowest corner to those that count as the face below
 _SAFE = 0.006  # m, from the centre of mass to the edge of the polygon of feet, at least
 _ATTEMPTS = 1000
 _SAME = 1e-6  # m, between heights that are one
+_ROUGH = math.radians(3.0)  # to the normal of a face that belongs to the one below, as scanned surfaces have them
 _ROLLS = math.radians(15.0)  # to the next side, over which an object rolls by itself
 
 
@@ -100,7 +101,8 @@ def draw_unevenness(
 def _lies_lowest(mesh: trimesh.Trimesh, p_com: np.ndarray, up: np.ndarray) -> bool:
     """Flag: an object would not roll to another side by itself: a mug lies with its lump below."""
     corners, normals = mesh.convex_hull.vertices, mesh.convex_hull.face_normals
-    near = np.vstack([-up, normals[normals @ -up > math.cos(_ROLLS)]])
+    tilts = np.arccos(np.clip(normals @ -up, -1.0, 1.0))
+    near = np.vstack([-up, normals[(tilts > _ROUGH) & (tilts < _ROLLS)]])
     heights = ((corners - p_com) @ near.T).max(axis=0)
     return bool(heights[0] < heights.min() + _SAME)
 
