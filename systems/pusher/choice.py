@@ -4,6 +4,7 @@
 the pusher's box.
 """
 
+import functools
 import math
 
 import numpy as np
@@ -146,6 +147,7 @@ def _is_covered(points: np.ndarray, place: np.ndarray) -> bool:
     return bool((np.linalg.norm((above - place)[:, :2], axis=1) < _SPACING).any())
 
 
+@functools.lru_cache(maxsize=2)  # of a mesh as it is: its hash is that of its vertices and faces
 def _points(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
     """Points all over a mesh (n, 3) [m], and the normals of their faces (n, 3)."""
     vertices, faces, index = trimesh.remesh.subdivide_to_size(

@@ -100,6 +100,18 @@ class PushRecorder(ScriptedStation):
             pass
         return self.station.object_pose(self.simulator.get_context())
 
+    def poses(self, X_WO: RigidTransform, push: StraightPush, number: int) -> Iterator[RigidTransform]:
+        """Poses of the object while it is pushed from rest, at the times that the log of `push` has.
+
+        Args:
+            X_WO: Its pose at first.
+            push: What the pusher does.
+            number: Of pictures that there would be.
+        """
+        self.begin(Place(X_WO, push.p_WP), push)
+        for _ in self.advance_to(self._times(number)):
+            yield self.station.object_pose(self.simulator.get_context())
+
     def push(self, X_WO: RigidTransform, push: StraightPush, number: int) -> Recording:
         """Pushes the object from rest.
 
@@ -113,8 +125,7 @@ class PushRecorder(ScriptedStation):
         """
         self.begin(Place(X_WO, push.p_WP), push)
         per_frame = self.rates.records_per_frame
-        period = 1 / (self.rates.frames * per_frame)
-        times = np.arange((number - 1) * per_frame + 1) * period
+        times, period = self._times(number), self._period
         # Forces of every step of the plant: an impact is over within a few.
         parts = self.rates.steps_per_record if self.forces else 1
         poses, positions, forces = [], [], []
@@ -136,6 +147,15 @@ class PushRecorder(ScriptedStation):
             p_WP=p_WP[::per_frame],
             logged=poses,
         )
+
+    @property
+    def _period(self) -> float:
+        """Time between rows of the log, s."""
+        return 1 / (self.rates.frames * self.rates.records_per_frame)
+
+    def _times(self, number: int) -> np.ndarray:
+        """Times (n,) [s] of the rows of a log that ends with the last of some pictures."""
+        return np.arange((number - 1) * self.rates.records_per_frame + 1) * self._period
 
     def _force(self) -> np.ndarray:
         """Force (3,) N of the object on the pusher in the step of the plant that ends now; world axes."""

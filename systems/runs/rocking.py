@@ -1,5 +1,7 @@
 """Choice of a poke that rocks an object without turning it over, which shows what a flip depends on."""
 
+from collections.abc import Iterable
+
 import numpy as np
 import trimesh
 from pydrake.math import RigidTransform
@@ -57,9 +59,8 @@ def rocking_poke(
         # Over the top edge the least difference would decide.
         if poke.p_WP[2] + poke.distance * poke.direction_W[2] > top:
             continue
-        recording = recorder.push(X_WO, poke, number)
-        if _rocked(recording.logged, p_OB):
-            return poke, recording
+        if _rocks(recorder.poses(X_WO, poke, number), p_OB):
+            return poke, recorder.push(X_WO, poke, number)
         tried += 1
         if tried == _POKES:
             break
@@ -70,15 +71,23 @@ def rocking_poke(
     )
 
 
-def _rocked(poses: list[RigidTransform], p_OB: np.ndarray) -> bool:
-    """Flag: an object slid and rocked without passing over an edge, by its centre of mass (3,) [m, O]."""
-    centers = np.array([X @ p_OB for X in poses])
-    heights = centers[:, 2]
-    rise, change = heights.max() - heights[0], abs(heights[-1] - heights[0])
-    below = centers * [1.0, 1.0, 0.0]
-    moved = [after @ before.inverse() @ p for before, after, p in zip(poses[:-1], poses[1:], below[:-1], strict=True)]
-    slip, way = _length(np.array(moved) - below[:-1]), _length(np.diff(centers, axis=0))
-    return bool(_ROCKS < rise < _OVER * heights[0] and change < _ROCKS and slip > max(_SLIDES, _SLIP * way))
+def _rocks(poses: Iterable[RigidTransform], p_OB: np.ndarray) -> bool:
+    """Flag: an object slides and rocks without passing over an edge, by its centre of mass (3,) [m, O].
+
+    Poses of an object that has risen too far are not asked for any more.
+    """
+    kept, centers = [], []
+    for X in poses:
+        kept.append(X)
+        centers.append(X @ p_OB)
+        if centers[-1][2] - centers[0][2] >= _OVER * centers[0][2]:
+            return False
+    way = np.array(centers)
+    rise, change = way[:, 2].max() - way[0, 2], abs(way[-1, 2] - way[0, 2])
+    below = way * [1.0, 1.0, 0.0]
+    moved = [after @ before.inverse() @ p for before, after, p in zip(kept[:-1], kept[1:], below[:-1], strict=True)]
+    slip = _length(np.array(moved) - below[:-1])
+    return bool(rise > _ROCKS > change and slip > max(_SLIDES, _SLIP * _length(np.diff(way, axis=0))))
 
 
 def _length(steps: np.ndarray) -> float:

@@ -86,6 +86,8 @@ def test_a_recording_is_the_pushers_log_and_the_objects_poses(recorder):
     again = recorder.push(X_WO, push, number)
     np.testing.assert_array_equal(again.object_poses.p_WO, poses.p_WO)
     np.testing.assert_array_equal(again.trajectory.p_WP, log.p_WP)
+    for X_WO_k, logged in zip(recorder.poses(X_WO, push, number), recording.logged, strict=True):
+        np.testing.assert_array_equal(X_WO_k.GetAsMatrix4(), logged.GetAsMatrix4())
 
 
 def test_the_log_has_the_force_on_the_pusher(recorder):
