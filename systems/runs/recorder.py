@@ -1,6 +1,6 @@
 """Runs a station and writes down what a robot would: the pusher's log, the object's poses, the pictures."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,32 +100,28 @@ class PushRecorder(ScriptedStation):
             pass
         return self.station.object_pose(self.simulator.get_context())
 
-    def poses(self, X_WO: RigidTransform, push: StraightPush, number: int) -> Iterator[RigidTransform]:
-        """Poses of the object while it is pushed from rest, at the times that the log of `push` has.
-
-        Args:
-            X_WO: Its pose at first.
-            push: What the pusher does.
-            number: Of pictures that there would be.
-        """
-        self.begin(Place(X_WO, push.p_WP), push)
-        for _ in self.advance_to(self._times(number)):
-            yield self.station.object_pose(self.simulator.get_context())
-
-    def push(self, X_WO: RigidTransform, push: StraightPush, number: int) -> Recording:
+    def push(
+        self,
+        X_WO: RigidTransform,
+        push: StraightPush,
+        number: int,
+        watch: Callable[[float, RigidTransform], None] | None = None,
+    ) -> Recording:
         """Pushes the object from rest.
 
         Args:
             X_WO: Its pose at first.
             push: What the pusher does.
             number: Of pictures that there will be.
+            watch: Called with time [s] and pose of the object for each row of the log; what it raises ends the push.
 
         Returns:
             What was recorded.
         """
         self.begin(Place(X_WO, push.p_WP), push)
         per_frame = self.rates.records_per_frame
-        times, period = self._times(number), self._period
+        period = 1 / (self.rates.frames * per_frame)
+        times = np.arange((number - 1) * per_frame + 1) * period
         # Forces of every step of the plant: an impact is over within a few.
         parts = self.rates.steps_per_record if self.forces else 1
         poses, positions, forces = [], [], []
@@ -134,6 +130,8 @@ class PushRecorder(ScriptedStation):
                 forces.append(self._force())
             if k % parts == 0:
                 poses.append(self.station.object_pose(self.simulator.get_context()))
+                if watch is not None:
+                    watch(float(times[k // parts]), poses[-1])
                 positions.append(self.evaluate("pusher_state")[:3])
         p_WP, X_WO_frames, t_frames = np.array(positions), poses[::per_frame], times[::per_frame]
         v_WP = np.array([push.average_velocity(k, period) for k in range(len(times))])
@@ -147,15 +145,6 @@ class PushRecorder(ScriptedStation):
             p_WP=p_WP[::per_frame],
             logged=poses,
         )
-
-    @property
-    def _period(self) -> float:
-        """Time between rows of the log, s."""
-        return 1 / (self.rates.frames * self.rates.records_per_frame)
-
-    def _times(self, number: int) -> np.ndarray:
-        """Times (n,) [s] of the rows of a log that ends with the last of some pictures."""
-        return np.arange((number - 1) * self.rates.records_per_frame + 1) * self._period
 
     def _force(self) -> np.ndarray:
         """Force (3,) N of the object on the pusher in the step of the plant that ends now; world axes."""

@@ -1,7 +1,5 @@
 """Choice of a poke that rocks an object without turning it over, which shows what a flip depends on."""
 
-from collections.abc import Iterable
-
 import numpy as np
 import trimesh
 from pydrake.math import RigidTransform
@@ -18,6 +16,7 @@ _RISES = (0.3, 0.8)  # rad, of the way over level: such pokes show the friction 
 _POKES, _DRAWS = 60, 1000  # that are tried, and drawn
 _ROCKS = 0.001  # m, by which the centre of mass rises at least, and within which it comes back
 _OVER = 0.3  # of the height of the centre of mass, by which it rises at most; over a cube's edge it is 0.41
+_AFTER = 0.1  # s, after the end of a poke, when it has risen where it will
 _SLIDES = 0.02  # m, by which the place below the centre of mass slips at least; friction does not show where it rolls
 _SLIP = 0.5  # of the way of the centre of mass, that is slip at least
 
@@ -59,8 +58,13 @@ def rocking_poke(
         # Over the top edge the least difference would decide.
         if poke.p_WP[2] + poke.distance * poke.direction_W[2] > top:
             continue
-        if _rocks(recorder.poses(X_WO, poke, number), p_OB):
-            return poke, recorder.push(X_WO, poke, number)
+        try:
+            recording = recorder.push(X_WO, poke, number, _Watch(poke, p_OB))
+        except _NoRockError:
+            pass
+        else:
+            if _rocked(recording.logged, p_OB):
+                return poke, recording
         tried += 1
         if tried == _POKES:
             break
@@ -71,23 +75,39 @@ def rocking_poke(
     )
 
 
-def _rocks(poses: Iterable[RigidTransform], p_OB: np.ndarray) -> bool:
-    """Flag: an object slides and rocks without passing over an edge, by its centre of mass (3,) [m, O].
+class _NoRockError(Exception):
+    """Sign that a poke need not be followed to its end."""
 
-    Poses of an object that has risen too far are not asked for any more.
-    """
-    kept, centers = [], []
-    for X in poses:
-        kept.append(X)
-        centers.append(X @ p_OB)
-        if centers[-1][2] - centers[0][2] >= _OVER * centers[0][2]:
-            return False
-    way = np.array(centers)
-    rise, change = way[:, 2].max() - way[0, 2], abs(way[-1, 2] - way[0, 2])
-    below = way * [1.0, 1.0, 0.0]
-    moved = [after @ before.inverse() @ p for before, after, p in zip(kept[:-1], kept[1:], below[:-1], strict=True)]
-    slip = _length(np.array(moved) - below[:-1])
-    return bool(rise > _ROCKS > change and slip > max(_SLIDES, _SLIP * _length(np.diff(way, axis=0))))
+
+class _Watch:
+    """Follower of a poke, until it has turned the object over, or is over and has not made it rise."""
+
+    def __init__(self, poke: StraightPush, p_OB: np.ndarray) -> None:
+        """Takes what the pusher does, and the centre of mass (3,) [m, O]."""
+        self._end, self._p_OB = poke.end_time + _AFTER, p_OB
+        self._heights: list[float] = []
+
+    def __call__(self, t: float, X_WO: RigidTransform) -> None:
+        """Sees the object.
+
+        Raises:
+            _NoRockError: The rest is known.
+        """
+        self._heights.append((X_WO @ self._p_OB)[2])
+        rise = max(self._heights) - self._heights[0]
+        if rise >= _OVER * self._heights[0] or (t > self._end and rise <= _ROCKS):
+            raise _NoRockError
+
+
+def _rocked(poses: list[RigidTransform], p_OB: np.ndarray) -> bool:
+    """Flag: an object slid and rocked without passing over an edge, by its centre of mass (3,) [m, O]."""
+    centers = np.array([X @ p_OB for X in poses])
+    heights = centers[:, 2]
+    rise, change = heights.max() - heights[0], abs(heights[-1] - heights[0])
+    below = centers * [1.0, 1.0, 0.0]
+    moved = [after @ before.inverse() @ p for before, after, p in zip(poses[:-1], poses[1:], below[:-1], strict=True)]
+    slip, way = _length(np.array(moved) - below[:-1]), _length(np.diff(centers, axis=0))
+    return bool(_ROCKS < rise < _OVER * heights[0] and change < _ROCKS and slip > max(_SLIDES, _SLIP * way))
 
 
 def _length(steps: np.ndarray) -> float:

@@ -83,11 +83,21 @@ def test_a_recording_is_the_pushers_log_and_the_objects_poses(recorder):
     # The pusher is where its commanded velocity takes it: an impact of 0.1 m/s costs its drive some micrometres.
     moved = log.p_WP[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(log.v_WP[:-1] / 240, axis=0)])
     np.testing.assert_allclose(log.p_WP, moved, atol=1e-5)
-    again = recorder.push(X_WO, push, number)
+    seen = []
+    again = recorder.push(X_WO, push, number, lambda t, X: seen.append((t, X)))
     np.testing.assert_array_equal(again.object_poses.p_WO, poses.p_WO)
     np.testing.assert_array_equal(again.trajectory.p_WP, log.p_WP)
-    for X_WO_k, logged in zip(recorder.poses(X_WO, push, number), recording.logged, strict=True):
-        np.testing.assert_array_equal(X_WO_k.GetAsMatrix4(), logged.GetAsMatrix4())
+    # The one who watches sees the log's times and poses, and may end the push.
+    np.testing.assert_array_equal([t for t, _ in seen], log.t)
+    assert [X for _, X in seen] == again.logged
+
+    def enough(t, X_WO):
+        if t > 0.1:
+            raise LookupError(f"{t:.3f}")
+
+    with pytest.raises(LookupError, match=r"0\.104"):
+        recorder.push(X_WO, push, number, enough)
+    np.testing.assert_array_equal(recorder.push(X_WO, push, number).object_poses.p_WO, poses.p_WO)
 
 
 def test_the_log_has_the_force_on_the_pusher(recorder):
