@@ -18,12 +18,12 @@ from pinwm_drake.systems.mpc.waypoints import WaypointOptions
 
 _QUICK: dict[str, Any] = {
     "worlds": 8,
-    "steps": 512,
-    "round_steps": 512,
+    "steps": 256,
+    "round_steps": 256,
     "rounds": 1,
-    "images": 256,
-    "updates": 8,
-    "episodes": 8,
+    "images": 64,
+    "updates": 2,
+    "episodes": 4,
 }
 _LATENCY = 0.15  # s, at most, of actions for a robot; how late it will be is not known
 _QUICK_SEARCH = WaypointOptions(attempts=1, rounds=0, planner=SamplingOptions(samples=8, first_iterations=1))
