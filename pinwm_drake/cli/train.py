@@ -61,8 +61,9 @@ def train(
         float | None, typer.Option(help="rad, from the goal's, for success.", show_default="the task's")
     ] = None,
     latency: Annotated[
-        float, typer.Option(help="s, after which actions take effect, at most; drawn from 0 on for each episode.")
-    ] = 0.0,
+        tuple[float, float],
+        typer.Option(help="s, least and most after which actions take effect; drawn for each episode."),
+    ] = (0.0, 0.0),
     goals: Annotated[
         str, typer.Option(help="fixed, or random: each episode draws its goal, and the policy is told which.")
     ] = "fixed",

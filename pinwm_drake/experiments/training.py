@@ -54,7 +54,7 @@ class TrainRequest:
     yaw: float | None = None
     tolerance: float | None = None
     turn_tolerance: float | None = None
-    latency: float = 0.0
+    latency: tuple[float, float] = (0.0, 0.0)
     goals: str = "fixed"
     goal_reach: float = 0.1
     goal_turn: float = math.pi
@@ -97,7 +97,8 @@ class TrainRequest:
         require("--goals", f"{self.goals} with task {self.task}", drawn, "fixed, or random with push")
         require("--goal-reach", self.goal_reach, 0.0 <= self.goal_reach < math.inf, "0 or more")
         require("--goal-turn", self.goal_turn, 0.0 <= self.goal_turn <= math.pi + 1e-9, "0 to pi")
-        require("--latency", self.latency, 0.0 <= self.latency < math.inf, "0 or more")
+        least, most = self.latency
+        require("--latency", f"{least} to {most}", 0.0 <= least <= most < math.inf, "0 or more, the least first")
         require("--no-auxiliary", f"method {self.method}", self.auxiliary or self.method == "ppo", "with method ppo")
         require("--device", self.device, self.device in _devices(), ", ".join(_devices()))
         with_teacher = self.teacher is None or self.method == "distil"
@@ -183,7 +184,7 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
         frames=max(request.frames, request.history + 1) if request.history else request.frames,
         history=request.history,
         max_translation=request.max_translation,
-        latency=(0.0, request.latency),
+        latency=request.latency,
     )
     domains = domains or CousinDomains(request.delta, request.from_intervals, request.seed)
     return TrainingWorlds(setup, options, num_worlds=request.worlds, domains=domains, yaw=request.yaw)

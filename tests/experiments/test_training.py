@@ -67,7 +67,8 @@ def test_an_interruption_passes_through_and_a_second_training_is_refused(tmp_pat
         {"yaw": 4.0},
         {"teacher": "x", "method": "ppo"},
         {"auxiliary": False},
-        {"latency": -0.1},
+        {"latency": (-0.1, 0.0)},
+        {"latency": (0.1, 0.0)},
         {"device": "tpu"},
     ],
 )

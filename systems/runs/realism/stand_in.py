@@ -56,6 +56,8 @@ class StandIn:
     def true_scene(self, setup: Setup, models: Path) -> Setup:
         """Scene that is simulated: a lump in the object, feet below it, gloss, the camera moved, and one lamp.
 
+        Episodes begin with the object at rest on its feet: one that would lie on any of its sides has one now.
+
         Args:
             setup: The scene as it is believed to be.
             models: Folder of the mesh with feet; it has to stay.
@@ -69,10 +71,12 @@ class StandIn:
         q_WO = np.array(setup.scenario.start.q_WO)
         up = RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO))).matrix()[2]
         twin = self.uneven(setup.twin, up, models)
+        # Put down on another side than that of its feet, an object with a lump would be rolling as an episode begins.
+        start = dataclasses.replace(setup.scenario.start, rolls=1)
         return dataclasses.replace(
             setup,
             # With the name of an object that ships, plants would take the contact meshes that ship, without feet.
-            scenario=dataclasses.replace(setup.scenario, object=None, theta=None, twin=twin.name),
+            scenario=dataclasses.replace(setup.scenario, object=None, theta=None, twin=twin.name, start=start),
             twin=twin,
             visual_path=glossy_model(setup.visual_path, models),
             X_WC=self._moved(setup.X_WC),

@@ -45,6 +45,20 @@ def test_the_camera_is_off_by_the_numbers_at_most(believed, tmp_path):
     assert len(np.unique(off.round(9), axis=0)) == 8
 
 
+def test_a_round_object_lies_at_rest_as_an_episode_begins(tmp_path):
+    believed = load_setup("flip_mug")
+    assert believed.scenario.start.rolls > 1
+    worlds = Worlds(StandIn().true_scene(believed, tmp_path), "hydroelastic")
+    for seed in range(3):
+        worlds.reset([seed])
+        before = worlds.run.object_state[0].copy()
+        for _ in range(3):
+            worlds.advance(np.zeros((1, 3)))
+        moved = worlds.run.object_state[0] - before
+        assert np.linalg.norm(moved[4:7]) < 1e-3
+        assert np.linalg.norm(moved[:4]) < 0.01
+
+
 def test_masks_are_ragged_and_still_show_the_object():
     image = np.full((64, 64, 4), (255, 255, 255, 0), np.uint8)
     image[20:40, 20:44] = (200, 10, 10, 255)
