@@ -12,7 +12,7 @@ from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.recorder import PushRecorder, Recording
 
 SPEEDS = (0.3, 0.5)  # m/s, of pokes whose speed is not given: faster ones make an object hop, which hides friction
-_RISES = (0.3, 0.8)  # rad, of the way over level: such pokes show the friction of the pusher, and seldom turn it over
+_RISES = (0.8, 1.2)  # rad, of the way over level: the pusher slips along the object, which shows its friction
 _POKES, _DRAWS = 60, 1000  # that are tried, and drawn
 _ROCKS = 0.001  # m, by which the centre of mass rises at least, and within which it comes back
 _OVER = 0.3  # of the height of the centre of mass, by which it rises at most; over a cube's edge it is 0.41

@@ -25,7 +25,7 @@ _QUICK: dict[str, Any] = {
     "updates": 2,
     "episodes": 4,
 }
-_LATENCY = (0.05, 0.11)  # s, of actions for a robot: a lab measures its 80 ms, and knows them to 30
+_LATENCY = (0.07, 0.09)  # s, of actions for a robot: a lab measures its 80 ms, and knows them to 10
 _QUICK_SEARCH = WaypointOptions(attempts=1, rounds=0, planner=SamplingOptions(samples=8, first_iterations=1))
 
 
@@ -40,7 +40,7 @@ class PolicyCell:
         twin: Cell of the twin that it is trained in; None for the scene's own parameters.
         quick: Flag: hardly any training.
         history: Number of past states and actions that the policy sees.
-        stand_in: Flag: for the stand-in for a robot, with actions that take effect 0.05 to 0.11 s late.
+        stand_in: Flag: for the stand-in for a robot, with actions that take effect 0.07 to 0.09 s late.
     """
 
     task: str

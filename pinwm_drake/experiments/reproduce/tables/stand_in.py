@@ -31,6 +31,6 @@ STAND_IN = Table(
     _cells,
     _rows,
     "No robot: the plant of the other tables with a lump in the object and feet below it, a camera up to 3 mm and 0.5 "
-    "degrees off, actions 80 ms late, ragged masks and one lamp. Filmed, recorded and trained for it, with actions 50 "
-    "to 110 ms late, as of a lab that has measured them. 20 trials, all on one such station.",
+    "degrees off, actions 80 ms late, ragged masks and one lamp. Filmed, recorded and trained for it, with actions 70 "
+    "to 90 ms late, as of a lab that has measured them. 20 trials, all on one such station.",
 )
