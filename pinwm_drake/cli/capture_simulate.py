@@ -36,6 +36,10 @@ def simulate(
         float | None,
         typer.Option(help="Of the pusher, in m/s.", show_default="one at which the object coasts on by 12 mm"),
     ] = None,
+    rise: Annotated[tuple[float, float], typer.Option(help="Least and most of a poke's way over level, in rad.")] = (
+        0.3,
+        0.8,
+    ),
     distance: Annotated[float, typer.Option(help="That it goes on after it has met the object, in m.")] = 0.10,
     pusher: Annotated[str, typer.Option(help="Its shape: sphere, capsule or cylinder.")] = "sphere",
     pusher_radius: Annotated[float, typer.Option(help="In m.")] = 0.01,
@@ -77,6 +81,7 @@ def simulate(
         frames=frames,
         rate=rate,
         speed=speed,
+        rise=rise,
         distance=distance,
         pusher=pusher,
         pusher_radius=pusher_radius,

@@ -12,7 +12,7 @@ from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.recorder import PushRecorder, Recording
 
 SPEEDS = (0.3, 0.5)  # m/s, of pokes whose speed is not given: faster ones make an object hop, which hides friction
-_RISES = (0.8, 1.2)  # rad, of the way over level: the pusher slips along the object, which shows its friction
+RISES = (0.3, 0.8)  # rad, of the way over level: such pokes seldom turn the object over
 _POKES, _DRAWS = 60, 1000  # that are tried, and drawn
 _ROCKS = 0.001  # m, by which the centre of mass rises at least, and within which it comes back
 _OVER = 0.3  # of the height of the centre of mass, by which it rises at most; over a cube's edge it is 0.41
@@ -29,6 +29,8 @@ def rocking_poke(
     generator: np.random.Generator,
     speeds: tuple[float, float],
     number: int,
+    *,
+    rises: tuple[float, float] = RISES,
 ) -> tuple[StraightPush, Recording]:
     """Draws pokes of an object on the floor z = 0 until it slides and rocks, and lies as it did.
 
@@ -40,6 +42,7 @@ def rocking_poke(
         generator: Source of randomness.
         speeds: m/s, of the pusher, least and most.
         number: Number of pictures of the recording.
+        rises: rad, of the pusher's way over level, least and most.
 
     Returns:
         The poke, and what was recorded of it.
@@ -52,7 +55,7 @@ def rocking_poke(
     top, tried = mesh_W.bounds[1, 2] - shape.radius, 0
     for _ in range(_DRAWS):
         try:
-            poke = choose_poke(mesh_W, X_WO @ p_OB, shape, generator, floor_height=0.0, speeds=speeds, rises=_RISES)
+            poke = choose_poke(mesh_W, X_WO @ p_OB, shape, generator, floor_height=0.0, speeds=speeds, rises=rises)
         except ParameterError:  # at the height that it drew there is no side to be met; there may be at others
             continue
         # Over the top edge the least difference would decide.

@@ -34,7 +34,7 @@ from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log,
 from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.runs.realism.uneven import uneven_twin
 from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates, Recording
-from pinwm_drake.systems.runs.rocking import SPEEDS, rocking_poke
+from pinwm_drake.systems.runs.rocking import RISES, SPEEDS, rocking_poke
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape, Theta
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
@@ -90,6 +90,7 @@ class SimulateOptions:
     task: str = PushTask.name
     forces: bool = False
     stand_in: bool = False
+    rise: tuple[float, float] = RISES
 
     def __post_init__(self) -> None:
         """Checks them; those of the scenario within its bounds."""
@@ -107,6 +108,8 @@ class SimulateOptions:
         require("--frames", self.frames, 2 <= self.frames <= 10000, "2 to 10000")
         require("--rate", self.rate, 1 <= self.rate <= 240, "1 to 240 Hz")
         require("--speed", self.speed, self.speed is None or 0.01 <= self.speed <= 1.0, "0.01 to 1 m/s")
+        low, high = self.rise
+        require("--rise", f"{low} to {high}", 0.0 <= low <= high <= 1.4, "0 to 1.4 rad, the least first")
         require("--distance", self.distance, 0.005 <= self.distance <= 0.5, "0.005 to 0.5 m")
         require("--pusher", self.pusher, self.pusher in PUSHER_KINDS, ", ".join(PUSHER_KINDS))
         _require_quantity("--pusher-radius", self.pusher_radius, Shape, "radius")
@@ -335,7 +338,8 @@ class _Capture:
         """A random poke that rocks the object at rest, and what came of it."""
         given = self.options.speed
         speeds = SPEEDS if given is None else (0.85 * given, 1.15 * given)
-        return rocking_poke(self.recorder, self.X_WO, self.mesh, self.shape, generator, speeds, self.options.frames)
+        number, rises = self.options.frames, self.options.rise
+        return rocking_poke(self.recorder, self.X_WO, self.mesh, self.shape, generator, speeds, number, rises=rises)
 
 
 def _uneven_setup(

@@ -134,6 +134,7 @@ def test_a_folder_with_files_is_left_alone(pinwm, tmp_path):
         (["--pusher", "hand"], "--pusher: got hand"),
         (["--lying"], "--lying: got True; allowed: with a mug only"),
         (["--speed", "nan"], "--speed: got nan"),
+        (["--rise", "0.9", "0.8"], "--rise: got 0.9 to 0.8"),
         (["--distance", "0.5", "--mass", "inf"], "--mass: got inf"),
         (["--size", "0"], "--size: got 0"),
         (["--pusher-friction", "nan"], "--pusher-friction: got nan; allowed: 0 to 2"),

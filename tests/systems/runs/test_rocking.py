@@ -43,9 +43,9 @@ class Played:
         return Recording(TIMES, None, None, poses, np.zeros((len(TIMES), 3)), poses)
 
 
-def poke(recorder):
+def poke(recorder, **rises):
     mesh = trimesh.creation.box((SIZE, SIZE, SIZE))
-    return rocking_poke(recorder, pose(0.0, 0.0), mesh, SPHERE, np.random.default_rng(0), (0.3, 0.5), 49)
+    return rocking_poke(recorder, pose(0.0, 0.0), mesh, SPHERE, np.random.default_rng(0), (0.3, 0.5), 49, **rises)
 
 
 def test_a_poke_makes_the_object_slide_and_rock():
@@ -60,6 +60,11 @@ def test_a_poke_makes_the_object_slide_and_rock():
     assert level < 1.0
     assert slow == good == TIMES[-1]
     assert 0.3 < found.speed < 0.5
+
+
+def test_a_poke_rises_as_it_is_asked_to():
+    found, _ = poke(Played((0.05, 0.003)), rises=(0.5, 0.55))
+    assert 0.5 < np.arcsin(found.direction_W[2]) < 0.55
 
 
 def test_where_no_poke_rocks_the_object_the_error_says_so():
