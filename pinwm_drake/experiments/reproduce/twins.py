@@ -24,7 +24,7 @@ from pinwm_drake.report.surfels.fit_results import ALIGN_FILE
 from pinwm_drake.systems.runs.simulated_capture import simulate_capture
 from pinwm_drake.twin import SURFELS_FILE
 
-_STEEP = (0.8, 1.2)  # rad
+_STEEP = (0.8, 1.2)  # rad, of the way of the stand-in's poke over level
 _QUICK_ITERATIONS, _QUICK_SURFELS, _QUICK_STEPS = 100, 300, 5
 
 
@@ -75,8 +75,8 @@ class CaptureCell:
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Films the object at rest and twice in motion, once in the stand-in; see `Cell.make`.
 
-        In the stand-in, a second poke that rocks the object would take long to find, and one is steeper, as the first
-        that was tried, by 36 degrees, did not tell the friction of the pusher.
+        In the stand-in, a second poke that rocks the object would take long to find, and the one is steeper: one of 36
+        degrees did not tell the friction of the pusher.
         """
         known = task_scene(self.task).capture(self.seed, quick=self.quick)
         options = replace(known, forces=self.forces, stand_in=self.stand_in)
