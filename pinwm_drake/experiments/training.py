@@ -235,6 +235,11 @@ def _devices() -> tuple[str, ...]:
     return ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",)
 
 
+def quickest_device() -> str:
+    """Device for networks that are large enough to gain by a GPU: "cuda" where torch sees one."""
+    return _devices()[-1]
+
+
 def _with(options: Any, **values: Any) -> Any:
     """Options with the values that are not None in the place of their own."""
     return replace(options, **{name: value for name, value in values.items() if value is not None})

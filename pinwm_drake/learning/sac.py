@@ -136,7 +136,7 @@ def train_sac(
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     if rounds.number:
         _unpack(rounds.arrays, model)
-    for number in range(rounds.number):
+    for number in range(0 if rounds.ended(options.patience) else rounds.number):
         _refill(model.replay_buffer, _read(replay / f"{number:04}.npz"))
     while not rounds.ended(options.patience):
         rounds.begin(env, on_round)

@@ -1,4 +1,5 @@
 import csv
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -141,10 +142,18 @@ def test_ends_that_make_no_sense_are_refused(values):
 
 
 def test_steps_that_are_missing_are_named(tmp_path):
-    train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac")
-    (tmp_path / "replay" / "0001.npz").unlink()
-    with pytest.raises(InputError, match=r"0001\.npz"):
+    train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac", until=rounds.Until(minutes=1e-6))
+    (tmp_path / "replay" / "0000.npz").unlink()
+    with pytest.raises(InputError, match=r"0000\.npz"):
         train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac", resume=True)
+
+
+def test_steps_of_a_training_that_is_over_are_not_needed(tmp_path):
+    whole = train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac")
+    shutil.rmtree(tmp_path / "replay")
+    again = train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac", resume=True)
+    left, right = weights(whole), weights(again)
+    assert all(np.array_equal(left[name], right[name]) for name in left)
 
 
 @pytest.mark.parametrize("spec", [toy_spec("rgb", head="dither"), toy_spec("state")])

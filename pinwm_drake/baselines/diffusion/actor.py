@@ -15,7 +15,7 @@ from pinwm_drake.errors import InputError, ParameterError, require
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.policy import read_document, write_document
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
-from pinwm_drake.learning.weights import set_weights, weights
+from pinwm_drake.learning.weights import device_of, set_weights, weights
 
 ACTOR_FILE, WEIGHTS_FILE = "diffusion.yaml", "weights.npz"
 _VERSION = 1
@@ -118,8 +118,9 @@ class DiffusionActor:
         options = self.network.options
         image, pusher = chunks.image[rows], chunks.pusher[rows]
         noise = np.stack([self._noise(*one) for one in zip(image, pusher, chunks.step[rows], strict=True)])
-        dark = 1.0 - torch.from_numpy(image).permute(0, 1, 4, 2, 3).flatten(1, 2).float() / 255.0
-        found = self.network.sample(dark, torch.from_numpy(pusher), torch.from_numpy(noise))
+        images, pushers, noises = (torch.from_numpy(one).to(device_of(self.network)) for one in (image, pusher, noise))
+        dark = 1.0 - images.permute(0, 1, 4, 2, 3).flatten(1, 2).float() / 255.0
+        found = self.network.sample(dark, pushers, noises).cpu()
         first = options.observations - 1
         return np.clip(found[:, first : first + options.actions].numpy(), -1.0, 1.0)
 

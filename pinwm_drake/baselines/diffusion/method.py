@@ -33,6 +33,7 @@ from pinwm_drake.learning.world_evaluation import evaluate_worlds
 STAGE = "diffusion"  # the folder of the stage too
 _TOLD = 20  # updates between two reports
 _AVERAGE = "ema."
+_Weights = tuple[Tensor, ...] | list[Tensor]
 
 
 @dataclass(frozen=True)
@@ -43,11 +44,13 @@ class DiffusionPolicy:
         network: Settings of the network.
         training: Settings of the training.
         until: What ends the training before its last round.
+        device: Device of the network, as torch names it; the policy that is returned is on the CPU.
     """
 
     network: NetworkOptions = field(default_factory=NetworkOptions)
     training: TrainingOptions = field(default_factory=TrainingOptions)
     until: Until = ANY
+    device: str = "cpu"
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
@@ -105,17 +108,18 @@ class _Learner:
     """Network, optimizer and moving average, and their updates; the network's first weights follow from the seed."""
 
     def __init__(self, method: DiffusionPolicy, windows: Windows, action_size: int) -> None:
-        self._options, self._windows = method.training, windows
+        self._options, self._windows, self._device = method.training, windows, method.device
         self._network = DiffusionNetwork(method.network, action_size)
         self._network.action.fit(torch.from_numpy(windows.action))
         self._network.pusher.fit(torch.from_numpy(windows.pusher))
+        self._network.to(method.device)
         self._optimizer = torch.optim.AdamW(
             self._network.parameters(),
             self._options.learning_rate,
             betas=(0.95, 0.999),
             weight_decay=self._options.weight_decay,
         )
-        self._average = AveragedModel(self._network, avg_fn=self._averaged)
+        self._average = AveragedModel(self._network, multi_avg_fn=self._add_to_average)
         self._augment = Augment(self._options.shift, self._options.gain)
 
     @property
@@ -149,7 +153,8 @@ class _Learner:
             rate = _learning_rate(options, number * options.round_updates + update, total)
             for group in self._optimizer.param_groups:
                 group["lr"] = rate
-            image, pusher, action = (torch.from_numpy(one) for one in self._windows.draw(options.batch_size, generator))
+            drawn = self._windows.draw(options.batch_size, generator)
+            image, pusher, action = (torch.from_numpy(one).to(self._device) for one in drawn)
             loss = self._network.loss(self._augment(image), pusher, action)
             self._optimizer.zero_grad()
             loss.backward()
@@ -158,10 +163,10 @@ class _Learner:
             losses.append(float(loss.detach()))
             yield
 
-    def _averaged(self, average: Tensor, now: Tensor, updates: Tensor | int) -> Tensor:
-        """Moving average of a weight with its value after one more update."""
+    def _add_to_average(self, averages: _Weights, now: _Weights, updates: Tensor | int) -> None:
+        """Moves the moving averages of weights, in place, to those with the values after one more update."""
         decay = min(1.0 - (1.0 + float(updates)) ** -self._options.average_power, self._options.average_most)
-        return average.lerp(now, 1.0 - decay)
+        torch._foreach_lerp_(averages, now, 1.0 - decay)
 
 
 def _learning_rate(options: TrainingOptions, update: int, total: int) -> float:

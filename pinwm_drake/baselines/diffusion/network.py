@@ -91,8 +91,9 @@ class DiffusionNetwork(nn.Module):
         """
         scheduler = _schedulers().DDPMScheduler(self.options.diffusion_steps, **_SCHEDULE)
         clean = self.action(action)
-        noise = torch.randn_like(clean)
-        step = torch.randint(self.options.diffusion_steps, (len(clean),), device=clean.device)
+        # Drawn on the CPU, whose generator a checkpoint keeps.
+        noise = torch.randn(clean.shape).to(clean)
+        step = torch.randint(self.options.diffusion_steps, (len(clean),)).to(clean.device)
         noisy = scheduler.add_noise(clean, noise, step)
         return mse_loss(self.unet(noisy, step, self.condition(dark, pusher)), noise)
 

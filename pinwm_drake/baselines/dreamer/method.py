@@ -35,6 +35,7 @@ class DreamerV2:
         model: Settings of the world model's training.
         behaviour: Settings of the training of actor and critic.
         until: What ends the training before its last round; of the minutes, the world model takes half at most.
+        device: Device of the networks, as torch names it; the policy that is returned is on the CPU.
 
     Raises:
         ParameterError: A number is out of range.
@@ -45,6 +46,7 @@ class DreamerV2:
     model: ModelOptions = field(default_factory=ModelOptions)
     behaviour: BehaviourOptions = field(default_factory=BehaviourOptions)
     until: Until = ANY
+    device: str = "cpu"
 
     def __post_init__(self) -> None:
         """Checks the number of episodes."""
@@ -78,6 +80,7 @@ class DreamerV2:
             resume=resume,
             minutes=_MODEL_SHARE * self.until.minutes,
             report=report,
+            device=self.device,
         )
         policy = train_behaviour(
             env,

@@ -16,7 +16,7 @@ from pinwm_drake.errors import InputError, ParameterError, require
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.policy import read_document, write_document
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
-from pinwm_drake.learning.weights import set_weights, weights
+from pinwm_drake.learning.weights import device_of, set_weights, weights
 
 DREAMER_FILE, WEIGHTS_FILE = "dreamer.yaml", "weights.npz"
 _VERSION = 1
@@ -57,24 +57,24 @@ class DreamerPolicy:
         Raises:
             ParameterError: An entry is not in the observation, or the state is of another number of worlds.
         """
-        image, pusher = (torch.from_numpy(part) for part in seen_parts(observation, "image", "pusher"))
+        device = device_of(self.actor)
+        image, pusher = (torch.from_numpy(part).to(device) for part in seen_parts(observation, "image", "pusher"))
         single = image.ndim == 3
         if single:
             image, pusher = image[None], pusher[None]
         W = len(image)
         with torch.inference_mode():
             if state is None:
-                state = (self.perception.rssm.initial(W), torch.zeros(W, self.spec.action_size))
+                state = (self.perception.rssm.initial(W), torch.zeros(W, self.spec.action_size, device=device))
             latent, action = state
             require("state", f"one of {len(action)} worlds", len(action) == W, f"one of {W}, as are observed")
-            first = torch.zeros(W, dtype=torch.bool)
-            if episode_start is not None:
-                first |= torch.from_numpy(np.asarray(episode_start, bool))
+            starts = np.zeros(W, bool) if episode_start is None else np.asarray(episode_start, bool)
+            first = torch.from_numpy(starts).to(device)
             embed = self.perception.embed(image[..., -3:], pusher.float())
             latent, _ = self.perception.rssm.see(latent, action, embed, first, mode=deterministic)
             found = self.actor(latent.features)
             action = found.mean if deterministic else found.rsample()
-        actions: np.ndarray = action.numpy().copy()
+        actions: np.ndarray = action.cpu().numpy().copy()
         return (actions[0] if single else actions), (latent, action)
 
 

@@ -108,6 +108,10 @@ class Batch(NamedTuple):
     terminal: Tensor
     first: Tensor
 
+    def to(self, device: torch.device | str) -> "Batch":
+        """The sequences on a device."""
+        return Batch(*(part.to(device) for part in self))
+
 
 class Replay:
     """All steps of some episodes, one after another, from which sequences are drawn.

@@ -12,6 +12,7 @@ from torch.distributions import OneHotCategoricalStraightThrough
 
 from pinwm_drake.baselines.dreamer.networks import layers
 from pinwm_drake.baselines.dreamer.options import NetworkOptions
+from pinwm_drake.learning.weights import device_of
 
 _UPDATE_BIAS = -1.0  # of the cell, so that it begins by remembering
 
@@ -104,8 +105,10 @@ class Rssm(nn.Module):
         self.posterior = layers(sizes.deter + embed_size, sizes.hidden, 1, drawn)
 
     def initial(self, number: int) -> Latent:
-        """Latent states of B sequences before anything was seen: zeros."""
-        return Latent(torch.zeros(number, self._deter), torch.zeros(number, *self._shape))
+        """Latent states of B sequences before anything was seen: zeros, on the device of the layers."""
+        device = device_of(self)
+        zeros = (torch.zeros(number, *shape, device=device) for shape in ((self._deter,), self._shape))
+        return Latent(*zeros)
 
     def advance(self, latent: Latent, action: Tensor) -> Tensor:
         """Next recurrent state (B, deter) after actions (B, n)."""

@@ -30,7 +30,7 @@ from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.progress import Pace, Report, Step
 from pinwm_drake.learning.rounds import CHECKPOINT_FILE, EVALUATION_SEED, OnRound, Rounds, Until
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.learning.weights import pack, set_weights, unpack
+from pinwm_drake.learning.weights import device_of, pack, set_weights, unpack
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 
 MODEL, BEHAVIOUR = "model", "behaviour"  # stages, and their folders
@@ -51,6 +51,7 @@ def train_model(
     resume: bool,
     minutes: float,
     report: Report,
+    device: str = "cpu",
 ) -> tuple[WorldModel, int, float]:
     """Trains a world model.
 
@@ -64,9 +65,11 @@ def train_model(
         resume: Flag: the training goes on from a checkpoint, where there is one.
         minutes: min, all runs together, after which it ends before its last update; infinite for never.
         report: Called with the progress of the training.
+        device: Device of the model, as torch names it.
 
     Returns:
-        The model, without gradients; the number of updates it had; and the seconds that they took, all runs together.
+        The model on that device, without gradients; the number of updates it had; and the seconds that they took, all
+        runs together.
 
     Raises:
         InputError: The checkpoint cannot be used, or a file cannot be written.
@@ -74,7 +77,7 @@ def train_model(
     """
     path = prepare_folder(folder) / CHECKPOINT_FILE
     generator_of(seed, MODEL, -1)
-    model = WorldModel(replay.image_size, replay.action_size, networks)
+    model = WorldModel(replay.image_size, replay.action_size, networks).to(device)
     optimizer = _adam([(model, options.learning_rate)], options.weight_decay)
     stored = read_arrays(path, about, MODEL, ["curve", "seconds"]) if resume else None
     curve = np.zeros((0, len(_TERMS)))
@@ -91,7 +94,7 @@ def train_model(
 
     while len(rows) < options.updates and time.monotonic() - begun < 60.0 * minutes:
         batch = replay.draw(options.batch_size, options.length, generator_of(seed, MODEL, len(rows)))
-        terms = model.loss(batch, options)
+        terms = model.loss(batch.to(device), options)
         optimizer.zero_grad()
         terms.total.backward()
         nn.utils.clip_grad_norm_(model.parameters(), options.clip)
@@ -151,11 +154,11 @@ def train_behaviour(
     until: Until,
     report: Report,
 ) -> DreamerPolicy:
-    """Trains actor and critic in a world model.
+    """Trains actor and critic in a world model, on its device.
 
     Args:
         env: Worlds with observation "rgb_state", in which each round is evaluated; nothing is learned from them.
-        model: The world model, without gradients.
+        model: The world model, without gradients; it is on the CPU afterwards.
         replay: Steps of the episodes, whose states the imagination begins from.
         spec: Specification of the policy.
         networks: Sizes of the networks.
@@ -169,14 +172,15 @@ def train_behaviour(
         report: Called with the progress of the training.
 
     Returns:
-        The policy of the best round by its evaluation; of the last one where none had a success.
+        The policy, on the CPU, of the best round by its evaluation; of the last one where none had a success.
 
     Raises:
         InputError: A checkpoint cannot be used, or a file cannot be written.
     """
     rounds = Rounds(folder, BEHAVIOUR, about, seed, resume=resume, total=options.rounds, until=until, report=report)
     generator_of(seed, BEHAVIOUR, -1)
-    behaviour = Behaviour(replay.action_size, networks)
+    device = device_of(model)
+    behaviour = Behaviour(replay.action_size, networks).to(device)
     rates = [(behaviour.actor, options.actor_rate), (behaviour.critic, options.critic_rate)]
     optimizer = _adam(rates, options.weight_decay)
     logger = configure(str(folder / "tensorboard"), ["tensorboard"])
@@ -196,7 +200,7 @@ def train_behaviour(
             generator = generator_of(seed, BEHAVIOUR, number)
             if number % options.target_period == 0:
                 behaviour.follow()
-            batch = replay.draw(options.batch_size, options.length, generator)
+            batch = replay.draw(options.batch_size, options.length, generator).to(device)
             actor_loss, critic_loss = behaviour.losses(model, batch, options)
             optimizer.zero_grad()
             (actor_loss + critic_loss).backward()
@@ -215,7 +219,7 @@ def train_behaviour(
     best = rounds.best
     last = best is None or best.success == 0.0
     set_weights(actor, rounds.best_weights())
-    return DreamerPolicy(spec, networks, model.perception, behaviour.actor if last else actor)
+    return DreamerPolicy(spec, networks, model.cpu().perception, behaviour.actor.cpu() if last else actor)
 
 
 def generator_of(seed: int, stage: str, number: int) -> np.random.Generator:

@@ -11,6 +11,8 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import torch
+
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.provenance import timestamp, versions
@@ -99,10 +101,16 @@ def made(cell: Cell, root: Path, say: Say) -> dict[str, Any]:
             "minutes": round((time.monotonic() - begun) / 60.0, 2),
             "cpu_minutes": round((time.process_time() - cpu) / 60.0, 2),
             "commit": commit(),
-            "machine": f"{platform.machine()}, {os.cpu_count()} cores",
+            "machine": _machine(),
             "versions": versions(),
         },
     }
+
+
+def _machine() -> str:
+    """Processor, its cores, and the GPU, where torch sees one."""
+    gpu = f", {torch.cuda.get_device_name()}" if torch.cuda.is_available() else ""
+    return f"{platform.machine()}, {os.cpu_count()} cores{gpu}"
 
 
 def settings_of(cell: Any) -> Any:

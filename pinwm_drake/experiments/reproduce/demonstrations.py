@@ -16,7 +16,7 @@ from pinwm_drake.experiments.reproduce.cell import Cell, Say
 from pinwm_drake.experiments.reproduce.plants import recording_plant
 from pinwm_drake.experiments.reproduce.policies import PolicyCell, say_rounds
 from pinwm_drake.experiments.reproduce.scenes import task_scene
-from pinwm_drake.experiments.training import TrainRequest, worlds_of
+from pinwm_drake.experiments.training import TrainRequest, quickest_device, worlds_of
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.policy import read_policy, weights_digest
 from pinwm_drake.learning.progress import Step
@@ -107,11 +107,11 @@ class DiffusionCell:
         return 0.01 if self.quick else 2.0
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Trains the policy, with evaluations in worlds of the true theta; see `Cell.make`."""
+        """Trains it, on a GPU if there is one, and evaluates it in worlds of the true theta; see `Cell.make`."""
         expert, out = self.demonstrations.expert, prepare_folder(root / self.key)
         scene = task_scene(expert.task)
         worlds = worlds_of(TrainRequest(scene.scene, out, task=scene.task, delta=0.0, worlds=8 if self.quick else 64))
-        method = DiffusionPolicy()
+        method = DiffusionPolicy(device=quickest_device())
         if self.quick:
             few = TrainingOptions(updates=4, round_updates=4, batch_size=4, warmup=0, episodes=2)
             method = DiffusionPolicy(NetworkOptions(widths=(8, 16), channels=(8, 8, 8), sampling_steps=2), few)

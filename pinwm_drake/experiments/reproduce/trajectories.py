@@ -14,7 +14,7 @@ from pinwm_drake.experiments.reproduce.cell import Cell, Say
 from pinwm_drake.experiments.reproduce.plants import recording_plant
 from pinwm_drake.experiments.reproduce.policies import say_rounds
 from pinwm_drake.experiments.reproduce.scenes import scene_folder, task_scene
-from pinwm_drake.experiments.training import TrainRequest, worlds_of
+from pinwm_drake.experiments.training import TrainRequest, quickest_device, worlds_of
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.progress import Step
 from pinwm_drake.systems.envs.options import environment_setup
@@ -117,12 +117,12 @@ class DreamerCell:
         return 0.01 if self.quick else 1.3
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Trains the policy; the best round is found in worlds of the true theta; see `Cell.make`."""
+        """Trains it, on a GPU if there is one; the best round is found in worlds of the true theta; see `Cell.make`."""
         about, out = self.trajectories, prepare_folder(root / self.key)
         scene = task_scene(about.task)
         worlds = worlds_of(TrainRequest(scene.scene, out, task=scene.task, delta=0.0, worlds=8 if self.quick else 64))
         data, told = MethodData(trajectories=root / about.key / "episodes"), dict[str, Step]()
-        method = _QUICK if self.quick else DreamerV2()
+        method = _QUICK if self.quick else DreamerV2(device=quickest_device())
         method.train(data, worlds, out, seed=about.seed, resume=True, report=say_rounds(say, told))
         return {name: {"steps": step.steps, "best": step.best, "seconds": step.seconds} for name, step in told.items()}
 

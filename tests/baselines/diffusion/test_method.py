@@ -1,5 +1,8 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import torch
 
 from benchmarks.way_around.worlds import AroundWorlds, Expert, MakeAround
 from pinwm_drake.baselines.diffusion.actor import read_actor
@@ -11,7 +14,7 @@ from pinwm_drake.baselines.method import MethodData
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning import rounds
 from pinwm_drake.learning.progress import silent
-from pinwm_drake.learning.weights import weights
+from pinwm_drake.learning.weights import device_of, weights
 
 pytest.importorskip("diffusers")
 
@@ -61,6 +64,14 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, demon
         assert all(np.array_equal(one[name], two[name]) for name in one.files if name != "history")
     again = weights(read_actor(tmp_path / STAGE / "policy").network)
     assert all(np.array_equal(a[name], again[name]) for name in a)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+def test_a_training_on_a_gpu_gives_the_policy_of_one_on_the_cpu(tmp_path, demonstrations, whole):
+    found = train(replace(SHORT, device="cuda"), demonstrations, tmp_path)
+    assert device_of(found.network).type == "cpu"
+    a, b = weights(whole[0].network), weights(found.network)
+    assert all(np.allclose(a[name], b[name], rtol=0.0, atol=1e-3) for name in a)
 
 
 def test_a_training_of_other_demonstrations_is_refused(tmp_path, demonstrations, whole):

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+import torch
 
 from benchmarks.point_mass import PointMassWorlds, Wandering
 from pinwm_drake.baselines.dreamer import training
@@ -15,7 +16,7 @@ from pinwm_drake.baselines.method import MethodData
 from pinwm_drake.errors import InputError
 from pinwm_drake.learning import rounds
 from pinwm_drake.learning.progress import silent
-from pinwm_drake.learning.weights import weights
+from pinwm_drake.learning.weights import device_of, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from tests.baselines.dreamer.small import SIZES
 
@@ -66,6 +67,17 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monke
     assert curves[0] == curves[1]
     assert [row["updates"] for row in csv.DictReader(curves[0].splitlines())] == ["2", "4", "6"]
     assert len(list((tmp_path / "b" / EPISODES).iterdir())) == 3
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+def test_a_training_on_a_gpu_gives_a_policy_on_the_cpu(tmp_path):
+    devices = []
+    method = replace(SHORT, device="cuda")
+    policy = trained(method, tmp_path, report=lambda step: devices.append(torch.cuda.memory_allocated() > 0))
+    assert any(devices)
+    assert all(device_of(getattr(policy, part)).type == "cpu" for part in ("perception", "actor"))
+    assert alike(policy, read_dreamer(tmp_path))
+    assert alike(policy, trained(method, tmp_path, resume=True))
 
 
 def test_a_training_with_other_settings_is_refused(tmp_path):
