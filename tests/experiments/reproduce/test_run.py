@@ -14,6 +14,7 @@ from pinwm_drake.experiments.reproduce.report import read_results, write_report
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.run import plan, reproduce, tables_of
 from pinwm_drake.experiments.reproduce.systems import SYSTEMS
+from pinwm_drake.experiments.reproduce.tables import paper
 from pinwm_drake.parallel import Executor
 
 OPTIONS = {"tasks": ("push",), "methods": ("pin-wm", "random-actions"), "episodes": 2, "quick": True}
@@ -65,6 +66,26 @@ def test_parameters_are_identified_one_at_a_time_by_every_system_that_has_them(t
     assert {"twins/asid-mass/push/seed-0", "twins/2d-physics/push/seed-0"} <= keys
     few = {cell.system for cell in table.cells(ReproduceRequest(tasks=("push",), methods=("asid",)))}
     assert few == {"asid"}
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [
+        ("policies", paper.POLICIES),
+        ("stand-in", paper.ROBOT),
+        ("tasks", paper.TASKS),
+        ("one-step", paper.ONE_STEP),
+        ("geometry-noise", paper.NOISE),
+        ("parameters", paper.PARAMETERS),
+    ],
+)
+def test_each_figure_of_the_paper_stands_in_a_row_of_its_table(name, known):
+    (table,) = tables_of([name])
+    rows = table.rows(ReproduceRequest(), {})
+    assert {len(row) for row in rows} == {len(table.header)}
+    told = [row[-1] for row in rows if row[-1] != paper.NONE]
+    assert sorted(set(told)) == sorted(set(known.values()))
+    assert len(told) >= len(known)
 
 
 def test_the_stand_in_has_captures_twins_policies_and_evaluations_of_its_own(tmp_path: Path):

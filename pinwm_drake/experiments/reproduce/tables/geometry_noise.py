@@ -3,6 +3,7 @@
 from pinwm_drake.experiments.reproduce.cell import Cell
 from pinwm_drake.experiments.reproduce.predictions import OneStepCell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+from pinwm_drake.experiments.reproduce.tables import paper
 from pinwm_drake.experiments.reproduce.tables.one_step import PARTS, error_words
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table
 from pinwm_drake.experiments.reproduce.twins import CaptureCell, NoisyCaptureCell, SurfelsCell, TwinCell
@@ -38,14 +39,15 @@ def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
         words = [MISSING, ""] if done is None else [error_words(done["result"][part], unit) for part, unit in PARTS]
         assert cell.twin is not None
         seed = str(cell.twin.surfels.capture.seed)
-        rows.append([cell.outcomes.task, cell.origin, kind, seed, *words])
+        task = cell.outcomes.task
+        rows.append([task, cell.origin, kind, seed, *words, paper.figure(paper.NOISE, (task, kind))])
     return rows
 
 
 GEOMETRY_NOISE = Table(
     "geometry-noise",
     "Geometry noise",
-    ("task", "twin", "sigma by the diagonal", "seed", "translation", "rotation"),
+    ("task", "twin", "sigma by the diagonal", "seed", "translation", "rotation", "paper"),
     _all,
     _rows,
     "Vertices of the mesh that twins are made with are moved by normal noise; images, and the plant that they are "

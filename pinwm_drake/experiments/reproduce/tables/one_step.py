@@ -7,6 +7,7 @@ from pinwm_drake.experiments.reproduce.imagined_steps import ImaginedStepCell, S
 from pinwm_drake.experiments.reproduce.predictions import OneStepCell, OutcomesCell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.systems import ASID, ASID_GENEROUS, DREAMER, PIN_WM, PLANAR, SCENE
+from pinwm_drake.experiments.reproduce.tables import paper
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table
 from pinwm_drake.experiments.reproduce.trajectories import dreamer
 
@@ -47,7 +48,7 @@ def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
     for head, cell in _cells(request):
         done = results.get(cell)
         words = [MISSING, ""] if done is None else [error_words(done["result"][part], unit) for part, unit in PARTS]
-        rows.append([*head, *words, str(request.draws)])
+        rows.append([*head, *words, str(request.draws), paper.figure(paper.ONE_STEP, (head[0], head[1]))])
     return rows
 
 
@@ -64,7 +65,7 @@ def error_words(found: dict[str, float], unit: str) -> str:
 ONE_STEP = Table(
     "one-step",
     "One-step errors",
-    ("task", "prediction", "seed", "translation", "rotation", "draws"),
+    ("task", "prediction", "seed", "translation", "rotation", "draws", "paper"),
     _all,
     _rows,
     "Errors of the object's pose after one action towards a random point of the object, as long as those that policies "

@@ -4,6 +4,7 @@ from pinwm_drake.experiments.reproduce.cell import Cell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.scenes import task_scene
 from pinwm_drake.experiments.reproduce.systems import ASID, ASID_GENEROUS, PIN_WM, PLANAR
+from pinwm_drake.experiments.reproduce.tables import paper
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table
 from pinwm_drake.experiments.reproduce.tracked_twins import TrackedTwinCell
 from pinwm_drake.experiments.reproduce.twins import CaptureCell, IdentifiedCell, SurfelsCell, TwinCell
@@ -12,8 +13,6 @@ _UNKNOWNS = ("friction_floor", "mass", "restitution_floor")
 _FORCES = "mass"  # what a capture with forces is for
 _PLANAR_UNKNOWN = "friction_floor"  # of 2D Physics; its mass is held, and it knows no restitution
 BESIDE = ", beside all that is looked for by default"
-# Of the paper's table of identified parameters, for its push (Li et al., arXiv 2504.16693v2).
-_PAPER = {("push", "friction_floor"): "0.0305", ("push", "mass"): "0.76 kg"}
 
 
 def unknown(cell: IdentifiedCell) -> tuple[str, str]:
@@ -51,15 +50,15 @@ def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
     for cell in _cells(request):
         (name, words), task, done = unknown(cell), cell.surfels.capture.task, results.get(cell)
         true = task_scene(task).true_theta[name]
-        paper = _PAPER.get((task, name), "not at hand") if cell.system == PIN_WM else "not at hand"
+        theirs = paper.figure(paper.PARAMETERS, (task, cell.system, name))
         head = [task, words, cell.system, str(cell.surfels.capture.seed), f"{true:g}"]
         if done is None:
-            rows.append([*head, MISSING, "", "", paper])
+            rows.append([*head, MISSING, "", "", theirs])
             continue
         estimate = done["result"]["estimates"][name]
         low, high = estimate["interval"] or ("", "")
         interval = f"{low:.4g} to {high:.4g}" if estimate["interval"] else "none"
-        rows.append([*head, f"{estimate['value']:.4g}", interval, "yes" if estimate["identifiable"] else "no", paper])
+        rows.append([*head, f"{estimate['value']:.4g}", interval, "yes" if estimate["identifiable"] else "no", theirs])
     return rows
 
 

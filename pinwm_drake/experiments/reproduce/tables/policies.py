@@ -1,24 +1,13 @@
 """Table of policies: success and actions of every system, push and flip."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from pinwm_drake.experiments.reproduce.cell import Cell
 from pinwm_drake.experiments.reproduce.evaluations import EvaluationCell, evaluated
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.systems import SYSTEMS
+from pinwm_drake.experiments.reproduce.tables import paper
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Results, Row, Table, percent
-
-# Success and actions of the paper's tables I and IV, where they are at hand (Li et al., arXiv 2504.16693v2).
-_PAPER = {
-    ("push", "pin-wm"): "97 %, 30.1",
-    ("push", "pin-wm-0"): "92 %, 32.1",
-    ("push", "true-theta"): "98 %",
-    ("flip", "pin-wm"): "83 %, 11.4",
-    ("flip", "pin-wm-0"): "70 %, 12.0",
-    ("flip", "true-theta"): "89 %",
-}
-# Success of its real robot, as its summary has it.
-_PAPER_ROBOT = {("push", "pin-wm"): "75 %, a robot", ("flip", "pin-wm"): "65 %, a robot"}
 
 
 def evaluations(request: ReproduceRequest, names: Sequence[str], *, stand_in: bool = False) -> list[EvaluationCell]:
@@ -32,28 +21,31 @@ def evaluations(request: ReproduceRequest, names: Sequence[str], *, stand_in: bo
 
 
 def evaluation_rows(
-    request: ReproduceRequest, names: Sequence[str], results: Results, *, stand_in: bool = False
+    request: ReproduceRequest,
+    names: Sequence[str],
+    results: Results,
+    known: Mapping[tuple[str, str], str],
+    *,
+    stand_in: bool = False,
 ) -> list[Row]:
-    """Rows of task, system, training, success, interval, actions, seeds, minutes, and the paper's figures."""
+    """Rows of task, system, training, success, interval, actions, seeds, minutes, and the paper's figures `known`."""
     cells: dict[tuple[str, str], list[EvaluationCell]] = {}
     for cell in evaluations(request, names, stand_in=stand_in):
         cells.setdefault((cell.task, cell.system), []).append(cell)
-    return [_row(task, name, found, results) for (task, name), found in cells.items()]
+    return [_row(*key, found, results, paper.figure(known, key)) for key, found in cells.items()]
 
 
-def _row(task: str, name: str, cells: Sequence[EvaluationCell], results: Results) -> Row:
+def _row(task: str, name: str, cells: Sequence[EvaluationCell], results: Results, figure: str) -> Row:
     done = [done for cell in cells if (done := results.get(cell)) is not None]
-    known = _PAPER_ROBOT if any(cell.stand_in for cell in cells) else _PAPER
-    paper = known.get((task, name), "not at hand")
     if not done:
-        return [task, name, SYSTEMS[name].words, MISSING, "", "", "", "", paper]
+        return [task, name, SYSTEMS[name].words, MISSING, "", "", "", "", figure]
     each = [one["result"] for one in done]
     rates = ", ".join(percent(one["success_rate"]) for one in each)
     low, high = min(one["interval_95"][0] for one in each), max(one["interval_95"][1] for one in each)
     steps = ", ".join(f"{one['steps']['all']['mean']:.1f}" for one in each)
     minutes = ", ".join(f"{one['provenance']['minutes']:.0f}" for one in done)
     interval = f"{percent(low)} to {percent(high)}"
-    return [task, name, SYSTEMS[name].words, rates, interval, steps, str(len(done)), minutes, paper]
+    return [task, name, SYSTEMS[name].words, rates, interval, steps, str(len(done)), minutes, figure]
 
 
 HEADER = (
@@ -83,7 +75,7 @@ POLICIES = Table(
     "Policies",
     HEADER,
     _policies,
-    lambda request, results: evaluation_rows(request, list(SYSTEMS), results),
+    lambda request, results: evaluation_rows(request, list(SYSTEMS), results, paper.POLICIES),
     "All systems in Drake's hydroelastic plant with VTK's images, in which none is trained.",
 )
 RANDOMIZATION = Table(
@@ -91,6 +83,6 @@ RANDOMIZATION = Table(
     "Randomization",
     HEADER,
     _randomization,
-    lambda request, results: evaluation_rows(request, _RANDOMIZED, results),
+    lambda request, results: evaluation_rows(request, _RANDOMIZED, results, paper.POLICIES),
     "Training in the true theta, in cousins of the twin, and in ranges that are ever wider.",
 )

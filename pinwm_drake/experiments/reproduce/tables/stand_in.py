@@ -5,6 +5,7 @@ from dataclasses import replace
 from pinwm_drake.experiments.reproduce.cell import Cell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.systems import SYSTEMS
+from pinwm_drake.experiments.reproduce.tables import paper
 from pinwm_drake.experiments.reproduce.tables.policies import HEADER, evaluation_rows, evaluations
 from pinwm_drake.experiments.reproduce.tables.table import Results, Row, Table
 
@@ -16,7 +17,7 @@ def _cells(request: ReproduceRequest) -> list[Cell]:
 
 
 def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
-    return evaluation_rows(_few(request), list(SYSTEMS), results, stand_in=True)
+    return evaluation_rows(_few(request), list(SYSTEMS), results, paper.ROBOT, stand_in=True)
 
 
 def _few(request: ReproduceRequest) -> ReproduceRequest:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pinwm_drake.experiments.reproduce.cell import Cell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.systems import NO_COUSINS, PIN_WM
+from pinwm_drake.experiments.reproduce.tables import paper
 from pinwm_drake.experiments.reproduce.tables.policies import HEADER, evaluation_rows, evaluations
 from pinwm_drake.experiments.reproduce.tables.table import Results, Row, Table
 
@@ -17,7 +18,7 @@ def _cells(request: ReproduceRequest) -> list[Cell]:
 
 
 def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
-    return evaluation_rows(replace(request, tasks=_chosen(request)), _SYSTEMS, results)
+    return evaluation_rows(replace(request, tasks=_chosen(request)), _SYSTEMS, results, paper.TASKS)
 
 
 def _chosen(request: ReproduceRequest) -> tuple[str, ...]:
