@@ -28,7 +28,8 @@ class TruncatedNormal:
     def rsample(self) -> Tensor:
         """Sample (..., n), drawn by torch's generator, with a gradient to mean and standard deviation."""
         share = self._below + torch.rand_like(self.mean) * self._inside
-        found = self.mean + self.std * torch.special.ndtri(share)
+        least = torch.finfo(share.dtype).eps  # a share of 0 or 1, which rounding makes, would be infinitely far
+        found = self.mean + self.std * torch.special.ndtri(share.clamp(least, 1.0 - least))
         # Cut off by rounding only, which leaves the gradient as it is.
         return found + (found.clamp(-_INSIDE, _INSIDE) - found).detach()
 

@@ -40,3 +40,14 @@ def test_samples_stay_inside_where_the_mean_is_at_the_border():
     found = TruncatedNormal(torch.ones(10_000, 1), torch.full((10_000, 1), 0.1)).rsample()
     assert found.abs().max() < 1.0
     assert torch.isfinite(found).all()
+
+
+@pytest.mark.parametrize("border", [-1.0, 1.0])
+@pytest.mark.parametrize("drawn", [0.0, 1.0 - 2.0**-24])
+def test_the_least_and_the_largest_draw_are_inside_too(monkeypatch, border, drawn):
+    monkeypatch.setattr(torch, "rand_like", lambda x: torch.full_like(x, drawn))
+    mean = torch.full((1, 1), border, requires_grad=True)
+    found = TruncatedNormal(mean, torch.full((1, 1), 0.1)).rsample()
+    found.sum().backward()
+    assert found.abs().max() < 1.0
+    assert torch.isfinite(mean.grad).all()
