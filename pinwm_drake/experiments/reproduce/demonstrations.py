@@ -8,7 +8,7 @@ from typing import Any
 
 from pinwm_drake.baselines.diffusion.actor import write_actor
 from pinwm_drake.baselines.diffusion.collection import collect_demonstrations
-from pinwm_drake.baselines.diffusion.method import DiffusionPolicy
+from pinwm_drake.baselines.diffusion.method import STAGE, DiffusionPolicy
 from pinwm_drake.baselines.diffusion.options import NetworkOptions, TrainingOptions
 from pinwm_drake.baselines.method import MethodData
 from pinwm_drake.baselines.pin_wm import TEACHER
@@ -16,10 +16,12 @@ from pinwm_drake.experiments.reproduce.cell import Cell, Say
 from pinwm_drake.experiments.reproduce.plants import recording_plant
 from pinwm_drake.experiments.reproduce.policies import PolicyCell, say_rounds
 from pinwm_drake.experiments.reproduce.scenes import task_scene
-from pinwm_drake.experiments.training import TrainRequest, quickest_device, worlds_of
+from pinwm_drake.experiments.training import FIGURE_FILE, TrainRequest, quickest_device, worlds_of
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.policy import read_policy, weights_digest
 from pinwm_drake.learning.progress import Step
+from pinwm_drake.learning.rounds import HISTORY_FILE
+from pinwm_drake.report.figures.training import training_figure
 from pinwm_drake.systems.envs.training_worlds import training_options
 from pinwm_drake.systems.scenario.load import load_setup
 
@@ -119,6 +121,7 @@ class DiffusionCell:
         report = say_rounds(say, told)
         actor = method.train(data, worlds, out, seed=expert.seed, resume=True, report=report)
         write_actor(out / "policy", actor)
+        training_figure(out / FIGURE_FILE, {STAGE: out / STAGE / HISTORY_FILE})
         return {
             name: {"updates": step.steps, "best": step.best, "seconds": step.seconds} for name, step in told.items()
         }

@@ -9,14 +9,17 @@ from typing import Any
 from pinwm_drake.baselines.dreamer.collect import collect, random_pushes
 from pinwm_drake.baselines.dreamer.method import DreamerV2
 from pinwm_drake.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
+from pinwm_drake.baselines.dreamer.training import BEHAVIOUR
 from pinwm_drake.baselines.method import MethodData
 from pinwm_drake.experiments.reproduce.cell import Cell, Say
 from pinwm_drake.experiments.reproduce.plants import recording_plant
 from pinwm_drake.experiments.reproduce.policies import say_rounds
 from pinwm_drake.experiments.reproduce.scenes import scene_folder, task_scene
-from pinwm_drake.experiments.training import TrainRequest, quickest_device, worlds_of
+from pinwm_drake.experiments.training import FIGURE_FILE, TrainRequest, quickest_device, worlds_of
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.progress import Step
+from pinwm_drake.learning.rounds import HISTORY_FILE
+from pinwm_drake.report.figures.training import training_figure
 from pinwm_drake.systems.envs.options import environment_setup
 from pinwm_drake.systems.envs.policy_scene import policy_spec
 from pinwm_drake.systems.envs.training_worlds import training_options
@@ -124,6 +127,7 @@ class DreamerCell:
         data, told = MethodData(trajectories=root / about.key / "episodes"), dict[str, Step]()
         method = _QUICK if self.quick else DreamerV2(device=quickest_device())
         method.train(data, worlds, out, seed=about.seed, resume=True, report=say_rounds(say, told))
+        training_figure(out / FIGURE_FILE, {BEHAVIOUR: out / BEHAVIOUR / HISTORY_FILE})
         return {name: {"steps": step.steps, "best": step.best, "seconds": step.seconds} for name, step in told.items()}
 
 

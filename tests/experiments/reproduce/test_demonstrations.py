@@ -18,6 +18,7 @@ def test_an_expert_is_recorded_in_the_plant_imitated_and_evaluated(tmp_path: Pat
     assert len(episodes) == 2
     assert episodes[0].image.shape[1:] == (64, 64, 3)
     assert episodes[0].image.min() < 200  # the object, on white
+    assert (tmp_path / "policies/push/diffusion-policy/seed-0/training.png").exists()
     (done,) = read_results(tables, request, tmp_path).values()
     assert done is not None
     assert done["result"]["episodes"] == 1

@@ -21,6 +21,7 @@ def test_random_pushes_are_recorded_in_the_plant_dreamt_of_and_evaluated(tmp_pat
     assert episodes[0].images.min() < 200  # the object, on white
     policy = read_dreamer(tmp_path / "policies/push/dreamer-v2/seed-0")
     assert policy.spec.max_steps > 4
+    assert (tmp_path / "policies/push/dreamer-v2/seed-0/training.png").exists()
     (done,) = read_results(tables, request, tmp_path).values()
     assert done is not None
     assert done["result"]["episodes"] == 1
