@@ -17,7 +17,8 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.provenance import timestamp, versions
 
-DONE_FILE = "done.json"
+DONE_FILE, RUNS_FILE = "done.json", "runs.json"
+_PERIOD = 30.0  # s, between two notes of a run
 Say = Callable[[str], None]
 """Called with a line on the progress of a cell."""
 
@@ -86,25 +87,48 @@ class CellStore:
 
 
 def made(cell: Cell, root: Path, say: Say) -> dict[str, Any]:
-    """Makes a cell, and tells with its result how, where and in what time.
+    """Makes a cell, and tells with its result how, where and in what time, all runs together.
+
+    A run notes itself in the cell's folder every half a minute, when it says something, so that one that was killed
+    counts. Where there were several, the provenance lists them as `runs`.
 
     Raises:
         PinwmError: See `Cell.make`.
     """
-    begun, cpu = time.monotonic(), time.process_time()
-    result = dict(cell.make(root, say))
-    return {
-        "settings": settings_of(cell),
-        "result": result,
-        "provenance": {
-            "time": timestamp(),
-            "minutes": round((time.monotonic() - begun) / 60.0, 2),
-            "cpu_minutes": round((time.process_time() - cpu) / 60.0, 2),
-            "commit": commit(),
-            "machine": _machine(),
-            "versions": versions(),
-        },
-    }
+    path = root / cell.key / RUNS_FILE
+    begun, cpu, here = time.monotonic(), time.process_time(), {"commit": commit(), "machine": _machine()}
+    earlier, noted = _read_runs(path), begun
+
+    def runs() -> list[dict[str, Any]]:
+        minutes, cpu_minutes = (time.monotonic() - begun) / 60.0, (time.process_time() - cpu) / 60.0
+        spent = {"minutes": round(minutes, 2), "cpu_minutes": round(cpu_minutes, 2)}
+        return [*earlier, {"time": timestamp(), **spent, **here}]
+
+    def told(line: str) -> None:
+        nonlocal noted
+        say(line)
+        if time.monotonic() - noted > _PERIOD:
+            noted = time.monotonic()
+            with replacing(prepare_folder(path.parent) / path.name) as temporary:
+                temporary.write_text(json.dumps(runs(), indent=1) + "\n", encoding="utf-8")
+
+    result, found = dict(cell.make(root, told)), runs()
+    path.unlink(missing_ok=True)
+    total = {name: round(sum(run[name] for run in found), 2) for name in ("minutes", "cpu_minutes")}
+    several = {"runs": found} if earlier else {}
+    provenance = {**found[-1], **total, "versions": versions(), **several}
+    return {"settings": settings_of(cell), "result": result, "provenance": provenance}
+
+
+def _read_runs(path: Path) -> list[dict[str, Any]]:
+    """Runs that a cell's folder tells of, which were killed; raises InputError where the file cannot be read."""
+    try:
+        runs: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return []
+    except (OSError, ValueError) as error:
+        raise InputError(path, value=error, allowed="a file that `pinwm reproduce` wrote") from error
+    return runs
 
 
 def _machine() -> str:

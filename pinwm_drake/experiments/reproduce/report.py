@@ -44,7 +44,8 @@ def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest,
             with replacing(picture) as temporary:
                 figure.savefig(temporary)
             parts.append(f"![{table.title}]({picture.name})")
-    made = [done["provenance"] for done in results.values() if done is not None]
+    ended = [done["provenance"] for done in results.values() if done is not None]
+    made = [run for one in ended for run in one.get("runs", [one])]
     if made:
         commits = sorted({one["commit"] or "no repository" for one in made})
         machines = sorted({one["machine"] for one in made})

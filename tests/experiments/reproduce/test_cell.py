@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.experiments.reproduce.cell import DONE_FILE, CellStore, in_order, made, settings_of
+from pinwm_drake.experiments.reproduce import cell as cells
+from pinwm_drake.experiments.reproduce.cell import DONE_FILE, RUNS_FILE, CellStore, in_order, made, settings_of
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,15 @@ class Number:
         say(f"adds {self.own}")
         parts = [json.loads((root / one.key / DONE_FILE).read_text())["result"]["sum"] for one in self.needs]
         return {"sum": self.own + sum(parts)}
+
+
+class Slow(Number):
+    """A number that says more than a line."""
+
+    def make(self, root, say):
+        found = super().make(root, say)
+        say("and is done")
+        return found
 
 
 ONE, TWO = Number("one", 1), Number("two", 2)
@@ -50,6 +60,30 @@ def test_a_cell_is_made_from_others_and_says_how(tmp_path: Path):
     }  # fmt: skip
     assert {"commit", "minutes", "machine", "versions", "time"} <= set(done["provenance"])
     assert lines == ["adds 1", "adds 2", "adds 10", "adds 100"]
+
+
+def test_runs_that_were_killed_count_with_the_one_that_ends(tmp_path: Path, monkeypatch):
+    def killed(line):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cells, "_PERIOD", -1.0)
+    clock = iter(range(0, 6000, 60))  # a minute goes by each time that it is looked at
+    monkeypatch.setattr(cells.time, "monotonic", lambda: float(next(clock)))
+
+    def run(machine, say):
+        monkeypatch.setattr(cells, "_machine", lambda: machine)
+        return made(Slow("slow", 5), tmp_path, say)
+
+    with pytest.raises(KeyboardInterrupt):
+        run("another", lambda line: None if line == "adds 5" else killed(line))
+    told = json.loads((tmp_path / "numbers/slow" / RUNS_FILE).read_text())
+    assert [(one["machine"], one["minutes"]) for one in told] == [("another", 3.0)]
+    provenance = run("this", print)["provenance"]
+    assert [one["machine"] for one in provenance["runs"]] == ["another", "this"]
+    assert provenance["machine"] == "this"
+    assert provenance["minutes"] == sum(one["minutes"] for one in provenance["runs"]) > 3.0
+    assert not (tmp_path / "numbers/slow" / RUNS_FILE).exists()
+    assert "runs" not in run("this", print)["provenance"]
 
 
 def test_a_cell_of_other_settings_is_refused_and_kept(tmp_path: Path):
