@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pinwm_drake.experiments.reproduce.cell import Cell, CellStore
+from pinwm_drake.experiments.reproduce.cell import Cell, CellStore, in_order
 from pinwm_drake.experiments.reproduce.figures import table_figures
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.tables.table import MISSING, Row, Table
@@ -22,7 +22,7 @@ def read_results(tables: Sequence[Table], request: ReproduceRequest, root: Path)
 
 
 def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest, root: Path) -> None:
-    """Writes tables in Markdown, with where and when their cells were made, and figures of them beside the file.
+    """Writes tables in Markdown, with where and when all that they need was made, and figures of them beside the file.
 
     Args:
         path: File; figures have its stem and the table's name.
@@ -44,7 +44,8 @@ def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest,
             with replacing(picture) as temporary:
                 figure.savefig(temporary)
             parts.append(f"![{table.title}]({picture.name})")
-    ended = [done["provenance"] for done in results.values() if done is not None]
+    store, needed = CellStore(root), [cell for wave in in_order(results) for cell in wave]
+    ended = [done["provenance"] for cell in needed if (done := store.read(cell)) is not None]
     made = [run for one in ended for run in one.get("runs", [one])]
     if made:
         commits = sorted({one["commit"] or "no repository" for one in made})
