@@ -136,8 +136,9 @@ def train_sac(
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     if rounds.number:
         _unpack(rounds.arrays, model)
-    for number in range(0 if rounds.ended(options.patience) else rounds.number):
-        _refill(model.replay_buffer, _read(replay / f"{number:04}.npz"))
+    if not rounds.ended(options.patience):
+        for number in range(rounds.number):
+            _refill(model.replay_buffer, _read(replay / f"{number:04}.npz"))
     while not rounds.ended(options.patience):
         rounds.begin(env, on_round)
         model.lr_schedule = ConstantSchedule(options.learning_rate * rounds.falling(options.last_share))

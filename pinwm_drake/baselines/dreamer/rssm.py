@@ -107,8 +107,8 @@ class Rssm(nn.Module):
     def initial(self, number: int) -> Latent:
         """Latent states of B sequences before anything was seen: zeros, on the device of the layers."""
         device = device_of(self)
-        zeros = (torch.zeros(number, *shape, device=device) for shape in ((self._deter,), self._shape))
-        return Latent(*zeros)
+        deter = torch.zeros(number, self._deter, device=device)
+        return Latent(deter, torch.zeros(number, *self._shape, device=device))
 
     def advance(self, latent: Latent, action: Tensor) -> Tensor:
         """Next recurrent state (B, deter) after actions (B, n)."""

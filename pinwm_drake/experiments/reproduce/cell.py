@@ -70,20 +70,14 @@ class CellStore:
             InputError: The folder holds a cell of other settings, or its file cannot be read.
         """
         path = self.root / cell.key / DONE_FILE
-        try:
-            done: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError) as error:
-            raise InputError(path, value=error, allowed="a file that `pinwm reproduce` wrote") from error
-        if not _is_of(cell, done.get("settings")):
+        done: dict[str, Any] | None = _read_json(path)
+        if done is not None and not _is_of(cell, done.get("settings")):
             raise InputError(path, value="a cell of other settings", allowed="another folder, or to remove this one")
         return done
 
     def write(self, cell: Cell, result: Mapping[str, Any]) -> None:
         """Keeps the result of a cell, which is so made."""
-        with replacing(prepare_folder(self.root / cell.key) / DONE_FILE) as path:
-            path.write_text(json.dumps(result, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        _write_json(self.root / cell.key / DONE_FILE, result)
 
 
 def made(cell: Cell, root: Path, say: Say) -> dict[str, Any]:
@@ -97,7 +91,7 @@ def made(cell: Cell, root: Path, say: Say) -> dict[str, Any]:
     """
     path = root / cell.key / RUNS_FILE
     begun, cpu, here = time.monotonic(), time.process_time(), {"commit": commit(), "machine": _machine()}
-    earlier, noted = _read_runs(path), begun
+    earlier, noted = _read_json(path) or [], begun
 
     def runs() -> list[dict[str, Any]]:
         minutes, cpu_minutes = (time.monotonic() - begun) / 60.0, (time.process_time() - cpu) / 60.0
@@ -109,8 +103,7 @@ def made(cell: Cell, root: Path, say: Say) -> dict[str, Any]:
         say(line)
         if time.monotonic() - noted > _PERIOD:
             noted = time.monotonic()
-            with replacing(prepare_folder(path.parent) / path.name) as temporary:
-                temporary.write_text(json.dumps(runs(), indent=1) + "\n", encoding="utf-8")
+            _write_json(path, runs())
 
     result, found = dict(cell.make(root, told)), runs()
     path.unlink(missing_ok=True)
@@ -120,15 +113,20 @@ def made(cell: Cell, root: Path, say: Say) -> dict[str, Any]:
     return {"settings": settings_of(cell), "result": result, "provenance": provenance}
 
 
-def _read_runs(path: Path) -> list[dict[str, Any]]:
-    """Runs that a cell's folder tells of, which were killed; raises InputError where the file cannot be read."""
+def _read_json(path: Path) -> Any:
+    """Content of a file of a cell's folder; None where there is none; raises InputError where it cannot be read."""
     try:
-        runs: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        return []
+        return None
     except (OSError, ValueError) as error:
         raise InputError(path, value=error, allowed="a file that `pinwm reproduce` wrote") from error
-    return runs
+
+
+def _write_json(path: Path, content: Any) -> None:
+    """Writes a file of a cell's folder, whole or not at all; the folder is made if need be."""
+    with replacing(prepare_folder(path.parent) / path.name) as temporary:
+        temporary.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 def _machine() -> str:

@@ -33,7 +33,8 @@ def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest,
     Raises:
         InputError: A cell of other settings is in the folder, or a file cannot be written.
     """
-    results = read_results(tables, request, root)
+    store, waves = CellStore(root), in_order(cell for table in tables for cell in table.cells(request))
+    results = {cell: store.read(cell) for wave in waves for cell in wave}
     prepare_folder(path.parent)
     parts = ["# The paper's tables", f"Written by `pinwm reproduce report` from the folders of {root.name}."]
     for table in tables:
@@ -44,8 +45,7 @@ def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest,
             with replacing(picture) as temporary:
                 figure.savefig(temporary)
             parts.append(f"![{table.title}]({picture.name})")
-    store, needed = CellStore(root), [cell for wave in in_order(results) for cell in wave]
-    ended = [done["provenance"] for cell in needed if (done := store.read(cell)) is not None]
+    ended = [done["provenance"] for done in results.values() if done is not None]
     made = [run for one in ended for run in one.get("runs", [one])]
     if made:
         commits = sorted({one["commit"] or "no repository" for one in made})

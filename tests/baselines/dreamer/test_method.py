@@ -71,10 +71,10 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monke
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
 def test_a_training_on_a_gpu_gives_a_policy_on_the_cpu(tmp_path):
-    devices = []
+    used = []
     method = replace(SHORT, device="cuda")
-    policy = trained(method, tmp_path, report=lambda step: devices.append(torch.cuda.memory_allocated() > 0))
-    assert any(devices)
+    policy = trained(method, tmp_path, report=lambda step: used.append(torch.cuda.memory_allocated() > 0))
+    assert any(used)
     assert all(device_of(getattr(policy, part)).type == "cpu" for part in ("perception", "actor"))
     assert alike(policy, read_dreamer(tmp_path))
     assert alike(policy, trained(method, tmp_path, resume=True))

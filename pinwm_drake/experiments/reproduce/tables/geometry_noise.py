@@ -40,7 +40,7 @@ def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
         assert cell.twin is not None
         seed = str(cell.twin.surfels.capture.seed)
         task = cell.outcomes.task
-        rows.append([task, cell.origin, kind, seed, *words, paper.figure(paper.NOISE, (task, kind))])
+        rows.append([task, cell.origin, kind, seed, *words, paper.NOISE.get((task, kind), paper.NONE)])
     return rows
 
 

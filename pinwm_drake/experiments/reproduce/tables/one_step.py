@@ -48,7 +48,7 @@ def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
     for head, cell in _cells(request):
         done = results.get(cell)
         words = [MISSING, ""] if done is None else [error_words(done["result"][part], unit) for part, unit in PARTS]
-        rows.append([*head, *words, str(request.draws), paper.figure(paper.ONE_STEP, (head[0], head[1]))])
+        rows.append([*head, *words, str(request.draws), paper.ONE_STEP.get((head[0], head[1]), paper.NONE)])
     return rows
 
 

@@ -1,14 +1,10 @@
 """Figures of the paper's tables, to stand beside ours.
 
 Source: Li et al., "PIN-WM: Learning physics-informed world models for non-prehensile manipulation" (RSS 2025; arXiv
-2504.16693v2), tables I to VII. Its policies have 100 actions for a push and 25 for a flip.
+2504.16693v2), tables I to VII, by way of a copy of them. Its policies have 100 actions for a push and 25 for a flip.
 """
 
-from collections.abc import Hashable, Mapping
-from typing import TypeVar
-
-Key = TypeVar("Key", bound=Hashable)
-NONE = "none"
+NONE = "none"  # where the paper has no such row
 
 POLICIES = {  # tables I and IV: success and actions; the latter has no actions
     ("push", "random"): "0 %, 100",
@@ -91,8 +87,3 @@ PARAMETERS = {  # table V
     ("flip", "pin-wm", "mass"): "1.19",
     ("flip", "pin-wm", "restitution_floor"): "0.0000169",
 }
-
-
-def figure(known: Mapping[Key, str], key: Key) -> str:
-    """Figure of one of the tables above; "none" where the paper has no such row."""
-    return known.get(key, NONE)

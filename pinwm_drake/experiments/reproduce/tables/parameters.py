@@ -50,7 +50,7 @@ def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
     for cell in _cells(request):
         (name, words), task, done = unknown(cell), cell.surfels.capture.task, results.get(cell)
         true = task_scene(task).true_theta[name]
-        theirs = paper.figure(paper.PARAMETERS, (task, cell.system, name))
+        theirs = paper.PARAMETERS.get((task, cell.system, name), paper.NONE)
         head = [task, words, cell.system, str(cell.surfels.capture.seed), f"{true:g}"]
         if done is None:
             rows.append([*head, MISSING, "", "", theirs])

@@ -32,7 +32,7 @@ def evaluation_rows(
     cells: dict[tuple[str, str], list[EvaluationCell]] = {}
     for cell in evaluations(request, names, stand_in=stand_in):
         cells.setdefault((cell.task, cell.system), []).append(cell)
-    return [_row(*key, found, results, paper.figure(known, key)) for key, found in cells.items()]
+    return [_row(*key, found, results, known.get(key, paper.NONE)) for key, found in cells.items()]
 
 
 def _row(task: str, name: str, cells: Sequence[EvaluationCell], results: Results, figure: str) -> Row:
