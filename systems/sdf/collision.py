@@ -12,7 +12,11 @@ import trimesh
 
 from pinwm_drake.geometry.patch import PROTRUSION, face_points, resting_normals, turned_down
 from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.shapes import convex_hull
 from pinwm_drake.systems.sdf.contact import CORNER_RADIUS, SUPPORT_RADIUS
+
+# Of the mean volume of a piece's tetrahedra: one of less is a sliver, whose sign may be that of a rounding.
+_SLIVER = 1e-5
 
 
 def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> str:
@@ -83,7 +87,7 @@ def volume_mesh(pieces: Sequence[ConvexPiece], longest_edge: float) -> tuple[str
     points: list[np.ndarray] = []
     cells: list[tuple[int, ...]] = []
     depth = 0.0
-    for piece in pieces:
+    for piece in map(_without_slivers, pieces):
         corners, middle = piece.vertices[_fans(piece)], piece.vertices.mean(axis=0)
         nearest = trimesh.triangles.closest_point(corners, np.tile(middle, (len(corners), 1)))
         depth = max(depth, float(np.linalg.norm(nearest - middle, axis=1).min()))
@@ -104,6 +108,25 @@ def volume_mesh(pieces: Sequence[ConvexPiece], longest_edge: float) -> tuple[str
     lines += [f"CELLS {len(cells)} {5 * len(cells)}", *(f"4 {a} {b} {c} {d}" for a, b, c, d in cells)]
     lines += [f"CELL_TYPES {len(cells)}", *["10"] * len(cells)]
     return "\n".join(lines) + "\n", depth
+
+
+def _without_slivers(piece: ConvexPiece) -> ConvexPiece:
+    """The hull without vertices that are all but on the line between two others.
+
+    A triangle with such a vertex makes no tetrahedron with the hull's middle, and Drake refuses a file with one that
+    is turned inwards by rounding. If it were left out, its neighbours' sides would count as surface, and with them the
+    middle, where the pressure is not zero.
+    """
+    while True:
+        triangles = _fans(piece)
+        corners = piece.vertices[triangles]
+        volumes = np.linalg.det(corners - piece.vertices.mean(axis=0))
+        k = volumes.argmin()
+        if volumes[k] > _SLIVER * volumes.mean():
+            return piece
+        # The vertex opposite the longest edge.
+        edge = np.linalg.norm(np.roll(corners[k], -1, axis=0) - corners[k], axis=1).argmax()
+        piece = convex_hull(np.delete(piece.vertices, triangles[k, edge - 1], axis=0))
 
 
 def _fans(piece: ConvexPiece) -> np.ndarray:
