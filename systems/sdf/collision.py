@@ -74,7 +74,8 @@ def volume_mesh(pieces: Sequence[ConvexPiece], longest_edge: float) -> tuple[str
     """VTK file of convex pieces as tetrahedra, for hydroelastic contact with a stiffer floor, and their depth [m].
 
     The faces of a piece are divided as `fine_mesh` does it, and each triangle makes a tetrahedron with the piece's
-    middle: Drake's pressure is zero on every face and grows inwards.
+    middle: Drake's pressure is zero on every face and grows inwards. Vertices on the line between two others
+    are left out.
 
     Args:
         pieces: The pieces, m.
@@ -82,6 +83,9 @@ def volume_mesh(pieces: Sequence[ConvexPiece], longest_edge: float) -> tuple[str
 
     Returns:
         The file, and the largest distance of a piece's middle from its surface, where the pressure is the modulus.
+
+    Raises:
+        GeometryError: A piece is flat.
     """
     extents = np.ptp(np.concatenate([piece.vertices for piece in pieces]), axis=0)
     points: list[np.ndarray] = []

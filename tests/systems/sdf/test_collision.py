@@ -73,7 +73,6 @@ def registered(path):
 def test_slivers_of_a_face_do_not_keep_drake_from_reading_it(size, slivers, depth, tmp_path):
     piece = box_with_a_point_on_an_edge(size, size * depth, slivers)
     text, _ = volume_mesh([piece], 2.0)
-    # Two faces have one corner more.
     assert volumes(text).min() > 0
     assert closed(text)
     assert volumes(text).sum() == pytest.approx(size**3, rel=1e-6)
