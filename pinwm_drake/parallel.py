@@ -7,13 +7,13 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import closing
+from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass
 from graphlib import TopologicalSorter
 from multiprocessing.connection import Connection
 from typing import Any, Generic, Protocol, TypeVar
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, PinwmError
 from pinwm_drake.threads import LIMIT, available
 
 JOBLIB, RAY = "joblib", "ray"
@@ -36,6 +36,9 @@ class Store(Protocol[Named, Result]):
 
     def write(self, item: Named, result: Result) -> None:
         """Keeps a result, which appears whole or not at all."""
+
+    def holding(self, item: Named) -> AbstractContextManager[object]:
+        """Context in which an item is made; it may wait until no other process is in that of the same item."""
 
 
 @dataclass(frozen=True)
@@ -79,12 +82,14 @@ class Executor:
         needs: Callable[[Item], Iterable[Item]] = lambda item: (),
         store: Store[Item, Result] | None = None,
         on_result: Callable[[Item, Result], None] = lambda item, result: None,
+        keep_going: bool = False,
     ) -> list[Result]:
         """Applies a function to every item whose result is not in the store yet.
 
         A worker writes each result to the store as soon as it is there. When this process or a worker is killed, or an
-        item fails, only what was running is lost; a second call with the same store does the rest. Workers end with
-        the call, and with this process, whatever ends it.
+        item fails, only what was running is lost; a second call with the same store does the rest. Another call may
+        share the store at the same time: what one of them makes, the other one takes. Workers end with the call, and
+        with this process, whatever ends it.
 
         Args:
             function: A module's own, or a `functools.partial` of one; its arguments are plain data. Results depend on
@@ -94,12 +99,14 @@ class Executor:
             needs: The items that have to be done before one begins; they can be hashed, and are among `items`.
             store: Where results are kept; without one they come from worker to driver.
             on_result: Called in this process with each item and its result: those of the store, then each when done.
+            keep_going: Flag: after a `PinwmError` of an item, those that do not need it are done before it is raised.
 
         Returns:
             The results in the order of the items, as the store has them where there is one.
 
         Raises:
-            PinwmError: The function, or the store, refused something.
+            PinwmError: The function, or the store, refused something; with `keep_going` perhaps several things, which
+                the message lists.
             ParameterError: A worker was killed; or a store is not where workers write to.
         """
         found: dict[int, Result] = {}
@@ -111,11 +118,19 @@ class Executor:
         for k, result in found.items():
             on_result(items[k], result)
         left = {k: item for k, item in enumerate(items) if k not in found}
-        with closing(self._share(_Work(function, store), left, _order(left, needs))) as done:
+        errors: list[PinwmError] = []
+        with closing(self._share(_Work(function, store, keep_going), left, _order(left, needs))) as done:
             for k, returned in done:
+                if isinstance(returned, _Failed):
+                    errors.append(returned.error)
+                    continue
                 result = returned if store is None else _read_back(store, items[k])
                 found[k] = result
                 on_result(items[k], result)
+        if len(errors) > 1:
+            raise PinwmError("; ".join(map(str, errors)))
+        if errors:
+            raise errors[0]
         return [found[k] for k in range(len(items))]
 
     def _share(self, work: "_Work", items: dict[int, Any], order: "_Order") -> "_Done":
@@ -149,8 +164,20 @@ def _order(items: Mapping[int, Item], needs: Callable[[Item], Iterable[Item]]) -
     return order
 
 
+def _pass(order: _Order, done: Mapping[int, Any]) -> None:
+    """Lets those begin that need nothing but what is done."""
+    order.done(*(k for k, result in done.items() if not isinstance(result, _Failed)))
+
+
 class _WorkerEnded(Exception):
     """A worker was killed, or ran out of memory."""
+
+
+@dataclass(frozen=True)
+class _Failed:
+    """What comes back of an item that was refused, where the others are to be done."""
+
+    error: PinwmError
 
 
 @dataclass(frozen=True)
@@ -159,13 +186,20 @@ class _Work(Generic[Item, Result]):
 
     function: Callable[[Item], Result]
     store: Store[Item, Result] | None
+    keep_going: bool
 
-    def __call__(self, item: Item) -> Result | None:
-        result = self.function(item)
-        if self.store is None:
-            return result
-        self.store.write(item, result)
-        return None
+    def __call__(self, item: Item) -> Result | _Failed | None:
+        try:
+            if self.store is None:
+                return self.function(item)
+            with self.store.holding(item):
+                if self.store.read(item) is None:  # or another process made it meanwhile
+                    self.store.write(item, self.function(item))
+            return None
+        except PinwmError as error:
+            if not self.keep_going:
+                raise
+            return _Failed(error)
 
 
 def _read_back(store: Store[Item, Result], item: Item) -> Result:
@@ -183,8 +217,9 @@ def _here(work: _Work, items: dict[int, Any], order: _Order) -> _Done:
     try:
         while ready := order.get_ready():
             for k in ready:
-                yield k, work(items[k])
-            order.done(*ready)
+                result = work(items[k])
+                _pass(order, {k: result})
+                yield k, result
     finally:
         torch.set_num_threads(threads)
 
@@ -202,7 +237,7 @@ def _with_joblib(work: _Work, items: dict[int, Any], order: _Order, workers: int
         while running:
             ended = wait(running, return_when=FIRST_COMPLETED).done
             done = {running.pop(job): job.result() for job in ended}
-            order.done(*done)
+            _pass(order, done)
             # Before the caller is told, who may take a while.
             running |= {pool.submit(work, items[k]): k for k in order.get_ready()}
             yield from done.items()
@@ -255,7 +290,7 @@ def _with_ray(work: _Work, items: dict[int, Any], order: _Order, workers: int) -
         while running:
             (done,), _ = ray.wait(list(running), num_returns=1)
             result, at = ray.get(done), running.pop(done)
-            order.done(at)
+            _pass(order, {at: result})
             ready.extend(order.get_ready())
             begin()  # before the caller is told, who may take a while
             yield at, result

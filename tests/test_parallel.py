@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from pinwm_drake.errors import InputError, ParameterError, SolverError
+from pinwm_drake.errors import InputError, ParameterError, PinwmError, SolverError
 from pinwm_drake.parallel import EXECUTORS, Executor
 from tests.parallel_work import Folder, fail, gate, half, logged, pid, smaller, sum_of_needed, threads, torch_threads
 
@@ -70,12 +70,17 @@ def driver(name, tmp_path) -> Iterator[subprocess.Popen]:
             process.kill()
 
 
-def test_results_come_in_the_order_of_the_items_and_are_told_of_when_done(name):
+def test_results_come_in_the_order_of_the_items_and_are_told_of_when_done(name, tmp_path):
     told = []
-    results = Executor(name, 2).map(half, range(5), on_result=lambda item, result: told.append((item, result)))
-    assert results == [0.0, 0.5, 1.0, 1.5, 2.0]
-    assert sorted(told) == [(item, item / 2) for item in range(5)]
-    assert told[0][0] != 0
+
+    def tell(item, result):
+        told.append((item, result))
+        (tmp_path / "go").touch()  # the first item waits until another one is told of
+
+    results = Executor(name, 2).map(partial(gate, tmp_path), [2, 0, 1], on_result=tell)
+    assert results == [1.0, 0.0, 0.5]
+    assert sorted(told) == [(item, item / 2) for item in range(3)]
+    assert told[0] == (0, 0.0)
 
 
 def test_the_number_of_workers_is_that_of_the_processes(name):
@@ -121,6 +126,28 @@ def test_errors_come_back_as_they_are(name, workers, store):
     assert solver.value.worlds == (1, 2)
     with pytest.raises(ValueError, match="no error of the family"):
         executor.map(partial(fail, "other"), range(3))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_does_not_need_an_item_that_failed_is_done_before_its_error_is_raised(name, workers, store):
+    executor, told = Executor(name, workers), []
+    options = {"keep_going": True, "on_result": lambda item, result: told.append(item)}
+    with pytest.raises(InputError, match=r"^a\.csv, row 3: got x; allowed: finite$"):
+        executor.map(partial(fail, "input"), range(6), needs=lambda k: [1] if k == 4 else [], store=store, **options)
+    assert sorted(told) == store.items() == [0, 2, 3, 5]
+    with pytest.raises(PinwmError, match=r"^none; none$"):
+        executor.map(partial(fail, "solver"), [1, 0, 1], **options)
+    with pytest.raises(ValueError, match="no error of the family"):
+        executor.map(partial(fail, "other"), range(3), **options)
+
+
+def test_a_worker_takes_what_another_run_made_after_it_began(store):
+    def other(item, result):
+        store.write(3, 7.0)
+
+    function = partial(logged, store.path)
+    assert Executor(workers=1).map(function, [1, 3], store=store, on_result=other) == [0.5, 7.0]
+    assert (store.path / "log").read_text().split() == ["1"]
 
 
 def test_a_worker_has_one_thread(name, monkeypatch):
@@ -180,9 +207,11 @@ def test_without_a_store_a_killed_worker_is_not_to_be_resumed(tmp_path):
 
 def test_ray_gives_the_work_of_a_killed_worker_to_another(store):
     pytest.importorskip("ray")
+    told = []
 
     def kill(item, result):
-        if item == 1:
+        told.append(item)
+        if len(told) == 2:  # a worker is given no more while a result of it is not taken
             wait_for(lambda: len(begun(store.path, "[2-5]")) == 2, "items begin")
             (first,) = begun(store.path, 2)
             os.kill(first, signal.SIGKILL)

@@ -26,12 +26,13 @@ def test_a_table_is_made_once_and_reported(pinwm, tmp_path: Path):
     made = done.stat().st_mtime_ns
     code, _, errors = pinwm("reproduce", "policies", "-o", str(out), "--no-resume", *OPTIONS)
     assert code == 1
-    assert "1 cells that are made; allowed: a new folder, or --resume" in errors
+    assert "1 cells that are made or begun; allowed: a new folder, or --resume" in errors
     assert pinwm("reproduce", "policies", "-o", str(out), "--resume", *OPTIONS)[0] == 0
     assert done.stat().st_mtime_ns == made
-    code, output, _ = pinwm("reproduce", "report", "policies", "-o", str(out), "--report", str(tmp_path / "a.md"))
+    code, _, errors = pinwm("reproduce", "report", "policies", "-o", str(out), "--report", str(tmp_path / "a.md"))
     # Without `--quick` the cells would have other settings.
     assert code == 1
+    assert "a cell of other settings (episodes: 1, and not 100); allowed: the options that it was made with" in errors
     code, output, _ = pinwm(
         "reproduce", "report", "policies", "-o", str(out), "--report", str(tmp_path / "a.md"), *OPTIONS
     )
@@ -41,9 +42,18 @@ def test_a_table_is_made_once_and_reported(pinwm, tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [(["tables"], "TABLE: got 'tables'"), (["policies", "--methods", "dreams"], "--methods: got 'dreams'")],
+    [
+        (["tables"], "TABLE: got 'tables'"),
+        (["policies", "--methods", "dreams"], "--methods: got 'dreams'"),
+        (["parameters", "--methods", "robogsim"], "--methods: got robogsim, none of which is in parameters"),
+        (["policies", "--quick", "--episodes", "-1"], "--episodes: got -1"),
+        (["policies", "--plan", "--executor", "dask"], "executor: got 'dask'"),
+        (["policies", "--plan", "--workers", "0"], "--workers: got 0"),
+        (["report"], "none of the cells of these tables"),
+    ],
 )
-def test_tables_and_systems_that_there_are_not_are_refused(pinwm, tmp_path, arguments, words):
+def test_options_that_make_no_sense_are_refused(pinwm, tmp_path, arguments, words):
     code, _, errors = pinwm("reproduce", *arguments, "-o", str(tmp_path))
     assert code == 1
     assert words in errors
+    assert list(tmp_path.iterdir()) == []

@@ -1,6 +1,7 @@
 """The episodes of an evaluation on disk: a file for each that is done, so that a run that was ended can go on."""
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,10 @@ class EpisodeStore:
         tables = {name: arrays[name] for name in _TABLES}
         wall, cpu = (float(arrays[name]) for name in _TIMES)
         return EpisodeRecord(result, **tables, seconds=wall, cpu_seconds=cpu)
+
+    def holding(self, seed: int) -> AbstractContextManager[None]:
+        """Context in which an episode is run: nothing, as no two evaluations share a folder."""
+        return nullcontext()
 
     def _path(self, seed: int) -> Path:
         return self._folder / f"{seed:06d}.npz"

@@ -5,20 +5,28 @@ import os
 import platform
 import shutil
 import subprocess
+import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
 import torch
+from filelock import FileLock
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.provenance import timestamp, versions
 
-DONE_FILE, RUNS_FILE = "done.json", "runs.json"
+DONE_FILE = "done.json"
+_LOGS = "logs"
 _PERIOD = 30.0  # s, between two notes of a run
+_RUNS = ".runs.json"
+_LIBRARIES = ("drake", "gymnasium", "numba", "numpy", "stable-baselines3", "torch")
+_WRITTEN = "a file that `pinwm reproduce` wrote"
 Say = Callable[[str], None]
 """Called with a line on the progress of a cell."""
 
@@ -67,50 +75,98 @@ class CellStore:
         """Result of a cell with its provenance; None where it is not made yet.
 
         Raises:
-            InputError: The folder holds a cell of other settings, or its file cannot be read.
+            InputError: The folder holds a cell of other settings, of which the message names the first one, or its file
+                cannot be read.
         """
         path = self.root / cell.key / DONE_FILE
         done: dict[str, Any] | None = _read_json(path)
-        if done is not None and not _is_of(cell, done.get("settings")):
-            raise InputError(path, value="a cell of other settings", allowed="another folder, or to remove this one")
+        if done is None:
+            return None
+        parts = [done.get(name) if isinstance(done, dict) else None for name in ("settings", "result", "provenance")]
+        if not all(isinstance(part, dict) for part in parts):
+            raise InputError(path, value="no settings, result and provenance", allowed=_WRITTEN)
+        if other := _other_setting(cell, parts[0]):
+            allowed = "the options that it was made with, or another folder"
+            raise InputError(path, value=f"a cell of other settings ({other})", allowed=allowed)
         return done
 
     def write(self, cell: Cell, result: Mapping[str, Any]) -> None:
         """Keeps the result of a cell, which is so made."""
         _write_json(self.root / cell.key / DONE_FILE, result)
+        log_path(self.root, cell, _RUNS).unlink(missing_ok=True)
+
+    def holding(self, cell: Cell) -> AbstractContextManager[object]:
+        """Context that one process at a time is in for a cell, of all that share the folder; others wait."""
+        path = log_path(self.root, cell, ".lock")
+        prepare_folder(path.parent)
+        return FileLock(path)
+
+
+def log_path(root: Path, cell: Cell, suffix: str) -> Path:
+    """File on the making of a cell; not in its own folder, which the cell may have to be the first to write to."""
+    return root / _LOGS / f"{cell.key.replace('/', '_')}{suffix}"
 
 
 def made(cell: Cell, root: Path, say: Say) -> dict[str, Any]:
     """Makes a cell, and tells with its result how, where and in what time, all runs together.
 
-    A run notes itself in the cell's folder every half a minute, when it says something, so that one that was killed
-    counts. Where there were several, the provenance lists them as `runs`.
+    A run notes itself in the folder of logs every half a minute, and when it fails, so that one that was killed counts.
+    Where there were several, the provenance lists them as `runs`; `CellStore.write` removes the notes.
 
     Raises:
-        PinwmError: See `Cell.make`.
+        PinwmError: See `Cell.make`; or the notes of earlier runs cannot be read.
     """
-    path = root / cell.key / RUNS_FILE
+    path = log_path(root, cell, _RUNS)
     begun, cpu, here = time.monotonic(), time.process_time(), {"commit": commit(), "machine": _machine()}
-    earlier, noted = _read_json(path) or [], begun
+    earlier = _read_runs(path)
 
     def runs() -> list[dict[str, Any]]:
         minutes, cpu_minutes = (time.monotonic() - begun) / 60.0, (time.process_time() - cpu) / 60.0
         spent = {"minutes": round(minutes, 2), "cpu_minutes": round(cpu_minutes, 2)}
         return [*earlier, {"time": timestamp(), **spent, **here}]
 
-    def told(line: str) -> None:
-        nonlocal noted
-        say(line)
-        if time.monotonic() - noted > _PERIOD:
-            noted = time.monotonic()
-            _write_json(path, runs())
-
-    result, found = dict(cell.make(root, told)), runs()
-    path.unlink(missing_ok=True)
+    with _every(_PERIOD, lambda: _write_json(path, runs())):
+        result = dict(cell.make(root, say))
+    found = runs()
     total = {name: round(sum(run[name] for run in found), 2) for name in ("minutes", "cpu_minutes")}
     several = {"runs": found} if earlier else {}
-    provenance = {**found[-1], **total, "versions": versions(), **several}
+    provenance = {**found[-1], **total, "versions": versions(_LIBRARIES), **several}
     return {"settings": settings_of(cell), "result": result, "provenance": provenance}
+
+
+@contextmanager
+def _every(period: float, note: Callable[[], None]) -> Iterator[None]:
+    """Calls a function now and then while a block runs, and once more when that fails or ends."""
+    ended = threading.Event()
+
+    def now() -> None:
+        with suppress(InputError):  # a note that cannot be written is no reason to stop
+            note()
+
+    def keep() -> None:
+        while not ended.wait(period):
+            now()
+
+    thread = threading.Thread(target=keep, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        now()
+
+
+def _read_runs(path: Path) -> list[dict[str, Any]]:
+    """Notes of earlier runs of a cell."""
+    earlier = _read_json(path)
+    if earlier is None:
+        return []
+    try:
+        [run["minutes"] + run["cpu_minutes"] for run in earlier]
+    except (TypeError, KeyError) as error:
+        raise InputError(path, value="no list of runs with their minutes", allowed=_WRITTEN) from error
+    return list(earlier)
 
 
 def _read_json(path: Path) -> Any:
@@ -120,7 +176,7 @@ def _read_json(path: Path) -> Any:
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
-        raise InputError(path, value=error, allowed="a file that `pinwm reproduce` wrote") from error
+        raise InputError(path, value=error, allowed=_WRITTEN) from error
 
 
 def _write_json(path: Path, content: Any) -> None:
@@ -130,7 +186,7 @@ def _write_json(path: Path, content: Any) -> None:
 
 
 def _machine() -> str:
-    """Processor, its cores, and the GPU, where torch sees one."""
+    """Architecture, number of cores, and the GPU, where torch sees one."""
     gpu = f", {torch.cuda.get_device_name()}" if torch.cuda.is_available() else ""
     return f"{platform.machine()}, {os.cpu_count()} cores{gpu}"
 
@@ -145,25 +201,31 @@ def settings_of(cell: Any) -> Any:
     return cell
 
 
-def _is_of(cell: Any, settings: Any) -> bool:
-    """Flag: settings, as `settings_of` told them, are those of a cell.
+def _other_setting(cell: Any, settings: Any, name: str = "") -> str:
+    """First setting of a cell that differs from those that `settings_of` told, in words; "" where they are the same.
 
     A field that they lack counts as its default, so that a setting that is added leaves what was made before valid.
     """
-    if is_dataclass(cell):
-        known = {one.name: one.default for one in fields(cell)}
-        if not isinstance(settings, dict) or settings.get("kind") != type(cell).__name__:
-            return False
-        told = settings.keys() - {"kind"}
-        return told <= known.keys() and all(
-            _is_of(getattr(cell, name), settings[name]) if name in told else getattr(cell, name) == default
-            for name, default in known.items()
-        )
-    if isinstance(cell, tuple):
-        if not isinstance(settings, list) or len(settings) != len(cell):
-            return False
-        return all(_is_of(one, told) for one, told in zip(cell, settings, strict=True))
-    return bool(cell == settings)
+    if not is_dataclass(cell):
+        told = settings_of(cell)
+        if isinstance(cell, tuple) and isinstance(settings, list) and len(cell) == len(settings):
+            pairs = enumerate(zip(cell, settings, strict=True))
+            return next((other for k, (one, old) in pairs if (other := _other_setting(one, old, f"{name}[{k}]"))), "")
+        return "" if told == settings else f"{name}: {settings}, and not {told}"
+    known = {one.name: one.default for one in fields(cell)}
+    if not isinstance(settings, dict) or settings.get("kind") != type(cell).__name__:
+        return f"{name or 'cell'}: another kind than {type(cell).__name__}"
+    if more := sorted(settings.keys() - known.keys() - {"kind"}):
+        return f"{more[0]}: unknown"
+    for field, default in known.items():
+        inner, value = f"{name}.{field}" if name else field, getattr(cell, field)
+        if field not in settings:
+            other = "" if value == default else f"{inner}: none, and not {settings_of(value)}"
+        else:
+            other = _other_setting(value, settings[field], inner)
+        if other:
+            return other
+    return ""
 
 
 def empty_folder(path: Path) -> Path:
@@ -186,12 +248,17 @@ def in_order(cells: Iterable[Cell]) -> list[list[Cell]]:
     return [[cell for cell, at in depths.items() if at == k] for k in range(1 + max(depths.values(), default=-1))]
 
 
+@cache
 def commit() -> str:
-    """Commit that this package is of, with "+" after it where files differ from it; "" outside of a repository."""
-    here = Path(__file__).resolve().parent
+    """Commit that this package was of when it was asked first, with "+" where files differ from it; "" for none."""
+    here = Path(__file__).resolve()
+
+    def git(*arguments: str) -> str:
+        command = ["git", *arguments]
+        return subprocess.run(command, cwd=here.parent, capture_output=True, text=True, check=True).stdout.strip()
+
     try:
-        head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=True)
-        changed = subprocess.run(["git", "status", "--porcelain"], cwd=here, capture_output=True, text=True, check=True)
+        git("ls-files", "--error-unmatch", here.name)  # or it is installed within the folder of another repository
+        return git("rev-parse", "HEAD")[:12] + ("+" if git("status", "--porcelain") else "")
     except (OSError, subprocess.CalledProcessError):
         return ""
-    return head.stdout.strip()[:12] + ("+" if changed.stdout.strip() else "")

@@ -1,6 +1,7 @@
 """Cells of policies that systems train."""
 
 import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ _QUICK: dict[str, Any] = {
     "updates": 2,
     "episodes": 4,
 }
+_SILENCE = 60.0  # s, between two lines of a log
 _LATENCY = (0.07, 0.09)  # s, of actions for a robot: a lab measures its 80 ms, and knows them to 10
 _QUICK_SEARCH = WaypointOptions(attempts=1, rounds=0, planner=SamplingOptions(samples=8, first_iterations=1))
 
@@ -95,17 +97,22 @@ class PolicyCell:
 
 
 def say_rounds(say: Say, told: dict[str, Step]) -> Report:
-    """Report of a training that says a line for each round.
+    """Report of a training that says a line when its success is another one, and each minute at the least.
 
     Args:
         say: Called with the lines.
         told: Dict that takes the last progress of each stage, by name.
     """
+    said = -math.inf
 
     def report(step: Step) -> None:
-        if not math.isnan(step.success) and (step.stage not in told or told[step.stage].success != step.success):
+        nonlocal said
+        known, now = not math.isnan(step.success), time.monotonic()
+        if (known and (step.stage not in told or told[step.stage].success != step.success)) or now - said > _SILENCE:
+            success = f", success {step.success:.0%}" if known else ""
             length = "" if math.isnan(step.length) else f" in {step.length:.0f} actions"
-            say(f"{step.stage} {step.done:.0%}, success {step.success:.0%}{length}")
+            say(f"{step.stage} {step.done:.0%}{success}{length}")
+            said = now
         told[step.stage] = step
 
     return report

@@ -1,9 +1,10 @@
 """The report of a reproduction, from the folders of its cells alone."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.reproduce.cell import Cell, CellStore, in_order
 from pinwm_drake.experiments.reproduce.figures import table_figures
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
@@ -31,12 +32,19 @@ def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest,
         root: Folder of the experiment.
 
     Raises:
-        InputError: A cell of other settings is in the folder, or a file cannot be written.
+        InputError: None of the cells is in the folder, or one of other settings; or a file cannot be written.
     """
-    store, waves = CellStore(root), in_order(cell for table in tables for cell in table.cells(request))
-    results = {cell: store.read(cell) for wave in waves for cell in wave}
+    store = CellStore(root)
+    needed = {table.name: [cell for wave in in_order(table.cells(request)) for cell in wave] for table in tables}
+    results = {cell: store.read(cell) for cells in needed.values() for cell in cells}
+    if not any(results.values()):
+        raise InputError(root, value="none of the cells of these tables", allowed="a folder of `pinwm reproduce`")
     prepare_folder(path.parent)
     parts = ["# The paper's tables", f"Written by `pinwm reproduce report` from the folders of {root.name}."]
+    if request.quick:
+        parts.append(
+            "**Made with `--quick`**: tiny budgets, to show that everything runs. The figures mean nothing."
+        )
     for table in tables:
         rows = _listed(table.header, table.rows(request, results))
         parts += [f"## {table.title}", table.words, markdown(table.header, rows)]
@@ -45,15 +53,27 @@ def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest,
             with replacing(picture) as temporary:
                 figure.savefig(temporary)
             parts.append(f"![{table.title}]({picture.name})")
-    ended = [done["provenance"] for done in results.values() if done is not None]
-    made = [run for one in ended for run in one.get("runs", [one])]
-    if made:
-        commits = sorted({one["commit"] or "no repository" for one in made})
-        machines = sorted({one["machine"] for one in made})
-        first, last = (pick(one["time"] for one in made) for pick in (min, max))
-        parts.append(f"Commits {', '.join(commits)}; machines: {'; '.join(machines)}; {first} to {last}.")
+        parts += _origin([done for cell in needed[table.name] if (done := results[cell]) is not None])
     with replacing(path) as temporary:
         temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def _origin(results: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Words on where, when and in what time the cells of a table were made; none where there are none."""
+    if not results:
+        return []
+    ended = [done["provenance"] for done in results]
+    made = [run for one in ended for run in one.get("runs", [one])]
+    episodes = sorted({done["result"]["episodes"] for done in results if "episodes" in done["result"]})
+    counts = f"; {' or '.join(map(str, episodes))} episodes of each evaluation" if episodes else ""
+    commits = sorted({one["commit"] or "no repository" for one in made})
+    machines = sorted({one["machine"] for one in made})
+    first, last = (pick(one["time"] for one in made) for pick in (min, max))
+    hours = sum(one["minutes"] for one in ended) / 60.0
+    return [
+        f"{len(results)} cells in {hours:.3g} h, what other tables share among them{counts}. Commits "
+        f"{', '.join(commits)}; machines: {'; '.join(machines)}; {first} to {last}."
+    ]
 
 
 def _listed(header: Row, rows: Sequence[Row]) -> list[Row]:

@@ -27,7 +27,8 @@ class ReproduceRequest:
     quick: bool = False
 
     def __post_init__(self) -> None:
-        """Checks the options."""
+        """Checks the options; what is named twice counts once."""
+        object.__setattr__(self, "tasks", tuple(dict.fromkeys(self.tasks)))
         for task in self.tasks:
             require("--task", repr(task), task in TASK_SCENES, ", ".join(TASK_SCENES))
         for name in self.methods or ():

@@ -1,13 +1,14 @@
 """The reproduction of tables: its plan, its cells, and its report."""
 
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pinwm_drake.errors import ParameterError
-from pinwm_drake.experiments.reproduce.cell import Cell, CellStore, in_order, made
+from pinwm_drake.errors import ParameterError, PinwmError
+from pinwm_drake.experiments.reproduce.cell import DONE_FILE, Cell, CellStore, in_order, log_path, made
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.tables.geometry_noise import GEOMETRY_NOISE
 from pinwm_drake.experiments.reproduce.tables.one_step import ONE_STEP
@@ -56,12 +57,23 @@ def plan(tables: Sequence[Table], request: ReproduceRequest, root: Path) -> Plan
 
     Raises:
         InputError: A cell of other settings is in the folder.
+        ParameterError: No system that is asked for is in the tables.
     """
     store = CellStore(root)
     waves = in_order(cell for table in tables for cell in table.cells(request))
+    if not waves:
+        names = ", ".join(table.name for table in tables)
+        asked = ", ".join(request.methods or ())
+        raise ParameterError(f"--methods: got {asked}, none of which is in {names}; allowed: systems of these tables")
     left = [[cell for cell in wave if store.read(cell) is None] for wave in waves]
     done = [len(wave) - len(missing) for wave, missing in zip(waves, left, strict=True)]
     return Plan(waves, done, sum(cell.hours for missing in left for cell in missing))
+
+
+def seeds_of(root: Path) -> int:
+    """Number of seeds, from 0 on, of which there are cells in a folder; 1 where there are none."""
+    found = [path.parent.name.removeprefix("seed-") for path in root.rglob(f"seed-*/{DONE_FILE}")]
+    return 1 + max((int(name) for name in found if name.isdigit()), default=0)
 
 
 def reproduce(
@@ -82,21 +94,44 @@ def reproduce(
         on_cell: Called with each cell that is made, and its result.
 
     Raises:
-        PinwmError: An input was refused, a cell of other settings is there, or a file cannot be written.
+        CellError: A cell could not be made; what does not need it is done.
+        PinwmError: Several could not be made; a cell of other settings is there; or the folder cannot be used.
     """
-    store = CellStore(prepare_folder(root))
+    root = prepare_folder(root).absolute()  # a worker may be in another folder
     cells = [cell for wave in plan(tables, request, root).waves for cell in wave]
     (executor or Executor()).map(
-        partial(_make, root), cells, needs=lambda cell: cell.needs, store=store, on_result=on_cell
+        partial(_make, root),
+        cells,
+        needs=lambda cell: cell.needs,
+        store=CellStore(root),
+        on_result=on_cell,
+        keep_going=True,
     )
 
 
+class CellError(PinwmError):
+    """A cell that could not be made; the message names it, and what was in the way."""
+
+
 def _make(root: Path, cell: Cell) -> dict[str, Any]:
-    """Makes a cell; what it tells on the way stands in a log beside its files."""
-    log = prepare_folder(root / "logs") / f"{cell.key.replace('/', '_')}.txt"
+    """Makes a cell; when it began and ended, and what it tells on the way, stands in a log.
+
+    Raises:
+        CellError: It cannot be made, whatever the reason: others go on. The log has the traceback.
+    """
+    log = log_path(root, cell, ".txt")
+    prepare_folder(log.parent)
 
     def say(line: str) -> None:
         with log.open("a", encoding="utf-8") as file:
             file.write(f"{timestamp()} {line}\n")
 
-    return made(cell, root, say)
+    say("begun")
+    try:
+        done = made(cell, root, say)
+    except Exception as error:
+        say("".join(traceback.format_exception(error)))
+        what = str(error) if isinstance(error, PinwmError) else f"{type(error).__name__}: {error}"
+        raise CellError(f"{cell.key}: {what} (log: {log})") from error
+    say(f"made in {done['provenance']['minutes']:g} minutes")
+    return done

@@ -1,7 +1,6 @@
 """Cells of captures and twins."""
 
 import shutil
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -144,9 +143,11 @@ class NoisyCaptureCell:
         """Copies the capture, and moves the vertices of its mesh; see `Cell.make`."""
         if self.refined:
             known = replace(self, refined=False)
-            with tempfile.TemporaryDirectory(dir=root) as noisy:
-                told = known._copied(root, Path(noisy) / "capture")
-                found = refine_capture(Path(noisy) / "capture", empty_folder(root / self.key))
+            out = empty_folder(root / self.key)
+            noisy = empty_folder(out.with_name(f".{out.name}"))
+            told = known._copied(root, noisy)
+            found = refine_capture(noisy, out)
+            shutil.rmtree(noisy)
             return {**told, "masks": {"before": found.before, "after": found.after}}
         return self._copied(root, empty_folder(root / self.key))
 

@@ -5,9 +5,8 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from pinwm_drake.experiments.reproduce.cell import DONE_FILE, made
+from pinwm_drake.experiments.reproduce.cell import DONE_FILE
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,3 @@ class Gated:
             time.sleep(0.02)
         parts = [json.loads((root / one.key / DONE_FILE).read_text())["result"]["sum"] for one in self.needs]
         return {"sum": 1 + sum(parts), "process": os.getpid()}
-
-
-def make(root: Path, cell: Gated) -> dict[str, Any]:
-    return made(cell, root, print)

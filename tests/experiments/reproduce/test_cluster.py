@@ -1,14 +1,15 @@
 import time
 from collections import Counter
-from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
 
-from pinwm_drake.experiments.reproduce.cell import CellStore, in_order
+from pinwm_drake.experiments.reproduce.request import ReproduceRequest
+from pinwm_drake.experiments.reproduce.run import reproduce
+from pinwm_drake.experiments.reproduce.tables.table import Table
 from pinwm_drake.parallel import Executor
-from tests.experiments.reproduce.gated import Gated, make
+from tests.experiments.reproduce.gated import Gated
 
 ray = pytest.importorskip("ray")
 
@@ -69,13 +70,14 @@ def runs(pid: int) -> bool:
 
 
 def run(root: Path, on_cell) -> None:
-    """Makes the cells, as `reproduce` does."""
-    for wave in in_order([SUM]):
-        Executor("ray", workers=2).map(partial(make, root), wave, store=CellStore(root), on_result=on_cell)
+    """Makes the cells, as a command does, whose folder is named from where it stands."""
+    table = Table("gated", "Gated", ("name",), lambda request: [SUM], lambda request, results: [], "Gated.")
+    reproduce([table], ReproduceRequest(), root, executor=Executor("ray", workers=2), on_cell=on_cell)
 
 
-def test_cells_of_a_machine_that_is_killed_are_made_by_the_other_one_and_none_twice(cluster, tmp_path):
-    told, lost = [], []
+def test_cells_of_a_machine_that_is_killed_are_made_by_the_other_one_and_none_twice(cluster, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path.parent)  # the raylets are elsewhere
+    told, lost, root = [], [], Path(tmp_path.name)
 
     def kill(cell, done):
         told.append(cell.name)
@@ -90,13 +92,13 @@ def test_cells_of_a_machine_that_is_killed_are_made_by_the_other_one_and_none_tw
         wait_for(lambda: not any(runs(pid) for _, pid in lost), "a worker outlives its machine")
         (tmp_path / "go").touch()
 
-    run(tmp_path, kill)
+    run(root, kill)
     assert sorted(told) == ["0", "1", "2", "3", "4", "5", "sum"]
     ((name, pid),) = lost
     counts = Counter(one for one, _ in begun(tmp_path))
     assert counts == {**dict.fromkeys(told, 1), name: 2}
     made = {}
-    run(tmp_path, lambda cell, done: made.update({cell.name: done["result"]}))
+    run(root, lambda cell, done: made.update({cell.name: done["result"]}))
     assert Counter(one for one, _ in begun(tmp_path)) == counts
     assert made["sum"]["sum"] == 7
     assert made[name]["process"] != pid

@@ -8,6 +8,7 @@ from pinwm_drake.experiments.reproduce.figures import table_figures
 from pinwm_drake.experiments.reproduce.report import read_results, write_report
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.run import TABLES, tables_of
+from pinwm_drake.experiments.reproduce.twins import CaptureCell
 from pinwm_drake.learning.wilson import wilson_interval
 
 REQUEST = ReproduceRequest(seeds=2)
@@ -16,6 +17,7 @@ REQUEST = ReproduceRequest(seeds=2)
 def evaluation(successes, steps, episodes=100):
     low, high = wilson_interval(successes, episodes)
     return {
+        "episodes": episodes,
         "success_rate": successes / episodes,
         "interval_95": [low, high],
         "steps": {"successes": {"mean": steps, "median": steps}, "all": {"mean": 30.0, "median": 30.0}},
@@ -188,8 +190,12 @@ def test_the_report_links_the_figures_of_what_is_made(tmp_path):
 
 def test_seeds_that_were_not_run_are_listed_once(tmp_path):
     request = dataclasses.replace(REQUEST, seeds=3)
-    tables = tables_of(["one-step"])
+    tables, capture = tables_of(["one-step"]), CaptureCell("push", 0)
+    provenance = {"minutes": 90.0, "commit": "", "machine": "none", "time": "now"}
+    CellStore(tmp_path).write(capture, {"settings": settings_of(capture), "result": {}, "provenance": provenance})
     write_report(tmp_path / "report.md", tables, request, tmp_path)
+    origin = "1 cells in 1.5 h, what other tables share among them. Commits no repository; machines: none; now to now."
+    assert origin in (tmp_path / "report.md").read_text()
     rows = [
         line.split(" | ") for line in (tmp_path / "report.md").read_text().splitlines() if line.startswith("| push")
     ]

@@ -1,20 +1,22 @@
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from pinwm_drake.errors import ParameterError
-from pinwm_drake.experiments.reproduce.cell import CellStore
+from pinwm_drake.errors import InputError, ParameterError, PinwmError
 from pinwm_drake.experiments.reproduce.policies import PolicyCell
 from pinwm_drake.experiments.reproduce.report import read_results, write_report
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
-from pinwm_drake.experiments.reproduce.run import plan, reproduce, tables_of
+from pinwm_drake.experiments.reproduce.run import CellError, plan, reproduce, seeds_of, tables_of
 from pinwm_drake.experiments.reproduce.systems import SYSTEMS
 from pinwm_drake.experiments.reproduce.tables import paper
+from pinwm_drake.experiments.reproduce.tables.table import Table
 from pinwm_drake.parallel import Executor
 
 OPTIONS = {"tasks": ("push",), "methods": ("pin-wm", "random-actions"), "episodes": 2, "quick": True}
@@ -139,7 +141,7 @@ def test_a_table_is_made_though_it_was_killed_and_nothing_is_made_twice(tmp_path
     while not twin.exists() and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.02)
     os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    assert process.wait() == -signal.SIGKILL
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("done.json")}
     assert twin in before
     told, tables = [], tables_of(["policies"])
@@ -158,9 +160,128 @@ def test_a_table_is_made_though_it_was_killed_and_nothing_is_made_twice(tmp_path
     lines = path.read_text().splitlines()
     rows = {line.split(" | ")[1]: line for line in lines if line.startswith("| push")}
     assert list(rows) == list(SYSTEMS)
-    assert f"| {REQUEST.max_steps:.1f} | 1 |" in rows["pin-wm"]
+    assert f"| {REQUEST.max_steps:.1f} | 0 |" in rows["pin-wm"]
+    assert "Made with `--quick`" in path.read_text()
+    assert "; 2 episodes of each evaluation. Commits " in path.read_text()
     assert "not run" in rows["domain-rand"]
     # Cells of other budgets are not taken for these.
-    store = CellStore(tmp_path)
-    cell = next(one for one in results if one.system == "random-actions")
-    assert store.read(cell) is not None
+    with pytest.raises(InputError, match=r"other settings \(episodes: 2, and not 3\)"):
+        plan(tables, ReproduceRequest(**{**OPTIONS, "episodes": 3}), tmp_path)
+
+
+@dataclass(frozen=True)
+class Toy:
+    """A cell that leaves a line, waits for a file or fails."""
+
+    name: str
+    needs: tuple["Toy", ...] = ()
+    waits: bool = False
+    error: str = ""
+    hours: float = 0.001
+
+    @property
+    def key(self):
+        return f"toys/{self.name}"
+
+    def make(self, root, say):
+        with (root / "log").open("a") as file:
+            file.write(f"{self.name}\n")
+        if self.error == "os":
+            (root / "surfels.ply").read_text()
+        if self.error:
+            raise ParameterError(self.error)
+        while self.waits and not (root / "go").exists():
+            time.sleep(0.01)
+        return {"name": self.name}
+
+
+def toys(*cells):
+    return [Table("toys", "Toys", ("name",), lambda request: list(cells), lambda request, results: [], "Toys.")]
+
+
+FIRST = Toy("first", waits=True)
+LAST = Toy("last", (FIRST,))
+
+
+def run_toys(root):
+    reproduce(toys(LAST), REQUEST, root, executor=Executor(workers=1))
+
+
+def test_two_runs_that_share_a_folder_make_each_cell_once(tmp_path: Path):
+    # Both begin before anything is made.
+    pair = [multiprocessing.get_context("spawn").Process(target=run_toys, args=(tmp_path,)) for _ in range(2)]
+    for process in pair:
+        process.start()
+    deadline = time.monotonic() + 120
+    while not (tmp_path / "log").exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    time.sleep(3.0)  # the other one comes to it as well, most likely
+    (tmp_path / "go").touch()
+    for process in pair:
+        process.join(120)
+    assert [process.exitcode for process in pair] == [0, 0]
+    assert (tmp_path / "log").read_text().split() == ["first", "last"]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_cell_that_fails_is_named_and_what_does_not_need_it_is_made(tmp_path: Path, workers):
+    wrong, lost = Toy("wrong", error="mass: got -1"), Toy("lost", error="os")
+    cells, told = (Toy("after", (wrong,)), Toy("well"), lost, LAST), []
+    (tmp_path / "go").touch()
+
+    def run(*tried):
+        told.clear()
+        executor = Executor(workers=workers)
+        reproduce(toys(*tried), REQUEST, tmp_path, executor=executor, on_cell=lambda cell, done: told.append(cell.name))
+
+    with pytest.raises(PinwmError) as raised:
+        run(*cells)
+    assert sorted(told) == ["first", "last", "well"]
+    assert "toys/wrong: mass: got -1" in str(raised.value)
+    assert "toys/lost: FileNotFoundError" in str(raised.value)
+    assert "surfels.ply" in str(raised.value)
+    assert "after" not in str(raised.value)
+    assert "Traceback" in (tmp_path / "logs" / "toys_lost.txt").read_text()
+    with pytest.raises(CellError, match=r"^toys/wrong: mass: got -1 \(log: .*toys_wrong\.txt\)$"):
+        run(cells[0], cells[1])
+    assert told == ["well"]
+
+
+def test_a_relative_folder_is_that_of_the_caller(tmp_path: Path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    seen = []
+    monkeypatch.setattr(Toy, "make", lambda self, root, say: seen.append(root) or {})
+    reproduce(toys(Toy("one")), REQUEST, Path("out"), executor=Executor(workers=1))
+    assert seen == [tmp_path / "out"]
+
+
+def test_the_number_of_seeds_is_that_of_the_folder(tmp_path: Path):
+    assert seeds_of(tmp_path) == 1
+    for seed in (0, 2):
+        folder = tmp_path / f"policies/push/pin-wm/seed-{seed}"
+        folder.mkdir(parents=True)
+        (folder / "done.json").touch()
+    (tmp_path / "policies/push/pin-wm/seed-7").mkdir()
+    assert seeds_of(tmp_path) == 3
+
+
+def test_a_report_of_a_folder_with_nothing_is_refused(tmp_path: Path):
+    with pytest.raises(InputError, match="none of the cells of these tables"):
+        write_report(tmp_path / "report.md", tables_of(["policies"]), REQUEST, tmp_path / "nowhere")
+    assert not (tmp_path / "report.md").exists()
+
+
+def test_a_task_that_is_named_twice_counts_once_and_systems_of_no_table_are_refused(tmp_path: Path):
+    assert ReproduceRequest(tasks=("push", "flip", "push")).tasks == ("push", "flip")
+    with pytest.raises(ParameterError, match=r"--methods: got robogsim, none of which is in parameters"):
+        plan(tables_of(["parameters"]), ReproduceRequest(methods=("robogsim",)), tmp_path)
+
+
+def test_a_row_has_an_interval_of_each_seed_and_names_the_seeds():
+    (table,) = tables_of(["policies"])
+    request = ReproduceRequest(tasks=("push",), methods=("random",), seeds=3)
+    result = {"success_rate": 0.18, "interval_95": [0.117, 0.267], "steps": {"all": {"mean": 91.2}}}
+    done = {cell: {"result": result, "provenance": {"minutes": 59.0}} for cell in table.cells(request) if cell.seed}
+    (row,) = table.rows(request, done)
+    assert row[3:-1] == ["18 %, 18 %", "11.7 % to 26.7 %, 11.7 % to 26.7 %", "91.2, 91.2", "1, 2", "59, 59"]

@@ -36,16 +36,18 @@ def evaluation_rows(
 
 
 def _row(task: str, name: str, cells: Sequence[EvaluationCell], results: Results, figure: str) -> Row:
-    done = [done for cell in cells if (done := results.get(cell)) is not None]
+    done = {cell.seed: done for cell in cells if (done := results.get(cell)) is not None}
     if not done:
         return [task, name, SYSTEMS[name].words, MISSING, "", "", "", "", figure]
-    each = [one["result"] for one in done]
-    rates = ", ".join(percent(one["success_rate"]) for one in each)
-    low, high = min(one["interval_95"][0] for one in each), max(one["interval_95"][1] for one in each)
-    steps = ", ".join(f"{one['steps']['all']['mean']:.1f}" for one in each)
-    minutes = ", ".join(f"{one['provenance']['minutes']:.0f}" for one in done)
-    interval = f"{percent(low)} to {percent(high)}"
-    return [task, name, SYSTEMS[name].words, rates, interval, steps, str(len(done)), minutes, figure]
+    each = [one["result"] for one in done.values()]
+    columns = [
+        [percent(one["success_rate"]) for one in each],
+        [" to ".join(map(percent, one["interval_95"])) for one in each],
+        [f"{one['steps']['all']['mean']:.1f}" for one in each],
+        [str(seed) for seed in done],
+        [f"{one['provenance']['minutes']:.0f}" for one in done.values()],
+    ]
+    return [task, name, SYSTEMS[name].words, *(", ".join(column) for column in columns), figure]
 
 
 HEADER = (
@@ -53,7 +55,7 @@ HEADER = (
     "system",
     "trained in",
     "success (each seed)",
-    "95 % intervals",
+    "95 % interval (Wilson)",
     "actions, failures included",
     "seeds",
     "minutes of evaluation",
