@@ -21,7 +21,7 @@ from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.scene import step_count
 
-FRICTIONS, MASSES = (0.005, 0.5), (0.2, 5.0)  # bounds; kg
+MASSES = (0.2, 5.0)  # bounds, kg
 _BETAS, _EPSILON = (0.8, 0.97), 1e-12
 _LAST_RATE = 0.05  # of the first learning rate
 _VAGUE = 2.0  # standard deviation of the logits of frictions within their bounds, before any pose is seen
@@ -42,6 +42,7 @@ class PlanarOptions:
         smoothness: Standard deviation of the difference of these logarithms between neighbours, over their own.
         time_step: s.
         seed: Seed of the guesses.
+        friction: Least and largest coefficient of friction, at the floor and at the pusher.
     """
 
     starts: int = 4
@@ -53,10 +54,13 @@ class PlanarOptions:
     smoothness: float = 0.3
     time_step: float = 1.0 / 240.0
     seed: int = 0
+    friction: tuple[float, float] = (0.005, 0.5)
 
     def __post_init__(self) -> None:
         """Raises ParameterError where an option is out of its range."""
         check_options(self, {"seed"})
+        low, high = self.friction
+        require("friction", self.friction, 0.0 < low < high < math.inf, "two numbers above 0 that rise")
 
 
 @dataclass(frozen=True)
@@ -190,7 +194,7 @@ class _Problem:
 
     def parameters(self, z: Tensor) -> PlanarParameters:
         """Parameters of W guesses z (W, 2 + 2 C)."""
-        low, high = FRICTIONS
+        low, high = self.options.friction
         floor, pusher = (low * (high / low) ** z[:, :2].sigmoid()).unbind(-1)
         friction, mass = z[:, 2:].chunk(2, dim=-1)
         return PlanarParameters(

@@ -42,9 +42,7 @@ def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest,
     prepare_folder(path.parent)
     parts = ["# The paper's tables", f"Written by `pinwm reproduce report` from the folders of {root.name}."]
     if request.quick:
-        parts.append(
-            "**Made with `--quick`**: tiny budgets, to show that everything runs. The figures mean nothing."
-        )
+        parts.append("**Made with `--quick`**: tiny budgets, to show that everything runs. The figures mean nothing.")
     for table in tables:
         rows = _listed(table.header, table.rows(request, results))
         parts += [f"## {table.title}", table.words, markdown(table.header, rows)]

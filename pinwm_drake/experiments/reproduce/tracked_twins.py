@@ -72,7 +72,7 @@ class TrackedTwinCell(IdentifiedCell):
             upright_shape(capture.pusher).radius,
             mass=capture.object.mass or 1.0,
             gravity=capture.gravity,
-            options=PlanarOptions(seed=self.surfels.capture.seed),
+            options=PlanarOptions(seed=self.surfels.capture.seed, friction=scene.spans.friction),
         )
         registration = read_registration(folder / ALIGN_FILE)
         twin = planar_twin(found.properties, body, capture, pushes, surfels, offset, X_OS=registration)

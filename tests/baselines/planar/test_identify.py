@@ -1,4 +1,5 @@
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -24,23 +25,23 @@ def trajectory() -> PusherTrajectory:
     return PusherTrajectory(t, p_WP, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), np.zeros((len(t), 3)), None)
 
 
-def heavy_at_the_stem(body) -> PlanarParameters:
+def heavy_at_the_stem(body, friction_pusher=PUSHER) -> PlanarParameters:
     """Cells that grow heavier along y."""
     mass = torch.exp(8.0 * body.cells[:, 1])
     return PlanarParameters(
         (MASS * mass / mass.sum())[None],
         torch.full((1, len(body.cells)), FLOOR).double(),
-        torch.tensor([PUSHER]).double(),
+        torch.tensor([friction_pusher]).double(),
     )
 
 
-def recorded(body) -> ObjectPoses:
+def recorded(body, friction_pusher=PUSHER) -> ObjectPoses:
     """Poses that the simulator itself makes, 30 a second."""
     pusher, h = trajectory(), 1.0 / 240.0
     steps = h * np.arange(385)
     path = np.stack([np.interp(steps, pusher.t, pusher.p_WP[:, axis]) for axis in range(2)], axis=-1)
     start = torch.tensor([[0.0, 0.0, 0.2]]).double()
-    found = rollout(body, heavy_at_the_stem(body), start, Push(torch.from_numpy(path), RADIUS, h))[::8, 0].numpy()
+    found = rollout(body, heavy_at_the_stem(body, friction_pusher), start, Push(torch.from_numpy(path), RADIUS, h))[::8, 0].numpy()
     x, y, yaw = found.T
     q_WO = np.stack([np.cos(yaw / 2), 0.0 * yaw, 0.0 * yaw, np.sin(yaw / 2)], axis=-1)
     return ObjectPoses(steps[::8], np.stack([x, y, 0.0 * x], axis=-1), q_WO)
@@ -73,6 +74,18 @@ def test_friction_and_centre_of_mass_are_found_again(pushed):
     assert ((found.cells[:, 1] >= 0.005) & (found.cells[:, 1] <= 0.5)).all()
     assert found.poses.shape == (len(poses.t), 3)
     assert len(found.losses) == 2
+
+
+def test_a_friction_is_looked_for_in_the_range_that_is_given(pushed):
+    body, _ = pushed
+    poses, options = recorded(body, 0.9), replace(OPTIONS, starts=1)
+    usual, wide = (
+        identify_planar(body, poses, trajectory(), RADIUS, mass=MASS, options=replace(options, friction=ends))
+        for ends in ((0.005, 0.5), (0.05, 1.0))
+    )
+    assert usual.properties.friction_pusher < 0.5
+    assert wide.properties.friction_pusher == pytest.approx(0.9, rel=0.2)
+    assert wide.losses[0] < usual.losses[0]
 
 
 def test_the_same_again_gives_the_same(pushed):
@@ -117,10 +130,13 @@ def test_times_count_from_the_first_pose(pushed):
         ("smoothness", 0.0),
         ("time_step", 0.0),
         ("seed", -1),
+        ("friction", (0.5, 0.5)),
+        ("friction", (0.0, 0.5)),
+        ("friction", (0.1, math.inf)),
     ],
 )
 def test_bad_options_are_refused(name, value):
-    with pytest.raises(ParameterError, match=f"{name}: got {value}; allowed"):
+    with pytest.raises(ParameterError, match=re.escape(f"{name}: got {value}; allowed")):
         PlanarOptions(**{name: value})
 
 
