@@ -41,8 +41,8 @@ def recorded(body, friction_pusher=PUSHER) -> ObjectPoses:
     steps = h * np.arange(385)
     path = np.stack([np.interp(steps, pusher.t, pusher.p_WP[:, axis]) for axis in range(2)], axis=-1)
     start = torch.tensor([[0.0, 0.0, 0.2]]).double()
-    found = rollout(body, heavy_at_the_stem(body, friction_pusher), start, Push(torch.from_numpy(path), RADIUS, h))[::8, 0].numpy()
-    x, y, yaw = found.T
+    found = rollout(body, heavy_at_the_stem(body, friction_pusher), start, Push(torch.from_numpy(path), RADIUS, h))
+    x, y, yaw = found[::8, 0].numpy().T
     q_WO = np.stack([np.cos(yaw / 2), 0.0 * yaw, 0.0 * yaw, np.sin(yaw / 2)], axis=-1)
     return ObjectPoses(steps[::8], np.stack([x, y, 0.0 * x], axis=-1), q_WO)
 
