@@ -1,5 +1,6 @@
 """Checkpoints of long work: one npz file, without pickles, which appears whole or not at all."""
 
+import hashlib
 import json
 import zipfile
 from collections.abc import Iterable, Mapping
@@ -40,6 +41,14 @@ def write_arrays(
     with replacing(path) as temporary:
         save = np.savez_compressed if compressed else np.savez
         save(temporary, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+
+
+def digest_of(arrays: Iterable[np.ndarray]) -> str:
+    """SHA-256 of the contents of arrays, one after another, in hexadecimal digits."""
+    digest = hashlib.sha256()
+    for one in arrays:
+        digest.update(np.ascontiguousarray(one).data)
+    return digest.hexdigest()
 
 
 def generator_state(generator: np.random.Generator) -> np.ndarray:

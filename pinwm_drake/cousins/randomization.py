@@ -98,7 +98,7 @@ class RandomDomains:
         """Checks the settings."""
         require("share", self.share, 0.0 < self.share <= 1.0, "more than 0, up to 1")
         require("seed", self.seed, self.seed >= 0, "0 or more")
-        if self.share < 1.0 and (self.middle is None or set(self.middle) < set(THETA)):
+        if self.share < 1.0 and (self.middle is None or not set(THETA) <= set(self.middle)):
             raise ParameterError(f"middle: got {self.middle}; allowed with a share below 1: values of {list(THETA)}")
 
     def draw(self, twin: Twin) -> DomainDraw:

@@ -20,6 +20,7 @@ from pinwm_drake.learning.ppo import PpoOptions
 from pinwm_drake.learning.progress import Report, silent
 from pinwm_drake.learning.rounds import ANY, CHECKPOINT_FILE, HISTORY_FILE
 from pinwm_drake.learning.sac import SacOptions
+from pinwm_drake.learning.weights import devices, require_device
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.report.figures.training import training_figure
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
@@ -100,7 +101,7 @@ class TrainRequest:
         least, most = self.latency
         require("--latency", f"{least} to {most}", 0.0 <= least <= most < math.inf, "0 or more, the least first")
         require("--no-auxiliary", f"method {self.method}", self.auxiliary or self.method == "ppo", "with method ppo")
-        require("--device", self.device, self.device in _devices(), ", ".join(_devices()))
+        require_device("--device", self.device)
         with_teacher = self.teacher is None or self.method == "distil"
         require("--teacher", f"one for method {self.method}", with_teacher, "with method distil")
 
@@ -230,14 +231,9 @@ def method_of(request: TrainRequest, task: Task, spent: float = 0.0) -> Method:
     return Distillation(request.teacher or teacher, options, until, request.device)
 
 
-def _devices() -> tuple[str, ...]:
-    """Devices that networks can be trained on here."""
-    return ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",)
-
-
 def quickest_device() -> str:
     """Device for networks that are large enough to gain by a GPU: "cuda" where torch sees one."""
-    return _devices()[-1]
+    return devices()[-1]
 
 
 def _with(options: Any, **values: Any) -> Any:

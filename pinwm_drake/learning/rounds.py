@@ -169,8 +169,12 @@ class Rounds:
 
     @property
     def best(self) -> Round | None:
-        """Round with the shortest episodes in its evaluation, the earliest of several; None before the first."""
-        return min(self.history, key=lambda one: one.length, default=None)
+        """Round with the shortest episodes in its evaluation, the earliest of several; None before the first.
+
+        Rounds without any success do not count; where all are such, it is the last one.
+        """
+        worked = [one for one in self.history if one.success > 0.0]
+        return min(worked or self.history[-1:], key=lambda one: one.length, default=None)
 
     def ended(self, patience: int) -> bool:
         """Flag: all rounds are done, or one succeeded mostly and `patience` ones after it were hardly better.
@@ -271,11 +275,11 @@ class Rounds:
         Raises:
             InputError: A file cannot be written.
         """
-        before, seconds = self.best, time.monotonic() - self._begun
+        seconds = time.monotonic() - self._begun
         done = Round(self.number, self.steps + steps, found.success_rate, found.mean_steps, loss, seconds)
-        if before is None or done.length < before.length:
-            self._weights = weights(actor)
         self.history.append(done)
+        if self.best is done:
+            self._weights = weights(actor)
         rows = np.array([list(asdict(one).values()) for one in self.history], float)
         best = {f"{_BEST}{name}": value for name, value in self._weights.items()}
         write_arrays(self.folder / CHECKPOINT_FILE, self._about, {**arrays, **best, "history": rows})

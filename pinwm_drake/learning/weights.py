@@ -6,7 +6,25 @@ import numpy as np
 import torch
 from torch import nn
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
+
+
+def devices() -> tuple[str, ...]:
+    """Devices that networks can be trained on here, the quickest one last."""
+    return ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",)
+
+
+def require_device(option: str, name: str) -> None:
+    """Checks that a device is one of those here; "cuda:0" is one where "cuda" is.
+
+    Args:
+        option: Option that names it, as its user writes it.
+        name: Name of the device.
+
+    Raises:
+        ParameterError: It is none of them.
+    """
+    require(option, name, name.partition(":")[0] in devices(), f"{', '.join(devices())}, as torch sees no other")
 
 
 def device_of(network: nn.Module) -> torch.device:

@@ -4,6 +4,7 @@ Source: cross-entropy method with elites that are kept, noise that is correlated
     Pinneri et al., "Sample-efficient cross-entropy method for real-time planning" (iCEM, CoRL 2020).
 """
 
+import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -254,7 +255,8 @@ def carried_out(worlds: Worlds, actions: np.ndarray) -> Iterator[tuple[np.ndarra
 class SamplingMpcPolicy:
     """Policy of any task that plans from the observation `state`, with the signature of SB3's `predict`.
 
-    It hands its plans out as the policy's state and takes them back with the next observation.
+    It hands its plans out as the policy's state and takes them back with the next observation. What it draws follows
+    from the planner's seed and the observation, so that an episode repeats in whatever world, after whatever others.
 
     Attributes:
         planner: Planner of the actions.
@@ -295,6 +297,8 @@ class SamplingMpcPolicy:
         made: list[ActionPlan | None] = []
         for row, plan, begin in zip(worlds, plans, begins, strict=True):
             object_state, p_WP = task.object_state(row[None])
+            digest = hashlib.blake2b(row.tobytes(), digest_size=16).digest()
+            self.planner.reseed([self.planner.options.seed, int.from_bytes(digest, "little")])
             fine = bool(np.isfinite(row).all())
             made.append(self.planner.plan(object_state[0], p_WP[0], None if begin else plan) if fine else None)
         actions = np.array([np.zeros(task.action_size) if plan is None else plan.actions[0] for plan in made])

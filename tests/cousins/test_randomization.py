@@ -76,6 +76,7 @@ def test_colours_are_those_of_the_twin_or_drawn_once(twin):
         lambda: Spans(restitution=(0.0, 1.5)),
         lambda: RandomDomains(share=0.0),
         lambda: RandomDomains(share=0.5),
+        lambda: RandomDomains(share=0.5, middle={"friction": 0.1}),
         lambda: RandomDomains(seed=-1),
     ],
 )

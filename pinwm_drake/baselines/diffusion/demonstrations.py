@@ -1,13 +1,12 @@
 """Demonstrations: recorded episodes of an expert on disk, and windows of them for sequences of actions."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.checkpoints import digest_of, read_arrays, write_arrays
 from pinwm_drake.errors import InputError
 
 _NAMES = ("image", "pusher", "action")
@@ -78,7 +77,7 @@ def read_demonstrations(folder: Path) -> list[Episode]:
     Raises:
         InputError: There are none, one cannot be read, or they do not fit together.
     """
-    paths = sorted(folder.glob("*.npz"))
+    paths = sorted(folder.glob("[0-9]*.npz"))  # and not what a run that was killed left half-written
     if not paths:
         raise InputError(folder, value="no episode", allowed="a folder with recorded episodes, 00000.npz and so on")
     episodes = [read_episode(path) for path in paths]
@@ -91,9 +90,8 @@ def read_demonstrations(folder: Path) -> list[Episode]:
 
 
 def digest(episodes: Sequence[Episode]) -> str:
-    """SHA-256 of positions and actions, which tells demonstrations apart."""
-    parts = [part.tobytes() for one in episodes for part in (one.pusher, one.action)]
-    return hashlib.sha256(b"".join(parts)).hexdigest()
+    """SHA-256 of images, positions and actions, which tells demonstrations apart."""
+    return digest_of(part for one in episodes for part in (one.image, one.pusher, one.action))
 
 
 class Windows:

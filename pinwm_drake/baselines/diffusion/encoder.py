@@ -8,9 +8,7 @@ visuomotor policies" (JMLR 2016) for spatial softmax.
 import torch
 from torch import Tensor, nn
 
-from pinwm_drake.baselines.diffusion.options import NetworkOptions
-
-_GROUP = 8  # channels of a group; official 16
+from pinwm_drake.baselines.diffusion.options import NORM_CHANNELS, NetworkOptions
 
 
 class ImageEncoder(nn.Module):
@@ -67,4 +65,4 @@ class _Block(nn.Module):
 
 
 def _norm(channels: int) -> nn.GroupNorm:
-    return nn.GroupNorm(max(1, channels // _GROUP), channels)
+    return nn.GroupNorm(max(1, channels // NORM_CHANNELS), channels)

@@ -27,7 +27,7 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.progress import Report
 from pinwm_drake.learning.rounds import ANY, EVALUATION_SEED, Rounds, Until
-from pinwm_drake.learning.weights import pack, set_weights, unpack, weights
+from pinwm_drake.learning.weights import pack, require_device, set_weights, unpack, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 
 STAGE = "diffusion"  # the folder of the stage too
@@ -51,6 +51,10 @@ class DiffusionPolicy:
     training: TrainingOptions = field(default_factory=TrainingOptions)
     until: Until = ANY
     device: str = "cpu"
+
+    def __post_init__(self) -> None:
+        """Raises ParameterError where there is no such device."""
+        require_device("device", self.device)
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report

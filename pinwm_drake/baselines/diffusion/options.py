@@ -5,6 +5,8 @@ from dataclasses import dataclass, fields
 from pinwm_drake.errors import require
 from pinwm_drake.learning.option_checks import check_options
 
+NORM_CHANNELS = 8  # of a group of the encoder's group normalisation; official 16
+
 
 @dataclass(frozen=True)
 class NetworkOptions:
@@ -62,6 +64,8 @@ class NetworkOptions:
         require("step_features", self.step_features, self.step_features % 2 == 0, "an even number")
         divided = all(width % self.groups == 0 for width in self.widths)
         require("groups", self.groups, divided, f"a divisor of the widths {self.widths}")
+        grouped = all(width % max(1, width // NORM_CHANNELS) == 0 for width in self.channels)
+        require("channels", self.channels, grouped, f"below {NORM_CHANNELS}, or multiples of it")
 
 
 @dataclass(frozen=True)

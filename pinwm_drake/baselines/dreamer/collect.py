@@ -103,6 +103,9 @@ def collect(
     require("episodes", episodes, episodes >= 1, "1 or more")
     told = {"seed": seed, "worlds": env.num_envs, **(about or {})}
     files = [episode_file(prepare_folder(folder), number) for number in range(episodes)]
+    for file in files:
+        if file.exists():  # before any is written: it may be of another collection
+            Episode.read(file, told)
     for number, begin in enumerate(range(0, episodes, env.num_envs)):
         batch = files[begin : begin + env.num_envs]
         if all(file.exists() for file in batch):

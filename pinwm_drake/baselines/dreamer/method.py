@@ -1,20 +1,25 @@
 """Dreamer V2 as a method: task-agnostic episodes, a world model of them, and a policy of its imagination."""
 
 import shutil
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.baselines.dreamer.collect import collect, random_pushes
+from pinwm_drake.baselines.dreamer.networks import halvings
 from pinwm_drake.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
 from pinwm_drake.baselines.dreamer.policy import DreamerPolicy, image_size, write_dreamer
 from pinwm_drake.baselines.dreamer.replay import Episode, Replay, read_episodes
 from pinwm_drake.baselines.dreamer.training import BEHAVIOUR, MODEL, train_behaviour, train_model
 from pinwm_drake.baselines.method import MakeWorlds, MethodData
+from pinwm_drake.checkpoints import digest_of
 from pinwm_drake.errors import InputError, require
 from pinwm_drake.learning.progress import Report
 from pinwm_drake.learning.rounds import ANY, Until
+from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.learning.weights import require_device
 
 EPISODES = "episodes"  # folder of what was collected
 _MODEL_SHARE = 0.5  # of the minutes, at most
@@ -38,7 +43,7 @@ class DreamerV2:
         device: Device of the networks, as torch names it; the policy that is returned is on the CPU.
 
     Raises:
-        ParameterError: A number is out of range.
+        ParameterError: The number of episodes is out of range, or there is no such device.
     """
 
     episodes: int = 100
@@ -49,15 +54,16 @@ class DreamerV2:
     device: str = "cpu"
 
     def __post_init__(self) -> None:
-        """Checks the number of episodes."""
+        """Checks the number of episodes and the device."""
         require("episodes", self.episodes, self.episodes >= 1, "1 or more")
+        require_device("device", self.device)
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
     ) -> DreamerPolicy:
         """Trains in folders of `out`, one for each stage, and writes the policy to `out`; see `Method.train`."""
         spec, env = make_worlds.spec("rgb"), make_worlds.worlds("rgb_state")
-        image_size(spec)
+        halvings(image_size(spec))
         from_worlds = {"worlds": make_worlds.about, "num_worlds": env.num_envs, "episodes": self.episodes, "seed": seed}
         told: dict[str, object] = {**from_worlds, "spec": spec.to_document(), "networks": asdict(self.networks)}
         if data.trajectories is None:
@@ -68,8 +74,12 @@ class DreamerV2:
             episodes = read_episodes(data.trajectories)
             if not episodes:
                 raise InputError(data.trajectories, value="no episode", allowed="files 00000.npz and so on")
-            told["trajectories"] = [len(one) for one in episodes]
+            _check(data.trajectories, episodes, spec)
+            told["trajectories"] = digest_of(getattr(one, part.name) for one in episodes for part in fields(Episode))
         replay = Replay(episodes)
+        for stage, options in ((MODEL, self.model), (BEHAVIOUR, self.behaviour)):
+            most = len(replay)
+            require(f"{stage}.length", options.length, options.length <= most, f"up to {most}, all recorded steps")
         model, updates, seconds = train_model(
             replay,
             self.networks,
@@ -106,3 +116,13 @@ class DreamerV2:
         """Episodes of random pushes, in domains that follow from the seed."""
         explore = random_pushes(make_worlds.spec("rgb"), env.num_envs)
         return collect(env, explore, folder, self.episodes, seed=seed, about=about, on_batch=make_worlds.begin)
+
+
+def _check(folder: Path, episodes: Sequence[Episode], spec: PolicySpec) -> None:
+    """Checks that episodes were recorded in worlds of a specification; raises InputError."""
+    wanted = (image_size(spec), image_size(spec), spec.action_size)
+    for number, one in enumerate(episodes):
+        given = (*one.images.shape[1:3], one.actions.shape[1])
+        if given != wanted:
+            words = "height and width of images, and components of actions, of"
+            raise InputError(folder, row=number + 1, value=f"{words} {given}", allowed=f"{wanted}, as of the worlds")

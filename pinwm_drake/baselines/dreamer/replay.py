@@ -72,6 +72,16 @@ class Episode:
         if steps < 1 or lengths != (steps + 1, steps + 1, steps):
             given = f"{steps} actions, {lengths[0]} images, {lengths[1]} pushers, {lengths[2]} rewards"
             raise InputError(path, value=given, allowed="T actions and rewards, 1 or more, and T + 1 of the others")
+        images, parts = episode.images, (episode.pusher, episode.actions)
+        seen = images.dtype == np.uint8 and images.ndim == 4 and images.shape[3] == 3
+        if not seen or any(part.ndim != 2 for part in parts) or len({part.shape[1] for part in parts}) != 1:
+            given = f"images {images.dtype} {images.shape}, pusher {parts[0].shape}, actions {parts[1].shape}"
+            allowed = "images uint8 (T + 1, height, width, 3), pusher (T + 1, n), actions (T, n)"
+            raise InputError(path, value=given, allowed=allowed)
+        if not (np.abs(episode.actions) <= 1.0).all() or not all(
+            np.isfinite(part).all() for part in (episode.pusher, episode.rewards)
+        ):
+            raise InputError(path, value="others", allowed="finite positions and rewards, and actions in [-1, 1]")
         return episode
 
 

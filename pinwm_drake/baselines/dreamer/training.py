@@ -216,10 +216,8 @@ def train_behaviour(
         steps = options.round_updates * imagined
         rounds.end(pack(behaviour, optimizer), behaviour.actor, found, steps=steps, loss=loss, logger=logger)
     actor = Actor(replay.action_size, networks)
-    best = rounds.best
-    last = best is None or best.success == 0.0
     set_weights(actor, rounds.best_weights())
-    return DreamerPolicy(spec, networks, model.cpu().perception, behaviour.actor.cpu() if last else actor)
+    return DreamerPolicy(spec, networks, model.cpu().perception, actor)
 
 
 def generator_of(seed: int, stage: str, number: int) -> np.random.Generator:

@@ -86,7 +86,7 @@ class PolicyCell:
             threads=1,
             resume=True,
             history=self.history,
-            latency=_LATENCY if self.stand_in else (0.0, 0.0),
+            latency=latency_of(self.stand_in),
             **(_QUICK if self.quick else {}),
         )
         told: dict[str, Step] = {}
@@ -94,6 +94,11 @@ class PolicyCell:
         search = _QUICK_SEARCH if self.quick else None
         train(request, domains=trained.domains(scene, self.seed), search=search, report=report)
         return {name: {"steps": step.steps, "best": step.best, "seconds": step.seconds} for name, step in told.items()}
+
+
+def latency_of(stand_in: bool) -> tuple[float, float]:
+    """Least and longest latency of actions [s] in the worlds of a training, for the stand-in for a robot or not."""
+    return _LATENCY if stand_in else (0.0, 0.0)
 
 
 def say_rounds(say: Say, told: dict[str, Step]) -> Report:

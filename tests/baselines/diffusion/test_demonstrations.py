@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,10 @@ def test_episodes_are_read_as_they_were_written(tmp_path):
     assert np.array_equal(again[1].image, episode(6, first=20).image)
     assert digest(again) == digest([episode(4), episode(6, first=20)])
     assert digest(again) != digest([episode(4), episode(6, first=21)])
+    assert digest(again) != digest([again[0], replace(again[1], image=255 - again[1].image)])
+    # A run that was killed while it wrote leaves a file that has another name yet.
+    (tmp_path / ".00002.4242.npz").write_bytes(b"half")
+    assert len(read_demonstrations(tmp_path)) == 2
 
 
 def test_windows_hold_the_past_and_what_was_done_then_within_an_episode():

@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,8 +8,8 @@ import torch
 from benchmarks.way_around.worlds import AroundWorlds, Expert, MakeAround
 from pinwm_drake.baselines.diffusion.actor import read_actor
 from pinwm_drake.baselines.diffusion.collection import collect_demonstrations
-from pinwm_drake.baselines.diffusion.demonstrations import Episode, episode_path
-from pinwm_drake.baselines.diffusion.method import STAGE, DiffusionPolicy
+from pinwm_drake.baselines.diffusion.demonstrations import Episode, Windows, episode_path, read_demonstrations
+from pinwm_drake.baselines.diffusion.method import STAGE, DiffusionPolicy, _Learner, _learning_rate
 from pinwm_drake.baselines.diffusion.options import NetworkOptions, TrainingOptions
 from pinwm_drake.baselines.method import MethodData
 from pinwm_drake.errors import InputError, ParameterError
@@ -72,6 +73,46 @@ def test_a_training_on_a_gpu_gives_the_policy_of_one_on_the_cpu(tmp_path, demons
     assert device_of(found.network).type == "cpu"
     a, b = weights(whole[0].network), weights(found.network)
     assert all(np.allclose(a[name], b[name], rtol=0.0, atol=1e-3) for name in a)
+
+
+def test_the_policy_is_the_moving_average_of_the_best_round(tmp_path, demonstrations):
+    once = replace(SHORT, training=replace(SHORT.training, updates=10))
+    found = weights(train(once, demonstrations, tmp_path).network)
+    with np.load(tmp_path / STAGE / "checkpoint.npz") as file:
+        best, average, own = (
+            {name.removeprefix(part): file[name] for name in file.files if name.startswith(part)}
+            for part in ("best.", "ema.module.", "net.")
+        )
+    assert found.keys() == best.keys() == average.keys()
+    assert all(np.array_equal(found[name], best[name]) for name in found)
+    assert all(np.array_equal(found[name], average[name]) for name in found)
+    assert not all(np.array_equal(found[name], own[name]) for name in found)
+
+
+def test_the_learning_rate_rises_evenly_and_falls_along_half_a_cosine():
+    options = TrainingOptions(learning_rate=0.4, warmup=4)
+    rates = [_learning_rate(options, update, 104) for update in (0, 1, 3, 4, 29, 54, 104)]
+    assert rates == pytest.approx([0.1, 0.2, 0.4, 0.4, 0.2 * (1 + math.sqrt(0.5)), 0.2, 0.0], abs=1e-9)
+
+
+def test_the_moving_average_begins_with_the_first_weights_and_forgets_slower_and_slower(demonstrations):
+    options = TrainingOptions(updates=3, round_updates=3, batch_size=8, warmup=0, average_power=0.5, average_most=0.4)
+    windows = Windows(read_demonstrations(demonstrations), TINY.observations, TINY.horizon)
+    torch.manual_seed(0)
+    learner, seen = _Learner(DiffusionPolicy(TINY, options), windows, 2), []
+    for _ in learner.learn(0, np.random.default_rng(0), []):
+        seen.append({name: value.detach().double() for name, value in learner._network.named_parameters()})
+    # The first average is a copy; the next decays are 1 - 2^-0.5 = 0.29, and 1 - 3^-0.5 = 0.42 cut at 0.4.
+    for name, value in learner.averaged.named_parameters():
+        average = 0.2928932 * seen[0][name] + 0.7071068 * seen[1][name]
+        average = 0.4 * average + 0.6 * seen[2][name]
+        torch.testing.assert_close(value.detach().double(), average, rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="a GPU is there")
+def test_a_device_that_is_not_there_is_refused():
+    with pytest.raises(ParameterError, match="device: got cuda; allowed: cpu"):
+        DiffusionPolicy(device="cuda")
 
 
 def test_a_training_of_other_demonstrations_is_refused(tmp_path, demonstrations, whole):

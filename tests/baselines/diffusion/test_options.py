@@ -6,7 +6,15 @@ from pinwm_drake.errors import ParameterError
 
 @pytest.mark.parametrize(
     "values",
-    [{"horizon": 6}, {"actions": 16}, {"sampling_steps": 101}, {"kernel": 4}, {"groups": 7}, {"widths": ()}],
+    [
+        {"horizon": 6},
+        {"actions": 16},
+        {"sampling_steps": 101},
+        {"kernel": 4},
+        {"groups": 7},
+        {"widths": ()},
+        {"channels": (28,)},
+    ],
 )
 def test_a_network_that_cannot_be_is_refused(values):
     with pytest.raises(ParameterError, match=next(iter(values))):

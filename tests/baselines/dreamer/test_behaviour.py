@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from pinwm_drake.baselines.dreamer import behaviour as module
 from pinwm_drake.baselines.dreamer.behaviour import Actor, Behaviour, imagine, lambda_returns
 from pinwm_drake.baselines.dreamer.options import BehaviourOptions
 from pinwm_drake.baselines.dreamer.replay import Replay
@@ -50,6 +53,38 @@ def test_losses_reach_actor_and_critic_and_nothing_else(model):
     critic.backward()
     assert all(one.grad is not None for one in behaviour.critic.parameters())
     assert all(one.grad is None for one in [*behaviour.slow.parameters(), *model.parameters()])
+
+
+def test_losses_are_those_computed_from_what_is_imagined(model, monkeypatch):
+    behaviour, options = Behaviour(2, SIZES), replace(OPTIONS, entropy=0.3, trace=0.7)
+    with torch.no_grad():  # or critic and slow critic are the same
+        behaviour.critic[0].bias += 1.0
+    batch, seen = Replay([numbered(9), numbered(9)]).draw(4, 6, np.random.default_rng(0)), []
+
+    def kept(*arguments):
+        seen.append(imagine(*arguments))
+        return seen[-1]
+
+    monkeypatch.setattr(module, "imagine", kept)
+    actor, critic = behaviour.losses(model, batch, options)
+    (found,) = seen
+    H, N = options.horizon, found.reward.shape[1]
+    value, slow = (network(found.features)[..., 0] for network in (behaviour.critic, behaviour.slow))
+    entropy = behaviour.actor(found.features).entropy()
+    gain, error = 0.0, 0.0
+    for n in range(N):
+        after, returns = slow[H, n], {}
+        for t in reversed(range(H)):
+            after = found.reward[t, n] + found.discount[t, n] * (0.3 * slow[t + 1, n] + 0.7 * after)
+            returns[t] = after
+        weight = 1.0
+        for t in range(H):
+            error = error + 0.5 * weight * (value[t, n] - returns[t]) ** 2
+            if t < H - 1:  # what the action of step t led to
+                gain = gain + weight * (returns[t + 1] + 0.3 * entropy[t, n])
+            weight = weight * found.discount[t, n]
+    torch.testing.assert_close(critic, error / (H * N))
+    torch.testing.assert_close(actor, -gain / ((H - 1) * N))
 
 
 def test_the_slow_critic_follows_when_told():

@@ -26,6 +26,11 @@ def test_a_collection_that_was_stopped_goes_on_with_the_same_episodes(tmp_path):
     assert len(seeds) == 3  # nothing is done twice
     with pytest.raises(InputError, match="scene"):
         collected("a", 5, about={"scene": "other"})
+    # Nothing of a collection is lost to another one that would be longer.
+    before = {path: path.read_bytes() for path in (tmp_path / "a").iterdir()}
+    with pytest.raises(InputError, match="scene"):
+        collected("a", 8, about={"scene": "other"})
+    assert {path: path.read_bytes() for path in (tmp_path / "a").iterdir()} == before
 
 
 def test_most_pushes_head_for_the_object():

@@ -12,13 +12,14 @@ from pinwm_drake.baselines.dreamer.collect import collect
 from pinwm_drake.baselines.dreamer.method import EPISODES, DreamerV2
 from pinwm_drake.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
 from pinwm_drake.baselines.dreamer.policy import read_dreamer
+from pinwm_drake.baselines.dreamer.replay import episode_file
 from pinwm_drake.baselines.method import MethodData
-from pinwm_drake.errors import InputError
+from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning import rounds
 from pinwm_drake.learning.progress import silent
 from pinwm_drake.learning.weights import device_of, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
-from tests.baselines.dreamer.small import SIZES
+from tests.baselines.dreamer.small import SIZES, numbered
 
 SHORT = DreamerV2(
     episodes=3,
@@ -96,6 +97,40 @@ def test_a_world_model_that_is_not_there_or_of_other_sizes_is_refused(tmp_path):
         training.read_world_model(tmp_path, policy)
     with pytest.raises(InputError, match="of the policy's sizes"):
         training.read_world_model(tmp_path / "a", replace(policy, networks=replace(SIZES, depth=2)))
+
+
+def recorded(folder, *, first=0, **shape):
+    """A folder with two episodes, as `MethodData`."""
+    folder.mkdir()
+    for number in range(2):
+        numbered(6, first=first + 10 * number, **shape).write(episode_file(folder, number))
+    return MethodData(trajectories=folder)
+
+
+def test_a_training_does_not_go_on_with_other_trajectories(tmp_path):
+    one, other = recorded(tmp_path / "one"), recorded(tmp_path / "other", first=1)
+    policy = trained(SHORT, tmp_path / "a", data=one)
+    assert alike(policy, trained(SHORT, tmp_path / "a", data=one, resume=True))
+    with pytest.raises(InputError, match="trajectories"):
+        trained(SHORT, tmp_path / "a", data=other, resume=True)
+
+
+def test_trajectories_of_other_worlds_or_too_few_are_refused_before_the_training(tmp_path):
+    def silence(step):
+        pytest.fail("it trains")
+
+    with pytest.raises(InputError, match=r"row 1: got .*\(16, 16, 2\).*allowed: \(8, 8, 2\)"):
+        trained(SHORT, tmp_path / "a", data=recorded(tmp_path / "large", size=16), report=silence)
+    few = recorded(tmp_path / "few")
+    long = replace(SHORT, behaviour=replace(SHORT.behaviour, length=15))
+    with pytest.raises(ParameterError, match=r"behaviour\.length: got 15; allowed: up to 14, all recorded steps"):
+        trained(long, tmp_path / "b", data=few, report=silence)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="a GPU is there")
+def test_a_device_that_is_not_there_is_refused():
+    with pytest.raises(ParameterError, match="device: got cuda; allowed: cpu"):
+        DreamerV2(device="cuda")
 
 
 def test_a_folder_of_trajectories_without_any_is_refused(tmp_path):

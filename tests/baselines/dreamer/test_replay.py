@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -25,6 +27,16 @@ def test_bad_files_are_refused(tmp_path):
     Episode(one.images[:3], one.pusher, one.actions, one.rewards, one.terminated).write(path)
     with pytest.raises(InputError, match="3 actions, 3 images"):
         Episode.read(path)
+    for wrong, words in (
+        ({"images": one.images / 255.0}, "images float64"),
+        ({"images": one.images[..., :1]}, "height, width, 3"),
+        ({"actions": one.actions[:, :1]}, r"actions \(3, 1\)"),
+        ({"actions": np.nan * one.actions}, r"actions in \[-1, 1\]"),
+        ({"rewards": np.inf * one.rewards}, "finite positions and rewards"),
+    ):
+        replace(one, **wrong).write(path)
+        with pytest.raises(InputError, match=words):
+            Episode.read(path)
     one.write(path, {"seed": 1})
     with pytest.raises(InputError, match="seed"):
         Episode.read(path, {"seed": 2})

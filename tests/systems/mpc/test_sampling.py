@@ -33,6 +33,19 @@ def test_a_cube_is_flipped_in_the_twin(cube):
     assert info["angle"] < 0.2
 
 
+def test_a_plan_follows_from_what_is_seen_whatever_was_planned_before(cube):
+    policy = SamplingMpcPolicy(cube, options=SamplingOptions(samples=16, horizon=4, first_iterations=1))
+    env = TaskEnv(cube, "twin", COARSE)
+    one, two = (np.asarray(env.reset(seed=seed)[0]) for seed in (3, 4))
+    (first, _), (both, plans) = policy.predict(one), policy.predict(np.stack([two, one]))
+    assert np.array_equal(first, both[1])
+    assert not np.array_equal(both[0], both[1])
+    # An episode begins anew, while the plan of another world is gone on with.
+    ahead, _ = policy.predict(two, [plans[0]])
+    later, _ = policy.predict(np.stack([two, one]), plans, np.array([False, True]))
+    assert np.array_equal(later, [ahead, first])
+
+
 def test_a_plan_keeps_what_it_promises(cube):
     options = SamplingOptions(samples=16, horizon=5, first_iterations=2)
     planner, env = SamplingMpc(cube, options=options), TaskEnv(cube, "twin", dataclasses.replace(COARSE, max_steps=5))
