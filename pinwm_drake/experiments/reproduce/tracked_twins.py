@@ -20,6 +20,7 @@ from pinwm_drake.identification.pose_tracker import PoseTracker, PoseTrackerOpti
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
 from pinwm_drake.twin import SURFELS_FILE, Twin, write_twin
+from pinwm_drake.twin.origin import seen_in
 
 
 @dataclass(frozen=True)
@@ -62,9 +63,11 @@ class TrackedTwinCell(IdentifiedCell):
         folder = root / self.surfels.key
         capture, pushes = read_pushes(root / self.surfels.capture.key, [self.surfels.capture.episode])
         surfels, offset = read_ply(folder / SURFELS_FILE), read_offset(folder / ALIGN_FILE)
-        poses = PoseTracker(capture, surfels, offset, self._tracker).track(pushes[0]).poses
+        registration = read_registration(folder / ALIGN_FILE)
+        seen = seen_in(capture, registration)
+        poses = PoseTracker(seen, surfels, offset, self._tracker).track(pushes[0]).poses
         height = float(pushes[0].trajectory.p_WP[0, 2] - poses.p_WO[0, 2])
-        body = make_planar_body(capture.object.mesh_path, capture.object.X_WO.q, height, height)
+        body = make_planar_body(seen.object.mesh_path, seen.object.X_WO.q, height, height)
         found = identify_planar(
             body,
             poses,
@@ -74,7 +77,6 @@ class TrackedTwinCell(IdentifiedCell):
             gravity=capture.gravity,
             options=PlanarOptions(seed=self.surfels.capture.seed, friction=scene.spans.friction),
         )
-        registration = read_registration(folder / ALIGN_FILE)
         twin = planar_twin(found.properties, body, capture, pushes, surfels, offset, X_OS=registration)
         twin = replace(twin, provenance={**twin.provenance, **run_provenance()})
         write_twin(out, twin)

@@ -1,10 +1,17 @@
+import math
+
 import numpy as np
 import pytest
+import torch
 
 from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.experiments.reproduce import tracked_twins
 from pinwm_drake.experiments.reproduce.scenes import task_scene
+from pinwm_drake.experiments.reproduce.tracked_twins import TrackedTwinCell
 from pinwm_drake.experiments.reproduce.twins import CaptureCell, NoisyCaptureCell, SurfelsCell, TwinCell
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rotations import angle_between
 from tests.capture.pushed_cube import write_pushed_cube
 from tests.identification.samples import write_capture
 
@@ -38,6 +45,28 @@ def test_a_mesh_that_is_fitted_to_masks_is_nearer_to_the_true_one_than_without(t
     assert away[1] < 0.5 * away[0]
     assert told[1]["masks"]["after"] < 0.5 * told[1]["masks"]["before"]
     assert told[0] == {name: value for name, value in told[1].items() if name != "masks"}
+
+
+def test_2d_physics_begins_where_the_static_views_have_the_object(tmp_path, monkeypatch):
+    class Seen(Exception):
+        pass
+
+    def tracker(capture, *rest):
+        raise Seen(capture.object.X_WO)
+
+    turned, q = 0.07, torch.tensor([math.cos(0.035), 0.0, 0.0, math.sin(0.035)], dtype=torch.float64)
+    X_OS = Pose(q, torch.tensor([0.007, 0.0, 0.0], dtype=torch.float64))
+    for name, value in {"read_ply": None, "read_offset": (0.0, 0.0), "read_registration": X_OS}.items():
+        monkeypatch.setattr(tracked_twins, name, lambda path, value=value: value)
+    monkeypatch.setattr(tracked_twins, "PoseTracker", tracker)
+    capture = CaptureCell("push", 3)
+    write_pushed_cube(tmp_path / capture.key)
+    written = read_capture(tmp_path / capture.key).object.X_WO
+    with pytest.raises(Seen) as raised:
+        TrackedTwinCell(SurfelsCell(capture), "2d-physics").make(tmp_path, print)
+    (seen,) = raised.value.args
+    assert float(angle_between(written.q, seen.q)) == pytest.approx(turned)
+    assert float((seen.p - written.p).norm()) == pytest.approx(0.007)
 
 
 def test_cells_of_other_noise_unknowns_and_seeds_have_folders_of_their_own():
