@@ -128,17 +128,27 @@ def test_errors_come_back_as_they_are(name, workers, store):
         executor.map(partial(fail, "other"), range(3))
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize(("name", "workers"), [("joblib", 1), ("joblib", 2), ("ray", 2)], indirect=["name"])
 def test_what_does_not_need_an_item_that_failed_is_done_before_its_error_is_raised(name, workers, store):
     executor, told = Executor(name, workers), []
-    options = {"keep_going": True, "on_result": lambda item, result: told.append(item)}
     with pytest.raises(InputError, match=r"^a\.csv, row 3: got x; allowed: finite$"):
-        executor.map(partial(fail, "input"), range(6), needs=lambda k: [1] if k == 4 else [], store=store, **options)
+        executor.map(
+            partial(fail, "input"),
+            range(6),
+            needs=lambda k: [1] if k == 4 else [],
+            store=store,
+            on_result=lambda item, result: told.append(item),
+            keep_going=True,
+        )
     assert sorted(told) == store.items() == [0, 2, 3, 5]
+
+
+def test_several_errors_are_all_told_and_one_of_another_family_ends_the_call():
+    executor = Executor(workers=1)
     with pytest.raises(PinwmError, match=r"^none; none$"):
-        executor.map(partial(fail, "solver"), [1, 0, 1], **options)
+        executor.map(partial(fail, "solver"), [1, 0, 1], keep_going=True)
     with pytest.raises(ValueError, match="no error of the family"):
-        executor.map(partial(fail, "other"), range(3), **options)
+        executor.map(partial(fail, "other"), range(3), keep_going=True)
 
 
 def test_a_worker_takes_what_another_run_made_after_it_began(store):
