@@ -62,7 +62,7 @@ def _origin(results: Sequence[Mapping[str, Any]]) -> list[str]:
         return []
     ended = [done["provenance"] for done in results]
     made = [run for one in ended for run in one.get("runs", [one])]
-    episodes = sorted({done["result"]["episodes"] for done in results if "episodes" in done["result"]})
+    episodes = sorted({done["result"]["episodes"] for done in results if "success_rate" in done["result"]})
     counts = f"; {' or '.join(map(str, episodes))} episodes of each evaluation" if episodes else ""
     commits = sorted({one["commit"] or "no repository" for one in made})
     machines = sorted({one["machine"] for one in made})
