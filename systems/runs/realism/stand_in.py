@@ -30,8 +30,8 @@ class StandIn:
 
     Attributes:
         seed: Seed of the station, 0 or more.
-        camera_place: m, by which the camera is off from where it is believed to be, at the most.
-        camera_turn: rad, by which it is turned from there, at the most.
+        camera_place: m, by which the camera is off from where it is believed to be.
+        camera_turn: rad, by which it is turned from there.
         latency: s, after which actions take effect.
         mask: px, by which an outline is wrong anywhere, at the most.
         flicker: px, standard deviation of a mask's width from one image to the next.
@@ -112,12 +112,11 @@ class StandIn:
         return spoilt
 
     def _moved(self, X_WC: RigidTransform) -> RigidTransform:
-        """Pose of the camera, moved and turned in directions and by shares of the most that are drawn evenly."""
+        """Pose of the camera, moved and turned in directions that are drawn evenly."""
         generator = self._generator(_CAMERA)
         along, about = (v / np.linalg.norm(v) for v in generator.normal(size=(2, 3)))
-        place, turn = generator.uniform(size=2) * [self.camera_place, self.camera_turn]
-        R = RotationMatrix(AngleAxis(turn, about))
-        return RigidTransform(X_WC.rotation() @ R, X_WC.translation() + place * along)
+        R = RotationMatrix(AngleAxis(self.camera_turn, about))
+        return RigidTransform(X_WC.rotation() @ R, X_WC.translation() + self.camera_place * along)
 
     def _generator(self, stream: int) -> np.random.Generator:
         return np.random.default_rng([self.seed, stream])

@@ -31,7 +31,7 @@ STAND_IN = Table(
     HEADER,
     _cells,
     _rows,
-    "No robot: the plant of the other tables with a lump in the object and feet below it, a camera up to 3 mm and 0.5 "
+    "No robot: the plant of the other tables with a lump in the object and feet below it, a camera 3 mm and 0.5 "
     "degrees off, actions 80 ms late, ragged masks and one lamp. Filmed, recorded and trained for it, with actions 70 "
     "to 90 ms late, as of a lab that has measured them. 20 trials, all on one such station.",
 )
