@@ -143,6 +143,6 @@ def motion(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _after(env: TaskEnv, X_WO: RigidTransform, p_WP: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turn (4,) wxyz and way (3,) m of the object in an action, after it has come to rest."""
+    """Turn (4,) wxyz and way (3,) m of the object in an action, before which it came to rest."""
     _, states = observed(env, X_WO, p_WP, action)
     return motion(states[-2], states[-1])

@@ -70,6 +70,15 @@ def test_parameters_are_identified_one_at_a_time_by_every_system_that_has_them(t
     assert few == {"asid"}
 
 
+def test_what_a_video_tells_is_said_by_the_system_that_asks_it_alone():
+    (table,), request = tables_of(["parameters"]), ReproduceRequest(tasks=("push",))
+    theta = ("friction_floor", "mass", "restitution_floor")
+    estimates = {name: {"value": 0.1, "interval": None, "identifiable": False} for name in theta}
+    rows = table.rows(request, {cell: {"result": {"estimates": estimates}} for cell in table.cells(request)})
+    told = {(row[2], row[7]) for row in rows}
+    assert told == {("pin-wm", "no"), ("asid", "not told"), ("asid-generous", "not told"), ("2d-physics", "not told")}
+
+
 @pytest.mark.parametrize(
     ("name", "known"),
     [

@@ -68,7 +68,7 @@ ONE_STEP = Table(
     ("task", "prediction", "seed", "translation", "rotation", "draws", "paper"),
     _all,
     _rows,
-    "Errors of the object's pose after one action towards a random point of the object, as long as those that policies "
-    "take, against Drake's hydroelastic plant. Dreamer V2 predicts images, from which poses are read by the rendering "
+    "Errors of the object's pose when one action towards a random point of the object ends, as long as those that "
+    "policies take, against Drake's hydroelastic plant; the object still moves then. Dreamer V2 predicts images, from which poses are read by the rendering "
     "loss; the error of that alone is the row of the plant's own images.",
 )

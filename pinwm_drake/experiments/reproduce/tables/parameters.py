@@ -58,7 +58,8 @@ def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
         estimate = done["result"]["estimates"][name]
         low, high = estimate["interval"] or ("", "")
         interval = f"{low:.4g} to {high:.4g}" if estimate["interval"] else "none"
-        rows.append([*head, f"{estimate['value']:.4g}", interval, "yes" if estimate["identifiable"] else "no", theirs])
+        told = "not told" if isinstance(cell, TrackedTwinCell) else "yes" if estimate["identifiable"] else "no"
+        rows.append([*head, f"{estimate['value']:.4g}", interval, told, theirs])
     return rows
 
 
