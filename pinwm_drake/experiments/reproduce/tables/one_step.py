@@ -69,6 +69,6 @@ ONE_STEP = Table(
     _all,
     _rows,
     "Errors of the object's pose when one action towards a random point of the object ends, as long as those that "
-    "policies take, against Drake's hydroelastic plant; the object still moves then. Dreamer V2 predicts images, from which poses are read by the rendering "
-    "loss; the error of that alone is the row of the plant's own images.",
+    "policies take, against Drake's hydroelastic plant; the object still moves then. Dreamer V2 predicts images, from "
+    "which poses are read by the rendering loss; the error of that alone is the row of the plant's own images.",
 )
