@@ -1,6 +1,6 @@
 """Errors of a twin after one random action: how far its object is from that of a plant that began in the same state."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.systems.crosscheck.difference import angles_between
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions
+from pinwm_drake.systems.runs.rest import is_slow
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution, on_floor
@@ -32,7 +33,7 @@ class Outcomes:
         p_WO: (n, 3) m, world, its places.
         p_WP: (n, 3) m, world, places of the pusher.
         action: (n, action_size), in [-1, 1].
-        turned: (n, 4) wxyz, turns of the object until the action ends, world.
+        turned: (n, 4) wxyz, turns of the object until the action ends, or until it rests after it, world.
         moved: (n, 3) m, world, ways of the object until then.
         longest: () m, longest translation of the pusher in an action, which is the unit of `action`.
     """
@@ -97,14 +98,36 @@ def plant_outcomes(scene: str, engine: str, draws: int, seed: int, *, max_transl
     return Outcomes(*columns)
 
 
-def step_errors(setup: Setup, outcomes: Outcomes) -> np.ndarray:
+def outcomes_at_rest(scene: str, engine: str, outcomes: Outcomes, rest: int) -> Outcomes:
+    """Outcomes of the same actions after which the pusher stands still until the object does.
+
+    Args:
+        scene: Scene of the outcomes.
+        engine: Their engine.
+        outcomes: The starts and actions.
+        rest: Number of actions of standing still, at the most.
+
+    Raises:
+        PinwmError: The scene cannot be used.
+    """
+    env, rows = TaskEnv(load_setup(scene), engine, EnvOptions(max_translation=float(outcomes.longest))), []
+    for k in range(len(outcomes.action)):
+        X_WO = RigidTransform(RotationMatrix(Quaternion(outcomes.q_WO[k])), outcomes.p_WO[k])
+        rows.append(_after(env, X_WO, outcomes.p_WP[k], outcomes.action[k], rest))
+    turned, moved = (np.array(column) for column in zip(*rows, strict=True))
+    return replace(outcomes, turned=turned, moved=moved)
+
+
+def step_errors(setup: Setup, outcomes: Outcomes, rest: int = 0) -> np.ndarray:
     """Translation [m] and rotation [rad] errors (n, 2) of the twin in a scene, against a plant's outcomes.
 
-    Compared are ways and turns of the object from rest until the action ends, while it still moves.
+    Compared are ways and turns of the object from rest until the action ends, while it still moves; or until it rests
+    again.
 
     Args:
         setup: The scene, with the twin in the place of the object.
         outcomes: What the same actions did in the plant.
+        rest: Number of actions of standing still after each, at the most, as the outcomes have.
     """
     env = TaskEnv(setup, "twin", EnvOptions(max_translation=float(outcomes.longest)))
     vertices = StartDistribution(setup).vertices
@@ -113,7 +136,7 @@ def step_errors(setup: Setup, outcomes: Outcomes) -> np.ndarray:
         R_WO = RotationMatrix(Quaternion(outcomes.q_WO[k]))
         x, y = outcomes.p_WO[k, :2].tolist()
         X_WO = on_floor(vertices, R_WO, x, y, setup.twin.floor_height)
-        turned, moved = _after(env, X_WO, outcomes.p_WP[k], outcomes.action[k])
+        turned, moved = _after(env, X_WO, outcomes.p_WP[k], outcomes.action[k], rest)
         angle = float(angles_between(turned, outcomes.turned[k]))
         rows.append((float(np.linalg.norm(moved - outcomes.moved[k])), angle))
     return np.array(rows)
@@ -142,7 +165,18 @@ def motion(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return np.roll((R_after * R_before.inv()).as_quat(), 1), after[4:7] - before[4:7]
 
 
-def _after(env: TaskEnv, X_WO: RigidTransform, p_WP: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turn (4,) wxyz and way (3,) m of the object in an action, before which it came to rest."""
+def _after(
+    env: TaskEnv, X_WO: RigidTransform, p_WP: np.ndarray, action: np.ndarray, rest: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Turn (4,) wxyz and way (3,) m of the object in an action, before which it came to rest.
+
+    The pusher stands still after it until the object does, for `rest` actions at the most.
+    """
     _, states = observed(env, X_WO, p_WP, action)
-    return motion(states[-2], states[-1])
+    last = states[-1]
+    for _ in range(rest):
+        env.step(np.zeros_like(action))
+        last = env.worlds.run.object_state[0].copy()
+        if is_slow(last):
+            break
+    return motion(states[-2], last)

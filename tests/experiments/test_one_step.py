@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.experiments.one_step import Outcomes, plant_outcomes, step_errors
+from pinwm_drake.experiments.one_step import Outcomes, outcomes_at_rest, plant_outcomes, step_errors
 from pinwm_drake.systems.scenario.load import load_setup
 
 
@@ -19,6 +19,20 @@ def test_a_twin_of_the_true_theta_has_no_error_and_another_one_has(outcomes):
     assert same.shape == (3, 2)
     assert np.abs(same).max() < 1e-9
     assert step_errors(setup.with_theta(friction_pusher=0.8), outcomes).max() > 1e-4
+
+
+def test_an_object_is_followed_until_it_rests(outcomes):
+    setup, rest = load_setup("push_t"), 20
+    found = outcomes_at_rest("push_t", "twin", outcomes, rest)
+    assert np.abs(step_errors(setup, found, rest)).max() < 1e-9
+    # It slides on over the slippery floor, as far along its way as its speed takes it.
+    along = np.linalg.norm(found.moved, axis=1) - np.linalg.norm(outcomes.moved, axis=1)
+    assert (along > 0.01).all()
+    longer = outcomes_at_rest("push_t", "twin", outcomes, rest + 5)
+    np.testing.assert_allclose(longer.moved, found.moved, atol=1e-9)
+    np.testing.assert_allclose(outcomes_at_rest("push_t", "twin", outcomes, 0).moved, outcomes.moved, atol=1e-12)
+    for name in ("q_WO", "p_WO", "p_WP", "action", "longest"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(outcomes, name))
 
 
 def test_a_twin_whose_floor_is_lower_begins_there(outcomes):

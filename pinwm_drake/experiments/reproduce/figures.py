@@ -52,12 +52,15 @@ def table_figures(table: Table, request: ReproduceRequest, results: Results) -> 
     figures: dict[str, Figure] = {}
     if any(evaluations.values()):
         figures[table.name] = success_figure(evaluations)
+    resting = {cell: steps.pop(cell) for cell in list(steps) if cell.outcomes.rest}
     if any(steps.values()):
         noisy = any(_share(cell) > 0.0 for cell in steps)
         figures[table.name] = noise_figure(steps) if noisy else error_figure(steps)
         curves = {_path(cell): found["curve"] for cell, found in steps.items() if found and found.get("curve")}
         if curves and not noisy:
             figures[f"{table.name}-curve"] = one_step_figure(curves)
+    if any(resting.values()):
+        figures[f"{table.name}-at-rest"] = error_figure(resting)
     if any(twins.values()):
         figures[table.name] = parameter_figure(twins)
     return figures

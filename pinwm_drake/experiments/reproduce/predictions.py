@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from pinwm_drake.experiments.one_step import Outcomes, plant_outcomes, step_errors
+from pinwm_drake.experiments.one_step import Outcomes, outcomes_at_rest, plant_outcomes, step_errors
 from pinwm_drake.experiments.reproduce.cell import Cell, Say
 from pinwm_drake.experiments.reproduce.scenes import task_scene
 from pinwm_drake.experiments.reproduce.twins import IdentifiedCell
@@ -33,30 +33,43 @@ class OutcomesCell:
         task: Name of the task's scene.
         draws: Number of actions.
         max_translation: m, translation of the pusher in each; None for the longest that its speed allows.
+        rest: Number of actions of standing still, at the most, in which the object comes to rest after each; 0 where it
+            is looked at when the action ends.
     """
 
     task: str
     draws: int
     max_translation: float | None
+    rest: int = 0
 
     @property
     def key(self) -> str:
         """Path of its folder."""
-        return f"outcomes/{self.task}"
+        return f"outcomes{self.ending}/{self.task}"
+
+    @property
+    def ending(self) -> str:
+        """Ending of the names of folders: when the object is looked at."""
+        return "-at-rest" if self.rest else ""
 
     @property
     def needs(self) -> tuple[Cell, ...]:
-        """None: it begins with nothing."""
-        return ()
+        """The actions, where they are followed to rest; otherwise nothing."""
+        return (replace(self, rest=0),) if self.rest else ()
 
     @property
     def hours(self) -> float:
         """Estimate of its time, h."""
-        return 2.5 * self.draws / 3600.0
+        return (2.5 + 0.4 * self.rest) * self.draws / 3600.0
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Draws the actions; see `Cell.make`."""
-        found = plant_outcomes(task_scene(self.task).scene, ENGINE, self.draws, 0, max_translation=self.max_translation)
+        """Draws the actions, or takes them again until the object rests; see `Cell.make`."""
+        scene = task_scene(self.task).scene
+        if self.rest:
+            drawn = Outcomes.read(root / replace(self, rest=0).key / OUTCOMES_FILE)
+            found = outcomes_at_rest(scene, ENGINE, drawn, self.rest)
+        else:
+            found = plant_outcomes(scene, ENGINE, self.draws, 0, max_translation=self.max_translation)
         found.write(prepare_folder(root / self.key) / OUTCOMES_FILE)
         return {"moved": float(np.linalg.norm(found.moved, axis=1).mean())}
 
@@ -81,7 +94,7 @@ class OneStepCell:
     def key(self) -> str:
         """Path of its folder."""
         place = self.outcomes.task if self.twin is None else self.twin.surfels.capture.place
-        return f"one-step/{self.origin}/{place}"
+        return f"one-step{self.outcomes.ending}/{self.origin}/{place}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:
@@ -91,21 +104,22 @@ class OneStepCell:
     @property
     def hours(self) -> float:
         """Estimate of its time, h."""
-        return self.outcomes.draws * (1 + self.curve * _POINTS) * 0.05 / 3600.0
+        return self.outcomes.draws * (1 + self.curve * _POINTS) * (0.05 + 0.01 * self.outcomes.rest) / 3600.0
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Takes the same actions in the twin; see `Cell.make`."""
         scene, outcomes = task_scene(self.outcomes.task).scene, Outcomes.read(root / self.outcomes.key / OUTCOMES_FILE)
+        rest = self.outcomes.rest
         if self.twin is None:
-            return summary(step_errors(load_setup(scene), outcomes))
+            return summary(step_errors(load_setup(scene), outcomes, rest))
         folder = root / self.twin.key
         setup = load_setup(scene, twin=folder)
-        result: dict[str, Any] = summary(step_errors(setup, outcomes))
+        result: dict[str, Any] = summary(step_errors(setup, outcomes, rest))
         if self.curve:
             history = read_history(folder / HISTORY_FILE)
             result["curve"] = [
                 {"iteration": int(history.iteration[row]), "loss": float(history.loss[row])}
-                | summary(step_errors(replace(setup, twin=twin_at(setup.twin, history, row)), outcomes))
+                | summary(step_errors(replace(setup, twin=twin_at(setup.twin, history, row)), outcomes, rest))
                 for row in guesses(history)
             ]
         return result

@@ -10,6 +10,8 @@ from pinwm_drake.experiments.reproduce.systems import SYSTEMS
 from pinwm_drake.experiments.reproduce.tracked_twins import TrackedTwinCell
 from pinwm_drake.experiments.reproduce.twins import CaptureCell, SurfelsCell, TwinCell
 
+_REST, _QUICK_REST = 20, 1  # actions in which an object comes to rest, at most
+
 
 @dataclass(frozen=True)
 class ReproduceRequest:
@@ -53,9 +55,15 @@ class ReproduceRequest:
         """Cell of the twin that another system identifies, by one unknown alone where it is named; see `twin`."""
         return TrackedTwinCell(self._surfels(task, seed, stand_in), system, only)
 
-    def outcomes(self, task: str) -> OutcomesCell:
-        """Cell of what random actions do in the plant, as long as those that policies are trained with."""
-        return OutcomesCell(task, self.draws, task_scene(task).max_translation)
+    def outcomes(self, task: str, *, at_rest: bool = False) -> OutcomesCell:
+        """Cell of what random actions do in the plant, as long as those that policies are trained with.
+
+        Args:
+            task: Name of the task's scene.
+            at_rest: Flag: until the object rests after the action; otherwise until the action ends.
+        """
+        rest = (_QUICK_REST if self.quick else _REST) if at_rest else 0
+        return OutcomesCell(task, self.draws, task_scene(task).max_translation, rest)
 
     def _surfels(self, task: str, seed: int, stand_in: bool) -> SurfelsCell:
         return SurfelsCell(CaptureCell(task, seed, self.quick, stand_in=stand_in))

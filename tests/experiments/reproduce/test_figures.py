@@ -92,13 +92,16 @@ def test_errors_of_twins_are_drawn_by_system_and_over_the_iterations():
     def make(cell):
         if cell.origin == "2d-physics":
             return None
-        found = errors(2e-3 if cell.origin == "pin-wm" else 4e-3, 0.1)
+        found = errors((2e-3 if cell.origin == "pin-wm" else 4e-3) * (5.0 if cell.outcomes.rest else 1.0), 0.1)
         curve = [{"iteration": k, "loss": 1.0} | errors(1e-3 * (9 - k), 0.2) for k in range(8)]
         return found | ({"curve": curve} if cell.origin == "pin-wm" else {})
 
     table = TABLES["one-step"]
     figures = table_figures(table, REQUEST, results_of(table, make))
-    assert list(figures) == ["one-step", "one-step-curve"]
+    assert list(figures) == ["one-step", "one-step-curve", "one-step-at-rest"]
+    resting = titled(figures["one-step-at-rest"])["push: translation [mm]"]
+    assert rows(resting) == ["pin-wm", "asid", "asid-generous", "2d-physics", "scene"]
+    assert [x for x, y in markers(resting) if round(y) == 0] == pytest.approx([10.0, 10.0])
     panels = titled(figures["one-step"])
     assert list(panels) == [
         f"{task}: {part}" for task in ("push", "flip") for part in ("translation [mm]", "rotation [rad]")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from pinwm_drake.experiments.reproduce.cell import Cell
 from pinwm_drake.experiments.reproduce.imagined_steps import ImaginedStepCell, SeenOutcomesCell
-from pinwm_drake.experiments.reproduce.predictions import OneStepCell, OutcomesCell
+from pinwm_drake.experiments.reproduce.predictions import OneStepCell
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
 from pinwm_drake.experiments.reproduce.systems import ASID, ASID_GENEROUS, DREAMER, PIN_WM, PLANAR, SCENE
 from pinwm_drake.experiments.reproduce.tables import paper
@@ -16,38 +16,46 @@ _READOUT = "readout of true images: what reading a pose adds"
 _ENGINES = "the scene's own theta: the engines' difference"
 
 
-def _cells(request: ReproduceRequest) -> list[tuple[Row, Cell]]:
-    """Task, name and seed of each row, and its cell; the scene's own theta is always there."""
-    found: list[tuple[Row, Cell]] = []
+def _cells(request: ReproduceRequest) -> list[tuple[Row, Cell, OneStepCell | None]]:
+    """Task, name and seed of each row, its cell, and that of the object at rest; the scene's own theta is always there.
+
+    What is read from images is not followed to rest.
+    """
+    found: list[tuple[Row, Cell, OneStepCell | None]] = []
     for task in request.tasks:
         outcomes, names = request.outcomes(task), request.chosen(_SYSTEMS)
+        at_rest = request.outcomes(task, at_rest=True)
         for name in names:
             for seed in range(request.seeds):
-                found.append(((task, name, str(seed)), _cell(request, outcomes, name, seed)))
+                head = (task, name, str(seed))
+                if name == DREAMER:
+                    imagined = ImaginedStepCell(SeenOutcomesCell(outcomes), dreamer(task, seed, request.quick))
+                    found.append((head, imagined, None))
+                    continue
+                own = name == PIN_WM
+                twin = request.twin(task, seed) if own else request.tracked(task, seed, name)
+                found.append((head, OneStepCell(name, outcomes, twin, curve=own), OneStepCell(name, at_rest, twin)))
         if DREAMER in names:
-            found.append(((task, _READOUT, ""), SeenOutcomesCell(outcomes)))
-        found.append(((task, _ENGINES, ""), OneStepCell(SCENE, outcomes, None)))
+            found.append(((task, _READOUT, ""), SeenOutcomesCell(outcomes), None))
+        found.append(((task, _ENGINES, ""), OneStepCell(SCENE, outcomes, None), OneStepCell(SCENE, at_rest, None)))
     return found
 
 
-def _cell(request: ReproduceRequest, outcomes: OutcomesCell, name: str, seed: int) -> Cell:
-    """Cell of a system's errors after the actions."""
-    if name == DREAMER:
-        return ImaginedStepCell(SeenOutcomesCell(outcomes), dreamer(outcomes.task, seed, request.quick))
-    if name == PIN_WM:
-        return OneStepCell(name, outcomes, request.twin(outcomes.task, seed), curve=True)
-    return OneStepCell(name, outcomes, request.tracked(outcomes.task, seed, name))
-
-
 def _all(request: ReproduceRequest) -> list[Cell]:
-    return [cell for _, cell in _cells(request)]
+    return [cell for _, *cells in _cells(request) for cell in cells if cell is not None]
 
 
 def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
     rows: list[Row] = []
-    for head, cell in _cells(request):
-        done = results.get(cell)
-        words = [MISSING, ""] if done is None else [error_words(done["result"][part], unit) for part, unit in PARTS]
+    for head, *cells in _cells(request):
+        words: list[str] = []
+        for cell in cells:
+            if cell is None:
+                words += [paper.NONE, paper.NONE]
+            elif (done := results.get(cell)) is None:
+                words += [MISSING, ""]
+            else:
+                words += [error_words(done["result"][part], unit) for part, unit in PARTS]
         rows.append([*head, *words, str(request.draws), paper.ONE_STEP.get((head[0], head[1]), paper.NONE)])
     return rows
 
@@ -65,10 +73,21 @@ def error_words(found: dict[str, float], unit: str) -> str:
 ONE_STEP = Table(
     "one-step",
     "One-step errors",
-    ("task", "prediction", "seed", "translation", "rotation", "draws", "paper"),
+    (
+        "task",
+        "prediction",
+        "seed",
+        "translation",
+        "rotation",
+        "translation at rest",
+        "rotation at rest",
+        "draws",
+        "paper",
+    ),
     _all,
     _rows,
-    "Errors of the object's pose when one action towards a random point of the object ends, as long as those that "
-    "policies take, against Drake's hydroelastic plant; the object still moves then. Dreamer V2 predicts images, from "
-    "which poses are read by the rendering loss; the error of that alone is the row of the plant's own images.",
+    "Errors of the object's pose after one action towards a random point of the object, as long as those that policies "
+    "take, against Drake's hydroelastic plant: when the action ends, while the object still moves, and when it rests, "
+    "2 s later at the most. Dreamer V2 predicts images, from which poses are read by the rendering loss; the "
+    "error of that alone is the row of the plant's own images.",
 )
