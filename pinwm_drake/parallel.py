@@ -175,7 +175,7 @@ class _WorkerEnded(Exception):
 
 @dataclass(frozen=True)
 class _Failed:
-    """What comes back of an item that was refused, where the others are to be done."""
+    """Stand-in for the result of an item that was refused."""
 
     error: PinwmError
 
