@@ -56,6 +56,7 @@ class TrainRequest:
     tolerance: float | None = None
     turn_tolerance: float | None = None
     latency: tuple[float, float] = (0.0, 0.0)
+    camera_error: tuple[float, float] = (0.0, 0.0)
     goals: str = "fixed"
     goal_reach: float = 0.1
     goal_turn: float = math.pi
@@ -100,6 +101,9 @@ class TrainRequest:
         require("--goal-turn", self.goal_turn, 0.0 <= self.goal_turn <= math.pi + 1e-9, "0 to pi")
         least, most = self.latency
         require("--latency", f"{least} to {most}", 0.0 <= least <= most < math.inf, "0 or more, the least first")
+        place, turn = self.camera_error
+        small = 0.0 <= place < math.inf and 0.0 <= turn < math.pi
+        require("--camera-error", f"{place} m, {turn} rad", small, "0 or more, finite")
         require("--no-auxiliary", f"method {self.method}", self.auxiliary or self.method == "ppo", "with method ppo")
         require_device("--device", self.device)
         with_teacher = self.teacher is None or self.method == "distil"
@@ -186,6 +190,7 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
         history=request.history,
         max_translation=request.max_translation,
         latency=request.latency,
+        camera_error=request.camera_error,
     )
     domains = domains or CousinDomains(request.delta, request.from_intervals, request.seed)
     return TrainingWorlds(setup, options, num_worlds=request.worlds, domains=domains, yaw=request.yaw)

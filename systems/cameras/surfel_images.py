@@ -3,7 +3,6 @@
 import numpy as np
 import torch
 import trimesh
-from pydrake.math import RigidTransform
 
 from pinwm_drake.rendering import Camera, Rendering, Surfels, narrow_disc, narrow_width, render
 from pinwm_drake.rendering.occluder import mesh_depth
@@ -17,7 +16,7 @@ _NOTHING = 0x00FFFFFF  # white, alpha 0, as the bytes of a little-endian number
 
 
 class WorldImages:
-    """Camera that stands still and sees the objects of W worlds, each with its own pusher."""
+    """Cameras that see the objects of W worlds, each with its own pusher."""
 
     def __init__(
         self,
@@ -25,7 +24,6 @@ class WorldImages:
         object_mesh: trimesh.Trimesh,
         pusher_mesh: trimesh.Trimesh,
         camera: Camera,
-        X_WC: RigidTransform,
         num_threads: int | None = None,
     ) -> None:
         """Takes over the parts of the picture that do not move.
@@ -35,34 +33,29 @@ class WorldImages:
             object_mesh: m, frame O; tells where the object is, and whether the pusher stands before or behind it.
             pusher_mesh: m, frame P.
             camera: Intrinsics (4,).
-            X_WC: Pose of the camera, OpenCV axes.
             num_threads: Threads of the renderer; None for one on each core.
         """
         self.surfels, self.camera, self._width = surfels, camera, narrow_width(surfels)
         self._object = np.asarray(object_mesh.vertices), np.asarray(object_mesh.faces)
-        self._pusher = np.asarray(pusher_mesh.vertices) @ X_WC.rotation().matrix(), np.asarray(pusher_mesh.faces)
-        X_CW = X_WC.inverse()
-        self._q_CW, self._R_CW, self._p_CW = (
-            X_CW.rotation().ToQuaternion().wxyz(),
-            X_CW.rotation().matrix(),
-            X_CW.translation(),
-        )
+        self._pusher = np.asarray(pusher_mesh.vertices), np.asarray(pusher_mesh.faces)
         self._threads = num_threads
 
-    def take(self, object_state: np.ndarray, p_WP: np.ndarray, sh: torch.Tensor) -> np.ndarray:
+    def take(self, object_state: np.ndarray, p_WP: np.ndarray, sh: torch.Tensor, X_CW: np.ndarray) -> np.ndarray:
         """Takes the pictures of W worlds.
 
         Args:
             object_state: (W, 13), states of the objects, of which the pose counts.
             p_WP: (W, 3) m, positions of the pushers, world.
             sh: (N, K, 3), or (W, N, K, 3) where worlds differ: the surfels' harmonics.
+            X_CW: (W, 7), of the cameras, OpenCV axes: q_CW wxyz, p_CW [m].
 
         Returns:
             (W, height, width, 4) uint8, sRGB and alpha: 255 where the object is seen and the pusher does not hide it,
             with the object's colour; white and 0 elsewhere.
         """
-        q_CO = _product(self._q_CW, object_state[:, :4])
-        p_CO = object_state[:, 4:7] @ self._R_CW.T + self._p_CW
+        q_CW, p_CW = X_CW[:, :4], X_CW[:, 4:]
+        q_CO = _product(q_CW, object_state[:, :4])
+        p_CO = _turned(q_CW, object_state[:, None, 4:7])[:, 0] + p_CW
         X_CO = Pose(torch.from_numpy(q_CO), torch.from_numpy(p_CO))
         surfels = Surfels(self.surfels.p_OS, self.surfels.q_OS, self.surfels.log_scale, self.surfels.logit_opacity, sh)
         image = render(
@@ -73,9 +66,9 @@ class WorldImages:
             disc=narrow_disc(self._width, self.camera, X_CO.p[:, 2]),
             num_threads=self._threads,
         )
-        return cut_out(image, (image.alpha.numpy() >= _LEAST) & self._visible(q_CO, p_CO, p_WP))
+        return cut_out(image, (image.alpha.numpy() >= _LEAST) & self._visible(q_CO, p_CO, p_WP, X_CW))
 
-    def _visible(self, q_CO: np.ndarray, p_CO: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
+    def _visible(self, q_CO: np.ndarray, p_CO: np.ndarray, p_WP: np.ndarray, X_CW: np.ndarray) -> np.ndarray:
         """Mask (W, height, width) of the object's mesh where the pusher does not stand before it.
 
         Surfels fade out beyond the border of what they cover; the mesh does not.
@@ -83,8 +76,8 @@ class WorldImages:
         vertices, faces = self._object
         depth = mesh_depth(_turned(q_CO, vertices) + p_CO[:, None], faces, self.camera, _NEAR)
         vertices, faces = self._pusher
-        p_CP = p_WP @ self._R_CW.T + self._p_CW
-        visible: np.ndarray = depth < mesh_depth(vertices + p_CP[:, None], faces, self.camera, _NEAR)
+        corners = _turned(X_CW[:, :4], vertices + p_WP[:, None]) + X_CW[:, None, 4:]
+        visible: np.ndarray = depth < mesh_depth(corners, faces, self.camera, _NEAR)
         return visible
 
 
@@ -110,15 +103,15 @@ def cut_out(image: Rendering, shown: np.ndarray) -> np.ndarray:
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Quaternion products a b of a (4,) and b (W, 4), wxyz."""
-    w, x, y, z = a
+    """Quaternion products a b of a and b, (W, 4) each, wxyz."""
+    w, x, y, z = a.T
     left = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
-    product: np.ndarray = b @ left.T
+    product: np.ndarray = np.einsum("ijw,wj->wi", left, b)
     return product
 
 
 def _turned(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Vectors v (n, 3) turned by quaternions q (W, 4): (W, n, 3)."""
+    """Vectors v, (n, 3) or (W, n, 3), turned by quaternions q (W, 4): (W, n, 3)."""
     w, x, y, z = q.T
     # R', row by row; torch's batched conversion takes four times as long for one world.
     R = np.empty((len(q), 3, 3))

@@ -30,6 +30,8 @@ class EnvOptions:
         image_size: px, width and height of images; None for those of the scene's camera.
         latency: s, least and largest time after which an action takes effect; drawn for each episode. See `Delay`.
         history: Number of the last actions that are seen, with the states before them; see `Observer`.
+        camera_error: m and rad, by which the camera is moved and turned at the most from where it is believed to be;
+            drawn for each episode, in the twin's worlds alone. See `Miscalibration`.
 
     Raises:
         ParameterError: `max_steps` is less than 1, or `history` less than 0.
@@ -45,6 +47,7 @@ class EnvOptions:
     image_size: int | None = None
     latency: tuple[float, float] = (0.0, 0.0)
     history: int = 0
+    camera_error: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Validates the numbers of steps; scene and task validate the rest."""

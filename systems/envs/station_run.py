@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import torch
+from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.cousins import Domain
@@ -95,13 +96,18 @@ class StationRun:
         """
         SetDomain(self._world_model, self._context, domain, world, colors=colours)
 
+    def set_camera(self, X_WC: RigidTransform, world: int) -> None:
+        """Puts the camera of one of the twin's worlds elsewhere; OpenCV axes."""
+        model = self._world_model
+        model.SetCamera(model.GetMyMutableContextFromRoot(self._context), X_WC, world)
+
     @property
     def world_model(self) -> WorldModel | None:
         """The twin's worlds; None with other engines."""
         return self.station.world
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Everything that changes in the twin's worlds, for `set_state`: motion, theta, colours, number of actions."""
+        """Everything that changes in the twin's worlds, for `set_state`: motion, theta, colours, cameras, actions."""
         model, groups = self._world_model, range(len(self._begin))
         states = {f"discrete.{group}": self._context.get_discrete_state(group).value().copy() for group in groups}
         mine = model.GetMyContextFromRoot(self._context)

@@ -14,7 +14,7 @@ from pinwm_drake.baselines.method import MethodData
 from pinwm_drake.baselines.pin_wm import TEACHER
 from pinwm_drake.experiments.reproduce.cell import Cell, Say
 from pinwm_drake.experiments.reproduce.plants import recording_plant
-from pinwm_drake.experiments.reproduce.policies import PolicyCell, latency_of, say_rounds
+from pinwm_drake.experiments.reproduce.policies import PolicyCell, robot_options, say_rounds
 from pinwm_drake.experiments.reproduce.scenes import task_scene
 from pinwm_drake.experiments.training import FIGURE_FILE, TrainRequest, quickest_device, worlds_of
 from pinwm_drake.files import prepare_folder
@@ -112,8 +112,8 @@ class DiffusionCell:
         """Trains it, on a GPU if there is one, and evaluates it in worlds of the true theta; see `Cell.make`."""
         expert, out = self.demonstrations.expert, prepare_folder(root / self.key)
         scene = task_scene(expert.task)
-        number, latency = 8 if self.quick else 64, latency_of(expert.stand_in)
-        request = TrainRequest(scene.scene, out, task=scene.task, delta=0.0, worlds=number, latency=latency)
+        number, robot = 8 if self.quick else 64, robot_options(expert.stand_in)
+        request = TrainRequest(scene.scene, out, task=scene.task, delta=0.0, worlds=number, **robot)
         worlds = worlds_of(request)
         method = DiffusionPolicy(device=quickest_device())
         if self.quick:

@@ -27,7 +27,8 @@ _QUICK: dict[str, Any] = {
     "episodes": 4,
 }
 _SILENCE = 60.0  # s, between two lines of a log
-_LATENCY = (0.07, 0.09)  # s, of actions for a robot: a lab measures its 80 ms, and knows them to 10
+# Of a robot: a lab measures the 80 ms of its actions, and knows them to 10; its camera's place to 3 mm and 0.5 degrees.
+_ROBOT: dict[str, Any] = {"latency": (0.07, 0.09), "camera_error": (0.003, math.radians(0.5))}
 _QUICK_SEARCH = WaypointOptions(attempts=1, rounds=0, planner=SamplingOptions(samples=8, first_iterations=1))
 
 
@@ -42,7 +43,7 @@ class PolicyCell:
         twin: Cell of the twin that it is trained in; None for the scene's own parameters.
         quick: Flag: hardly any training.
         history: Number of past states and actions that the policy sees.
-        stand_in: Flag: for the stand-in for a robot, with actions that take effect 0.07 to 0.09 s late.
+        stand_in: Flag: for the stand-in for a robot; see `robot_options`.
     """
 
     task: str
@@ -86,7 +87,7 @@ class PolicyCell:
             threads=1,
             resume=True,
             history=self.history,
-            latency=latency_of(self.stand_in),
+            **robot_options(self.stand_in),
             **(_QUICK if self.quick else {}),
         )
         told: dict[str, Step] = {}
@@ -96,9 +97,14 @@ class PolicyCell:
         return {name: {"steps": step.steps, "best": step.best, "seconds": step.seconds} for name, step in told.items()}
 
 
-def latency_of(stand_in: bool) -> tuple[float, float]:
-    """Least and longest latency of actions [s] in the worlds of a training, for the stand-in for a robot or not."""
-    return _LATENCY if stand_in else (0.0, 0.0)
+def robot_options(stand_in: bool) -> dict[str, Any]:
+    """Options of a `TrainRequest` by which a training expects what a lab knows of its robot and camera.
+
+    Args:
+        stand_in: Flag: for the stand-in for a robot: actions that take effect 0.07 to 0.09 s late, and cameras that are
+            moved by up to 3 mm and turned by up to 0.5°. There are none of these without it.
+    """
+    return _ROBOT if stand_in else {}
 
 
 def say_rounds(say: Say, told: dict[str, Step]) -> Report:

@@ -13,7 +13,7 @@ from pinwm_drake.baselines.dreamer.training import BEHAVIOUR
 from pinwm_drake.baselines.method import MethodData
 from pinwm_drake.experiments.reproduce.cell import Cell, Say
 from pinwm_drake.experiments.reproduce.plants import recording_plant
-from pinwm_drake.experiments.reproduce.policies import latency_of, say_rounds
+from pinwm_drake.experiments.reproduce.policies import robot_options, say_rounds
 from pinwm_drake.experiments.reproduce.scenes import scene_folder, task_scene
 from pinwm_drake.experiments.training import FIGURE_FILE, TrainRequest, quickest_device, worlds_of
 from pinwm_drake.files import prepare_folder
@@ -123,8 +123,8 @@ class DreamerCell:
         """Trains it, on a GPU if there is one; the best round is found in worlds of the true theta; see `Cell.make`."""
         about, out = self.trajectories, prepare_folder(root / self.key)
         scene = task_scene(about.task)
-        number, latency = 8 if self.quick else 64, latency_of(about.stand_in)
-        request = TrainRequest(scene.scene, out, task=scene.task, delta=0.0, worlds=number, latency=latency)
+        number, robot = 8 if self.quick else 64, robot_options(about.stand_in)
+        request = TrainRequest(scene.scene, out, task=scene.task, delta=0.0, worlds=number, **robot)
         worlds = worlds_of(request)
         data, told = MethodData(trajectories=root / about.key / "episodes"), dict[str, Step]()
         method = _QUICK if self.quick else DreamerV2(device=quickest_device())

@@ -42,8 +42,9 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
     Theta and the colours of the surfels are parameters of the Context, so that a cousin is a Context: numeric ones
     `mass` (W) [kg], `inertia` (9 W) [kg m^2], about the centre of mass, `friction` and `restitution` (2 W; floor,
     pusher), `center` (3 W) [m], `spread` (3 W) and `offset` (2 W) [m] of `Parameters`, and an abstract one, the
-    spherical harmonics (N, K, 3) or (W, N, K, 3). Everything that changes is in the Context: a clone, or a copy of
-    state and parameters, goes on bit by bit as the original does.
+    spherical harmonics (N, K, 3) or (W, N, K, 3). So are the poses of the cameras (7 W), q_CW wxyz and p_CW [m].
+    Everything that changes is in the Context: a clone, or a copy of state and parameters, goes on bit by bit as the
+    original does.
     """
 
     def __init__(self, setup: Setup, *, num_threads: int | None = None) -> None:
@@ -67,13 +68,13 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
             self.physics.scene.mesh,
             pusher_surface(twin.pusher, sections=sections),
             setup.camera,
-            setup.X_WC,
             num_threads,
         )
         nominal = self.physics.parameters(W)
         numbers = [values.reshape(-1).numpy() for values in nominal.tensors()]
         self._shapes = [values.shape for values in nominal.tensors()]
         self._theta = [self.DeclareNumericParameter(BasicVector(values)) for values in numbers]
+        self._cameras = self.DeclareNumericParameter(BasicVector(np.tile(_numbers(setup.X_WC.inverse()), W)))
         self._sh = self.DeclareAbstractParameter(AbstractValue.Make(twin.surfels.sh))
         place = StartDistribution(setup).middle()
         self._object = self.DeclareDiscreteState(np.tile(rest_state(place.X_WO), W))
@@ -192,13 +193,25 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         sh: torch.Tensor = context.get_abstract_parameter(self._sh).get_value()
         return sh
 
+    def SetCamera(self, context: Context, X_WC: RigidTransform, world: int | None = None) -> None:
+        """Sets the pose of the camera, OpenCV axes, of one world or all.
+
+        Raises:
+            StateError: There is no such world.
+        """
+        worlds, vector = self._worlds(world), context.get_mutable_numeric_parameter(self._cameras)
+        values = vector.CopyToVector().reshape(self.num_worlds, 7)
+        values[worlds] = _numbers(X_WC.inverse())
+        vector.SetFromVector(values.ravel())
+
     def TakePictures(self, context: Context, worlds: np.ndarray) -> np.ndarray:
         """Pictures of some worlds (m,) int, as the ports have them: (m, height, width, 4) uint8; not kept."""
         state, p_WP = self._state(context)
         sh = context.get_abstract_parameter(self._sh).get_value()
         if sh.ndim == 4 and len(worlds) < self.num_worlds:
             sh = torch.from_numpy(sh.numpy()[worlds])  # torch would wake all its threads for it
-        return self._images.take(state[worlds], p_WP[worlds], sh)
+        X_CW = context.get_numeric_parameter(self._cameras).value().reshape(self.num_worlds, 7)
+        return self._images.take(state[worlds], p_WP[worlds], sh, X_CW[worlds])
 
     def _worlds(self, world: int | None) -> slice:
         if world is None:
@@ -260,5 +273,9 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
 
 def rest_state(X_WO: RigidTransform, V_WO: np.ndarray | None = None) -> np.ndarray:
     """State (13,) of the object from its pose and its velocity V_WO (6,), [rad/s; m/s], or at rest."""
-    q_WO, p_WO = X_WO.rotation().ToQuaternion().wxyz(), X_WO.translation()
-    return np.concatenate([q_WO, p_WO, np.zeros(6) if V_WO is None else V_WO])
+    return np.concatenate([_numbers(X_WO), np.zeros(6) if V_WO is None else V_WO])
+
+
+def _numbers(X: RigidTransform) -> np.ndarray:
+    """Quaternion wxyz and translation (7,) of a pose."""
+    return np.concatenate([X.rotation().ToQuaternion().wxyz(), X.translation()])
