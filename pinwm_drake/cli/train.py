@@ -105,6 +105,12 @@ def train(
         int | None, typer.Option(help="Of each evaluation, after every round.", show_default="as the method needs")
     ] = None,
     shift: Annotated[int | None, typer.Option(help="px, random shift of the student's images.")] = None,
+    mask_error: Annotated[
+        float,
+        typer.Option(
+            help="px, by which outlines that the student learns from are too small or too large at most, up to 1."
+        ),
+    ] = 0.0,
     auxiliary: Annotated[
         bool,
         typer.Option(
@@ -163,6 +169,7 @@ def train(
         updates=updates,
         episodes=episodes,
         shift=shift,
+        mask_error=mask_error,
         auxiliary=auxiliary,
         teacher=teacher,
         target=target,

@@ -73,6 +73,7 @@ class TrainRequest:
     updates: int | None = None
     episodes: int | None = None
     shift: int | None = None
+    mask_error: float = 0.0
     auxiliary: bool = True
     teacher: Path | None = None
     target: float | None = None
@@ -104,6 +105,9 @@ class TrainRequest:
         place, turn = self.camera_error
         small = 0.0 <= place < math.inf and 0.0 <= turn < math.pi
         require("--camera-error", f"{place} m, {turn} rad", small, "0 or more, finite")
+        learned = self.mask_error == 0.0 or self.method == "distil"
+        require("--mask-error", f"{self.mask_error} with method {self.method}", learned, "with method distil")
+        require("--mask-error", self.mask_error, 0.0 <= self.mask_error <= 1.0, "0 to 1")
         require("--no-auxiliary", f"method {self.method}", self.auxiliary or self.method == "ppo", "with method ppo")
         require_device("--device", self.device)
         with_teacher = self.teacher is None or self.method == "distil"
@@ -232,6 +236,7 @@ def method_of(request: TrainRequest, task: Task, spent: float = 0.0) -> Method:
         updates=request.updates,
         episodes=request.episodes,
         shift=request.shift,
+        mask=request.mask_error,
     )
     return Distillation(request.teacher or teacher, options, until, request.device)
 

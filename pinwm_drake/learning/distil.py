@@ -20,6 +20,7 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.checkpoints import generator_state, set_generator_state
+from pinwm_drake.errors import require
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
@@ -54,6 +55,7 @@ class DistilOptions:
         keep: Number of images that are kept; older ones are forgotten.
         shift: px, largest random shift of the images.
         gain: Relative half-width of the colours' random factors.
+        mask: px, by which masks are too small or too large at the most, up to 1; see `Augment`.
         episodes: Number of episodes in an evaluation.
 
     Raises:
@@ -70,11 +72,13 @@ class DistilOptions:
     keep: int = 300_000
     shift: int = 0
     gain: float = 0.2
+    mask: float = 0.0
     episodes: int = 64
 
     def __post_init__(self) -> None:
         """Checks the values."""
-        check_options(self, ("action_weight", "noise", "shift", "gain"))
+        check_options(self, ("action_weight", "noise", "shift", "gain", "mask"))
+        require("mask", self.mask, self.mask <= 1.0, "0 to 1")
 
 
 def train_distil(
@@ -124,7 +128,7 @@ def train_distil(
         unpack(rounds.arrays, student, optimizer)
     for number in range(rounds.number):
         frames.add(Chunk.read(images / f"{number:04}.npz"))
-    augment = Augment(options.shift, options.gain)
+    augment = Augment(options.shift, options.gain, options.mask)
     while not rounds.ended(options.rounds):
         rounds.begin(env, on_round)
         generator = np.random.default_rng(np.random.randint(1 << 31))  # noqa: NPY002  # seeded by `begin`
