@@ -65,3 +65,52 @@ def test_a_policy_sees_moved_images_and_factors_as_it_does_the_two_together():
         other = actor.state((255 * (1 - changed)).permute(0, 2, 3, 1), torch.zeros(16, 2))
     torch.testing.assert_close(found, other, atol=1e-6, rtol=1e-6)
     assert (plain - other).abs().max() > 1e-5
+
+
+def square(batch=400, frames=2):
+    """A square of 20 px in each of some frames, on white."""
+    image = torch.full((batch, 40, 40, 3 * frames), 255, dtype=torch.uint8)
+    image[:, 10:30, 10:30] = 100
+    return image
+
+
+def test_masks_are_too_small_or_too_large_along_their_outline_alone():
+    torch.manual_seed(0)
+    image = square()
+    changed = Augment(0, 0.0, 1.0).drawn(image)[0]
+    assert torch.equal(image, square())  # it is not changed in place
+    assert (changed[:, 11:29, 11:29] == 100).all()
+    assert (changed[:, :9] == 255).all()
+    assert (changed[:, 9, [9, 30]] == 255).all()  # beside the object is above, below, left and right of it
+    inner = (changed.view(400, 40, 40, 2, 3) != 255).any(-1).sum((1, 2))  # (batch, frames)
+    smaller, larger = inner < 400, inner > 400
+    assert inner.min() >= 400 - 76
+    assert inner.max() <= 400 + 80
+    assert 0.35 < smaller.float().mean() < 0.65
+    assert 0.35 < larger.float().mean() < 0.65
+    wrong = torch.where(smaller, (400 - inner) / 76.0, (inner - 400) / 80.0)
+    assert wrong.max() > 0.8
+    assert (inner[:, 0] != inner[:, 1]).float().mean() > 0.8  # frames differ
+    assert ((inner[:, 0] - inner[:, 1]).abs() <= 80 * (2 / 3 + 0.3)).all()  # by shares of up to two thirds, and chance
+
+
+def test_masks_are_wrong_by_no_more_than_is_allowed():
+    torch.manual_seed(0)
+    changed = Augment(0, 0.0, 0.25).drawn(square())[0]
+    inner = (changed.view(400, 40, 40, 2, 3) != 255).any(-1).sum((1, 2))
+    assert 400 - 76 * 0.5 < inner.min() < 390
+    assert 410 < inner.max() < 400 + 80 * 0.5
+
+
+def test_what_is_seen_beside_an_object_has_one_colour_a_stack():
+    torch.manual_seed(0)
+    changed = Augment(0, 0.0, 1.0).drawn(square())[0].view(400, 40, 40, 2, 3)
+    outside = torch.ones(40, 40, dtype=torch.bool)
+    outside[10:30, 10:30] = False
+    colours = []
+    for stack in changed:
+        seen = stack[outside].reshape(-1, 3)
+        seen = seen[(seen != 255).any(-1)]
+        assert (seen == seen[:1]).all()
+        colours += seen[:1].tolist()
+    assert len({tuple(colour) for colour in colours}) > 100
