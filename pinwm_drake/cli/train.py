@@ -64,10 +64,13 @@ def train(
         tuple[float, float],
         typer.Option(help="s, least and most after which actions take effect; drawn for each episode."),
     ] = (0.0, 0.0),
-    camera_error: Annotated[
-        tuple[float, float],
-        typer.Option(help="m and rad, by which the camera is moved and turned at most; drawn for each episode."),
-    ] = (0.0, 0.0),
+    as_filmed: Annotated[
+        bool,
+        typer.Option(
+            "--as-filmed",
+            help="The camera is that which filmed the push, and is off by as much as the twin says (view_x to _z).",
+        ),
+    ] = False,
     goals: Annotated[
         str, typer.Option(help="fixed, or random: each episode draws its goal, and the policy is told which.")
     ] = "fixed",
@@ -152,7 +155,7 @@ def train(
         tolerance=tolerance,
         turn_tolerance=turn_tolerance,
         latency=latency,
-        camera_error=camera_error,
+        as_filmed=as_filmed,
         goals=goals,
         goal_reach=goal_reach,
         goal_turn=goal_turn,

@@ -29,6 +29,7 @@ from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks import PushTask, Task, default_scene
+from pinwm_drake.twin import Twin
 
 METHODS = ("distil", "ppo", "state")
 ALGORITHMS = ("sac", "ppo")
@@ -56,7 +57,7 @@ class TrainRequest:
     tolerance: float | None = None
     turn_tolerance: float | None = None
     latency: tuple[float, float] = (0.0, 0.0)
-    camera_error: tuple[float, float] = (0.0, 0.0)
+    as_filmed: bool = False
     goals: str = "fixed"
     goal_reach: float = 0.1
     goal_turn: float = math.pi
@@ -102,9 +103,6 @@ class TrainRequest:
         require("--goal-turn", self.goal_turn, 0.0 <= self.goal_turn <= math.pi + 1e-9, "0 to pi")
         least, most = self.latency
         require("--latency", f"{least} to {most}", 0.0 <= least <= most < math.inf, "0 or more, the least first")
-        place, turn = self.camera_error
-        small = 0.0 <= place < math.inf and 0.0 <= turn < math.pi
-        require("--camera-error", f"{place} m, {turn} rad", small, "0 or more, finite")
         learned = self.mask_error == 0.0 or self.method == "distil"
         require("--mask-error", f"{self.mask_error} with method {self.method}", learned, "with method distil")
         require("--mask-error", self.mask_error, 0.0 <= self.mask_error <= 1.0, "0 to 1")
@@ -194,7 +192,7 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
         history=request.history,
         max_translation=request.max_translation,
         latency=request.latency,
-        camera_error=request.camera_error,
+        view=_view(setup.twin) if request.as_filmed else (0.0, 0.0, 0.0),
     )
     domains = domains or CousinDomains(request.delta, request.from_intervals, request.seed)
     return TrainingWorlds(setup, options, num_worlds=request.worlds, domains=domains, yaw=request.yaw)
@@ -207,6 +205,19 @@ def _setup(request: TrainRequest) -> Setup:
     if where is None and Path(request.scene).is_dir() and default_scene(task) != PushTask.scene:
         where = default_scene(task)
     return load_setup(request.scene) if where is None else load_setup(where, twin=request.scene)
+
+
+def _view(twin: Twin) -> tuple[float, float, float]:
+    """By how much, m, world, the camera of the twin's push shows the object beside where it is.
+
+    Raises:
+        ParameterError: The twin is not one that was identified with that.
+    """
+    names = [f"view_{axis}" for axis in "xyz"]
+    known = all(name in twin.nuisance for name in names)
+    require("--as-filmed", f"twin {twin.name} without {', '.join(names)}", known, "a twin that `pinwm identify` wrote")
+    x, y, z = (twin.nuisance[name].value for name in names)
+    return x, y, z
 
 
 def _algorithm(request: TrainRequest, task: Task) -> str:

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.envs.observation import Kind
@@ -30,11 +32,11 @@ class EnvOptions:
         image_size: px, width and height of images; None for those of the scene's camera.
         latency: s, least and largest time after which an action takes effect; drawn for each episode. See `Delay`.
         history: Number of the last actions that are seen, with the states before them; see `Observer`.
-        camera_error: m and rad, by which the camera is moved and turned at the most from where it is believed to be;
-            drawn for each episode, in the twin's worlds alone. See `Miscalibration`.
+        view: (3,) m, world, by which images show the object beside where it is, as a twin's `view_x` to `view_z` tell
+            of a camera that was calibrated wrongly; in the twin's worlds alone.
 
     Raises:
-        ParameterError: `max_steps` is less than 1, or `history` less than 0.
+        ParameterError: `max_steps` is less than 1, `history` less than 0, or a number of `view` not finite.
     """
 
     observation: Kind = "state"
@@ -47,7 +49,7 @@ class EnvOptions:
     image_size: int | None = None
     latency: tuple[float, float] = (0.0, 0.0)
     history: int = 0
-    camera_error: tuple[float, float] = (0.0, 0.0)
+    view: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Validates the numbers of steps; scene and task validate the rest."""
@@ -55,6 +57,8 @@ class EnvOptions:
             raise ParameterError(f"max_steps: got {self.max_steps}; allowed: 1 or more")
         if self.history < 0:
             raise ParameterError(f"history: got {self.history}; allowed: 0 or more")
+        if len(self.view) != 3 or not np.isfinite(self.view).all():
+            raise ParameterError(f"view: got {self.view}; allowed: three finite numbers")
 
     def task_in(self, setup: Setup) -> Task:
         """The task in a scene, with the object's orientation of that scene.

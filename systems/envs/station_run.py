@@ -96,10 +96,10 @@ class StationRun:
         """
         SetDomain(self._world_model, self._context, domain, world, colors=colours)
 
-    def set_camera(self, X_WC: RigidTransform, world: int) -> None:
-        """Puts the camera of one of the twin's worlds elsewhere; OpenCV axes."""
+    def set_camera(self, X_WC: RigidTransform) -> None:
+        """Puts the cameras of all of the twin's worlds elsewhere; OpenCV axes."""
         model = self._world_model
-        model.SetCamera(model.GetMyMutableContextFromRoot(self._context), X_WC, world)
+        model.SetCamera(model.GetMyMutableContextFromRoot(self._context), X_WC)
 
     @property
     def world_model(self) -> WorldModel | None:

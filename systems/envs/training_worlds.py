@@ -135,7 +135,7 @@ class TrainingWorlds:
             "start_yaw": list(setup.scenario.start.yaw),
             "disturbance": setup.task.disturbance,
             "latency": list(self.options.latency),
-            "camera_error": list(self.options.camera_error),
+            "view": list(self.options.view),
         }
 
     @property

@@ -12,7 +12,6 @@ from pinwm_drake.checkpoints import Resumable, generator_state, set_generator_st
 from pinwm_drake.cousins import Domain
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.delay import Delay
-from pinwm_drake.systems.envs.miscalibration import Miscalibration
 from pinwm_drake.systems.envs.observation import Observation, Observer
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.station_run import FAILURES, StationRun
@@ -116,9 +115,11 @@ class Worlds:
         self.observation_space = self._observer.space
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
         self._delay = Delay(options.latency, self.setup.scenario.pusher.horizon, num_worlds, self.task)
-        self._camera = Miscalibration(options.camera_error, self.setup.X_WC, num_worlds)
-        if self._camera.possible and self.run.world_model is None:
-            raise ParameterError(f"camera_error: got one with engine {self.engine!r}; allowed: with engine 'twin'")
+        if any(options.view):
+            if self.run.world_model is None:
+                raise ParameterError(f"view: got one with engine {self.engine!r}; allowed: with engine 'twin'")
+            X_WC = self.setup.X_WC
+            self.run.set_camera(RigidTransform(X_WC.rotation(), X_WC.translation() - np.array(options.view)))
         self.spoil: Spoil | None = None
         self._goal = np.zeros((num_worlds, self.task.goal_size))
         self._steps = np.zeros(num_worlds, int)
@@ -198,11 +199,9 @@ class Worlds:
                 self.run.place(_chosen_place(drawn, given), world)
             self._goal[world] = self._chosen_goal(self.task.draw_goal(generator), given)
             self._delay.begin(world, generator)
-            if self._camera.possible:
-                self.run.set_camera(self._camera.begin(world, generator), world)
         self._steps[worlds] = 0
         self._take_state()
-        self._observer.forget(self._seen_state, self._p_WP, self._goal, worlds)
+        self._observer.forget(self._object_state, self._p_WP, self._goal, worlds)
         if self._observer.needs_images:
             # The port renders all worlds; at the start of an episode those that begin are enough.
             images = self.run.images() if self.run.world_model is None else self.run.images_of(worlds)
@@ -218,7 +217,7 @@ class Worlds:
         self.run.set_world_state(object_state, p_WP)
         self._steps[:] = 0
         self._take_state()
-        self._observer.forget(self._seen_state, self._p_WP, self._goal, np.arange(self.num_worlds))
+        self._observer.forget(self._object_state, self._p_WP, self._goal, np.arange(self.num_worlds))
 
     def advance(self, actions: np.ndarray) -> Advance:
         """Goes on by one action in every world.
@@ -232,7 +231,7 @@ class Worlds:
             Rewards, ends of episodes, progress and failures.
         """
         before = self._progress
-        self._observer.remember(self._seen_state, self._p_WP, self._goal, actions)
+        self._observer.remember(self._object_state, self._p_WP, self._goal, actions)
         self._steps += 1
         failures = self._advance(self._delay(actions))
         if self.disturbance:
@@ -248,11 +247,11 @@ class Worlds:
 
     def observe(self, worlds: np.ndarray | slice = np.s_[:]) -> Observation:
         """Observation of the worlds with indices (m,) int, or of a slice of them, in arrays of its own."""
-        return self._observer.observe(self._seen_state, self._p_WP, worlds, self._goal)
+        return self._observer.observe(self._object_state, self._p_WP, worlds, self._goal)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Arrays of everything that changes, for `set_state`: station, images, steps, generators, state of `domain`."""
-        state = self.run.get_state() | self._observer.get_state() | self._delay.get_state() | self._camera.get_state()
+        state = self.run.get_state() | self._observer.get_state() | self._delay.get_state()
         state |= {"steps": self._steps.copy(), "goal": self._goal.copy()}
         state["generators"] = np.stack([generator_state(one) for one in self._random])
         if isinstance(self.domain, Resumable):
@@ -264,7 +263,6 @@ class Worlds:
         self.run.set_state(arrays)
         self._observer.set_state(arrays)
         self._delay.set_state(arrays)
-        self._camera.set_state(arrays)
         self._steps, self._goal = arrays["steps"].copy(), arrays["goal"].copy()
         for generator, state in zip(self._random, arrays["generators"], strict=True):
             set_generator_state(generator, state)
@@ -324,11 +322,6 @@ class Worlds:
             self.run.retry()
         self._take_state(*last)
         return failures
-
-    @property
-    def _seen_state(self) -> np.ndarray:
-        """States (W, 13) of the objects as cameras see them that are believed to be where they are not."""
-        return self._camera.seen(self._object_state)
 
     def _take_state(self, object_state: np.ndarray | None = None, p_WP: np.ndarray | None = None) -> None:
         """Takes the state of the station, or one given, (W, 13) and (W, 3), as that of the worlds."""

@@ -40,7 +40,7 @@ from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import on_floor
 from pinwm_drake.systems.scenario.viewpoints import around, framed
-from pinwm_drake.tasks import FlipTask, PushTask
+from pinwm_drake.tasks import FlipTask, PushTask, default_scene
 from pinwm_drake.twin.rollout import twin_parameters, twin_scene
 
 CaptureProgress = Callable[[str, float, str], None]
@@ -190,7 +190,7 @@ class _Capture:
         self.mesh_path, self.mesh = setup.twin.mesh_path, load_mesh(setup.twin.mesh_path)
         self.generator = np.random.default_rng([options.seed, 0])
         R_WO = self._first_turn()
-        station = StandIn() if options.stand_in else None
+        self.station = station = StandIn() if options.stand_in else None
         if options.in_a_lab:
             setup = _uneven_setup(setup, R_WO, options, station, models)
         self.twin, self.shape = setup.twin, options.shape
@@ -295,6 +295,9 @@ class _Capture:
         X_WC = framed(
             places, np.array([flat * math.cos(angle), flat * math.sin(angle), level]), self.camera, _EPISODE_MARGIN
         )
+        if self.station is not None:  # has one camera, that of the task's scene: what films is what policies see by
+            believed = load_setup(default_scene(options.task)).X_WC
+            X_WC = self.station.camera(believed)
         folder = self.folder / "episodes" / f"{number:04d}"
         (folder / "rgb").mkdir(parents=True)
         names = [f"rgb/{k:05d}.png" for k in range(options.frames)]
@@ -309,6 +312,8 @@ class _Capture:
         if self.lab is not None:
             realism = self.lab.realism
             X_WC = moved_camera(X_WC, realism.episode_place, realism.episode_turn, self.mistakes)
+            if self.station is not None:
+                X_WC = believed
             log = late_log(log, self.mistakes.uniform(-realism.clock, realism.clock), MARGIN)
         write_episode_tables(folder, self.camera, to_pose(X_WC), names, recording.t, log, recording.object_poses)
 

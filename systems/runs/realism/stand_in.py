@@ -79,7 +79,7 @@ class StandIn:
             scenario=dataclasses.replace(setup.scenario, object=None, theta=None, twin=twin.name, start=start),
             twin=twin,
             visual_path=glossy_model(setup.visual_path, models),
-            X_WC=self._moved(setup.X_WC),
+            X_WC=self.camera(setup.X_WC),
             renderer=self.lamp(),
         )
 
@@ -111,8 +111,8 @@ class StandIn:
 
         return spoilt
 
-    def _moved(self, X_WC: RigidTransform) -> RigidTransform:
-        """Pose of the camera, moved and turned in directions that are drawn evenly."""
+    def camera(self, X_WC: RigidTransform) -> RigidTransform:
+        """Pose of the station's camera, moved and turned from where it is believed to be in directions drawn evenly."""
         generator = self._generator(_CAMERA)
         along, about = (v / np.linalg.norm(v) for v in generator.normal(size=(2, 3)))
         R = RotationMatrix(AngleAxis(self.camera_turn, about))
