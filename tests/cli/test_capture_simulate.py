@@ -179,6 +179,8 @@ def test_a_realistic_capture_is_a_bit_off(pinwm, made, tmp_path):
 def test_a_capture_of_the_stand_in_is_of_its_object_in_its_light(pinwm, tmp_path, monkeypatch):
     lit, light = [], camera.light
     monkeypatch.setattr(camera, "light", lambda recorder, params: lit.append(params) or light(recorder, params))
+    filmed, film = [], camera.LabCamera.film
+    monkeypatch.setattr(camera.LabCamera, "film", lambda self, *args: filmed.append(args[-1]) or film(self, *args))
     few = ["--size", "48", "--episodes", "1", "--static-views", "2", "--frames", "2", "--rate", "4"]
     few += ["--supersampling", "1", "--distance", "0.02", "--object", "t_block"]
     for seed in (1, 2):
@@ -194,7 +196,15 @@ def test_a_capture_of_the_stand_in_is_of_its_object_in_its_light(pinwm, tmp_path
         # The same lump whatever the capture's seed is: it is that of the station.
         assert truth["inertia_xx"] == pytest.approx(theta["inertia_xx"], rel=1e-6)
         assert truth["inertia_zz"] == pytest.approx(theta["inertia_zz"], rel=1e-6)
-    poses = read_episode(read_capture(tmp_path / "1"), "0000").object_poses
+    episode = read_episode(read_capture(tmp_path / "1"), "0000")
+    # It is filmed by the camera that policies see by, which is not where it is believed to be.
+    believed = load_setup("push_t").X_WC
+    np.testing.assert_allclose(episode.X_WC.p, believed.translation(), atol=1e-9)
+    R_WC = quaternion_to_matrix(episode.X_WC.q).numpy()
+    np.testing.assert_allclose(R_WC, believed.rotation().matrix(), atol=1e-9)
+    assert [X_WC.IsExactlyEqualTo(StandIn().camera(believed)) for X_WC in filmed] == [True, True]
+    assert not believed.IsNearlyEqualTo(filmed[0], 1e-3)
+    poses = episode.object_poses
     assert 0.0250 < poses.p_WO[0, 2] < 0.0252  # on feet
     lamp = StandIn().lamp().lights[0].position
     assert [list(params.lights[0].position) for params in lit] == 2 * [list(lamp)]

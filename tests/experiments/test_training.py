@@ -1,11 +1,14 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
+from pinwm_drake.cousins import CousinDomains
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.run import evaluate
 from pinwm_drake.experiments.golden_samples import export_bundle
-from pinwm_drake.experiments.training import TrainRequest, train
+from pinwm_drake.experiments.training import TrainRequest, train, worlds_of
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.mpc.sampling import SamplingOptions
@@ -13,6 +16,7 @@ from pinwm_drake.systems.mpc.waypoints import WaypointOptions
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE
 from pinwm_drake.twin import write_twin
+from pinwm_drake.twin.twin import Estimate
 
 
 @pytest.mark.parametrize(
@@ -70,10 +74,13 @@ def test_an_interruption_passes_through_and_a_second_training_is_refused(tmp_pat
         {"latency": (-0.1, 0.0)},
         {"latency": (0.1, 0.0)},
         {"device": "tpu"},
+        {"mask_error": -0.5},
+        {"mask_error": 1.5},
+        {"mask_error": 0.5, "method": "ppo"},
     ],
 )
 def test_options_that_make_no_sense_are_refused(tmp_path, values):
-    with pytest.raises(ParameterError, match=next(iter(values))):
+    with pytest.raises(ParameterError, match=next(iter(values)).replace("_", "-")):
         TrainRequest(scene="push_t", out=tmp_path, **values)
 
 
@@ -94,6 +101,41 @@ def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
         assert policy.spec.history == options.get("history", 0)
         assert policy.provenance["trained_in"]["scene"] == "flip_mug"
         assert policy.provenance["trained_in"]["task"]["up"] == [0.0, 0.0, -1.0]
+
+
+def test_a_camera_as_filmed_shows_the_object_where_the_twin_says_that_it_does(tmp_path):
+    twin = load_setup("flip_mug").twin
+    view = {"view_x": 0.004, "view_y": -0.003, "view_z": 0.006}
+    told = dataclasses.replace(twin, nuisance={name: Estimate(value, None, True, "m") for name, value in view.items()})
+    for name, one in (("plain", twin), ("told", told)):
+        write_twin(tmp_path / name, one)
+    requests = [
+        TrainRequest(str(tmp_path / name), tmp_path / "out", in_scene="flip_mug", worlds=2, as_filmed=flag)
+        for name, flag in (("told", False), ("told", True), ("plain", True))
+    ]
+    places, states = [], []
+    for request in requests[:2]:
+        worlds = worlds_of(request, CousinDomains(0.0, False, 0))
+        env = worlds.task_worlds("rgb_state")
+        env.seed(0)
+        seen = env.reset()
+        shown = (seen["image"][..., -3:] != 255).any(-1)
+        places.append([np.argwhere(one).mean(0) for one in shown])
+        assert worlds.about["view"] == (list(view.values()) if request.as_filmed else [0.0, 0.0, 0.0])
+        states.append(seen["state"])
+    np.testing.assert_array_equal(*states)  # it is what is seen of the object that is elsewhere
+    X_CW, (fx, fy, *_) = worlds.setup.X_WC.inverse(), worlds.setup.camera.intrinsics.tolist()
+    p_WO = env.worlds.run.object_state[:, 4:7]
+    for world in range(2):
+        pixels = []
+        for p in (p_WO[world], p_WO[world] + list(view.values())):
+            x, y, z = X_CW.multiply(p)
+            pixels.append(np.array([fy * y / z, fx * x / z]))  # rows, columns
+        found, expected = places[1][world] - places[0][world], pixels[1] - pixels[0]
+        np.testing.assert_allclose(found, expected, atol=0.25)
+        assert np.linalg.norm(expected) > 0.6
+    with pytest.raises(ParameterError, match=r"--as-filmed.*view_x"):
+        worlds_of(requests[2])
 
 
 def test_an_unknown_task_is_refused(tmp_path):

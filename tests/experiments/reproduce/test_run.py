@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from pinwm_drake.errors import InputError, ParameterError, PinwmError
+from pinwm_drake.experiments.reproduce import policies
 from pinwm_drake.experiments.reproduce.policies import PolicyCell
 from pinwm_drake.experiments.reproduce.report import read_results, write_report
 from pinwm_drake.experiments.reproduce.request import ReproduceRequest
@@ -111,6 +112,20 @@ def test_the_stand_in_has_captures_twins_policies_and_evaluations_of_its_own(tmp
         "twins/pin-wm/push-stand-in/seed-0",
         "policies/push-stand-in/pin-wm/seed-0",
     }
+
+
+@pytest.mark.parametrize(
+    ("name", "stand_in", "filmed"), [("pin-wm", True, True), ("asid", True, False), ("pin-wm", False, False)]
+)
+def test_pin_wm_alone_learns_from_the_video_where_the_camera_of_a_station_is(
+    name, stand_in, filmed, tmp_path, monkeypatch
+):
+    asked = []
+    monkeypatch.setattr(policies, "train", lambda request, **settings: asked.append(request))
+    PolicyCell("flip", name, 0, None, stand_in=stand_in).make(tmp_path, print)
+    (request,) = asked
+    assert request.as_filmed is filmed
+    assert (request.mask_error, request.latency) == ((1.0, (0.07, 0.09)) if stand_in else (0.0, (0.0, 0.0)))
 
 
 @pytest.mark.parametrize("name", ["dreamer-v2", "diffusion-policy"])

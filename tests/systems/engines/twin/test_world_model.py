@@ -171,6 +171,21 @@ def test_cousins_have_their_own_colours():
         world.SetColors(context, sh[:, :3])
 
 
+def test_a_world_has_a_camera_of_its_own():
+    setup = setup_of(num_worlds=2)
+    X_WC = setup.X_WC @ RigidTransform(RollPitchYaw(0.02, -0.03, 0.05), [0.01, 0.02, -0.02])
+    world, there = WorldModel(setup), WorldModel(dataclasses.replace(setup, X_WC=X_WC))
+    context = pushed(world)
+    world.SetCamera(context, X_WC, 1)
+    usual, moved = world.GetOutputPort("rgb_batch").Eval(context)
+    np.testing.assert_array_equal(moved, there.GetOutputPort("rgb_batch").Eval(pushed(there))[1])
+    assert (moved != usual).mean() > 0.01
+    world.SetCamera(context, X_WC)
+    np.testing.assert_array_equal(world.GetOutputPort("rgb_batch").Eval(context)[0], moved)
+    with pytest.raises(StateError, match="world"):
+        world.SetCamera(context, X_WC, 2)
+
+
 def test_images_are_rendered_only_when_asked_for_and_once(one, monkeypatch):
     taken = []
     take = WorldImages.take
