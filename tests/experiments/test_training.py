@@ -105,7 +105,7 @@ def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
 
 def test_a_camera_as_filmed_shows_the_object_where_the_twin_says_that_it_does(tmp_path):
     twin = load_setup("flip_mug").twin
-    view = {"view_x": 0.004, "view_y": -0.003, "view_z": 0.006}
+    view = {"view_x": 0.012, "view_y": -0.009, "view_z": 0.018}
     told = dataclasses.replace(twin, nuisance={name: Estimate(value, None, True, "m") for name, value in view.items()})
     for name, one in (("plain", twin), ("told", told)):
         write_twin(tmp_path / name, one)
