@@ -208,7 +208,7 @@ def _setup(request: TrainRequest) -> Setup:
 
 
 def _view(twin: Twin) -> tuple[float, float, float]:
-    """By how much, m, world, the camera of the twin's push shows the object beside where it is.
+    """Way (3,) m, world, by which the camera of a twin's push shows the object beside where it is.
 
     Raises:
         ParameterError: The twin is not one that was identified with that.
