@@ -63,9 +63,10 @@ def test_it_ends_when_episodes_get_no_shorter(tmp_path):
     with (tmp_path / rounds.HISTORY_FILE).open() as file:
         rows = list(csv.DictReader(file))
     lengths = [float(row["length"]) for row in rows]
-    best = lengths.index(min(lengths))
-    assert float(rows[best]["success"]) > 0.8
-    assert len(rows) == best + 2 < 20
+    # Hardly longer than the best: a round that is a little shorter than that does not count.
+    enough = next(k for k, length in enumerate(lengths) if length <= min(lengths) * (1.0 + rounds._LITTLE))
+    assert float(rows[enough]["success"]) > 0.8
+    assert len(rows) == enough + 2 < 20
 
 
 def untrained(spec):
