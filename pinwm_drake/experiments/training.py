@@ -211,11 +211,12 @@ def _view(twin: Twin) -> tuple[float, float, float]:
     """Way (3,) m, world, by which the camera of a twin's push shows the object beside where it is.
 
     Raises:
-        ParameterError: The twin is not one that was identified with that.
+        ParameterError: The twin is not one that was identified from one push; each of several has a way of its own.
     """
     names = [f"view_{axis}" for axis in "xyz"]
     known = all(name in twin.nuisance for name in names)
-    require("--as-filmed", f"twin {twin.name} without {', '.join(names)}", known, "a twin that `pinwm identify` wrote")
+    without = f"twin {twin.name} without {', '.join(names)}"
+    require("--as-filmed", without, known, "a twin that `pinwm identify` made from one push")
     x, y, z = (twin.nuisance[name].value for name in names)
     return x, y, z
 

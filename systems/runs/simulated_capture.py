@@ -190,7 +190,10 @@ class _Capture:
         self.mesh_path, self.mesh = setup.twin.mesh_path, load_mesh(setup.twin.mesh_path)
         self.generator = np.random.default_rng([options.seed, 0])
         R_WO = self._first_turn()
-        self.station = station = StandIn() if options.stand_in else None
+        station = StandIn() if options.stand_in else None
+        # A station has one camera, by which its policies see: where it is believed to be, and where it is.
+        self.X_WC_believed = None if station is None else load_setup(default_scene(options.task)).X_WC
+        self.X_WC_fixed = None if station is None else station.camera(self.X_WC_believed)
         if options.in_a_lab:
             setup = _uneven_setup(setup, R_WO, options, station, models)
         self.twin, self.shape = setup.twin, options.shape
@@ -292,12 +295,8 @@ class _Capture:
         angle, level = math.atan2(push.direction_W[1], push.direction_W[0]) + side, generator.uniform(0.6, 0.8)
         flat = math.sqrt(1 - level**2)
         places = np.vstack([self.mesh.vertices @ X.rotation().matrix().T + X.translation() for X in recording.X_WO])
-        X_WC = framed(
-            places, np.array([flat * math.cos(angle), flat * math.sin(angle), level]), self.camera, _EPISODE_MARGIN
-        )
-        if self.station is not None:  # has one camera, that of the task's scene: what films is what policies see by
-            believed = load_setup(default_scene(options.task)).X_WC
-            X_WC = self.station.camera(believed)
+        toward = np.array([flat * math.cos(angle), flat * math.sin(angle), level])
+        X_WC = self.X_WC_fixed or framed(places, toward, self.camera, _EPISODE_MARGIN)
         folder = self.folder / "episodes" / f"{number:04d}"
         (folder / "rgb").mkdir(parents=True)
         names = [f"rgb/{k:05d}.png" for k in range(options.frames)]
@@ -311,9 +310,8 @@ class _Capture:
             advance()
         if self.lab is not None:
             realism = self.lab.realism
-            X_WC = moved_camera(X_WC, realism.episode_place, realism.episode_turn, self.mistakes)
-            if self.station is not None:
-                X_WC = believed
+            drawn = moved_camera(X_WC, realism.episode_place, realism.episode_turn, self.mistakes)
+            X_WC = self.X_WC_believed or drawn
             log = late_log(log, self.mistakes.uniform(-realism.clock, realism.clock), MARGIN)
         write_episode_tables(folder, self.camera, to_pose(X_WC), names, recording.t, log, recording.object_poses)
 
