@@ -1,14 +1,16 @@
 """Collision geometry for Drake: meshes of objects and pushers as texts of OBJ files, and spheres to stand on.
 
 For hydroelastic contact a mesh is divided into small triangles (`fine_mesh`). For point contact an object has convex
-pieces for the pusher (`piece_mesh`) and small spheres for the floor (`support_spheres`). Renderers take `seen_mesh`.
+pieces for the pusher (`as_box`, `piece_mesh`) and small spheres for the floor (`support_spheres`). Renderers take
+`seen_mesh`.
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, permutations, product
 
 import numpy as np
 import trimesh
+from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.geometry.patch import PROTRUSION, face_points, resting_normals, turned_down
 from pinwm_drake.geometry.pieces import ConvexPiece
@@ -17,6 +19,8 @@ from pinwm_drake.systems.sdf.contact import CORNER_RADIUS, SUPPORT_RADIUS
 
 # Of the mean volume of a piece's tetrahedra: one of less is a sliver, whose sign may be that of a rounding.
 _SLIVER = 1e-5
+# Of a piece's longest edge: corners that are off by less are those of a box.
+_SQUARE = 1e-7
 
 
 def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> str:
@@ -68,6 +72,38 @@ def piece_mesh(piece: ConvexPiece) -> str:
     corners = [f"v {' '.join(f'{x + 0.0:.9g}' for x in corner.round(15))}" for corner in piece.vertices]
     faces = [f"f {' '.join(str(corner + 1) for corner in face)}" for face in piece.faces]
     return "\n".join([*corners, *faces]) + "\n"
+
+
+def as_box(piece: ConvexPiece) -> tuple[np.ndarray, RigidTransform] | None:
+    """Sizes (3,) m of a box, and the pose X_OB of its frame B in that of the piece; None for another shape.
+
+    Axes of B are as near to those of the piece as can be. Drake knows where a box is touched at an edge; with the hull
+    of a mesh the normal at an edge may be wrong by 30 degrees.
+
+    Args:
+        piece: The piece, m.
+    """
+    if len(piece.vertices) != 8 or sorted(map(len, piece.faces)) != 6 * [4]:
+        return None
+    corner, others = piece.vertices[0], piece.vertices[_next_to_the_first(piece)]
+    edges = others - corner
+    lengths = np.linalg.norm(edges, axis=1)
+    axes = edges / lengths[:, None]
+    corners = corner + np.array(list(product((0, 1), repeat=3))) @ edges
+    off = np.linalg.norm(corners[:, None] - piece.vertices, axis=2).min(axis=1).max()
+    if off > _SQUARE * lengths.max() or np.abs(axes @ axes.T - np.eye(3)).max() > _SQUARE:
+        return None
+    order = max(permutations(range(3)), key=lambda rows: float(np.abs(axes[list(rows)].diagonal()).sum()))
+    axes, lengths = axes[list(order)], lengths[list(order)]
+    axes *= np.where(axes.diagonal() < 0, -1.0, 1.0)[:, None]
+    axes[np.abs(axes.diagonal()).argmin()] *= np.sign(np.linalg.det(axes))
+    return lengths, RigidTransform(RotationMatrix.ProjectToRotationMatrix(axes.T), corners.mean(axis=0))
+
+
+def _next_to_the_first(piece: ConvexPiece) -> list[int]:
+    """Vertices that share an edge with a hull's vertex 0."""
+    around = [face for face in piece.faces if 0 in face]
+    return sorted({face[face.index(0) - 1] for face in around} | {face[(face.index(0) + 1) % 4] for face in around})
 
 
 def volume_mesh(pieces: Sequence[ConvexPiece], longest_edge: float) -> tuple[str, float]:

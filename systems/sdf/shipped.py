@@ -110,7 +110,9 @@ def _object_texts(name: str) -> dict[str, str]:
         f"{name}/{name}.sdf": object_sdf(
             name, solid, shipped_uri(visual), shipped_uri(contact), support, surfaces, comment
         ),
-        f"{name}/{name}_point.sdf": object_point_sdf(name, solid, shipped_uri(visual), uris, spheres, surfaces, point),
+        f"{name}/{name}_point.sdf": object_point_sdf(
+            name, solid, shipped_uri(visual), pieces, uris, spheres, surfaces, point
+        ),
     }
 
 

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
+from pydrake.math import RollPitchYaw
 
 from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.systems.sdf import contact as settings
+from pinwm_drake.systems.sdf.collision import as_box
 
 _GREY = "0.3 0.3 0.32 1"
 
@@ -101,7 +104,8 @@ def object_point_sdf(
     name: str,
     solid: Solid,
     visual: str,
-    pieces: Sequence[str],
+    pieces: Sequence[ConvexPiece],
+    uris: Sequence[str],
     supports: Sequence[tuple[np.ndarray, float]],
     surfaces: settings.Surfaces,
     comment: str,
@@ -112,7 +116,8 @@ def object_point_sdf(
         name: Name of the model; its link is called "object" and has the frame O.
         solid: Mass properties.
         visual: URI of the mesh that is seen.
-        pieces: URIs of meshes whose convex hulls make up the object.
+        pieces: Convex pieces of the object, frame O, m.
+        uris: URI of the mesh of each; that of a box is not used.
         supports: Centre (3,) [m, frame O] and radius [m] of each sphere.
         surfaces: Coefficients.
         comment: First line of the file.
@@ -124,7 +129,7 @@ def object_point_sdf(
     side = Surface(surfaces.friction_object, surfaces.dissipation_pusher, 2 * settings.PUSHER_STIFFNESS)
     base = Surface(surfaces.friction_object, surfaces.dissipation_floor, 2 * settings.FLOOR_STIFFNESS)
     parts = [_inertial(solid), _visual(_mesh(visual))]
-    parts += [_collision(f"piece_{k}", _mesh(uri, convex=True), side) for k, uri in enumerate(pieces)]
+    parts += [_piece(f"piece_{k}", *one, side) for k, one in enumerate(zip(pieces, uris, strict=True))]
     parts += [_collision(f"support_{k}", _sphere(r), base, centre) for k, (centre, r) in enumerate(supports)]
     return _file(comment, _model(name, _link("object", *parts)))
 
@@ -199,6 +204,17 @@ def _drive(axis: str, parent: str, child: str, direction: np.ndarray) -> str:
     return _element(f'joint name="pusher_{axis}" type="prismatic"', *ends, along, gains)
 
 
+def _piece(name: str, piece: ConvexPiece, uri: str, surface: Surface) -> str:
+    """Collision of a convex piece: of a box, or of a mesh's hull."""
+    found = as_box(piece)
+    if found is None:
+        return _collision(name, _mesh(uri, convex=True), surface)
+    sizes, X_OB = found
+    box = _element("geometry", _element("box", f"<size>{_numbers(sizes.round(12))}</size>"))
+    p, rpy = X_OB.translation().round(12), RollPitchYaw(X_OB.rotation()).vector().round(15)
+    return _collision(name, box, surface, p, rpy)
+
+
 def _shape(shape: PusherShape) -> str:
     if shape.kind == "sphere":
         return _sphere(shape.radius)
@@ -226,12 +242,14 @@ def _visual(geometry: str, diffuse: str | None = None) -> str:
     return _element('visual name="visual"', geometry, *colour)
 
 
-def _collision(name: str, geometry: str, surface: Surface, p: np.ndarray | None = None) -> str:
-    return _element(f'collision name="{name}"', *([] if p is None else [_pose(p)]), geometry, surface.text())
+def _collision(
+    name: str, geometry: str, surface: Surface, p: np.ndarray | None = None, rpy: np.ndarray | None = None
+) -> str:
+    return _element(f'collision name="{name}"', *([] if p is None else [_pose(p, rpy)]), geometry, surface.text())
 
 
-def _pose(p: np.ndarray) -> str:
-    return f"<pose>{_numbers(p)} 0 0 0</pose>"
+def _pose(p: np.ndarray, rpy: np.ndarray | None = None) -> str:
+    return f"<pose>{_numbers(p)} {'0 0 0' if rpy is None or not rpy.any() else _numbers(rpy)}</pose>"
 
 
 def _link(name: str, *parts: str) -> str:

@@ -124,8 +124,9 @@ def object_text(
         tetrahedra, depth = volume_mesh(mesh_pieces(twin.mesh_path), LONGEST_EDGE)
         base = _mesh_file(folder, "support", tetrahedra, ".vtk")
         return object_sdf("object", solid, visual, prefix + fine, (prefix + base, depth), surfaces, comment)
-    pieces = [prefix + _mesh_file(folder, f"piece_{k}", text) for k, text in enumerate(_piece_meshes(twin.mesh_path))]
-    return object_point_sdf("object", solid, visual, pieces, support_spheres(mesh), surfaces, comment)
+    uris = [prefix + _mesh_file(folder, f"piece_{k}", text) for k, text in enumerate(_piece_meshes(twin.mesh_path))]
+    pieces, supports = mesh_pieces(twin.mesh_path), support_spheres(mesh)
+    return object_point_sdf("object", solid, visual, pieces, uris, supports, surfaces, comment)
 
 
 def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comment: str, *, driven: bool = True) -> str:

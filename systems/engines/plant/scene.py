@@ -155,9 +155,10 @@ def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> t
         mesh, support = shipped_uri(f"{name}/{name}_contact.obj"), shipped_support(name)
         pushed = object_sdf(name, twin_solid(twin), str(visual), mesh, support, surfaces, "Object.")
     else:
-        pieces = [shipped_uri(file) for file in piece_names(name, len(shipped_pieces(name)))]
+        pieces = shipped_pieces(name)
+        uris = [shipped_uri(file) for file in piece_names(name, len(pieces))]
         supports = shipped_supports(name)
-        pushed = object_point_sdf(name, twin_solid(twin), str(visual), pieces, supports, surfaces, "Object.")
+        pushed = object_point_sdf(name, twin_solid(twin), str(visual), pieces, uris, supports, surfaces, "Object.")
     pusher = pusher_text(twin, surfaces, folder, prefix, "Pusher.", driven=driven)
     return pushed, pusher, floor_sdf(surfaces, twin.floor_height, "Floor.")
 

@@ -3,13 +3,13 @@ from collections import Counter
 import numpy as np
 import pytest
 from pydrake.geometry import AddCompliantHydroelasticProperties, Mesh, ProximityProperties
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.geometry.pieces import HULL, ConvexPiece
-from pinwm_drake.geometry.shapes import box
-from pinwm_drake.systems.sdf.collision import volume_mesh
+from pinwm_drake.geometry.shapes import box, convex_hull
+from pinwm_drake.systems.sdf.collision import as_box, volume_mesh
 
 
 def box_with_a_point_on_an_edge(size, depth, slivers):
@@ -86,3 +86,31 @@ def test_a_small_piece_of_a_large_object_is_whole():
     text, depth = volume_mesh([large, small], 0.2)
     assert volumes(text).sum() == pytest.approx(0.2**3 + 1e-9, rel=1e-12)
     assert depth == pytest.approx(0.1)
+
+
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) - 0.5
+
+
+@pytest.mark.parametrize("turn", [[0, 0, 0], [0.3, -0.2, 0.5], [-0.4, 0.6, -0.1]])
+@pytest.mark.parametrize("order", range(4))
+def test_a_box_is_found_where_it_is(turn, order):
+    sizes, R, p = np.array([0.1, 0.04, 0.05]), RollPitchYaw(turn).ToRotationMatrix(), np.array([0.01, -0.02, 0.03])
+    rows = np.random.default_rng(order).permutation(8)
+    found, X = as_box(convex_hull((CORNERS * sizes)[rows] @ R.matrix().T + p))
+    np.testing.assert_allclose(found, sizes, rtol=1e-12)
+    np.testing.assert_allclose(X.translation(), p, atol=1e-12)
+    np.testing.assert_allclose(X.rotation().matrix(), R.matrix(), atol=1e-9)
+
+
+def test_what_is_nearly_a_box_is_none():
+    leaning, tapered, dented = np.tile(CORNERS, (3, 1, 1))
+    leaning[:, 0] += 1e-4 * leaning[:, 1]
+    tapered[:, 0] *= 1 + 1e-4 * tapered[:, 2]
+    dented[0] *= 1 - 1e-4
+    for corners in (leaning, tapered, dented, 1.0 * CORNERS[:7]):
+        assert as_box(convex_hull(0.05 * corners)) is None
+    # A prism over a regular hexagon, and one over a pentagon, whose corners are ten.
+    for n in (6, 5, 4, 3):
+        ring = 0.05 * np.exp(2j * np.pi * np.arange(n) / n)
+        prism = np.vstack([np.column_stack([ring.real, ring.imag, np.full(n, z)]) for z in (0, 0.07)])
+        assert (as_box(convex_hull(prism)) is None) == (n != 4)

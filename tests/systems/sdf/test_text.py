@@ -1,10 +1,11 @@
 import math
 import re
+from itertools import product
 
 import numpy as np
 import pytest
 import trimesh
-from pydrake.geometry import Role
+from pydrake.geometry import Box, Role, Sphere
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
@@ -111,11 +112,18 @@ def test_pieces_make_up_the_object(name):
     np.testing.assert_allclose([together.min(axis=0), together.max(axis=0)], mesh.bounds, atol=1e-9)
     plant, scene_graph, _ = loaded(object_model(name).point_sdf_path)
     inspector = scene_graph.model_inspector()
-    shapes = [inspector.GetShape(k) for k in plant.GetCollisionGeometriesForBody(plant.GetBodyByName("object"))]
-    convex = [shape.GetConvexHull() for shape in shapes if type(shape).__name__ == "Convex"]
-    assert len(convex) == len(pieces)
-    for hull, piece in zip(convex, pieces, strict=True):
-        corners = np.array([hull.vertex(k) for k in range(hull.num_vertices())])
+    of_body = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("object"))
+    mine = [k for k in of_body if not isinstance(inspector.GetShape(k), Sphere)]
+    assert len(mine) == len(pieces)
+    for k, piece in zip(mine, pieces, strict=True):
+        shape = inspector.GetShape(k)
+        if isinstance(shape, Box):
+            corners = inspector.GetPoseInFrame(k) @ (0.5 * np.array(list(product((-1, 1), repeat=3))) * shape.size()).T
+            corners = corners.T
+        else:
+            hull = shape.GetConvexHull()
+            corners = np.array([hull.vertex(k) for k in range(hull.num_vertices())])
+        assert isinstance(shape, Box) == (name in ("cube", "t_block", "large_t"))
         assert len(corners) == len(piece.vertices)
         distance = np.linalg.norm(corners[:, None] - piece.vertices, axis=2).min(axis=0)
         assert distance.max() < 1e-9

@@ -125,6 +125,27 @@ def test_an_impact_beside_the_middle_turns_the_object_as_rigid_bodies_do(contact
     assert spin == pytest.approx(arm * impulse / inertia, rel=1.5e-2)
 
 
+def test_a_hit_on_a_corner_acts_along_the_line_from_the_spheres_centre_in_point_contact():
+    # As above, with the impulse p along n, from the centre of the sphere to the edge: p (1 / m + (r x n)^2 / I) = u n.
+    # In hydroelastic contact each side of the edge is stopped by damping of its own, along its own normal.
+    speed, corner, n = 0.2, np.array([-0.02, 0.085]), np.array([0.84, -0.54]) / np.hypot(0.84, 0.54)
+    scene = bench("t_block", 0.0, pusher_friction=0.0, contact="point")
+    direction = np.array([0.35, -0.94, 0.0]) / np.hypot(0.35, 0.94)
+    start = np.array([*(corner - 0.01 * n), 0.025]) - 0.003 * direction
+    push = StraightPush(start, direction, speed, 0.1, 100.0)
+    simulator = scene.start(RigidTransform([0, 0, STANDS["point"]]), push=push)
+    simulator.AdvanceTo(0.003 / speed + 0.005)
+    *_, spin, vx, vy, _ = scene.velocity(simulator)
+    _, _, inertia = base_of("t_block")
+    arm = corner[0] * n[1] - corner[1] * n[0]
+    impulse = speed * (direction[:2] @ n) / (1 + arm**2 / inertia)
+    # While it acts the sphere goes on along the edge by 0.1 mm, which turns n by 0.6 degrees. Measured 4 % and 0.3
+    # degrees off. With the hull of a mesh Drake's n was 28 degrees off.
+    assert math.atan2(vy, vx) == pytest.approx(math.atan2(n[1], n[0]), abs=math.radians(1))
+    assert math.hypot(vx, vy) == pytest.approx(impulse, rel=0.05)
+    assert spin == pytest.approx(arm * impulse / inertia, rel=0.05)
+
+
 @pytest.mark.parametrize("contact", CONTACTS)
 @pytest.mark.parametrize("friction", [0.1, 0.5])
 def test_friction_acts_during_an_impact(friction, contact):
