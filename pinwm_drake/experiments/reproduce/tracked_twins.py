@@ -66,7 +66,8 @@ class TrackedTwinCell(IdentifiedCell):
         registration = read_registration(folder / ALIGN_FILE)
         seen = seen_in(capture, registration)
         poses = PoseTracker(seen, surfels, offset, self._tracker).track(pushes[0]).poses
-        height = float(pushes[0].trajectory.p_WP[0, 2] - poses.p_WO[0, 2])
+        # As it rests, in the orientation that the body is made for: where tracking fails, the pusher may be above it.
+        height = float(pushes[0].trajectory.p_WP[0, 2] - seen.object.X_WO.p[2])
         body = make_planar_body(seen.object.mesh_path, seen.object.X_WO.q, height, height)
         found = identify_planar(
             body,
