@@ -78,7 +78,7 @@ def as_box(piece: ConvexPiece) -> tuple[np.ndarray, RigidTransform] | None:
     """Sizes (3,) m of a box, and the pose X_OB of its frame B in that of the piece; None for another shape.
 
     Axes of B are as near to those of the piece as can be. Drake knows where a box is touched at an edge; with the hull
-    of a mesh the normal at an edge may be wrong by 30 degrees.
+    of a mesh the normal at an edge was wrong by 28 degrees.
 
     Args:
         piece: The piece, m.

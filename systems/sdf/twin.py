@@ -124,9 +124,9 @@ def object_text(
         tetrahedra, depth = volume_mesh(mesh_pieces(twin.mesh_path), LONGEST_EDGE)
         base = _mesh_file(folder, "support", tetrahedra, ".vtk")
         return object_sdf("object", solid, visual, prefix + fine, (prefix + base, depth), surfaces, comment)
-    uris = [prefix + _mesh_file(folder, f"piece_{k}", text) for k, text in enumerate(_piece_meshes(twin.mesh_path))]
-    pieces, supports = mesh_pieces(twin.mesh_path), support_spheres(mesh)
-    return object_point_sdf("object", solid, visual, pieces, uris, supports, surfaces, comment)
+    pieces = mesh_pieces(twin.mesh_path)
+    uris = [prefix + _mesh_file(folder, f"piece_{k}", piece_mesh(piece)) for k, piece in enumerate(pieces)]
+    return object_point_sdf("object", solid, visual, pieces, uris, support_spheres(mesh), surfaces, comment)
 
 
 def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comment: str, *, driven: bool = True) -> str:
@@ -149,15 +149,10 @@ def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comme
     pusher = twin.pusher
     if pusher.shape is not None or pusher.mesh_path is None:
         return pusher_sdf(pusher.shape or [], None, surfaces, comment, driven=driven)
-    texts = _piece_meshes(pusher.mesh_path)
-    pieces = [prefix + _mesh_file(folder, f"pusher_{k}", text) for k, text in enumerate(texts)]
+    hulls = mesh_pieces(pusher.mesh_path)
+    pieces = [prefix + _mesh_file(folder, f"pusher_{k}", piece_mesh(hull)) for k, hull in enumerate(hulls)]
     visual = prefix + _mesh_file(folder, "pusher_visual", seen_mesh(load_mesh(pusher.mesh_path)))
     return pusher_sdf(pieces, visual, surfaces, comment, driven=driven)
-
-
-def _piece_meshes(path: Path) -> list[str]:
-    """OBJ files of the convex pieces of a mesh."""
-    return [piece_mesh(piece) for piece in mesh_pieces(path)]
 
 
 def _mesh_file(folder: Path, name: str, text: str, suffix: str = ".obj") -> str:

@@ -125,12 +125,15 @@ def test_an_impact_beside_the_middle_turns_the_object_as_rigid_bodies_do(contact
     assert spin == pytest.approx(arm * impulse / inertia, rel=1.5e-2)
 
 
-def test_a_hit_on_a_corner_acts_along_the_line_from_the_spheres_centre_in_point_contact():
+@pytest.mark.parametrize(
+    ("corner", "n", "direction"),
+    [([-0.02, 0.085], [0.84, -0.54], [0.35, -0.94]), ([0.05, -0.055], [-0.35, 0.94], [-0.8, 0.6])],
+)
+def test_a_hit_on_a_corner_acts_along_the_line_from_the_spheres_centre_in_point_contact(corner, n, direction):
     # As above, with the impulse p along n, from the centre of the sphere to the edge: p (1 / m + (r x n)^2 / I) = u n.
     # In hydroelastic contact each side of the edge is stopped by damping of its own, along its own normal.
-    speed, corner, n = 0.2, np.array([-0.02, 0.085]), np.array([0.84, -0.54]) / np.hypot(0.84, 0.54)
+    speed, n, direction = 0.2, np.array(n) / np.hypot(*n), np.array([*direction, 0.0]) / np.hypot(*direction)
     scene = bench("t_block", 0.0, pusher_friction=0.0, contact="point")
-    direction = np.array([0.35, -0.94, 0.0]) / np.hypot(0.35, 0.94)
     start = np.array([*(corner - 0.01 * n), 0.025]) - 0.003 * direction
     push = StraightPush(start, direction, speed, 0.1, 100.0)
     simulator = scene.start(RigidTransform([0, 0, STANDS["point"]]), push=push)
