@@ -45,6 +45,13 @@ def identify(
     directions: Annotated[
         int, typer.Option(help="No effect: the friction cone is round. Kept for scripts from when it was a polyhedron.")
     ] = 32,
+    time_step: Annotated[
+        float,
+        typer.Option(
+            help="s, of the physics. With long steps what is round rolls too short a way; where it rolled: 0.001.",
+            show_default="1/240",
+        ),
+    ] = 1.0 / 240.0,
     starts: Annotated[int, typer.Option(help="Random starts of the optimiser.")] = 4,
     seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
     threads: Annotated[int | None, typer.Option(help="Threads.", show_default="one on each core")] = None,
@@ -72,6 +79,7 @@ def identify(
         free=names,
         held=values,
         support=support,  # type: ignore[arg-type]  # IdentifyOptions refuses what it does not know
+        time_step=time_step,
         friction_directions=directions,
         starts=starts,
         seed=seed,
@@ -149,7 +157,8 @@ def _doubt(loss: float) -> str:
         return ""
     return (
         f"warning: the images are explained badly (loss {loss:.4f}; twins that predict well have 0.001 to 0.003): "
-        "parameters may be farther off than their intervals say; try another --seed, or another push"
+        "parameters may be farther off than their intervals say; try another --seed, another push, or, where it rolled "
+        "something round, --time-step 0.001"
     )
 
 

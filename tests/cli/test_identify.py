@@ -57,10 +57,12 @@ def test_images_that_are_explained_badly_are_told():
 
 def test_one_unknown_alone(pinwm, capture, tmp_path):
     write_appearance(tmp_path)
-    arguments = ("--free", "friction_floor", "--hold", "friction_pusher=0.3")
+    arguments = ("--free", "friction_floor", "--hold", "friction_pusher=0.3", "--time-step", "0.005")
     code, _, errors = pinwm("identify", str(capture), str(tmp_path), *QUICK, *arguments)
     assert (code, errors) == (0, "")
-    theta = read_twin(tmp_path).theta
+    read = read_twin(tmp_path)
+    theta = read.theta
+    assert read.time_step == 0.005
     # Where and when the push began is free, too: half of the interval is 12 % wide.
     assert theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.1)
     low, high = theta["friction_floor"].interval
@@ -79,6 +81,7 @@ def test_one_unknown_alone(pinwm, capture, tmp_path):
         (tuple(f"--without={name}" for name in DEFAULT_FREE), "no unknown is left"),
         (("--support", "edges"), "support is 'edges'"),
         (("--starts", "0"), "starts is 0"),
+        (("--time-step", "0.1"), "time_step is 0.1; allowed: 1e-05 to 0.05"),
         (("--directions", "7"), "friction_directions is 7"),
         (("--directions", "66"), "friction_directions is 66; allowed: 4 to 64"),
         (("--episode", "0007"), "no episode '0007'"),
