@@ -53,6 +53,7 @@ def test_a_capture_becomes_a_twin(pinwm, capture, twin):
 def test_images_that_are_explained_badly_are_told():
     assert _doubt(0.0021) == ""
     assert _doubt(0.0195).startswith("warning: the images are explained badly (loss 0.0195")
+    assert _doubt(0.0195).endswith("--time-step 0.001")
 
 
 def test_one_unknown_alone(pinwm, capture, tmp_path):
