@@ -26,7 +26,10 @@ from torch import Tensor
 from benchmarks.contact_scenes import WORLDS, Scene, draw, objects
 from benchmarks.results import machine
 from pinwm_drake.geometry.shapes import sphere
-from pinwm_drake.physics import Model, Parameters, State, Stepper, Trajectory
+from pinwm_drake.physics.model import Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State, Trajectory
+from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply, quaternion_to_matrix
 
 WIDTHS = (1e-4, 1e-5, 1e-6, 1e-7)  # of a number's scale

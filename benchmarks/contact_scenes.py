@@ -26,7 +26,10 @@ from pinwm_drake.errors import SolverError
 from pinwm_drake.geometry.convex import hollow_mug
 from pinwm_drake.geometry.pieces import CYLINDER, ConvexPiece
 from pinwm_drake.geometry.shapes import box, capsule, convex_hull, cylinder, sphere
-from pinwm_drake.physics import Body, Model, Parameters, State, Stepper
+from pinwm_drake.physics.model import Body, Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
 WORLDS, STEPS = 16, 60  # of a batch

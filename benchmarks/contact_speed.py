@@ -26,7 +26,10 @@ from benchmarks.results import machine  # noqa: E402
 from pinwm_drake.geometry.convex import hollow_mug  # noqa: E402
 from pinwm_drake.geometry.pieces import ConvexPiece  # noqa: E402
 from pinwm_drake.geometry.shapes import box, sphere  # noqa: E402
-from pinwm_drake.physics import Body, Model, Parameters, State, Stepper  # noqa: E402
+from pinwm_drake.physics.model import Body, Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper  # noqa: E402
 from pinwm_drake.spatial.rotations import quaternion_to_matrix  # noqa: E402
 
 WORLDS, SECONDS, RADIUS = 32, 0.5, 0.01

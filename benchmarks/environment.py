@@ -18,7 +18,7 @@ timing.limit_threads(2)  # before numba and torch are imported
 import numpy as np  # noqa: E402
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv  # noqa: E402
 
-from pinwm_drake.cousins import CousinDraw  # noqa: E402
+from pinwm_drake.cousins.cousin import CousinDraw  # noqa: E402
 from pinwm_drake.systems.envs.env import TaskEnv  # noqa: E402
 from pinwm_drake.systems.envs.vector import TaskVecEnv  # noqa: E402
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Scenario, load_scenario  # noqa: E402

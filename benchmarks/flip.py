@@ -24,7 +24,7 @@ from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_op
 from pinwm_drake.systems.envs.vector import TaskVecEnv  # noqa: E402
 from pinwm_drake.systems.scenario.start import StartDistribution  # noqa: E402
 from pinwm_drake.systems.sdf.twin import twin_solid  # noqa: E402
-from pinwm_drake.tasks import FlipTask  # noqa: E402
+from pinwm_drake.tasks.flip import FlipTask  # noqa: E402
 
 SCENE, WORLDS, THREADS, EPISODE = "flip_mug", 32, 2, 25
 KINDS = {"state": "state", "rgb": "rgb_state"}  # the policy that acts needs the state

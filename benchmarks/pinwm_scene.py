@@ -9,8 +9,12 @@ import torch
 from benchmarks import push
 from benchmarks.timing import Case
 from pinwm_drake.geometry import shapes
-from pinwm_drake.physics import Body, Model, Parameters, State, Stepper, Trajectory, diagnose
+from pinwm_drake.physics import diagnose
 from pinwm_drake.physics.diagnose import StepReport
+from pinwm_drake.physics.model import Body, Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State, Trajectory
+from pinwm_drake.physics.stepper import Stepper
 
 
 def block() -> Body:

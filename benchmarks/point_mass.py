@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.learning.spec import CameraSpec, PolicySpec
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 from pinwm_drake.tasks.waypoints import Waypoints
 
 REACH = 0.15  # largest distance of a success

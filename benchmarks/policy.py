@@ -21,7 +21,7 @@ from pinwm_drake.learning.export import InMetres, export_policy  # noqa: E402
 from pinwm_drake.learning.policy import Policy, make_actor  # noqa: E402
 from pinwm_drake.learning.safety import default_limits  # noqa: E402
 from pinwm_drake.learning.spec import CameraSpec, PolicySpec  # noqa: E402
-from pinwm_drake.tasks import PushTask  # noqa: E402
+from pinwm_drake.tasks.push import PushTask  # noqa: E402
 
 SIZE, FRAMES = 64, 3
 BAR = 1.0  # ms

@@ -33,7 +33,8 @@ def _added(name: str) -> float:
     """Memory [MB] that a call adds to this process's at its peak, after a small one of its kind; Linux only."""
     timing.limit_threads(1)
     from benchmarks import render_scene as scene
-    from pinwm_drake.rendering import Surfels, render
+    from pinwm_drake.rendering.render import render
+    from pinwm_drake.rendering.surfels import Surfels
     from pinwm_drake.spatial.poses import Pose
 
     X_CO = Pose(*(part[0] for part in scene.poses(1)))
@@ -70,7 +71,9 @@ def _measure(cores: int, rounds: int) -> dict:
     import torch
 
     from benchmarks import render_scene as scene
-    from pinwm_drake.rendering import Camera, Surfels, render
+    from pinwm_drake.rendering.camera import Camera
+    from pinwm_drake.rendering.render import render
+    from pinwm_drake.rendering.surfels import Surfels
     from pinwm_drake.spatial.poses import Pose
 
     torch.set_num_threads(cores)

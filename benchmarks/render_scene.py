@@ -7,7 +7,8 @@ import torch
 import trimesh
 
 from pinwm_drake.models import model_path
-from pinwm_drake.rendering import Camera, Surfels
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, inverse
 from pinwm_drake.spatial.rotations import matrix_to_quaternion
 

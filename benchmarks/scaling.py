@@ -18,7 +18,10 @@ import torch  # noqa: E402
 
 from benchmarks.pinwm_scene import inspect_path, leaves, pressing_pairs  # noqa: E402
 from pinwm_drake.geometry import shapes  # noqa: E402
-from pinwm_drake.physics import Body, Model, Parameters, State, Stepper  # noqa: E402
+from pinwm_drake.physics.model import Body, Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper  # noqa: E402
 
 PLOT = Path(__file__).resolve().parent / "contacts.png"
 _CONTACTS = (4, 8, 16, 24, 32, 40, 48, 56, 64)

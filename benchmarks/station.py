@@ -14,8 +14,10 @@ import numpy as np  # noqa: E402
 import torch  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 
-from pinwm_drake.physics import Parameters, State, Stepper  # noqa: E402
-from pinwm_drake.rendering import render  # noqa: E402
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper  # noqa: E402
+from pinwm_drake.rendering.render import render  # noqa: E402
 from pinwm_drake.spatial.poses import Pose  # noqa: E402
 from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta, View  # noqa: E402
 from pinwm_drake.systems.scenario.setup import make_setup  # noqa: E402

@@ -21,7 +21,10 @@ from pinwm_drake.geometry.patch import supporting_points
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import capsule, cylinder, sphere
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
-from pinwm_drake.physics import Body, Model, Parameters, State, Stepper
+from pinwm_drake.physics.model import Body, Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.spatial.poses import Pose, transform
 from pinwm_drake.spatial.rotations import normalize_quaternion, quaternion_to_matrix, rotate
 

@@ -8,7 +8,9 @@ import trimesh
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import InputError, ModelError, StateError
-from pinwm_drake.physics import Parameters, State, Stepper
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.scene import (
     make_scene,
     pusher_motion,

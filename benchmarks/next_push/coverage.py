@@ -18,16 +18,17 @@ from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.files import replacing
 from pinwm_drake.geometry.meshes import half_diagonal
-from pinwm_drake.identification import IdentifyOptions, identify
+from pinwm_drake.identification.identify import identify
+from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.learning.wilson import wilson_interval
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.style import GREY, TWIN, new_figure, tidy
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
-from pinwm_drake.twin import SURFELS_FILE
 from pinwm_drake.twin.drift import DRIFT, drift, way
 from pinwm_drake.twin.rollout import rollout_draws
+from pinwm_drake.twin.twin import SURFELS_FILE
 
 _SEED, _SIZE, _VIEWS = 5000, 200, 12
 # Less than the default search: small pictures of few frames.

@@ -14,15 +14,15 @@ from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
 from pinwm_drake.capture.scene import Capture, read_capture
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.files import replacing
-from pinwm_drake.identification import IdentifyOptions, identify
+from pinwm_drake.identification.identify import identify
+from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
 from pinwm_drake.report.twin.data import read_ground_truth
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin import SURFELS_FILE, Twin
 from pinwm_drake.twin.predict import predict_poses, predict_spread
-from pinwm_drake.twin.twin import Estimate
+from pinwm_drake.twin.twin import SURFELS_FILE, Estimate, Twin
 
 METHODS = ("ours", "pin-wm", "truth", "still")
 # The paper's way: frictions and moments alone, of one push, with an even pressure and everything as it was written.

@@ -23,7 +23,7 @@ import torch  # noqa: E402
 from benchmarks.short_horizon import gradients  # noqa: E402
 from benchmarks.short_horizon.learner import LearnerOptions  # noqa: E402
 from benchmarks.short_horizon.training import SETTINGS, Budget, read_rows, train_control, train_short  # noqa: E402
-from pinwm_drake.cousins import CousinDomains  # noqa: E402
+from pinwm_drake.cousins.domain import CousinDomains  # noqa: E402
 from pinwm_drake.files import prepare_folder  # noqa: E402
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options  # noqa: E402
 

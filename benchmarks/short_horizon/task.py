@@ -8,8 +8,7 @@ from torch import Tensor
 
 from pinwm_drake.errors import require
 from pinwm_drake.spatial.rotations import quaternion_conjugate, quaternion_multiply
-from pinwm_drake.tasks import PushTask
-from pinwm_drake.tasks.push import LENGTH, SPEED, TURN
+from pinwm_drake.tasks.push import LENGTH, SPEED, TURN, PushTask
 
 _LEAST = 1e-16  # m^2 and rad^2: where a distance or an angle is 0, so is its gradient
 

@@ -8,12 +8,13 @@ from torch import Tensor
 
 from benchmarks.short_horizon.task import TorchProgress, TorchPush
 from pinwm_drake.errors import require
-from pinwm_drake.physics import State, Stepper
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.spatial.rotations import rotate
 from pinwm_drake.systems.engines.twin.physics import WorldPhysics
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
 from pinwm_drake.systems.scenario.start import StartDistribution
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,13 @@ import torch
 from torch import Tensor
 from torch.nn.functional import mse_loss
 
-from pinwm_drake.baselines.diffusion.actor import DiffusionActor
-from pinwm_drake.baselines.diffusion.demonstrations import Episode, Windows
-from pinwm_drake.baselines.diffusion.method import DiffusionPolicy
-from pinwm_drake.baselines.diffusion.network import DiffusionNetwork
-from pinwm_drake.baselines.diffusion.options import NetworkOptions, TrainingOptions
 from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.paper.baselines.diffusion.actor import DiffusionActor
+from pinwm_drake.paper.baselines.diffusion.demonstrations import Episode, Windows
+from pinwm_drake.paper.baselines.diffusion.method import DiffusionPolicy
+from pinwm_drake.paper.baselines.diffusion.network import DiffusionNetwork
+from pinwm_drake.paper.baselines.diffusion.options import NetworkOptions, TrainingOptions
 
 ROUNDS = 8
 NETWORK = NetworkOptions(widths=(32, 64), channels=(8, 16), keypoints=16, image_features=32, step_features=32)

@@ -11,7 +11,7 @@ from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.learning.evaluation import Evaluation
 from pinwm_drake.learning.spec import CameraSpec, Observes, PolicySpec
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 from pinwm_drake.tasks.waypoints import Waypoints
 
 SIZE = 32  # px
@@ -199,7 +199,7 @@ def success(policy: Any, episodes: int = 200) -> Evaluation:
 
 def sides(folder: Path) -> np.ndarray:
     """Sides (N,) on which the recorded episodes of a folder passed, -1 or 1."""
-    from pinwm_drake.baselines.diffusion.demonstrations import read_demonstrations
+    from pinwm_drake.paper.baselines.diffusion.demonstrations import read_demonstrations
 
     turns = [one.pusher[:, 1] - one.pusher[0, 1] for one in read_demonstrations(folder)]
     return np.array([np.sign(turn[np.abs(turn).argmax()]) for turn in turns])

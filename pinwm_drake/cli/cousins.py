@@ -13,7 +13,7 @@ from pinwm_drake.files import prepare_folder
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from pinwm_drake.cousins import Cousins
+    from pinwm_drake.cousins.cousin import Cousins
 
 COUSINS_FILE, FIGURE_FILE = "cousins.npz", "cousins.png"
 _MOST = 200  # pictures that a sheet can show
@@ -34,9 +34,10 @@ def cousins(
     seed: Annotated[int, typer.Option(help="Of the draws, 0 or more.")] = 0,
 ) -> None:
     """Draws copies of a twin with other physical parameters and colours, and shows them on a contact sheet."""
-    from pinwm_drake.cousins import draw_cousins, write_cousins
+    from pinwm_drake.cousins.cousin import draw_cousins
+    from pinwm_drake.cousins.io import write_cousins
     from pinwm_drake.report.figures.cousins import cousin_figure
-    from pinwm_drake.twin import read_twin
+    from pinwm_drake.twin.read import read_twin
 
     require("--number", number, 1 <= number <= _MOST, f"1 to {_MOST}")
     drawn = draw_cousins(read_twin(twin), number, delta, seed=seed, from_intervals=from_intervals)
@@ -54,7 +55,7 @@ def _table(drawn: "Cousins") -> "Table":
     """Table of the parameters: the twin's value, the range, and the origin of that."""
     from rich.table import Table
 
-    from pinwm_drake.twin import THETA
+    from pinwm_drake.twin.twin import THETA
 
     table = Table("parameter", box=None, pad_edge=False)
     for heading in ("twin", "from", "to"):

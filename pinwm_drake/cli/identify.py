@@ -13,8 +13,8 @@ from pinwm_drake.errors import ParameterError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from pinwm_drake.identification import Identification
-    from pinwm_drake.twin import Estimate
+    from pinwm_drake.identification.identify import Identification
+    from pinwm_drake.twin.twin import Estimate
 
 _UNEXPLAINED = 0.01  # loss; two rolls of a mug had 0.013 and 0.019, pushes of a T-block 0.0008
 

@@ -19,7 +19,7 @@ def model(
 ) -> None:
     """Writes a twin as SDFormat models, which Drake's Parser loads."""
     from pinwm_drake.systems.sdf.twin import write_twin_model
-    from pinwm_drake.twin import read_twin
+    from pinwm_drake.twin.read import read_twin
 
     for path in write_twin_model(read_twin(twin), out):
         say(f"wrote {path}")

@@ -32,7 +32,7 @@ def next_push(
     pinwm identify CAPTURE TWIN --episode A --episode B.
     """
     from pinwm_drake.experiments.next_push import propose_push, write_proposal
-    from pinwm_drake.twin import read_twin
+    from pinwm_drake.twin.read import read_twin
 
     require("--position", position, position > 0, "above 0 mm")
     require("--yaw", yaw, yaw > 0, "above 0 degrees")

@@ -44,9 +44,9 @@ def predict(
     from pinwm_drake.identification.locate import locate
     from pinwm_drake.report.figures.poses import motion_figure
     from pinwm_drake.report.twin.prediction_film import write_prediction_film
-    from pinwm_drake.twin import read_twin
     from pinwm_drake.twin.origin import identified_push, start_pose
     from pinwm_drake.twin.predict import mismatches, predict_poses, predict_spread
+    from pinwm_drake.twin.read import read_twin
 
     require("--plot", plot, plot is None or plot.suffix.lower() == ".png", "a name that ends in .png")
     require("--video", video, video is None or video.suffix.lower() == ".mp4", "a name that ends in .mp4")

@@ -11,8 +11,8 @@ from pinwm_drake.cli.console import say
 from pinwm_drake.errors import InputError, PinwmError
 
 if TYPE_CHECKING:
-    from pinwm_drake.experiments.reproduce.cell import Cell
-    from pinwm_drake.experiments.reproduce.run import Plan
+    from pinwm_drake.paper.reproduce.cell import Cell
+    from pinwm_drake.paper.reproduce.run import Plan
 
 REPORT = "report"
 
@@ -60,9 +60,9 @@ def reproduce(
     ] = None,
 ) -> None:
     """Makes the paper's tables: captures, twins, policies, evaluations, each once; after a kill it goes on."""
-    from pinwm_drake.experiments.reproduce.report import write_report
-    from pinwm_drake.experiments.reproduce.request import ReproduceRequest
-    from pinwm_drake.experiments.reproduce.run import plan, reproduce, seeds_of, tables_of
+    from pinwm_drake.paper.reproduce.report import write_report
+    from pinwm_drake.paper.reproduce.request import ReproduceRequest
+    from pinwm_drake.paper.reproduce.run import plan, reproduce, seeds_of, tables_of
     from pinwm_drake.parallel import Executor
 
     reports = REPORT in table

@@ -38,7 +38,8 @@ def view(
     from pinwm_drake.rendering.ply import read_ply
     from pinwm_drake.report.surfels.page import write_surfel_page
     from pinwm_drake.report.surfels.turntable import FRAME_RATE, write_turntable
-    from pinwm_drake.twin import SURFELS_FILE, TWIN_FILE, read_twin
+    from pinwm_drake.twin.read import read_twin
+    from pinwm_drake.twin.twin import SURFELS_FILE, TWIN_FILE
 
     for name, target, suffixes in (("--html", html, (".html", ".htm")), ("--video", video, (".mp4",))):
         fits = target is None or target.suffix.lower() in suffixes

@@ -8,7 +8,7 @@ import numpy as np
 from pinwm_drake.control.velocity_limiter import VelocityLimiter
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.tasks import Task
+from pinwm_drake.tasks.task import Task
 
 Mode = Literal["disarmed", "armed", "running", "latched", "done"]
 HALTED = ("latched", "done")  # modes that only a reset ends

@@ -27,8 +27,8 @@ from pinwm_drake.report.twin.comparison_frames import draw_shots
 from pinwm_drake.report.twin.data import read_story
 from pinwm_drake.report.twin.report import write_twin_report
 from pinwm_drake.report.twin.score import pose_errors
-from pinwm_drake.twin import Twin
 from pinwm_drake.twin.predict import predict_poses
+from pinwm_drake.twin.twin import Twin
 
 _TWIN, _PREDICTION = "twin", "prediction"  # folders of the results
 _PANEL = 480  # px, at most, of the films of a push

@@ -20,7 +20,7 @@ from pinwm_drake.report.page import fill_template, paragraph, section, table, te
 from pinwm_drake.report.twin.estimates_table import estimates_table
 from pinwm_drake.report.twin.score import PoseErrors
 from pinwm_drake.threads import available
-from pinwm_drake.twin import Estimate
+from pinwm_drake.twin.twin import Estimate
 
 PAGE_FILE = "index.html"
 _VIEWS = 4  # static views that are shown

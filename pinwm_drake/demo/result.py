@@ -11,7 +11,7 @@ from pinwm_drake.rendering.fit_result import FitResult
 from pinwm_drake.rendering.views import View
 from pinwm_drake.report.twin.comparison_frames import Shot
 from pinwm_drake.report.twin.score import PoseErrors
-from pinwm_drake.twin import Twin
+from pinwm_drake.twin.twin import Twin
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ from typing import Any
 
 import torch
 
-from pinwm_drake.baselines.method import MethodData
-from pinwm_drake.baselines.pin_wm import Distillation, ImagePpo, StatePpo
 from pinwm_drake.experiments.training import TrainRequest, method_of, worlds_of
 from pinwm_drake.learning.distil import DistilOptions
+from pinwm_drake.learning.method import MethodData
+from pinwm_drake.learning.pin_wm import Distillation, ImagePpo, StatePpo
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
 from pinwm_drake.learning.ppo import PpoOptions
 from pinwm_drake.learning.progress import Step

@@ -8,13 +8,13 @@ from typing import Any
 
 import torch
 
-from pinwm_drake.baselines.method import Method, MethodData
-from pinwm_drake.baselines.pin_wm import STAGES, Distillation, ImagePpo, StatePpo, StateSac
-from pinwm_drake.cousins import CousinDomains, DomainSource
+from pinwm_drake.cousins.domain import CousinDomains, DomainSource
 from pinwm_drake.errors import InputError, require
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.distil import DistilOptions
 from pinwm_drake.learning.export import check_exportable
+from pinwm_drake.learning.method import Method, MethodData
+from pinwm_drake.learning.pin_wm import STAGES, Distillation, ImagePpo, StatePpo, StateSac
 from pinwm_drake.learning.policy import Policy, write_policy
 from pinwm_drake.learning.ppo import PpoOptions
 from pinwm_drake.learning.progress import Report, silent
@@ -28,8 +28,9 @@ from pinwm_drake.systems.mpc.waypoints import STAGE as WAYPOINTS
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.tasks import PushTask, Task, default_scene
-from pinwm_drake.twin import Twin
+from pinwm_drake.tasks.push import PushTask
+from pinwm_drake.tasks.task import Task, default_scene
+from pinwm_drake.twin.twin import Twin
 
 METHODS = ("distil", "ppo", "state")
 ALGORITHMS = ("sac", "ppo")

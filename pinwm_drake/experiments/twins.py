@@ -13,15 +13,17 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.experiments.progress import Progress, silent
 from pinwm_drake.files import prepare_folder
-from pinwm_drake.identification import Identification, IdentifyOptions, identify
 from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
 from pinwm_drake.identification.history import HISTORY_FILE, write_history
+from pinwm_drake.identification.identify import Identification, identify
+from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.progress import Progress as SearchProgress
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
-from pinwm_drake.twin import SURFELS_FILE, write_twin
+from pinwm_drake.twin.twin import SURFELS_FILE
+from pinwm_drake.twin.write import write_twin
 
 # Parameters that the progress shows.
 _SHOWN = {"friction_floor": "μ floor", "friction_pusher": "μ pusher", "mass": "mass"}

@@ -22,8 +22,8 @@ from torch.nn.functional import cross_entropy, mse_loss
 from pinwm_drake.learning.heading import Heading
 from pinwm_drake.learning.images.window import Window
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.tasks import Task
 from pinwm_drake.tasks.history import history_size
+from pinwm_drake.tasks.task import Task
 
 # rad for a unit of the state, and up to twice that: 10 mm of an object turn a wave by 3 to 6 rad. With 100, rounding in
 # ONNX moved an action by 9 of the 10 micrometres that a bundle allows.

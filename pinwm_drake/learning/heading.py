@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor, nn
 
-from pinwm_drake.tasks import Task
+from pinwm_drake.tasks.task import Task
 
 
 class Heading(nn.Module):

@@ -9,7 +9,8 @@ from typing import Any, Literal
 import numpy as np
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.tasks import PushTask, Task, task_from_document
+from pinwm_drake.tasks.push import PushTask
+from pinwm_drake.tasks.task import Task, task_from_document
 
 Observes = Literal["rgb", "state"]
 OBSERVES = ("rgb", "state")

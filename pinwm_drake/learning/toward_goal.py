@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from pinwm_drake.checkpoints import Resumable
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.tasks import Task
+from pinwm_drake.tasks.task import Task
 
 _GOAL = "toward_goal"
 

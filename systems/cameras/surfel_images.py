@@ -4,8 +4,10 @@ import numpy as np
 import torch
 import trimesh
 
-from pinwm_drake.rendering import Camera, Rendering, Surfels, narrow_disc, narrow_width, render
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.occluder import mesh_depth
+from pinwm_drake.rendering.render import Rendering, narrow_disc, narrow_width, render
+from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
 
 _NEAR = 1e-3  # m

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.tasks import Task
+from pinwm_drake.tasks.task import Task
 
 
 class Delay:

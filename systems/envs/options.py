@@ -12,7 +12,7 @@ from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.envs.observation import Kind
 from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario.setup import Setup, placed_task
-from pinwm_drake.tasks import Task
+from pinwm_drake.tasks.task import Task
 
 _ROUNDING = 1e-9  # relative, by which a translation may exceed the allowed one
 

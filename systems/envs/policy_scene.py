@@ -19,7 +19,7 @@ from pinwm_drake.systems.envs.env import TaskEnv, changed_options
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup, longest_translation
 from pinwm_drake.systems.scenario.load import Scene, load_setup, shipped_scenarios
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.tasks import Task, default_scene
+from pinwm_drake.tasks.task import Task, default_scene
 
 # Largest distances of a scene's camera from the policy's: an identified floor lies within a millimetre of the true one.
 _OFF, _TURNED = 2e-3, 5e-3  # m, rad

@@ -7,7 +7,7 @@ import torch
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
-from pinwm_drake.cousins import Domain
+from pinwm_drake.cousins.domain import Domain
 from pinwm_drake.errors import SolverError
 from pinwm_drake.systems.engines.twin.domains import SetDomain
 from pinwm_drake.systems.engines.twin.world_model import WorldModel

@@ -8,7 +8,7 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.checkpoints import generator_state, set_generator_state
-from pinwm_drake.cousins import CousinDomains, Domain, DomainDraw, DomainSource
+from pinwm_drake.cousins.domain import CousinDomains, Domain, DomainDraw, DomainSource
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import Observes, PolicySpec
 from pinwm_drake.learning.toward_goal import TowardGoal

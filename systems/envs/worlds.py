@@ -9,7 +9,7 @@ from gymnasium.utils import seeding
 from pydrake.math import RigidTransform
 
 from pinwm_drake.checkpoints import Resumable, generator_state, set_generator_state
-from pinwm_drake.cousins import Domain
+from pinwm_drake.cousins.domain import Domain
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.delay import Delay
 from pinwm_drake.systems.envs.observation import Observation, Observer
@@ -17,7 +17,7 @@ from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.station_run import FAILURES, StationRun
 from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
-from pinwm_drake.tasks import Progress
+from pinwm_drake.tasks.task import Progress
 from pinwm_drake.tasks.waypoints import Waypoints
 
 _DOMAIN = "domain."

@@ -18,7 +18,7 @@ from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.worlds import Advance, Worlds
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
-from pinwm_drake.tasks import Task
+from pinwm_drake.tasks.task import Task
 
 _MANOEUVRES = 0.5  # share of a first round's sequences that are like the task's manoeuvre
 _FAILURE = 10.0  # cost of a sequence that the physics finds no solution for

@@ -40,7 +40,9 @@ from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import on_floor
 from pinwm_drake.systems.scenario.viewpoints import around, framed
-from pinwm_drake.tasks import FlipTask, PushTask, default_scene
+from pinwm_drake.tasks.flip import FlipTask
+from pinwm_drake.tasks.push import PushTask
+from pinwm_drake.tasks.task import default_scene
 from pinwm_drake.twin.rollout import twin_parameters, twin_scene
 
 CaptureProgress = Callable[[str, float, str], None]

@@ -16,8 +16,9 @@ from pinwm_drake.models import PACKAGE_NAME, model_names, object_model
 from pinwm_drake.systems.scenario.schema import LOCAL, MEMORY, Scenario, load_scenario
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import level_height
-from pinwm_drake.twin import Twin, read_twin
 from pinwm_drake.twin.origin import Origin
+from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.twin import Twin
 
 Scene: TypeAlias = Setup | Scenario | str | Path
 _FOLDER, _SUFFIX = "scenarios/", ".scenario.yaml"

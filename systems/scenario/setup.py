@@ -21,8 +21,9 @@ from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario.check import check_scenario
 from pinwm_drake.systems.scenario.schema import Scenario, Theta
 from pinwm_drake.systems.scenario.viewpoints import look_at
-from pinwm_drake.tasks import Task, task_from_document
-from pinwm_drake.twin import THETA, Estimate, Twin, read_twin
+from pinwm_drake.tasks.task import Task, task_from_document
+from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.twin import THETA, Estimate, Twin
 
 _TIME_STEP, _DIRECTIONS, _GRAVITY = 1 / 240, 32, 9.81
 _LONGEST_PLANT_STEP = 1 / 3840  # s

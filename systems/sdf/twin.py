@@ -10,14 +10,14 @@ from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.shapes import sphere
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
-from pinwm_drake.physics import Body, Model
+from pinwm_drake.physics.model import Body, Model
 from pinwm_drake.scene import Scene
 from pinwm_drake.systems.sdf.collision import fine_mesh, piece_mesh, seen_mesh, support_spheres, volume_mesh
 from pinwm_drake.systems.sdf.colours import coloured_mesh
 from pinwm_drake.systems.sdf.contact import LONGEST_EDGE, REFERENCE_SPEED, Surfaces
 from pinwm_drake.systems.sdf.text import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
-from pinwm_drake.twin import Twin
 from pinwm_drake.twin.rollout import twin_parameters
+from pinwm_drake.twin.twin import Twin
 
 ContactName = Literal["hydroelastic", "point"]
 FILES = ("object.sdf", "object_point.sdf", "floor.sdf", "pusher.sdf")

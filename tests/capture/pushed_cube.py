@@ -6,13 +6,9 @@ import numpy as np
 import torch
 from PIL import Image
 
-from pinwm_drake.capture import (
-    ObjectPoses,
-    PusherShape,
-    PusherTrajectory,
-    write_capture_yaml,
-    write_episode_tables,
-)
+from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
+from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.spatial.poses import Pose

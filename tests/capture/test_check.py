@@ -8,9 +8,10 @@ import trimesh
 import yaml
 from PIL import Image, ImageFilter
 
-from pinwm_drake.capture import PusherGeometry, PusherShape, read_capture, read_episode
 from pinwm_drake.capture.check import check_capture
+from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape, read_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.spatial.poses import Pose, compose, inverse

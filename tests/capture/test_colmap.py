@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pinwm_drake.capture import read_static_views, read_views
 from pinwm_drake.capture.importers.colmap import import_colmap
 from pinwm_drake.capture.importers.colmap_model import read_model
 from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
 from pinwm_drake.capture.importers.target import Scenery
+from pinwm_drake.capture.static_views import read_static_views, read_views
 from pinwm_drake.capture.transforms import read_transforms
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import inverse

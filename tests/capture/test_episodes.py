@@ -5,8 +5,8 @@ import pytest
 import torch
 from PIL import Image
 
-from pinwm_drake.capture import read_capture, read_episode, read_episode_folder, read_frames
-from pinwm_drake.capture.episodes import pose_at
+from pinwm_drake.capture.episodes import pose_at, read_episode, read_episode_folder, read_frames
+from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.errors import InputError
 from tests.capture.pushed_cube import FRAMES, SIZE, poses, times, trajectory
 

@@ -6,13 +6,15 @@ import stat
 import numpy as np
 import pytest
 
-from pinwm_drake.capture import PusherShape, read_capture, read_episode, read_frames, read_static_views
 from pinwm_drake.capture.check import check_capture
+from pinwm_drake.capture.episodes import read_episode, read_frames
 from pinwm_drake.capture.importers.colmap import import_colmap
 from pinwm_drake.capture.importers.nerfstudio import import_nerfstudio
 from pinwm_drake.capture.importers.pinwm import import_pinwm
 from pinwm_drake.capture.importers.similarity import scaled_world
 from pinwm_drake.capture.importers.target import Scenery
+from pinwm_drake.capture.scene import PusherShape, read_capture
+from pinwm_drake.capture.static_views import read_static_views
 from pinwm_drake.errors import PinwmError
 from tests.capture.cube import write_mesh, write_views
 from tests.capture.mutations import mutate

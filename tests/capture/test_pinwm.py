@@ -4,12 +4,13 @@ import shutil
 import numpy as np
 import pytest
 
-from pinwm_drake.capture import read_capture, read_episode, read_static_views
 from pinwm_drake.capture.check import check_capture
+from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.importers.pinwm import import_pinwm
 from pinwm_drake.capture.importers.pinwm_push import RATE, trajectory
 from pinwm_drake.capture.importers.target import Scenery
-from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.capture.scene import PusherShape, read_capture
+from pinwm_drake.capture.static_views import read_static_views
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import pose_to_matrix
 from tests.capture.cube import HEIGHT

@@ -9,8 +9,8 @@ import torch
 import trimesh
 from PIL import Image
 
-from pinwm_drake.capture import read_capture_object, read_static_views, read_views
-from pinwm_drake.capture.static_views import winding_number
+from pinwm_drake.capture.objects import read_capture_object
+from pinwm_drake.capture.static_views import read_static_views, read_views, winding_number
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.spatial.poses import Pose

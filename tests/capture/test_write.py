@@ -4,17 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from pinwm_drake.capture import (
-    PusherShape,
-    PusherTrajectory,
-    read_capture,
-    read_episode,
-    write_capture_yaml,
-    write_episode_tables,
-    write_transforms,
-)
+from pinwm_drake.capture.episodes import PusherTrajectory, read_episode
+from pinwm_drake.capture.scene import PusherShape, read_capture
 from pinwm_drake.capture.transforms import read_transforms
-from pinwm_drake.capture.write import write_posed_images
+from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_posed_images, write_transforms
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose

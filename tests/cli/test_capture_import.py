@@ -1,7 +1,8 @@
 import pytest
 import yaml
 
-from pinwm_drake.capture import PusherShape, read_capture, read_static_views
+from pinwm_drake.capture.scene import PusherShape, read_capture
+from pinwm_drake.capture.static_views import read_static_views
 from tests.capture.cube import HEIGHT, write_mesh, write_views
 from tests.capture.pushed_cube import write_pushed_cube
 from tests.capture.test_colmap import model_of, write_binary

@@ -3,8 +3,10 @@ from pathlib import Path
 import cv2
 import pytest
 
-from pinwm_drake.cousins import draw_cousins, read_cousins
-from pinwm_drake.twin import read_twin, write_twin
+from pinwm_drake.cousins.cousin import draw_cousins
+from pinwm_drake.cousins.io import read_cousins
+from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.write import write_twin
 from tests.twin.samples import cube_twin
 
 

@@ -7,7 +7,7 @@ from pinwm_drake.cli.identify import _doubt
 from pinwm_drake.identification.history import read_history
 from pinwm_drake.identification.search import Search
 from pinwm_drake.identification.unknowns import DEFAULT_FREE
-from pinwm_drake.twin import read_twin
+from pinwm_drake.twin.read import read_twin
 from tests.identification.samples import FRAMES, TRUTH, write_appearance, write_capture
 
 

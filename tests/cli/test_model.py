@@ -1,4 +1,4 @@
-from pinwm_drake.twin import write_twin
+from pinwm_drake.twin.write import write_twin
 from tests.twin.samples import cube_twin
 
 

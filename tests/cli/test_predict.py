@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from pinwm_drake.capture import PusherShape
 from pinwm_drake.capture.episode_tables import read_pose_table
 from pinwm_drake.capture.episodes import read_episode
-from pinwm_drake.capture.scene import PusherGeometry, read_capture
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape, read_capture
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin import Estimate, origin, read_twin, write_twin
+from pinwm_drake.twin import origin
 from pinwm_drake.twin.origin import (
     hash_capture,
     identified_push,
@@ -21,6 +20,9 @@ from pinwm_drake.twin.origin import (
     start_pose,
     time_offset,
 )
+from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.twin import Estimate
+from pinwm_drake.twin.write import write_twin
 from tests.capture.cube import SIDE
 from tests.report.samples import GAP, SPEED, write_identified, write_push
 from tests.twin.samples import estimates

@@ -14,7 +14,7 @@ from PIL import Image
 
 from pinwm_drake.capture.episode_tables import read_frame_table, read_object_poses, read_trajectory
 from pinwm_drake.capture.episodes import read_fixed_camera
-from pinwm_drake.twin import write_twin
+from pinwm_drake.twin.write import write_twin
 from tests.twin.samples import cube_twin, estimates
 
 ROOT = Path(__file__).parents[2]

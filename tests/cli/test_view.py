@@ -11,7 +11,7 @@ import pytest
 
 from pinwm_drake.rendering.ply import write_ply
 from pinwm_drake.report.surfels.live_view import twin_solids
-from pinwm_drake.twin import write_twin
+from pinwm_drake.twin.write import write_twin
 from tests.rendering.scenes import cloud
 from tests.twin.samples import cube_twin
 

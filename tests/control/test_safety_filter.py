@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pinwm_drake.control.safety_filter import Safety, SafetyFilter
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 
 LOW, HIGH = np.array([-0.3, -0.2, 0.0]), np.array([0.3, 0.2, 0.1])
 LIMITS = SafetyLimits(tuple(LOW), tuple(HIGH), 0.2, 1.0, 0.1, box_tolerance=0.005)

@@ -8,15 +8,16 @@ import pytest
 import torch
 from scipy.stats import kstest
 
-from pinwm_drake.cousins import CousinDraw, draw_cousins, read_cousins, write_cousins
+from pinwm_drake.cousins.cousin import CousinDraw, draw_cousins
 from pinwm_drake.cousins.io import _hash as file_hash
-from pinwm_drake.cousins.io import hash_twin
+from pinwm_drake.cousins.io import hash_twin, read_cousins, write_cousins
 from pinwm_drake.cousins.ranges import MOMENTS
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.rendering.harmonics import Y0, harmonics
-from pinwm_drake.twin import THETA, Estimate, read_twin, write_twin
+from pinwm_drake.twin.read import read_twin
 from pinwm_drake.twin.rollout import twin_parameters, twin_scene
-from pinwm_drake.twin.twin import Draws
+from pinwm_drake.twin.twin import THETA, Draws, Estimate
+from pinwm_drake.twin.write import write_twin
 from tests.rendering.scenes import cloud
 from tests.twin.samples import cube_twin
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pinwm_drake.cousins import FLIP_SPANS, RandomDomains, Spans
+from pinwm_drake.cousins.randomization import FLIP_SPANS, RandomDomains, Spans
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.systems.scenario.load import load_setup

@@ -11,7 +11,8 @@ from pinwm_drake.demo.options import DemoOptions, shipped_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.rendering.fit_options import FitOptions
-from pinwm_drake.twin import THETA, read_twin
+from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.twin import THETA
 
 MAX_STEPS = 5
 FRAMES = 24

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pinwm_drake.cousins import CousinDomains
+from pinwm_drake.cousins.domain import CousinDomains
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.run import evaluate
@@ -15,8 +15,8 @@ from pinwm_drake.systems.mpc.sampling import SamplingOptions
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE
-from pinwm_drake.twin import write_twin
 from pinwm_drake.twin.twin import Estimate
+from pinwm_drake.twin.write import write_twin
 
 
 @pytest.mark.parametrize(

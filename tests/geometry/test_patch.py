@@ -12,7 +12,10 @@ from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, MAX_FLOOR_POINTS, UNLES
 from pinwm_drake.geometry.shapes import box, convex_hull
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.models import object_model
-from pinwm_drake.physics import Body, Model, Parameters, State, Stepper
+from pinwm_drake.physics.model import Body, Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_to_matrix
 
 UPRIGHT = np.eye(3)

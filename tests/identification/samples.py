@@ -7,9 +7,10 @@ import numpy as np
 import torch
 import trimesh
 
-from pinwm_drake.capture import ObjectPoses, PusherShape, PusherTrajectory, write_capture_yaml, write_episode_tables
-from pinwm_drake.capture.scene import PusherGeometry
-from pinwm_drake.physics import Parameters
+from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape
+from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables
+from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.ply import write_ply
 from pinwm_drake.rendering.surfels import Surfels

@@ -9,12 +9,13 @@ from pinwm_drake.capture.episodes import read_episode, read_episode_image
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.identification import IdentifyOptions, identify
 from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
 from pinwm_drake.identification.expansion import corrected, expand
 from pinwm_drake.identification.forward import Forward, inertia
+from pinwm_drake.identification.identify import identify
 from pinwm_drake.identification.image_loss import BLOCKS, rendered
 from pinwm_drake.identification.lighting import brightened, lit
+from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import make_pictures, read_footage
 from pinwm_drake.identification.problem import Problem, Push
 from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates

@@ -5,9 +5,9 @@ import pytest
 import torch
 from PIL import Image
 
-from pinwm_drake.capture import write_episode_tables
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.write import write_episode_tables
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.identification.pose_tracker import PoseTracker, PoseTrackerOptions
 from pinwm_drake.report.twin.score import pose_errors

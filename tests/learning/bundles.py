@@ -26,7 +26,7 @@ from pinwm_drake.learning.export import export_policy
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.learning.spec import CameraSpec, ObjectSpec, PolicySpec, PusherSpec, SceneSpec
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 
 LOW, HIGH, LONGEST = (-0.3, -0.2), (0.25, 0.35), 0.02
 SCENE = SceneSpec(

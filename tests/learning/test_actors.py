@@ -3,7 +3,7 @@ import torch
 
 from pinwm_drake.learning.actors import DitherActor
 from pinwm_drake.learning.policy import make_actor
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 from tests.learning.toy_worlds import toy_spec
 
 

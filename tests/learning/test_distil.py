@@ -10,7 +10,7 @@ from pinwm_drake.learning.distil import DistilOptions, train_distil
 from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.policy import Policy
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
 
 SHORT = DistilOptions(rounds=4, round_images=160, updates=8, batch_size=32, episodes=8)

@@ -12,7 +12,8 @@ from pinwm_drake.learning.heading import AlongHeading, Heading
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
 from pinwm_drake.learning.sac import SacOptions, train_sac
-from pinwm_drake.tasks import FlipTask, PushTask
+from pinwm_drake.tasks.flip import FlipTask
+from pinwm_drake.tasks.push import PushTask
 from pinwm_drake.tasks.waypoints import Waypoints
 from tests.learning.toy_worlds import toy_spec
 

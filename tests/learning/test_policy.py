@@ -7,7 +7,7 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning.actors import LEVELS, chosen
 from pinwm_drake.learning.policy import Policy, make_actor, read_policy, weights_digest, write_policy
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
 
 

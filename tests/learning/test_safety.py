@@ -10,7 +10,7 @@ import yaml
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits, default_limits
 from pinwm_drake.learning.spec import CameraSpec, PolicySpec
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 
 GIVEN = {
     "box_low": (-0.3, -0.2, 0.01),

@@ -6,7 +6,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.learning.spec import CameraSpec, PolicySpec
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 
 SIZE = 16  # px
 

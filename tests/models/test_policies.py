@@ -12,7 +12,7 @@ from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.models import policy_path, shipped_policies
 from pinwm_drake.systems.envs.policy_scene import check_object, spec_environment
 from pinwm_drake.systems.scenario.load import load_setup
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 from tests.learning.bundles import as_version_1
 
 # SHA-256 of the golden arrays of the shipped policy as it was exported, in version 1; they stay as they are.

@@ -2,7 +2,8 @@
 
 import torch
 
-from pinwm_drake.physics import Parameters, State
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
 
 
 def flatten(parameters, state, V_WP):

@@ -4,7 +4,9 @@ import numpy as np
 import torch
 
 from pinwm_drake.geometry.shapes import box, capsule, sphere
-from pinwm_drake.physics import Body, Model, Parameters, State
+from pinwm_drake.physics.model import Body, Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
 
 BAR, STEM = (0.1, 0.04, 0.05), (0.04, 0.1, 0.05)
 EYE = np.eye(3)

@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from pinwm_drake.physics import Parameters, Stepper
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.stepper import Stepper
 from tests.physics.scenes import nominal, push_model, push_start, straight_push
 
 STEPS = 20

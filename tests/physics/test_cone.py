@@ -6,10 +6,13 @@ import torch
 from pydrake.solvers import MathematicalProgram, MobyLcpSolver
 
 from pinwm_drake.geometry.shapes import box
-from pinwm_drake.physics import Body, Model, Parameters, State, Stepper
 from pinwm_drake.physics.cone import solve
 from pinwm_drake.physics.diagnose import inspect
+from pinwm_drake.physics.model import Body, Model
+from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.reference import build_problem
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from tests.physics.scenes import box_inertia, nominal, push_model, push_start, random_quaternion, straight_push
 
 

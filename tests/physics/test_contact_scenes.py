@@ -10,7 +10,11 @@ from benchmarks.contact_gradients import compare
 from benchmarks.contact_scenes import draw, judge
 from pinwm_drake.geometry.convex import hollow_mug
 from pinwm_drake.geometry.shapes import box, cylinder, sphere
-from pinwm_drake.physics import Body, Model, Parameters, State, Stepper, inspect
+from pinwm_drake.physics.diagnose import inspect
+from pinwm_drake.physics.model import Body, Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 from tests.physics.scenes import cube
 

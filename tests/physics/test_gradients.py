@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from pinwm_drake.physics import Stepper
+from pinwm_drake.physics.stepper import Stepper
 from tests.physics.gradients import central_difference, flatten, gradients, make_cotangents
 from tests.physics.scenes import nominal, push_model, push_start, straight_push
 

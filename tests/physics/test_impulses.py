@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from pinwm_drake.errors import StateError
-from pinwm_drake.physics import Parameters, Stepper, inspect
+from pinwm_drake.physics.diagnose import inspect
 from pinwm_drake.physics.impulses import contact_impulses
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.stepper import Stepper
 from tests.physics.scenes import push_model, push_start, straight_push
 
 STEPS = 60

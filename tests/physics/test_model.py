@@ -7,7 +7,10 @@ import torch
 
 from pinwm_drake.errors import ModelError, ParameterError, SolverError, StateError
 from pinwm_drake.geometry.shapes import sphere
-from pinwm_drake.physics import Body, Joint, Model, Parameters, State, Stepper
+from pinwm_drake.physics.model import Body, Joint, Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from tests.physics.scenes import ball, cube, nominal, push_model, push_start, straight_push, t_block
 
 NAN = float("nan")

@@ -4,7 +4,9 @@ import pytest
 import torch
 
 from pinwm_drake.geometry.shapes import cylinder, sphere
-from pinwm_drake.physics import Body, Joint, Model, State, Stepper
+from pinwm_drake.physics.model import Body, Joint, Model
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from tests.physics.gradients import flatten, gradients, make_cotangents
 from tests.physics.scenes import (
     ball,

@@ -5,7 +5,9 @@ import pytest
 import torch
 
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
-from pinwm_drake.physics import Parameters, State, Stepper
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.scene import make_scene, resting_height
 from tests.capture.cube import SIDE, write_mesh
 

@@ -15,7 +15,10 @@ from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import box, sphere
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.models import object_model
-from pinwm_drake.physics import Body, Joint, Model, Parameters, State, Stepper
+from pinwm_drake.physics.model import Body, Joint, Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from tests.physics.gradients import central_difference, flatten, gradients, make_cotangents
 from tests.physics.scenes import nominal, push_start, straight_push
 from tests.physics.test_reference import compare

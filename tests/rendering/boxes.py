@@ -4,7 +4,7 @@ import numpy as np
 import torch
 import trimesh
 
-from pinwm_drake.rendering import Camera
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.silhouette import coverage
 from pinwm_drake.rendering.views import View
 from pinwm_drake.spatial.poses import Pose, inverse

@@ -2,7 +2,9 @@
 
 import torch
 
-from pinwm_drake.rendering import Camera, Rendering, Surfels
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.render import Rendering
+from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
 
 

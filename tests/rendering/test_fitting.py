@@ -11,11 +11,13 @@ import pytest
 import torch
 
 from pinwm_drake.errors import InputError, ParameterError, RenderingError
-from pinwm_drake.rendering import Camera, Surfels, render
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.densify import densify
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fit_state import SURFEL, FitState
 from pinwm_drake.rendering.fitting import fit, psnr
+from pinwm_drake.rendering.render import render
+from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.rendering.views import View
 from tests.rendering.boxes import box, views_around
 

@@ -4,10 +4,10 @@ import torch
 import trimesh
 
 from pinwm_drake.errors import RenderingError
-from pinwm_drake.rendering import render
 from pinwm_drake.rendering.harmonics import Y0
 from pinwm_drake.rendering.initial import initial_surfels
 from pinwm_drake.rendering.patches import farthest, spread
+from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.silhouette import between_views, coverage
 from pinwm_drake.spatial.poses import transform
 from pinwm_drake.spatial.rotations import quaternion_to_matrix

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from pinwm_drake.errors import RenderingError
-from pinwm_drake.rendering import Camera, Rendering, Surfels, render
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.losses import (
     SsimTarget,
     distortion_loss,
@@ -12,6 +12,8 @@ from pinwm_drake.rendering.losses import (
     ssim,
     window,
 )
+from pinwm_drake.rendering.render import Rendering, render
+from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
 
 

@@ -8,8 +8,8 @@ import torch
 from plyfile import PlyData, PlyElement
 
 from pinwm_drake.errors import InputError, RenderingError
-from pinwm_drake.rendering import Surfels
 from pinwm_drake.rendering.ply import read_ply, write_ply
+from pinwm_drake.rendering.surfels import Surfels
 
 
 def random_surfels(number=7, degree=3, seed=0):

@@ -6,8 +6,10 @@ import scipy.special
 import torch
 
 from pinwm_drake.errors import RenderingError
-from pinwm_drake.rendering import Camera, Surfels, narrow_disc, narrow_width, render
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.harmonics import harmonics
+from pinwm_drake.rendering.render import narrow_disc, narrow_width, render
+from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, compose, inverse
 from pinwm_drake.spatial.rotations import quaternion_exp
 from tests.rendering.scenes import ahead, around, camera, cloud, join, leaves, loss, parts, single

@@ -8,18 +8,18 @@ import numpy as np
 import torch
 from PIL import Image
 
-from pinwm_drake.capture import ObjectPoses, PusherShape, PusherTrajectory, write_capture_yaml, write_episode_tables
-from pinwm_drake.capture.episodes import read_episode
-from pinwm_drake.capture.scene import PusherGeometry, read_capture
-from pinwm_drake.capture.write import write_pose_table
+from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory, read_episode
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape, read_capture
+from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_pose_table
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.spatial.poses import Pose, compose, inverse
 from pinwm_drake.spatial.rotations import matrix_to_quaternion
-from pinwm_drake.twin import Twin, write_twin
 from pinwm_drake.twin.origin import Origin
+from pinwm_drake.twin.twin import Twin
+from pinwm_drake.twin.write import write_twin
 from tests.capture.cube import SIDE, write_mesh
 from tests.rendering.scenes import cloud
 from tests.twin.samples import cube_twin

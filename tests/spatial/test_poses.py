@@ -5,7 +5,7 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform
 
 from pinwm_drake.errors import StateError
-from pinwm_drake.spatial import Pose, compose, identity, inverse, pose_to_matrix, transform
+from pinwm_drake.spatial.poses import Pose, compose, identity, inverse, pose_to_matrix, transform
 
 # A handful of products of numbers of order one: a few roundings of float64 (2.2e-16 each).
 ROUNDING = 1e-14

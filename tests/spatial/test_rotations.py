@@ -7,7 +7,7 @@ from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RotationMatrix
 
 from pinwm_drake.errors import StateError
-from pinwm_drake.spatial import (
+from pinwm_drake.spatial.rotations import (
     angle_between,
     matrix_to_quaternion,
     normalize_quaternion,

@@ -6,7 +6,9 @@ import torch
 from pydrake.multibody.math import SpatialVelocity
 
 from pinwm_drake.errors import StateError
-from pinwm_drake.spatial import Pose, identity, integrate_pose, quaternion_to_matrix, shift, velocity_between
+from pinwm_drake.spatial.poses import Pose, identity
+from pinwm_drake.spatial.rotations import quaternion_to_matrix
+from pinwm_drake.spatial.twists import integrate_pose, shift, velocity_between
 
 # A handful of products of numbers of order one: a few roundings of float64 (2.2e-16 each).
 ROUNDING = 1e-14

@@ -21,7 +21,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
 from pinwm_drake.models import model_path
-from pinwm_drake.rendering import Camera
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.systems.engines.engine import ContactForces, Engine
 from pinwm_drake.systems.scenario.viewpoints import look_at

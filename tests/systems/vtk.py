@@ -19,7 +19,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.systems.sensors import CameraInfo, ImageDepth32F, ImageLabel16I, ImageRgba8U
 
-from pinwm_drake.rendering import Camera
+from pinwm_drake.rendering.camera import Camera
 
 NEAR, FAR = 0.05, 5.0  # m
 

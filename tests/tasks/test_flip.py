@@ -7,7 +7,9 @@ from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RollPitchYaw, RotationMatrix
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.tasks import FlipTask, PushTask, task_from_document
+from pinwm_drake.tasks.flip import FlipTask
+from pinwm_drake.tasks.push import PushTask
+from pinwm_drake.tasks.task import task_from_document
 
 UP, SIDE = (0.0, 0.6, -0.8), (1.0, 0.2, 0.1)
 CUBE = 0.03 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])

@@ -5,7 +5,9 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.tasks import FlipTask, PushTask, task_from_document
+from pinwm_drake.tasks.flip import FlipTask
+from pinwm_drake.tasks.push import PushTask
+from pinwm_drake.tasks.task import task_from_document
 
 LOW, HIGH = np.array([-0.3, -0.2]), np.array([0.4, 0.35])
 TASK = PushTask(goal=(0.02, -0.03, 0.4), q_WO=(0.8, 0.6, 0.0, 0.0), goal_range=(0.1, 0.1, np.pi))

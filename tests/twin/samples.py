@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
-from pinwm_drake.twin import THETA, Estimate, Twin
+from pinwm_drake.twin.twin import THETA, Estimate, Twin
 from tests.capture.cube import SIDE, write_mesh
 from tests.rendering.scenes import cloud
 

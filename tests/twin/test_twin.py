@@ -11,8 +11,9 @@ import yaml
 
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import InputError, RenderingError
-from pinwm_drake.twin import THETA, Estimate, Twin, read_twin, write_twin
-from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS
+from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS, THETA, Estimate, Twin
+from pinwm_drake.twin.write import write_twin
 from tests.capture.cube import write_mesh
 from tests.twin.samples import cube_twin, estimates
 

@@ -7,7 +7,9 @@ import pytest
 import torch
 
 from pinwm_drake.geometry.shapes import sphere
-from pinwm_drake.physics import Body, Model, State, Stepper
+from pinwm_drake.physics.model import Body, Model
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from tests.physics.scenes import ball, cube, energy, nominal, push_model, random_quaternion, run, t_block
 
 G = 9.81

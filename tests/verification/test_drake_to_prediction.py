@@ -7,7 +7,7 @@ from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.experiments.twins import twin_from_capture
-from pinwm_drake.identification import IdentifyOptions
+from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.report.twin.data import read_ground_truth
 from pinwm_drake.report.twin.score import pose_errors

@@ -26,7 +26,7 @@ from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.sdf.contact import CORNER_RADIUS
-from pinwm_drake.twin import THETA, Estimate, Twin
+from pinwm_drake.twin.twin import THETA, Estimate, Twin
 
 _STEPS_PER_LOG = 16  # 1/3840 s
 _NO_PUSHER = PusherShape("sphere", 0.01)

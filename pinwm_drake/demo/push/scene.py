@@ -12,8 +12,11 @@ from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import capsule, cylinder, sphere
 from pinwm_drake.models import model_path
-from pinwm_drake.physics import Body, Model, Parameters, State, Stepper, Trajectory
-from pinwm_drake.spatial import quaternion_to_matrix
+from pinwm_drake.physics.model import Body, Model
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State, Trajectory
+from pinwm_drake.physics.stepper import Stepper
+from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
 BLOCK_MASS = 1.0  # [kg]
 BLOCK_HEIGHT = 0.025  # of its centre of mass, lying on the floor [m]

@@ -10,11 +10,8 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from pinwm_drake.baselines.diffusion.actor import ACTOR_FILE, DiffusionActor, read_actor
-from pinwm_drake.baselines.diffusion.actor import WEIGHTS_FILE as ACTOR_WEIGHTS
-from pinwm_drake.baselines.dreamer.policy import DREAMER_FILE, DreamerPolicy, read_dreamer
-from pinwm_drake.baselines.dreamer.policy import WEIGHTS_FILE as DREAMER_WEIGHTS
 from pinwm_drake.errors import InputError
+from pinwm_drake.experiments.evaluation.formats import find_format
 from pinwm_drake.experiments.evaluation.request import MPC, RANDOM, EvaluateRequest
 from pinwm_drake.learning.evaluation import Acts
 from pinwm_drake.learning.policy import POLICY_FILE, read_policy, weights_digest
@@ -26,14 +23,8 @@ from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.scenario.load import load_setup, scene_hash
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import with_start_yaw
-from pinwm_drake.tasks import PushTask, default_scene
-
-_Read = Callable[[Path], DiffusionActor | DreamerPolicy]
-# Documents of policies of other methods, their weights, and what reads them.
-_BASELINES: tuple[tuple[str, str, _Read], ...] = (
-    (ACTOR_FILE, ACTOR_WEIGHTS, read_actor),
-    (DREAMER_FILE, DREAMER_WEIGHTS, read_dreamer),
-)
+from pinwm_drake.tasks.push import PushTask
+from pinwm_drake.tasks.task import default_scene
 
 
 class RandomActions:
@@ -93,9 +84,11 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
         spec = json.dumps(policy.spec.to_document(), sort_keys=True)
         identity = hashlib.sha256(f"{weights_digest(policy)}{spec}".encode()).hexdigest()
         return Contestant("policy", identity, policy.spec, policy.provenance, lambda env: policy)
-    for file, others, read in _BASELINES:
-        if (folder / file).is_file():
-            return _baseline(read(folder), _digest(folder / file, folder / others))
+    if (found_format := find_format(folder)) is not None:
+        document, method = found_format
+        other = method.read(folder)
+        identity = _digest(document, folder / method.weights)
+        return Contestant("policy", identity, other.spec, other.provenance, lambda env: other)
     if folder.is_dir() and is_bundle(folder):
         bundle = read_bundle(folder)
         return Contestant("bundle", bundle.sha256, bundle.spec, bundle.provenance, lambda env: bundle)
@@ -103,11 +96,6 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
     raise InputError(
         folder, value=found, allowed=f"a policy, a bundle, {', '.join([*shipped_policies(), MPC])} or {RANDOM}"
     )
-
-
-def _baseline(policy: DiffusionActor | DreamerPolicy, identity: str) -> Contestant:
-    """Contestant of a policy of another method."""
-    return Contestant("policy", identity, policy.spec, policy.provenance, lambda env: policy)
 
 
 def _digest(*paths: Path) -> str:

@@ -14,8 +14,8 @@ from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
-from pinwm_drake.twin import Twin
 from pinwm_drake.twin.origin import of_push, time_offset
+from pinwm_drake.twin.twin import Twin
 
 _COVERED = 0.5  # alpha from which on a pixel of a rendering shows the object
 _NEAR = 1e-3  # m; a mesh closer to the camera, or behind it, is not drawn

@@ -7,9 +7,10 @@ from pathlib import Path
 import torch
 from matplotlib.axes import Axes
 
-from pinwm_drake.cousins import Cousins
+from pinwm_drake.cousins.cousin import Cousins
 from pinwm_drake.files import replacing
-from pinwm_drake.rendering import Surfels, render
+from pinwm_drake.rendering.render import render
+from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.orbit import AZIMUTH, ELEVATION, Orbit, square_camera
 from pinwm_drake.report.style import GREY, TRUTH, TWIN, new_figure
 from pinwm_drake.report.surfels.turntable import to_bytes

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from pinwm_drake.identification.history import History
 from pinwm_drake.report.style import GREY, TRUTH, TWIN, new_figure, start_colour, tidy
-from pinwm_drake.twin import THETA, Estimate
+from pinwm_drake.twin.twin import THETA, Estimate
 
 _MOST_STAGES = 12
 _COLUMNS = 3

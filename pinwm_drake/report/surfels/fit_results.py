@@ -21,7 +21,7 @@ from pinwm_drake.report.figures.align import Strip, align_figure
 from pinwm_drake.report.surfels.page import write_surfel_page
 from pinwm_drake.report.surfels.turntable import FRAME_RATE, write_turntable
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin import SURFELS_FILE
+from pinwm_drake.twin.twin import SURFELS_FILE
 
 ALIGN_FILE, FIGURE_FILE, PAGE_FILE, VIDEO_FILE = "align.json", "align.png", "view.html", "turntable.mp4"
 FILES = (SURFELS_FILE, ALIGN_FILE, FIGURE_FILE, PAGE_FILE, VIDEO_FILE)

@@ -29,7 +29,7 @@ from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.orbit import AZIMUTH, ELEVATION, Orbit
 from pinwm_drake.report.surfels.mesh import SurfelMesh
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
-from pinwm_drake.twin import Twin
+from pinwm_drake.twin.twin import Twin
 
 _APART = 0.5  # of the pusher's size, between it and the object
 

@@ -14,8 +14,9 @@ from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
 from pinwm_drake.capture.scene import Capture, read_capture
 from pinwm_drake.errors import InputError, PinwmError
 from pinwm_drake.identification.history import HISTORY_FILE, History, read_history
-from pinwm_drake.twin import THETA, Twin, read_twin
 from pinwm_drake.twin.origin import Origin, hash_capture
+from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.twin import THETA, Twin
 
 # Parameters for which a simulator may have one value.
 _COMMON = {"restitution_floor": "restitution", "restitution_pusher": "restitution"}

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 
 from pinwm_drake.report.page import table, text
-from pinwm_drake.twin import Estimate
+from pinwm_drake.twin.twin import Estimate
 
 _NUMBER = "number"
 

@@ -10,8 +10,8 @@ from pinwm_drake.report.captions import write_panel_captions
 from pinwm_drake.report.evaluation.pictures import Cast
 from pinwm_drake.report.twin.comparison_frames import PANELS, Shot, draw_shots
 from pinwm_drake.report.video import write_video
-from pinwm_drake.twin import Twin
 from pinwm_drake.twin.predict import TWO_SIDED, Spread
+from pinwm_drake.twin.twin import Twin
 
 _PANEL = 480  # px
 _RATES = (4.0, 60.0)  # 1/s, of a film; real time where the frames allow it

@@ -7,7 +7,7 @@ import numpy as np
 from pinwm_drake.identification.history import History
 from pinwm_drake.report.twin.comparison_frames import Shot
 from pinwm_drake.report.twin.score import PoseErrors
-from pinwm_drake.twin import Twin
+from pinwm_drake.twin.twin import Twin
 
 # Intersection over union of the outlines in image and rendering, on average over the frames.
 _GOOD, _FAIR = 0.95, 0.85

@@ -2,7 +2,8 @@
 
 from pydrake.systems.framework import Context
 
-from pinwm_drake.cousins import Cousins, Domain
+from pinwm_drake.cousins.cousin import Cousins
+from pinwm_drake.cousins.domain import Domain
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
 

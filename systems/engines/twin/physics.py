@@ -6,10 +6,12 @@ import numpy as np
 import torch
 
 from pinwm_drake.errors import SolverError
-from pinwm_drake.physics import Parameters, State, Stepper, inspect
-from pinwm_drake.physics.stepper import Arrays
-from pinwm_drake.twin import Twin
+from pinwm_drake.physics.diagnose import inspect
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Arrays, Stepper
 from pinwm_drake.twin.rollout import twin_parameters, twin_scene
+from pinwm_drake.twin.twin import Twin
 
 # Where the contacts of a step have no solution that the solvers find, shorter steps meet others.
 _HALVINGS = 3

@@ -12,8 +12,8 @@ from pydrake.systems.sensors import ImageRgba8U
 
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.errors import ParameterError, StateError
-from pinwm_drake.physics import Parameters
 from pinwm_drake.physics.model import FLOOR
+from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.systems.cameras.surfel_images import WorldImages
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.engines.twin.physics import WorldPhysics

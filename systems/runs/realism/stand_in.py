@@ -16,7 +16,7 @@ from pinwm_drake.systems.runs.realism.lamp import draw_lamp, glossy_model
 from pinwm_drake.systems.runs.realism.masks import draw_behind, ragged
 from pinwm_drake.systems.runs.realism.uneven import uneven_twin
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.twin import Twin
+from pinwm_drake.twin.twin import Twin
 
 _OBJECT, _CAMERA, _LAMP, _MASK = range(4)  # streams of the seed
 

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 from pinwm_drake.errors import GeometryError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.stored_pieces import BESIDE, mesh_pieces
-from pinwm_drake.twin import Estimate, Twin
+from pinwm_drake.twin.twin import Estimate, Twin
 
 _FOOT_HEIGHT = 7e-5  # m, by which feet stand out
 _FOOT_RADIUS, _FOOT_LENGTH = 0.003, 0.002  # m, of the discs that are feet

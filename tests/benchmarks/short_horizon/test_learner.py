@@ -9,7 +9,7 @@ import torch
 from benchmarks.short_horizon.learner import Learner, LearnerOptions, td_lambda
 from benchmarks.short_horizon.networks import teacher_spec
 from benchmarks.short_horizon.worlds import PushWorlds
-from pinwm_drake.cousins import CousinDomains
+from pinwm_drake.cousins.domain import CousinDomains
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 

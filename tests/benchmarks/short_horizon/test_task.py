@@ -6,7 +6,7 @@ import torch
 
 from benchmarks.short_horizon.task import TorchPush
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 
 TASK = PushTask(goal=(0.02, -0.03, 0.4), q_WO=(0.6, 0.8, 0.0, 0.0)).for_training()
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from benchmarks.short_horizon.worlds import PushWorlds
-from pinwm_drake.cousins import CousinDomains
+from pinwm_drake.cousins.domain import CousinDomains
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 

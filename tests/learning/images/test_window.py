@@ -10,7 +10,7 @@ from pinwm_drake.learning.golden import TOLERANCE
 from pinwm_drake.learning.images.window import Window, window_size
 from pinwm_drake.learning.policy import make_actor, read_policy, write_policy
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.tasks import FlipTask
+from pinwm_drake.tasks.flip import FlipTask
 from tests.learning.bundles import SCENE, exported, image_spec, untrained_policy
 
 SPEC = image_spec(48, scene=SCENE, window=16)

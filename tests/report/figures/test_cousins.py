@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pinwm_drake.cousins import draw_cousins
+from pinwm_drake.cousins.cousin import draw_cousins
 from pinwm_drake.errors import InputError
 from pinwm_drake.report.figures import cousins as module
 from pinwm_drake.report.figures.cousins import cousin_figure

@@ -11,8 +11,7 @@ import pytest
 import torch
 from PIL import Image
 
-from pinwm_drake.capture import ObjectPoses
-from pinwm_drake.capture.episodes import read_episode
+from pinwm_drake.capture.episodes import ObjectPoses, read_episode
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.identification.history import read_history
@@ -27,7 +26,7 @@ from pinwm_drake.report.twin.estimates_table import estimates_table
 from pinwm_drake.report.twin.report import write_twin_report
 from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.spatial.rotations import quaternion_exp
-from pinwm_drake.twin import Estimate
+from pinwm_drake.twin.twin import Estimate
 from tests.report.samples import move, moved, write_history, write_identified, write_push
 from tests.twin.samples import estimates
 

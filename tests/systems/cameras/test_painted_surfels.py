@@ -7,8 +7,9 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import model_path
-from pinwm_drake.rendering import Camera, narrow_disc, narrow_width, render
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.painted import painted_surfels
+from pinwm_drake.rendering.render import narrow_disc, narrow_width, render
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.systems.scenario.viewpoints import around, framed, look_at
 from tests.systems.vtk import picture

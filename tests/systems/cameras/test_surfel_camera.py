@@ -18,7 +18,7 @@ from pydrake.systems.sensors import CameraInfo, RgbdSensor
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import model_path
-from pinwm_drake.rendering import Camera
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.systems.cameras import surfel_camera
 from pinwm_drake.systems.cameras.surfel_camera import SurfelCamera

@@ -5,7 +5,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.delay import Delay
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.vector import TaskVecEnv
-from pinwm_drake.tasks import PushTask
+from pinwm_drake.tasks.push import PushTask
 
 ACTIONS = np.array([[1.0, 0.0], [0.0, 0.5], [-1.0, 0.0], [0.6, -0.8], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from pinwm_drake.cousins import CousinDomains, CousinDraw
+from pinwm_drake.cousins.cousin import CousinDraw
+from pinwm_drake.cousins.domain import CousinDomains
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.systems.envs.training_worlds import DomainPool, TrainingWorlds, training_options

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pinwm_drake.cousins import CousinDomains
+from pinwm_drake.cousins.domain import CousinDomains
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints

@@ -9,7 +9,7 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.scenario.load import _without_yaw, load_setup
 from pinwm_drake.systems.scenario.schema import load_scenario
-from pinwm_drake.twin import write_twin
+from pinwm_drake.twin.write import write_twin
 from tests.systems.stations import action_setup, scenario, setup_of
 
 

@@ -5,7 +5,7 @@ import trimesh
 
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import object_model
-from pinwm_drake.rendering import Camera
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.systems.scenario.viewpoints import look_at
 from pinwm_drake.systems.sdf.colours import coloured_mesh

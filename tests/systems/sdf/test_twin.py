@@ -11,7 +11,7 @@ from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.systems.sdf.twin import FILES, twin_solid, write_twin_model
-from pinwm_drake.twin import Twin
+from pinwm_drake.twin.twin import Twin
 from tests.capture.cube import SIDE
 from tests.twin.samples import MASS, cube_twin, estimates
 

@@ -7,7 +7,7 @@ import torch
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from pinwm_drake.cousins import Cousins, draw_cousins
+from pinwm_drake.cousins.cousin import Cousins, draw_cousins
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.systems.engines.twin.domains import SetCousins, SetDomain
 from pinwm_drake.systems.engines.twin.world_model import WorldModel

@@ -10,7 +10,10 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from pinwm_drake.errors import ParameterError, SolverError, StateError
-from pinwm_drake.physics import Parameters, State, Stepper, inspect
+from pinwm_drake.physics.diagnose import inspect
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.systems.cameras.surfel_images import WorldImages
 from pinwm_drake.systems.engines.twin import physics as world_physics
 from pinwm_drake.systems.engines.twin.world_model import WorldModel, rest_state

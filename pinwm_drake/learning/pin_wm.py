@@ -1,0 +1,170 @@
+"""PIN-WM's policies: RL in domains of a twin, from the state, from images, or from images by way of a teacher.
+
+Source: Li et al., "PIN-WM" (RSS 2025), which trains with PPO from images; the teacher, by SAC or PPO, and its
+student are this project's.
+"""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from pinwm_drake.errors import InputError
+from pinwm_drake.learning.distil import STAGE, DistilOptions, train_distil
+from pinwm_drake.learning.method import MakeWorlds, MethodData
+from pinwm_drake.learning.policy import Policy, read_policy, weights_digest, write_policy
+from pinwm_drake.learning.ppo import PpoOptions, train_ppo
+from pinwm_drake.learning.progress import Report
+from pinwm_drake.learning.rounds import ANY, Until, minutes_of
+from pinwm_drake.learning.sac import SacOptions, train_sac
+
+TEACHER, IMAGES = "teacher", "ppo"  # folders of stages, beside STAGE of the distillation
+STAGES = (TEACHER, STAGE, IMAGES)
+_SAC_WIDTH = 128  # of networks: an update on 512 steps takes 10 ms, where it takes 25 ms with 256
+
+
+@dataclass(frozen=True)
+class StatePpo:
+    """PPO of a policy that sees the state.
+
+    Attributes:
+        options: Settings of PPO.
+        until: What ends it before its last round.
+        device: Device of the networks, as torch names it.
+    """
+
+    options: PpoOptions = field(default_factory=PpoOptions)
+    until: Until = ANY
+    device: str = "cpu"
+
+    def train(
+        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
+    ) -> Policy:
+        """Trains the policy in `out/teacher`, and writes it there; see `Method.train`."""
+        policy = train_ppo(
+            make_worlds.worlds("state"),
+            make_worlds.spec("state"),
+            out / TEACHER,
+            self.options,
+            stage=TEACHER,
+            shown=make_worlds.waypoints,
+            **_common(self, make_worlds, seed, resume, report),
+        )
+        write_policy(out / TEACHER / "policy", policy)
+        return policy
+
+
+@dataclass(frozen=True)
+class StateSac:
+    """SAC of a policy that sees the state.
+
+    Attributes:
+        options: Settings of SAC.
+        until: What ends it before its last round.
+        device: Device of the networks, as torch names it.
+    """
+
+    options: SacOptions = field(default_factory=SacOptions)
+    until: Until = ANY
+    device: str = "cpu"
+
+    def train(
+        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
+    ) -> Policy:
+        """Trains the policy in `out/teacher`, and writes it there; see `Method.train`."""
+        policy = train_sac(
+            make_worlds.worlds("state"),
+            replace(make_worlds.spec("state"), head="dither", width=_SAC_WIDTH),
+            out / TEACHER,
+            self.options,
+            stage=TEACHER,
+            **_common(self, make_worlds, seed, resume, report),
+        )
+        write_policy(out / TEACHER / "policy", policy)
+        return policy
+
+
+@dataclass(frozen=True)
+class ImagePpo:
+    """PPO of a policy that sees images, with a critic that sees the state.
+
+    Attributes:
+        options: Settings of PPO.
+        until: What ends it before its last round.
+        device: Device of the networks, as torch names it.
+    """
+
+    options: PpoOptions = field(default_factory=PpoOptions.for_images)
+    until: Until = ANY
+    device: str = "cpu"
+
+    def train(
+        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
+    ) -> Policy:
+        """Trains the policy in `out/ppo`; see `Method.train`."""
+        return train_ppo(
+            make_worlds.worlds("rgb_state"),
+            make_worlds.spec("rgb"),
+            out / IMAGES,
+            self.options,
+            stage=IMAGES,
+            **_common(self, make_worlds, seed, resume, report),
+        )
+
+
+@dataclass(frozen=True)
+class Distillation:
+    """A teacher that sees the state, and a student of images that learns from it.
+
+    Attributes:
+        teacher: Training of the teacher; or the folder of a trained one, a policy of the state.
+        options: Settings of the distillation.
+        until: What ends the training before its last round; of the minutes, a teacher takes half at most.
+        device: Device of the networks, as torch names it.
+    """
+
+    teacher: StateSac | StatePpo | Path = field(default_factory=StateSac)
+    options: DistilOptions = field(default_factory=DistilOptions)
+    until: Until = ANY
+    device: str = "cpu"
+
+    def train(
+        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
+    ) -> Policy:
+        """Trains the student in `out/distil`, after its teacher where there is none yet; see `Method.train`."""
+        if isinstance(self.teacher, Path):
+            teacher = read_policy(self.teacher)
+            if teacher.spec.observes != "state":
+                raise InputError(self.teacher, value="a policy of images", allowed="one of the state")
+        else:
+            until = self.until.within(0.5 * self.until.minutes)
+            own = replace(self.teacher, until=until, device=self.device)
+            teacher = own.train(data, make_worlds, out, seed=seed, resume=resume, report=report)
+        spent = 0.0 if isinstance(self.teacher, Path) else minutes_of(out / TEACHER)
+        common = _common(self, make_worlds, seed, resume, report)
+        common["until"] = self.until.within(self.until.minutes - spent)
+        common["about"] = {**make_worlds.about, "teacher": weights_digest(teacher)}
+        spec = replace(make_worlds.spec("rgb"), head=teacher.spec.head, width=teacher.spec.width)
+        if isinstance(self.teacher, Path) and teacher.spec.history != spec.history:
+            raise InputError(
+                self.teacher, value=f"one with a history of {teacher.spec.history}", allowed=f"{spec.history}"
+            )
+        return train_distil(make_worlds.worlds("rgb_state"), teacher, spec, out / STAGE, self.options, **common)
+
+
+def _common(
+    method: StateSac | StatePpo | ImagePpo | Distillation,
+    make_worlds: MakeWorlds,
+    seed: int,
+    resume: bool,
+    report: Report,
+) -> dict[str, Any]:
+    """Arguments that every stage of a method's training takes, by name."""
+    return {
+        "seed": seed,
+        "about": make_worlds.about,
+        "on_round": make_worlds.begin,
+        "resume": resume,
+        "until": method.until,
+        "device": method.device,
+        "report": report,
+    }

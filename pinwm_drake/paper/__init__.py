@@ -1,0 +1,1 @@
+"""The paper's comparison: the other methods, its tables and the experiments that only they need."""

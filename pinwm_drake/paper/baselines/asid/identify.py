@@ -1,0 +1,210 @@
+"""Identification of a twin as ASID does it: theta whose simulated poses are nearest to the poses that were tracked.
+
+Source: Memmel et al., "ASID: Active Exploration for System Identification in Robotic Manipulation" (ICLR 2024), its
+second stage. Deviations: the push is a recorded one, not one of an exploration policy, and the simulator is this
+project's.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pinwm_drake.capture.episodes import Episode, ObjectPoses, pose_at
+from pinwm_drake.capture.scene import Capture
+from pinwm_drake.errors import ParameterError, SolverError
+from pinwm_drake.geometry.meshes import half_diagonal
+from pinwm_drake.identification.expansion import deviation
+from pinwm_drake.identification.forward import Forward, inertia
+from pinwm_drake.identification.identify import NOMINAL_MASS, capture_scene, distinct_pushes
+from pinwm_drake.identification.pose_tracker import PoseTracker
+from pinwm_drake.identification.unknowns import UNKNOWNS
+from pinwm_drake.paper.baselines.asid.cross_entropy import Minimum, minimise
+from pinwm_drake.paper.baselines.asid.options import AsidOptions, Span, physical
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.scene import Scene, resting_height
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.threads import available
+from pinwm_drake.twin.assembly import assemble_twin
+from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
+from pinwm_drake.twin.plain_data import to_plain
+from pinwm_drake.twin.rollout import NO_EFFECT
+from pinwm_drake.twin.twin import THETA, Estimate, Twin
+
+_NOTE = "by a cross-entropy search: a point, without an interval"
+_MASS_NOTE = f"{_NOTE}; with a velocity-driven pusher only ratios to the mass have an effect"
+_MOMENTS = ("moment_xx", "moment_yy", "moment_zz")
+# How far poses may begin after the first frame, or end before the last one [s]: times printed with six decimals.
+_ROUNDING = 1.5e-6
+
+
+@dataclass(frozen=True, eq=False)
+class AsidIdentification:
+    """Twin that ASID identified, and what it was made from.
+
+    Attributes:
+        twin: The twin; its provenance lacks entries that only the caller knows, such as the command.
+        poses: Poses of the object in each push that the search was to reproduce.
+        minimum: The search; values are mean squares, m^2: distance, and angle times the object's radius.
+        seconds: CPU time of tracking and of searching, s, all threads.
+    """
+
+    twin: Twin
+    poses: list[ObjectPoses]
+    minimum: Minimum
+    seconds: tuple[float, float]
+
+
+def identify_asid(
+    capture: Capture,
+    episodes: Episode | Sequence[Episode],
+    surfels: Surfels,
+    camera_offset: tuple[float, float],
+    options: AsidOptions | None = None,
+    *,
+    seed: int,
+    X_OS: Pose | None = None,
+    poses: Sequence[ObjectPoses] | None = None,
+    report: Callable[[float], None] = lambda share: None,
+) -> AsidIdentification:
+    """Finds theta such that simulated pushes move the object as it was tracked.
+
+    Args:
+        capture: Object, pusher, floor, gravity.
+        episodes: The push, or the pushes.
+        surfels: The object's appearance, frame O.
+        camera_offset: px, added to the principal points of the episodes' cameras.
+        options: Settings; None for the default ones.
+        seed: Seed of the search, 0 or more.
+        X_OS: Where the static views have the object, against the pose in `capture.yaml`; None for the latter.
+        poses: Poses of the object in each push; None for those of a `PoseTracker`.
+        report: Called after each round of the search with the share of it that is done.
+
+    Returns:
+        The twin and the search.
+
+    Raises:
+        InputError: Images or meshes cannot be used, or the object is not where the capture has it.
+        ParameterError: There is no episode, or one comes twice, or poses do not cover its frames.
+        SolverError: The physics found no solution for any guess.
+    """
+    options = options or AsidOptions()
+    pushes = distinct_pushes(episodes)
+    origin, written = Origin.of(capture, pushes), capture.object.X_WO
+    capture = capture if X_OS is None else seen_in(capture, X_OS)
+    begun = time.process_time()
+    tracked = poses is None
+    if poses is None:
+        tracker = PoseTracker(capture, surfels, camera_offset, options.tracker)
+        poses = [tracker.track(push).poses for push in pushes]
+    tracking, begun = time.process_time() - begun, time.process_time()
+    scene = capture_scene(capture, options.time_step)
+    mass = capture.object.mass or NOMINAL_MASS
+    ranges = options.ranges(mass_known=capture.object.mass is not None)
+    number = options.num_threads or available()
+    matches = [
+        _Match.of(Forward(scene, push, capture.object.X_WO, mass, number), one)
+        for push, one in zip(pushes, poses, strict=True)
+    ]
+
+    def loss(points: np.ndarray) -> np.ndarray:
+        values = _values(points, ranges, options.held, mass)
+        found: np.ndarray = np.mean([match.loss(values) for match in matches], axis=0)
+        return found
+
+    minimum = minimise(loss, len(ranges), options.budget, np.random.default_rng(seed), report)
+    if not np.isfinite(minimum.value):
+        raise SolverError("the physics found no solution for any guess; allowed: another seed or time_step")
+    seconds = tracking, time.process_time() - begun
+    best = _values(minimum.point[None], ranges, options.held, mass)
+    twin = assemble_twin(
+        capture,
+        surfels,
+        camera_offset,
+        _theta(scene, mass, best, set(ranges)),
+        {},
+        {
+            **origin.to_provenance(),
+            **registration_entry(written, capture.object.X_WO),
+            "method": "asid",
+            "poses": "tracked" if tracked else "given",
+            "seed": seed,
+            "loss": minimum.value,
+            "seconds": round(sum(seconds), 2),
+            "options": to_plain(asdict(options)),
+        },
+        lift=float(capture.object.X_WO.p[2]) - resting_height(scene, capture.object.X_WO.q),
+        time_step=options.time_step,
+    )
+    return AsidIdentification(twin, list(poses), minimum, seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class _Match:
+    """Comparison of simulated poses with those of one push.
+
+    Attributes:
+        forward: Physics of the push, with poses in the frames of its first camera.
+        X_WO: Poses to be reproduced: q (n, 4), p (n, 3) [m].
+        start: Unknowns of the start by which the first of them differs from the capture's.
+    """
+
+    forward: Forward
+    X_WO: Pose
+    start: dict[str, float]
+
+    @staticmethod
+    def of(forward: Forward, poses: ObjectPoses) -> "_Match":
+        """Comparison with poses at other times, which are interpolated; raises ParameterError where they end early."""
+        episode = forward.episode
+        t, first, last = episode.t, float(poses.t[0]), float(poses.t[-1])
+        if first > t[0] + _ROUNDING or last < t[-1] - _ROUNDING:
+            allowed = f"poses from {t[0]:g} to {t[-1]:g} s, the frames of episode {episode.name}"
+            raise ParameterError(f"poses: got {first:g} to {last:g} s; allowed: {allowed}")
+        found = [pose_at(poses.t, poses.p_WO, poses.q_WO, float(one)) for one in t]
+        X_WO = Pose(torch.stack([X.q for X in found]), torch.stack([X.p for X in found]))
+        _, _, yaw, x, y, _ = deviation(found[0], forward.X_WO).tolist()
+        chosen = torch.arange(len(t))
+        return _Match(replace(forward, chosen=chosen), X_WO, {"start_x": x, "start_y": y, "start_yaw": yaw})
+
+    @torch.no_grad()
+    def loss(self, values: dict[str, np.ndarray]) -> np.ndarray:
+        """Mean squares (W,) [m^2] for W values of theta; infinite where the physics found no solution."""
+        W = len(values["inertia"])
+        held = {name: unknown.nominal for name, unknown in UNKNOWNS.items()} | NO_EFFECT | self.start
+        unknowns = {name: torch.full((W,), value, dtype=torch.float64) for name, value in held.items()}
+        X, alive = self.forward.poses(unknowns | _unknowns(values, self.forward.mass))
+        far = deviation(X, Pose(self.X_WO.q[:, None], self.X_WO.p[:, None]))
+        far[..., :3] *= half_diagonal(self.forward.scene.mesh)
+        return torch.where(alive, far.square().sum(-1).mean(0), torch.inf).numpy()
+
+
+def _values(
+    points: np.ndarray, ranges: Mapping[str, Span], held: Mapping[str, float], mass: float
+) -> dict[str, np.ndarray]:
+    """Physical values (W,) of points (W, d) of the unit cube, and of what is held; the inertia for a mass [kg]."""
+    found = {name: np.full(len(points), value) for name, value in held.items()} | physical(points, ranges)
+    if "inertia" in held and "mass" in ranges:
+        found["inertia"] *= mass / found["mass"]  # what is held is the inertia, and not its share of the mass
+    return found
+
+
+def _unknowns(values: dict[str, np.ndarray], mass: float) -> dict[str, Tensor]:
+    """Values (W,) by the names of `UNKNOWNS`, in which moments are factors for a nominal mass [kg]."""
+    found = {name: torch.from_numpy(value) for name, value in values.items() if name != "inertia"}
+    found.setdefault("mass", torch.full((len(values["inertia"]),), mass, dtype=torch.float64))
+    return found | dict.fromkeys(_MOMENTS, torch.from_numpy(values["inertia"]) * found["mass"] / mass)
+
+
+def _theta(scene: Scene, mass: float, values: dict[str, np.ndarray], sought: set[str]) -> dict[str, Estimate]:
+    """Estimates of theta from the values (1,) of what was sought and held; without one, the mass [kg] is as given."""
+    unknowns = _unknowns(values, mass)
+    moments = inertia(scene, mass, unknowns)[0].diagonal().tolist()
+    found = {f"inertia_{axis * 2}": moment for axis, moment in zip("xyz", moments, strict=True)}
+    found |= {name: float(unknowns[name][0]) for name in THETA if name not in found}
+    notes = {name: _NOTE if name in sought or name.startswith("inertia") else "held" for name in THETA}
+    notes["mass"] = _MASS_NOTE if "mass" in sought else "held" if "mass" in values else "as the capture says"
+    return {name: Estimate(found[name], None, False, unit, notes[name]) for name, unit in THETA.items()}

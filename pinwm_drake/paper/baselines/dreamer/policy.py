@@ -1,0 +1,156 @@
+"""Policy of Dreamer V2, which remembers what it saw; on disk a folder of YAML and npz."""
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.errors import InputError, ParameterError, require
+from pinwm_drake.experiments.evaluation.formats import PolicyFormat
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.learning.policy import read_document, write_document
+from pinwm_drake.learning.spec import PolicySpec, seen_parts
+from pinwm_drake.learning.weights import device_of, set_weights, weights
+from pinwm_drake.paper.baselines.dreamer.behaviour import Actor
+from pinwm_drake.paper.baselines.dreamer.options import NetworkOptions
+from pinwm_drake.paper.baselines.dreamer.rssm import Latent
+from pinwm_drake.paper.baselines.dreamer.world_model import Perception
+
+DREAMER_FILE, WEIGHTS_FILE = "dreamer.yaml", "weights.npz"
+_VERSION = 1
+_KEYS = ("schema_version", "spec", "networks", "provenance")
+_PARTS = ("perception", "actor")
+Memory = tuple[Latent, torch.Tensor]  # the latent state, and the action that was taken in it
+
+
+@dataclass(frozen=True, eq=False)
+class DreamerPolicy:
+    """Encoder, latent dynamics and actor, and the meaning of their inputs and outputs.
+
+    Attributes:
+        spec: Specification; of its frames the last one is seen, as the state remembers those before.
+        networks: Sizes of the networks.
+        perception: Encoder and latent dynamics.
+        actor: The actor.
+        provenance: Seeds, settings and versions of its training; plain data.
+    """
+
+    spec: PolicySpec
+    networks: NetworkOptions
+    perception: Perception
+    actor: Actor
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def predict(
+        self, observation: Any, state: Memory | None = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Memory]:
+        """Actions (n,) or (W, n) in [-1, 1]^n, with the signature of SB3's `predict`, and the state to hand back.
+
+        Args:
+            observation: Dict with `image`, uint8 (height, width, 3 k) or (W, ...), and `pusher`, (n,) or (W, n).
+            state: The state that came back last; None at first.
+            episode_start: (W,) bool, true where an episode begins and the state is forgotten; None for nowhere.
+            deterministic: Flag: the likeliest latents and actions; otherwise torch's generator draws them.
+
+        Raises:
+            ParameterError: An entry is not in the observation, or the state is of another number of worlds.
+        """
+        device = device_of(self.actor)
+        image, pusher = (torch.from_numpy(part).to(device) for part in seen_parts(observation, "image", "pusher"))
+        single = image.ndim == 3
+        if single:
+            image, pusher = image[None], pusher[None]
+        W = len(image)
+        with torch.inference_mode():
+            if state is None:
+                state = (self.perception.rssm.initial(W), torch.zeros(W, self.spec.action_size, device=device))
+            latent, action = state
+            require("state", f"one of {len(action)} worlds", len(action) == W, f"one of {W}, as are observed")
+            starts = np.zeros(W, bool) if episode_start is None else np.asarray(episode_start, bool)
+            first = torch.from_numpy(starts).to(device)
+            embed = self.perception.embed(image[..., -3:], pusher.float())
+            latent, _ = self.perception.rssm.see(latent, action, embed, first, mode=deterministic)
+            found = self.actor(latent.features)
+            action = found.mean if deterministic else found.rsample()
+        actions: np.ndarray = action.cpu().numpy().copy()
+        return (actions[0] if single else actions), (latent, action)
+
+
+def make_policy(spec: PolicySpec, networks: NetworkOptions) -> DreamerPolicy:
+    """An untrained policy.
+
+    Args:
+        spec: Specification of a policy that observes "rgb", with square images.
+        networks: Sizes of the networks.
+
+    Raises:
+        ParameterError: The specification is none that can be learned.
+    """
+    size = image_size(spec)
+    return DreamerPolicy(
+        spec,
+        networks,
+        Perception(size, spec.action_size, networks).eval(),
+        Actor(spec.action_size, networks).eval(),
+    )
+
+
+def image_size(spec: PolicySpec) -> int:
+    """Side of the images [px] of a specification; raises ParameterError where Dreamer cannot learn such a policy."""
+    camera = spec.camera
+    require("camera", f"{camera.width} x {camera.height} px", camera.width == camera.height, "square images")
+    require("observes", spec.observes, spec.observes == "rgb", "rgb")
+    require("task", "goals that episodes draw", not spec.task.goal_size, "one goal, which no image shows")
+    return camera.height
+
+
+def write_dreamer(folder: Path, policy: DreamerPolicy) -> None:
+    """Writes a policy over an earlier one of the folder; each file appears whole or not at all.
+
+    Args:
+        folder: Folder of the policy; made if need be.
+        policy: The policy.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    prepare_folder(folder)
+    arrays = {f"{part}.{name}": value for part in _PARTS for name, value in weights(getattr(policy, part)).items()}
+    write_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, arrays)
+    spec, sizes = policy.spec.to_document(), asdict(policy.networks)
+    document = dict(zip(_KEYS, (_VERSION, spec, sizes, policy.provenance), strict=True))
+    write_document(folder / DREAMER_FILE, document)
+
+
+def read_dreamer(folder: Path) -> DreamerPolicy:
+    """Reads the policy that `write_dreamer` wrote to a folder.
+
+    Raises:
+        InputError: A file is missing, cannot be read, or does not fit the other.
+    """
+    path = folder / DREAMER_FILE
+    of_version = f"a policy with schema_version {_VERSION}"
+    document = read_document(path, [_VERSION], allowed="a policy of Dreamer V2", of_version=of_version)
+    if set(document) != set(_KEYS):
+        raise InputError(path, value="another document", allowed=of_version)
+    try:
+        spec = PolicySpec.from_document(document["spec"])
+        policy = make_policy(spec, NetworkOptions(**document["networks"]))
+    except (ParameterError, TypeError) as error:
+        raise InputError(path, value=error, allowed="a specification and sizes of networks") from error
+    arrays = read_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, "policy")
+    if arrays is None:
+        raise InputError(folder / WEIGHTS_FILE, value="no such file", allowed=f"the weights beside {DREAMER_FILE}")
+    try:
+        for part in _PARTS:
+            own = {name.removeprefix(f"{part}."): a for name, a in arrays.items() if name.startswith(f"{part}.")}
+            set_weights(getattr(policy, part), own)
+    except ParameterError as error:
+        raise InputError(folder / WEIGHTS_FILE, value=error, allowed=f"weights of the networks in {path}") from error
+    return DreamerPolicy(spec, policy.networks, policy.perception, policy.actor, dict(document["provenance"] or {}))
+
+
+FORMAT = PolicyFormat(WEIGHTS_FILE, read_dreamer)

@@ -1,0 +1,126 @@
+"""Cells of evaluations in a plant that no policy was trained in."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pinwm_drake.experiments.evaluation.request import MPC as EVALUATED_MPC
+from pinwm_drake.experiments.evaluation.request import RANDOM, EvaluateRequest
+from pinwm_drake.experiments.evaluation.run import SUMMARY_FILE, EvaluationProgress, evaluate
+from pinwm_drake.paper.reproduce.cell import Cell, Say
+from pinwm_drake.paper.reproduce.demonstrations import DemonstrationsCell, DiffusionCell
+from pinwm_drake.paper.reproduce.policies import PolicyCell
+from pinwm_drake.paper.reproduce.request import ReproduceRequest
+from pinwm_drake.paper.reproduce.scenes import task_scene
+from pinwm_drake.paper.reproduce.systems import (
+    DIFFUSION,
+    DREAMER,
+    MPC,
+    PIN_WM,
+    RANDOM_ACTIONS,
+    SCENE,
+    TRUE_THETA,
+    system,
+)
+from pinwm_drake.paper.reproduce.trajectories import dreamer
+from pinwm_drake.paper.reproduce.twins import IdentifiedCell
+
+_DEMONSTRATIONS = 100
+_SECONDS = {"push": 20.0, "flip": 9.0}  # of an episode, by task, the mean of the rows in docs/tables.md
+
+
+@dataclass(frozen=True)
+class EvaluationCell:
+    """Cell of an evaluation in Drake's hydroelastic plant with VTK's images.
+
+    Attributes:
+        task: Name of the task's scene.
+        system: Name of the system.
+        seed: Seed of the experiment.
+        episodes: Number of episodes.
+        subject: Cell of the policy; for what plans of the twin to plan with, for chance None.
+        max_steps: Number of actions of an episode; None for the task's.
+        inside: Path of the policy in its cell's folder.
+        stand_in: Flag: in the stand-in for a robot; see `StandIn`.
+    """
+
+    task: str
+    system: str
+    seed: int
+    episodes: int
+    subject: Cell | None
+    max_steps: int | None = None
+    inside: str = ""
+    stand_in: bool = False
+
+    @property
+    def key(self) -> str:
+        """Path of its folder."""
+        kind = "stand-in" if self.stand_in else "evaluations"
+        return f"{kind}/{self.task}/{self.system}/seed-{self.seed}"
+
+    @property
+    def needs(self) -> tuple[Cell, ...]:
+        """The policy or twin, where there is one."""
+        return () if self.subject is None else (self.subject,)
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        known = _SECONDS[task_scene(self.task).task]
+        return self.episodes * (known if self.max_steps is None else 0.5 * self.max_steps) / 3600.0
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Runs the episodes; see `Cell.make`."""
+        scene = task_scene(self.task)
+        subject = None if self.subject is None else str(root / self.subject.key / self.inside)
+        given: dict[str, Any] = {"policy": subject}
+        if self.system in (MPC, RANDOM_ACTIONS):
+            given = {"policy": EVALUATED_MPC if self.system == MPC else RANDOM, "model": subject, "task": scene.task}
+        request = EvaluateRequest(
+            scene=scene.scene, episodes=self.episodes, max_steps=self.max_steps, stand_in=self.stand_in, **given
+        )
+
+        def progress(now: EvaluationProgress) -> None:
+            if now.evaluation is not None and now.drawn is None and now.done % 10 == 0:
+                say(f"{now.done} of {now.total} episodes, success {now.evaluation.success_rate:.0%}")
+
+        out = root / self.key
+        evaluate(request, out, workers=1, resume=True, progress=progress)
+        results: dict[str, Any] = json.loads((out / SUMMARY_FILE).read_text(encoding="utf-8"))["results"]
+        return results
+
+
+def _twin(request: ReproduceRequest, task: str, origin: str, seed: int, stand_in: bool) -> IdentifiedCell | None:
+    """Cell of the twin of an identification; None for the scene's own parameters."""
+    if origin == SCENE:
+        return None
+    if origin == PIN_WM:
+        return request.twin(task, seed, stand_in=stand_in)
+    return request.tracked(task, seed, origin, stand_in=stand_in)
+
+
+def evaluated(request: ReproduceRequest, task: str, name: str, seed: int, *, stand_in: bool = False) -> EvaluationCell:
+    """Cell of the evaluation of a system, with those that it needs.
+
+    Args:
+        request: Episodes and budgets.
+        task: Name of the task's scene.
+        name: Name of the system.
+        seed: Seed of the experiment.
+        stand_in: Flag: in the stand-in for a robot, where it is filmed, identified and trained too.
+    """
+    about, quick = system(name), request.quick
+    twin, inside = _twin(request, task, about.twin, seed, stand_in), ""
+    subject: Cell | None = twin
+    if name == DIFFUSION:
+        expert = PolicyCell(task, TRUE_THETA, seed, None, quick, stand_in=stand_in)
+        subject = DiffusionCell(DemonstrationsCell(expert, 2 if quick else _DEMONSTRATIONS), quick)
+        inside = "policy"
+    elif name == DREAMER:
+        subject = dreamer(task, seed, quick, stand_in=stand_in)
+    elif about.domains is not None:
+        subject = PolicyCell(task, name, seed, twin, quick, about.history, stand_in)
+    return EvaluationCell(task, name, seed, request.episodes, subject, request.max_steps, inside, stand_in)

@@ -1,0 +1,155 @@
+"""Cells of a twin's predictions against the plant."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.identification.forward import inertia
+from pinwm_drake.identification.history import HISTORY_FILE, History, read_history
+from pinwm_drake.paper.one_step import Outcomes, outcomes_at_rest, plant_outcomes, step_errors
+from pinwm_drake.paper.reproduce.cell import Cell, Say
+from pinwm_drake.paper.reproduce.scenes import task_scene
+from pinwm_drake.paper.reproduce.twins import IdentifiedCell
+from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.twin.rollout import NO_EFFECT, twin_scene
+from pinwm_drake.twin.twin import Estimate, Twin
+
+OUTCOMES_FILE, ENGINE = "outcomes.npz", "hydroelastic"
+_POINTS = 8  # of the curve over the iterations
+_MOMENTS = ("moment_xx", "moment_yy", "moment_zz")
+
+
+@dataclass(frozen=True)
+class OutcomesCell:
+    """Cell of random actions in Drake's hydroelastic plant, and what they do.
+
+    Attributes:
+        task: Name of the task's scene.
+        draws: Number of actions.
+        max_translation: m, translation of the pusher in each; None for the longest that its speed allows.
+        rest: Number of actions of standing still, at the most, in which the object comes to rest after each; 0 where it
+            is looked at when the action ends.
+    """
+
+    task: str
+    draws: int
+    max_translation: float | None
+    rest: int = 0
+
+    @property
+    def key(self) -> str:
+        """Path of its folder."""
+        return f"outcomes{self.ending}/{self.task}"
+
+    @property
+    def ending(self) -> str:
+        """Ending of the names of folders: when the object is looked at."""
+        return "-at-rest" if self.rest else ""
+
+    @property
+    def needs(self) -> tuple[Cell, ...]:
+        """The actions, where they are followed to rest; otherwise nothing."""
+        return (replace(self, rest=0),) if self.rest else ()
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        return (2.5 + 0.4 * self.rest) * self.draws / 3600.0
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Draws the actions, or takes them again until the object rests; see `Cell.make`."""
+        scene = task_scene(self.task).scene
+        if self.rest:
+            drawn = Outcomes.read(root / replace(self, rest=0).key / OUTCOMES_FILE)
+            found = outcomes_at_rest(scene, ENGINE, drawn, self.rest)
+        else:
+            found = plant_outcomes(scene, ENGINE, self.draws, 0, max_translation=self.max_translation)
+        found.write(prepare_folder(root / self.key) / OUTCOMES_FILE)
+        return {"moved": float(np.linalg.norm(found.moved, axis=1).mean())}
+
+
+@dataclass(frozen=True)
+class OneStepCell:
+    """Cell of a twin's errors after one random action, and of what they were while it was identified.
+
+    Attributes:
+        origin: Name of the identification, or "scene" for the scene's own parameters.
+        outcomes: Cell of the actions.
+        twin: Cell of the twin; None for the scene's own.
+        curve: Flag: errors of the best start's guesses on the way, too.
+    """
+
+    origin: str
+    outcomes: OutcomesCell
+    twin: IdentifiedCell | None
+    curve: bool = False
+
+    @property
+    def key(self) -> str:
+        """Path of its folder."""
+        place = self.outcomes.task if self.twin is None else self.twin.surfels.capture.place
+        return f"one-step{self.outcomes.ending}/{self.origin}/{place}"
+
+    @property
+    def needs(self) -> tuple[Cell, ...]:
+        """The actions, and the twin where there is one."""
+        return (self.outcomes,) if self.twin is None else (self.outcomes, self.twin)
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        return self.outcomes.draws * (1 + self.curve * _POINTS) * (0.05 + 0.01 * self.outcomes.rest) / 3600.0
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Takes the same actions in the twin; see `Cell.make`."""
+        scene, outcomes = task_scene(self.outcomes.task).scene, Outcomes.read(root / self.outcomes.key / OUTCOMES_FILE)
+        rest = self.outcomes.rest
+        if self.twin is None:
+            return summary(step_errors(load_setup(scene), outcomes, rest))
+        folder = root / self.twin.key
+        setup = load_setup(scene, twin=folder)
+        result: dict[str, Any] = summary(step_errors(setup, outcomes, rest))
+        if self.curve:
+            history = read_history(folder / HISTORY_FILE)
+            result["curve"] = [
+                {"iteration": int(history.iteration[row]), "loss": float(history.loss[row])}
+                | summary(step_errors(replace(setup, twin=twin_at(setup.twin, history, row)), outcomes, rest))
+                for row in guesses(history)
+            ]
+        return result
+
+
+def guesses(history: History) -> list[int]:
+    """Rows of the history of the best start: some of its guesses, evenly spaced, the last one included."""
+    if not len(history.loss):
+        return []
+    best = max((rows for _, rows in history.starts()), key=lambda rows: (len(rows), -history.loss[rows[-1]]))
+    return [int(best[k]) for k in np.unique(np.linspace(0, len(best) - 1, _POINTS).round().astype(int))]
+
+
+def twin_at(twin: Twin, history: History, row: int) -> Twin:
+    """Twin with the parameters of a guess that its identification made on the way."""
+    guess = dict(zip(history.names, history.theta[row].tolist(), strict=True))
+    theta = {name: replace(one, value=guess.get(name, one.value)) for name, one in twin.theta.items()}
+    scene = twin_scene(twin, torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64))
+    factors = {name: torch.tensor(guess.get(name, 1.0), dtype=torch.float64) for name in _MOMENTS}
+    moments = inertia(scene, theta["mass"].value, factors).diagonal()
+    for axis, value in zip("xyz", moments.tolist(), strict=True):
+        name = f"inertia_{2 * axis}"
+        theta[name] = replace(theta[name], value=value)
+    shape = {name: Estimate(guess[name], None, False, "1") for name in NO_EFFECT if name in guess}
+    return replace(twin, theta=theta, nuisance=twin.nuisance | shape, draws=None)
+
+
+def summary(errors: np.ndarray) -> dict[str, Any]:
+    """Mean, median and 95th percentile of translation [m] and rotation [rad] errors (n, 2)."""
+    found = {}
+    for name, values in zip(("translation", "rotation"), errors.T, strict=True):
+        low, high = (float(np.quantile(values, share)) for share in (0.5, 0.95))
+        found[name] = {"mean": float(values.mean()), "median": low, "high": high}
+    return found

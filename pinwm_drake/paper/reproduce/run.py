@@ -1,0 +1,137 @@
+"""The reproduction of tables: its plan, its cells, and its report."""
+
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pinwm_drake.errors import ParameterError, PinwmError
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.paper.reproduce.cell import DONE_FILE, Cell, CellStore, in_order, log_path, made
+from pinwm_drake.paper.reproduce.request import ReproduceRequest
+from pinwm_drake.paper.reproduce.tables.geometry_noise import GEOMETRY_NOISE
+from pinwm_drake.paper.reproduce.tables.one_step import ONE_STEP
+from pinwm_drake.paper.reproduce.tables.parameters import PARAMETERS
+from pinwm_drake.paper.reproduce.tables.policies import POLICIES, RANDOMIZATION
+from pinwm_drake.paper.reproduce.tables.stand_in import STAND_IN
+from pinwm_drake.paper.reproduce.tables.table import Table
+from pinwm_drake.paper.reproduce.tables.tasks import TASKS_TABLE
+from pinwm_drake.parallel import Executor
+from pinwm_drake.provenance import timestamp
+
+_ALL = (POLICIES, ONE_STEP, RANDOMIZATION, PARAMETERS, GEOMETRY_NOISE, TASKS_TABLE, STAND_IN)
+TABLES = {table.name: table for table in _ALL}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All cells of a reproduction, in waves, and which of them are made.
+
+    Attributes:
+        waves: Cells: those of a wave need none but those of the waves before.
+        done: Number of cells that are made, of each wave.
+        hours: h of one core, estimated, of the cells that are not made.
+    """
+
+    waves: list[list[Cell]]
+    done: list[int]
+    hours: float
+
+
+def tables_of(names: Sequence[str]) -> list[Table]:
+    """Tables by name; all of them for "all".
+
+    Raises:
+        ParameterError: There is no such table.
+    """
+    for name in names:
+        if name not in (*TABLES, "all"):
+            raise ParameterError(f"TABLE: got {name!r}; allowed: all, {', '.join(TABLES)}")
+    return list(TABLES.values()) if "all" in names else [TABLES[name] for name in dict.fromkeys(names)]
+
+
+def plan(tables: Sequence[Table], request: ReproduceRequest, root: Path) -> Plan:
+    """Plan of tables.
+
+    Raises:
+        InputError: A cell of other settings is in the folder.
+        ParameterError: No system that is asked for is in the tables.
+    """
+    store = CellStore(root)
+    waves = in_order(cell for table in tables for cell in table.cells(request))
+    if not waves:
+        names = ", ".join(table.name for table in tables)
+        asked = ", ".join(request.methods or ())
+        raise ParameterError(f"--methods: got {asked}, none of which is in {names}; allowed: systems of these tables")
+    left = [[cell for cell in wave if store.read(cell) is None] for wave in waves]
+    done = [len(wave) - len(missing) for wave, missing in zip(waves, left, strict=True)]
+    return Plan(waves, done, sum(cell.hours for missing in left for cell in missing))
+
+
+def seeds_of(root: Path) -> int:
+    """Number of seeds, from 0 on, of which there are cells in a folder; 1 where there are none."""
+    found = [path.parent.name.removeprefix("seed-") for path in root.rglob(f"seed-*/{DONE_FILE}")]
+    return 1 + max((int(name) for name in found if name.isdigit()), default=0)
+
+
+def reproduce(
+    tables: Sequence[Table],
+    request: ReproduceRequest,
+    root: Path,
+    *,
+    executor: Executor | None = None,
+    on_cell: Callable[[Cell, dict[str, Any]], None] = lambda cell, done: None,
+) -> None:
+    """Makes all cells of tables that are not made yet; those that a run left that was killed go on.
+
+    Args:
+        tables: The tables.
+        request: Tasks, systems, seeds and budgets.
+        root: Folder of the experiment; made if need be.
+        executor: Processes that share the cells; None for one on each core.
+        on_cell: Called with each cell that is made, and its result.
+
+    Raises:
+        CellError: A cell could not be made; what does not need it is done.
+        PinwmError: Several could not be made; a cell of other settings is there; or the folder cannot be used.
+    """
+    root = prepare_folder(root).absolute()  # a worker may be in another folder
+    cells = [cell for wave in plan(tables, request, root).waves for cell in wave]
+    (executor or Executor()).map(
+        partial(_make, root),
+        cells,
+        needs=lambda cell: cell.needs,
+        store=CellStore(root),
+        on_result=on_cell,
+        keep_going=True,
+    )
+
+
+class CellError(PinwmError):
+    """A cell that could not be made; the message names it, and what was in the way."""
+
+
+def _make(root: Path, cell: Cell) -> dict[str, Any]:
+    """Makes a cell; when it began and ended, and what it tells on the way, stands in a log.
+
+    Raises:
+        CellError: It cannot be made, whatever the reason: others go on. The log has the traceback.
+    """
+    log = log_path(root, cell, ".txt")
+    prepare_folder(log.parent)
+
+    def say(line: str) -> None:
+        with log.open("a", encoding="utf-8") as file:
+            file.write(f"{timestamp()} {line}\n")
+
+    say("begun")
+    try:
+        done = made(cell, root, say)
+    except Exception as error:
+        say("".join(traceback.format_exception(error)))
+        what = str(error) if isinstance(error, PinwmError) else f"{type(error).__name__}: {error}"
+        raise CellError(f"{cell.key}: {what} (log: {log})") from error
+    say(f"made in {done['provenance']['minutes']:g} minutes")
+    return done
