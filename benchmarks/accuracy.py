@@ -12,11 +12,11 @@ from benchmarks import push, results, timing
 
 timing.limit_threads(1)  # before numba and torch are imported
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from benchmarks.bullet_scene import BulletPush  # noqa: E402
-from benchmarks.mujoco_scene import MujocoPush  # noqa: E402
-from benchmarks.pinwm_scene import PinwmPush  # noqa: E402
+from benchmarks.bullet_scene import BulletPush
+from benchmarks.mujoco_scene import MujocoPush
+from benchmarks.pinwm_scene import PinwmPush
 
 _ENGINES = {
     "pinwm_drake, 8 directions": PinwmPush,

@@ -17,20 +17,20 @@ from benchmarks import timing
 
 timing.limit_threads(1)  # before numba and torch are imported
 
-import mujoco  # noqa: E402
-import numpy as np  # noqa: E402
-import torch  # noqa: E402
+import mujoco
+import numpy as np
+import torch
 
-from benchmarks.contact_scenes import l_block, prism, solid, t_block  # noqa: E402
-from benchmarks.results import machine  # noqa: E402
-from pinwm_drake.geometry.convex import hollow_mug  # noqa: E402
-from pinwm_drake.geometry.pieces import ConvexPiece  # noqa: E402
-from pinwm_drake.geometry.shapes import box, sphere  # noqa: E402
+from benchmarks.contact_scenes import l_block, prism, solid, t_block
+from benchmarks.results import machine
+from pinwm_drake.geometry.convex import hollow_mug
+from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.shapes import box, sphere
 from pinwm_drake.physics.model import Body, Model
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.state import State
-from pinwm_drake.physics.stepper import Stepper  # noqa: E402
-from pinwm_drake.spatial.rotations import quaternion_to_matrix  # noqa: E402
+from pinwm_drake.physics.stepper import Stepper
+from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
 WORLDS, SECONDS, RADIUS = 32, 0.5, 0.01
 BARS = {"t_block": 0.7, "cube": 0.8, "prism": 0.8, "l_block": 0.8, "standing mug": 1.0, "lying mug": 1.0}

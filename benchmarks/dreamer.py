@@ -15,19 +15,19 @@ from benchmarks import timing
 
 timing.limit_threads(1, cpus=2)  # before torch is imported
 
-import torch  # noqa: E402
+import torch
 
-from benchmarks.point_mass import Homing, PointMassWorlds, Wandering  # noqa: E402
-from pinwm_drake.files import prepare_folder  # noqa: E402
-from pinwm_drake.learning.evaluation import Acts  # noqa: E402
-from pinwm_drake.learning.method import MethodData  # noqa: E402
-from pinwm_drake.learning.progress import silent  # noqa: E402
-from pinwm_drake.learning.rounds import HISTORY_FILE  # noqa: E402
-from pinwm_drake.learning.world_evaluation import evaluate_worlds  # noqa: E402
-from pinwm_drake.paper.baselines.dreamer.collect import collect  # noqa: E402
-from pinwm_drake.paper.baselines.dreamer.method import EPISODES, DreamerV2  # noqa: E402
-from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions  # noqa: E402
-from pinwm_drake.paper.baselines.dreamer.training import BEHAVIOUR, CURVE_FILE, MODEL  # noqa: E402
+from benchmarks.point_mass import Homing, PointMassWorlds, Wandering
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.learning.evaluation import Acts
+from pinwm_drake.learning.method import MethodData
+from pinwm_drake.learning.progress import silent
+from pinwm_drake.learning.rounds import HISTORY_FILE
+from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from pinwm_drake.paper.baselines.dreamer.collect import collect
+from pinwm_drake.paper.baselines.dreamer.method import EPISODES, DreamerV2
+from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
+from pinwm_drake.paper.baselines.dreamer.training import BEHAVIOUR, CURVE_FILE, MODEL
 
 _WORLDS, _RECORDED, _TESTED = 16, 100, 256
 _SEED = 3_000_000  # of the last evaluation

@@ -16,21 +16,21 @@ from benchmarks import timing
 
 timing.limit_threads(1)  # before numba and torch are imported
 
-from pydrake.common.eigen_geometry import Quaternion  # noqa: E402
-from pydrake.math import RigidTransform, RotationMatrix  # noqa: E402
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RotationMatrix
 
-from benchmarks.next_push.engines import bullet, mujoco  # noqa: E402
-from benchmarks.next_push.engines.rollout import twin_truth  # noqa: E402
-from benchmarks.next_push.objects import StandingAnyhow  # noqa: E402
-from pinwm_drake.experiments.evaluation.contestant import read_contestant, usual_scene  # noqa: E402
-from pinwm_drake.experiments.evaluation.request import EvaluateRequest  # noqa: E402
-from pinwm_drake.geometry.stored_pieces import mesh_pieces  # noqa: E402
-from pinwm_drake.learning.evaluation import EpisodeResult, evaluate  # noqa: E402
-from pinwm_drake.learning.spec import PolicySpec  # noqa: E402
-from pinwm_drake.systems.envs.observation import Observer  # noqa: E402
-from pinwm_drake.systems.envs.policy_scene import spec_environment  # noqa: E402
-from pinwm_drake.systems.envs.worlds import progress_info  # noqa: E402
-from pinwm_drake.systems.scenario.start import Place  # noqa: E402
+from benchmarks.next_push.engines import bullet, mujoco
+from benchmarks.next_push.engines.rollout import twin_truth
+from benchmarks.next_push.objects import StandingAnyhow
+from pinwm_drake.experiments.evaluation.contestant import read_contestant, usual_scene
+from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+from pinwm_drake.geometry.stored_pieces import mesh_pieces
+from pinwm_drake.learning.evaluation import EpisodeResult, evaluate
+from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.systems.envs.observation import Observer
+from pinwm_drake.systems.envs.policy_scene import spec_environment
+from pinwm_drake.systems.envs.worlds import progress_info
+from pinwm_drake.systems.scenario.start import Place
 
 ENGINES = {"mujoco": mujoco.PokedScene, "bullet": bullet.PokedScene}
 

@@ -15,13 +15,13 @@ from benchmarks import results, timing
 
 timing.limit_threads(2)  # before numba and torch are imported
 
-import numpy as np  # noqa: E402
-from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv  # noqa: E402
+import numpy as np
+from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv
 
-from pinwm_drake.cousins.cousin import CousinDraw  # noqa: E402
-from pinwm_drake.systems.envs.env import TaskEnv  # noqa: E402
-from pinwm_drake.systems.envs.vector import TaskVecEnv  # noqa: E402
-from pinwm_drake.systems.scenario.schema import Physics, Plant, Scenario, load_scenario  # noqa: E402
+from pinwm_drake.cousins.cousin import CousinDraw
+from pinwm_drake.systems.envs.env import TaskEnv
+from pinwm_drake.systems.envs.vector import TaskVecEnv
+from pinwm_drake.systems.scenario.schema import Physics, Plant, Scenario, load_scenario
 
 SCENE = "package://pinwm_models/scenarios/push_t.scenario.yaml"
 WORLDS, PROCESSES, ACTIONS, OTHERS_ACTIONS = 32, 2, 100, 5

@@ -14,17 +14,17 @@ from benchmarks import results, timing
 
 timing.limit_threads(2)  # before numba and torch are imported
 
-import mujoco  # noqa: E402
-import numpy as np  # noqa: E402
-from mujoco.rollout import Rollout  # noqa: E402
+import mujoco
+import numpy as np
+from mujoco.rollout import Rollout
 
-from benchmarks.contact_speed import mesh_geoms, numbers  # noqa: E402
-from pinwm_drake.geometry.stored_pieces import mesh_pieces  # noqa: E402
-from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options  # noqa: E402
-from pinwm_drake.systems.envs.vector import TaskVecEnv  # noqa: E402
-from pinwm_drake.systems.scenario.start import StartDistribution  # noqa: E402
-from pinwm_drake.systems.sdf.twin import twin_solid  # noqa: E402
-from pinwm_drake.tasks.flip import FlipTask  # noqa: E402
+from benchmarks.contact_speed import mesh_geoms, numbers
+from pinwm_drake.geometry.stored_pieces import mesh_pieces
+from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
+from pinwm_drake.systems.envs.vector import TaskVecEnv
+from pinwm_drake.systems.scenario.start import StartDistribution
+from pinwm_drake.systems.sdf.twin import twin_solid
+from pinwm_drake.tasks.flip import FlipTask
 
 SCENE, WORLDS, THREADS, EPISODE = "flip_mug", 32, 2, 25
 KINDS = {"state": "state", "rgb": "rgb_state"}  # the policy that acts needs the state

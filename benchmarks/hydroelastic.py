@@ -18,15 +18,15 @@ from benchmarks import results, timing
 
 timing.limit_threads(1, cpus=os.cpu_count())  # before numba and torch are imported
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from benchmarks.hydroelastic_scene import Findings, measure, scene  # noqa: E402
-from benchmarks.hydroelastic_settings import applied, variants  # noqa: E402
-from pinwm_drake.systems.crosscheck.crosscheck import CrossCheckOptions, cross_check  # noqa: E402
-from pinwm_drake.systems.crosscheck.difference import Difference, difference_of  # noqa: E402
-from pinwm_drake.systems.crosscheck.motion import Motion, PushRig  # noqa: E402
-from pinwm_drake.systems.crosscheck.trials import draw_trials  # noqa: E402
-from pinwm_drake.systems.scenario.schema import Physics  # noqa: E402
+from benchmarks.hydroelastic_scene import Findings, measure, scene
+from benchmarks.hydroelastic_settings import applied, variants
+from pinwm_drake.systems.crosscheck.crosscheck import CrossCheckOptions, cross_check
+from pinwm_drake.systems.crosscheck.difference import Difference, difference_of
+from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
+from pinwm_drake.systems.crosscheck.trials import draw_trials
+from pinwm_drake.systems.scenario.schema import Physics
 
 PAGE = Path(__file__).resolve().parent.parent / "docs/hydroelastic.md"
 
@@ -116,7 +116,7 @@ def agreement() -> str:
     for name, friction in _AGREEMENT:
         setup = scene(name, friction)
         found = cross_check(setup, CrossCheckOptions(pushes=20))
-        rig = PushRig(setup.with_theta(friction_floor=1.01 * friction), "twin")
+        rig = SceneRig(setup.with_theta(friction_floor=1.01 * friction), "twin")
         ends = {engine: [push.differences[engine] for push in found.pushes] for engine in ("hydroelastic", "point")}
         ends["itself with 1 % more friction on the floor"] = [
             difference_of(push.motions["twin"], rig.run(push.trial)) for push in found.pushes
@@ -140,11 +140,11 @@ def twins() -> str:
     """Table of settings of the twin, against hydroelastic contact, in Markdown."""
     usual = scene("t_block", _FRICTION)
     trials = draw_trials(usual, usual, 2 * _PUSHES, _SEED)
-    rig = PushRig(usual, "hydroelastic")
+    rig = SceneRig(usual, "hydroelastic")
     drake = [rig.run(trial) for trial in trials]
     lines = ["| twin | from hydroelastic contact: median; most |", "| --- | --- |"]
     for name, physics in _TWINS.items():
-        rig = PushRig(scene("t_block", _FRICTION, physics), "twin")
+        rig = SceneRig(scene("t_block", _FRICTION, physics), "twin")
         lines.append(f"| {name} | {_apart([rig.run(trial) for trial in trials], drake, most=True)} |")
         print(lines[-1], flush=True)
     return "\n".join(lines)
@@ -156,13 +156,13 @@ def steps() -> str:
     drawn = draw_trials(usual, usual, max(_HARD) + 1, _SEED)
     trials = [drawn[k] for k in _HARD]
     fine = scene("t_block", _HARD_FRICTION, Physics(time_step=1 / 1920, steps_per_update=8, friction_directions=64))
-    twin_motions = [[PushRig(setup, "twin").run(trial) for trial in trials] for setup in (usual, fine)]
+    twin_motions = [[SceneRig(setup, "twin").run(trial) for trial in trials] for setup in (usual, fine)]
     lines = [
         "| contact | step of the plant | from the twin: median; most | from one with 1/1920 s and 64 directions |",
         "| --- | --- | --- | --- |",
     ]
     for engine, number in _STEPS:
-        rig = PushRig(dataclasses.replace(usual, plant_time_step=1 / number), engine)
+        rig = SceneRig(dataclasses.replace(usual, plant_time_step=1 / number), engine)
         motions = [rig.run(trial) for trial in trials]
         cells = [_apart(motions, others, most=True) for others in twin_motions]
         lines.append(f"| {engine} | 1/{number} s | {' | '.join(cells)} |")

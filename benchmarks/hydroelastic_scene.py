@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform
 
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.systems.crosscheck.crosscheck import unlimited
-from pinwm_drake.systems.crosscheck.motion import Motion, PushRig
+from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
 from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta
@@ -47,7 +47,7 @@ class Findings:
 
 def measure(setup: Setup, engine: str, trials: list[Trial]) -> Findings:
     """Measures a variant: pushes, central impacts and objects that are put down."""
-    rig = PushRig(setup, engine)
+    rig = SceneRig(setup, engine)
     before = time.process_time()
     motions = [rig.run(trial) for trial in trials]
     spent = time.process_time() - before
@@ -72,7 +72,7 @@ def _creep(motion: Motion) -> float:
     return float(way / max(motion.t[-1] - motion.t[middle], 1e-9))
 
 
-def _put_down(rig: PushRig, trial: Trial) -> tuple[float, float]:
+def _put_down(rig: SceneRig, trial: Trial) -> tuple[float, float]:
     """Height of O at rest, m, and how fast the object creeps, m/s."""
     places = []
     rig.begin(Place(trial.X_WO, trial.push.p_WP))
@@ -81,7 +81,7 @@ def _put_down(rig: PushRig, trial: Trial) -> tuple[float, float]:
     return float(places[-1][2]), float(np.linalg.norm((places[1] - places[0])[:2]) / (_REST[1] - _REST[0]))
 
 
-def _bounce(rig: PushRig, lowest: float) -> float:
+def _bounce(rig: SceneRig, lowest: float) -> float:
     """Speed, m/s, by which the object leaves faster than the pusher that hits it in line with its centre of mass."""
     mesh, radius = load_mesh(rig.setup.twin.mesh_path), rig.setup.twin.pusher.shape.radius
     floor, gap = rig.setup.twin.floor_height, 0.012

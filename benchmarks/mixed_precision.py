@@ -13,17 +13,17 @@ from benchmarks import results, timing
 
 timing.limit_threads(1)  # before torch is imported
 
-import torch  # noqa: E402
-from torch import Tensor  # noqa: E402
+import torch
+from torch import Tensor
 
-from benchmarks.policy import FRAMES, SIZE, make_policy  # noqa: E402
-from pinwm_drake.learning.actors import ImageActor  # noqa: E402
-from pinwm_drake.learning.distil import estimation_loss  # noqa: E402
-from pinwm_drake.learning.images.augment import Augment  # noqa: E402
-from pinwm_drake.learning.images.bfloat16 import has_bfloat16  # noqa: E402
-from pinwm_drake.learning.images.window import window_size  # noqa: E402
-from pinwm_drake.learning.policy import make_actor  # noqa: E402
-from pinwm_drake.learning.spec import ObjectSpec, PusherSpec, SceneSpec  # noqa: E402
+from benchmarks.policy import FRAMES, SIZE, make_policy
+from pinwm_drake.learning.actors import ImageActor
+from pinwm_drake.learning.distil import estimation_loss
+from pinwm_drake.learning.images.augment import Augment
+from pinwm_drake.learning.images.bfloat16 import has_bfloat16
+from pinwm_drake.learning.images.window import window_size
+from pinwm_drake.learning.policy import make_actor
+from pinwm_drake.learning.spec import ObjectSpec, PusherSpec, SceneSpec
 
 BATCH, UPDATES = 256, 4
 

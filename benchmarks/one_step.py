@@ -16,8 +16,8 @@ from benchmarks import timing
 
 timing.limit_threads(1)  # before numba and torch are imported
 
-from pinwm_drake.paper.one_step import outcomes_at_rest, plant_outcomes, step_errors  # noqa: E402
-from pinwm_drake.systems.scenario.load import load_setup  # noqa: E402
+from pinwm_drake.paper.one_step import outcomes_at_rest, plant_outcomes, step_errors
+from pinwm_drake.systems.scenario.load import load_setup
 
 
 def main() -> None:

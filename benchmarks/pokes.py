@@ -21,17 +21,17 @@ from benchmarks import timing
 
 timing.limit_threads(1, cpus=1)  # before numba and torch are imported
 
-from benchmarks.next_push.engines import bullet, mujoco  # noqa: E402
-from benchmarks.next_push.engines.rollout import LOG_RATE, Rollout, Theta, twin_truth  # noqa: E402
-from benchmarks.next_push.objects import StandingAnyhow, Thing, make_thing  # noqa: E402
-from benchmarks.next_push.pushes import Push  # noqa: E402
-from pinwm_drake.files import replacing  # noqa: E402
-from pinwm_drake.systems.crosscheck.crosscheck import unlimited  # noqa: E402
-from pinwm_drake.systems.crosscheck.motion import SEPARATED, Motion, PushRig  # noqa: E402
-from pinwm_drake.systems.crosscheck.pokes import PokeVerdict, draw_pokes, judge  # noqa: E402
-from pinwm_drake.systems.crosscheck.trials import Trial  # noqa: E402
-from pinwm_drake.systems.scenario.load import load_setup  # noqa: E402
-from pinwm_drake.systems.scenario.setup import Setup  # noqa: E402
+from benchmarks.next_push.engines import bullet, mujoco
+from benchmarks.next_push.engines.rollout import LOG_RATE, Rollout, Theta, twin_truth
+from benchmarks.next_push.objects import StandingAnyhow, Thing, make_thing
+from benchmarks.next_push.pushes import Push
+from pinwm_drake.files import replacing
+from pinwm_drake.systems.crosscheck.crosscheck import unlimited
+from pinwm_drake.systems.crosscheck.motion import SEPARATED, Motion, SceneRig
+from pinwm_drake.systems.crosscheck.pokes import PokeVerdict, draw_pokes, judge
+from pinwm_drake.systems.crosscheck.trials import Trial
+from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.systems.scenario.setup import Setup
 
 SCENES = ("flip_mug", "flip_cube")
 _STEPS = (240, 480, 960, 1920)  # Hz, of the twin
@@ -41,7 +41,7 @@ _Poked = Callable[[Trial], Motion]
 
 def engines_of(setup: Setup, folder: Path) -> dict[str, _Poked]:
     """Functions that carry out a poke, by the engine's name; the twin's first."""
-    found: dict[str, _Poked] = {name: PushRig(setup, name).run for name in ("twin", "hydroelastic", "point")}
+    found: dict[str, _Poked] = {name: SceneRig(setup, name).run for name in ("twin", "hydroelastic", "point")}
     thing = make_thing(str(setup.scenario.object), folder / "objects")
     thing = StandingAnyhow(**{field.name: getattr(thing, field.name) for field in dataclasses.fields(thing)})
     truth = twin_truth(setup.twin)
@@ -106,7 +106,7 @@ def tables(name: str, out: Path, number: int) -> list[str]:
             setup, twin=twin, scenario=dataclasses.replace(setup.scenario, physics=physics), period=steps / rate
         )
         engine = "twin" if rate == usual else f"twin, 1/{rate} s"
-        _run(home, engine, trials, PushRig(changed, "twin").run, others, costs)
+        _run(home, engine, trials, SceneRig(changed, "twin").run, others, costs)
     lines += [_row(one, costs[one.engine]) for one in judge(others)[1:]]
     return lines
 

@@ -13,15 +13,15 @@ from benchmarks import results, timing
 
 timing.limit_threads(1)  # before torch and onnxruntime are imported
 
-import numpy as np  # noqa: E402
-import torch  # noqa: E402
+import numpy as np
+import torch
 
-from pinwm_drake.learning.bundle import Bundle, read_bundle  # noqa: E402
-from pinwm_drake.learning.export import InMetres, export_policy  # noqa: E402
-from pinwm_drake.learning.policy import Policy, make_actor  # noqa: E402
-from pinwm_drake.learning.safety import default_limits  # noqa: E402
-from pinwm_drake.learning.spec import CameraSpec, PolicySpec  # noqa: E402
-from pinwm_drake.tasks.push import PushTask  # noqa: E402
+from pinwm_drake.learning.bundle import Bundle, read_bundle
+from pinwm_drake.learning.export import InMetres, export_policy
+from pinwm_drake.learning.policy import Policy, make_actor
+from pinwm_drake.learning.safety import default_limits
+from pinwm_drake.learning.spec import CameraSpec, PolicySpec
+from pinwm_drake.tasks.push import PushTask
 
 SIZE, FRAMES = 64, 3
 BAR = 1.0  # ms

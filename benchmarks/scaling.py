@@ -13,15 +13,15 @@ from benchmarks import push, results, timing
 
 timing.limit_threads(1)  # before numba and torch are imported
 
-import numpy as np  # noqa: E402
-import torch  # noqa: E402
+import numpy as np
+import torch
 
-from benchmarks.pinwm_scene import inspect_path, leaves, pressing_pairs  # noqa: E402
-from pinwm_drake.geometry import shapes  # noqa: E402
+from benchmarks.pinwm_scene import inspect_path, leaves, pressing_pairs
+from pinwm_drake.geometry import shapes
 from pinwm_drake.physics.model import Body, Model
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.state import State
-from pinwm_drake.physics.stepper import Stepper  # noqa: E402
+from pinwm_drake.physics.stepper import Stepper
 
 PLOT = Path(__file__).resolve().parent / "contacts.png"
 _CONTACTS = (4, 8, 16, 24, 32, 40, 48, 56, 64)

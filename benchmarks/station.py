@@ -10,18 +10,18 @@ from benchmarks import results, timing
 
 timing.limit_threads(2)  # before numba and torch are imported
 
-import numpy as np  # noqa: E402
-import torch  # noqa: E402
-from pydrake.systems.analysis import Simulator  # noqa: E402
+import numpy as np
+import torch
+from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.state import State
-from pinwm_drake.physics.stepper import Stepper  # noqa: E402
-from pinwm_drake.rendering.render import render  # noqa: E402
-from pinwm_drake.spatial.poses import Pose  # noqa: E402
-from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta, View  # noqa: E402
-from pinwm_drake.systems.scenario.setup import make_setup  # noqa: E402
-from pinwm_drake.systems.station.station import MakePushStation, PushStation  # noqa: E402
+from pinwm_drake.physics.stepper import Stepper
+from pinwm_drake.rendering.render import render
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta, View
+from pinwm_drake.systems.scenario.setup import make_setup
+from pinwm_drake.systems.station.station import SceneStation, make_station
 
 BARS = {1: 0.30, 32: 0.05}
 STEPS = 24  # of 1 / 240 s, an action
@@ -44,7 +44,7 @@ class Action:
                 num_worlds=worlds,
             )
         )
-        self.station: PushStation = MakePushStation(setup, "twin")
+        self.station: SceneStation = make_station(setup, "twin")
         context = self.station.CreateDefaultContext()
         v_WP = np.tile([SPEED, 0.0, 0.0], worlds)
         self.station.GetInputPort("pusher_velocity_W").FixValue(context, v_WP)

@@ -9,11 +9,11 @@ from benchmarks import push, results, timing
 
 timing.limit_threads(1)  # before numba and torch are imported
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from benchmarks.bullet_scene import BulletPush  # noqa: E402
-from benchmarks.mujoco_scene import MujocoPush  # noqa: E402
-from benchmarks.pinwm_scene import PinwmPush  # noqa: E402
+from benchmarks.bullet_scene import BulletPush
+from benchmarks.mujoco_scene import MujocoPush
+from benchmarks.pinwm_scene import PinwmPush
 
 FORWARD_BAR, BACKWARD_BAR = 2.5, 7.0  # times MuJoCo's step
 _OURS = {

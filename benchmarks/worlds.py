@@ -7,9 +7,9 @@ from benchmarks import results, timing
 WORLDS, THREADS = 32, 2
 timing.limit_threads(THREADS)  # before numba and torch are imported
 
-import torch  # noqa: E402
+import torch
 
-from benchmarks.pinwm_scene import PinwmPush  # noqa: E402
+from benchmarks.pinwm_scene import PinwmPush
 
 BAR = 1.7  # times the speed of one thread
 

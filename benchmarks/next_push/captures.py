@@ -21,7 +21,7 @@ from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_transforms
 from pinwm_drake.files import appearing
 from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.systems.runs.recorder import PushRecorder, quaternions
+from pinwm_drake.systems.runs.recorder import SceneRecorder, quaternions
 from pinwm_drake.systems.runs.simulated_capture import to_pose, write_mesh
 from pinwm_drake.systems.scenario.viewpoints import around, framed
 
@@ -116,7 +116,7 @@ def episode_viewpoint(spec: CaptureSpec, thing: Thing, posed: PosedCapture, numb
 
 
 def _write_static_views(
-    folder: Path, recorder: PushRecorder, X_WO: RigidTransform, views: list[RigidTransform]
+    folder: Path, recorder: SceneRecorder, X_WO: RigidTransform, views: list[RigidTransform]
 ) -> None:
     """Writes static views of an object at X_WO, from camera poses X_WC."""
     (folder / "static/images").mkdir(parents=True)
@@ -128,7 +128,7 @@ def _write_static_views(
 
 
 def _write_episode(
-    folder: Path, recorder: PushRecorder, posed: PosedCapture, number: int, X_WC: RigidTransform
+    folder: Path, recorder: SceneRecorder, posed: PosedCapture, number: int, X_WC: RigidTransform
 ) -> None:
     rollout = posed.rollouts[number]
     X_WO, p_WP = rollout.X_WO[::PER_FRAME], rollout.p_WP[::PER_FRAME]

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pinwm_drake.demo.policy import Performance
-from pinwm_drake.demo.result import Push
+from pinwm_drake.demo.result import DemoPush
 from pinwm_drake.demo.stages import Report
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.report.video import write_video
@@ -19,7 +19,7 @@ _MOST = 60  # frames of the policy's film
 
 
 def write_films(
-    out: Path, pushes: Sequence[Push], performances: Sequence[Performance], report: Report
+    out: Path, pushes: Sequence[DemoPush], performances: Sequence[Performance], report: Report
 ) -> dict[str, Frames]:
     """Draws the films and writes each as MP4.
 
@@ -46,7 +46,7 @@ def write_films(
     return films
 
 
-def push_frames(push: Push) -> Frames:
+def push_frames(push: DemoPush) -> Frames:
     """Camera and twin side by side."""
     return [(shot.t, _beside(shot.panels[:2]), _words(push, k)) for k, shot in enumerate(push.shots)]
 
@@ -72,7 +72,7 @@ def _beside(pictures: Sequence[np.ndarray]) -> np.ndarray:
     return np.concatenate(parts[:-1], axis=1)
 
 
-def _words(push: Push, k: int) -> str:
+def _words(push: DemoPush, k: int) -> str:
     """The time and, where known, the distance from the truth."""
     words, errors = f"t = {push.shots[k].t:.2f} s", push.errors
     if errors is None or len(errors.t) != len(push.shots):

@@ -14,7 +14,7 @@ from pinwm_drake.demo.kernels import KernelsAhead
 from pinwm_drake.demo.options import DemoOptions
 from pinwm_drake.demo.page import PAGE_FILE, write_page
 from pinwm_drake.demo.policy import Performance, run_policy
-from pinwm_drake.demo.result import DemoResult, Push
+from pinwm_drake.demo.result import DemoPush, DemoResult
 from pinwm_drake.demo.stages import Report, Stages
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.alignment import align, read_source
@@ -138,14 +138,14 @@ def _tell(report: Report, parts: dict[str, tuple[float, float]], stage: str, don
     report(low + (high - low) * done, words)
 
 
-def _compare(twin: Twin, episode: Episode, poses: ObjectPoses, push: int | None, report: Report) -> Push:
+def _compare(twin: Twin, episode: Episode, poses: ObjectPoses, push: int | None, report: Report) -> DemoPush:
     """A push with its frames and, where the truth is known, its errors."""
     cast, truth = Cast.of(twin, push), episode.object_poses
     number = len(episode.t)
     shots = draw_shots(
         episode, poses, cast, size=_PANEL, most=number, report=lambda share: report(share, f"episode {episode.name}")
     )
-    return Push(episode.name, poses, shots, None if truth is None else pose_errors(poses, truth))
+    return DemoPush(episode.name, poses, shots, None if truth is None else pose_errors(poses, truth))
 
 
 def _act(scene: str, engine: str, options: DemoOptions) -> Performance:

@@ -15,7 +15,7 @@ from pinwm_drake.twin.twin import Twin
 
 
 @dataclass(frozen=True, eq=False)
-class Push:
+class DemoPush:
     """A push of the capture as the camera saw it and as the twin has it.
 
     Attributes:
@@ -55,8 +55,8 @@ class DemoResult:
     fit: FitResult
     twin: Twin
     truth: dict[str, float]
-    identified: Push
-    predicted: Push
+    identified: DemoPush
+    predicted: DemoPush
     performances: list[Performance]
     costs: list[Cost]
     seconds: float

@@ -18,7 +18,7 @@ _TOGETHER = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Push:
+class FilmedEpisode:
     """One push: the physics that is to explain its pictures.
 
     Attributes:
@@ -47,7 +47,7 @@ class Problem:
         num_threads: Threads of the renderer.
     """
 
-    pushes: tuple[Push, ...]
+    pushes: tuple[FilmedEpisode, ...]
     coordinates: Coordinates
     num_threads: int
 
@@ -83,7 +83,7 @@ class Problem:
     def thinned(self, chosen: tuple[Tensor, ...]) -> "Problem":
         """Copy of the problem with some frames of each push only, by their indices (m,)."""
         pushes = [
-            Push(replace(push.forward, chosen=some), push.pictures.some(some), push.surfels)
+            FilmedEpisode(replace(push.forward, chosen=some), push.pictures.some(some), push.surfels)
             for push, some in zip(self.pushes, chosen, strict=True)
         ]
         return replace(self, pushes=tuple(pushes))

@@ -15,7 +15,7 @@ from torch import Tensor
 from pinwm_drake.identification.adam import MEASUREMENTS
 from pinwm_drake.identification.discrepancy import Discrepancy, Marginal
 from pinwm_drake.identification.expansion import Expansion, corrected, deviation, expand
-from pinwm_drake.identification.problem import Problem, Push
+from pinwm_drake.identification.problem import FilmedEpisode, Problem
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin.drift import CHANCES, WALKS
 
@@ -175,7 +175,7 @@ class RefineState:
         return RefineState(0, z, torch.zeros(n, 6, dtype=torch.float64), float("inf"), False)
 
 
-def _priors(problem: Problem, push: Push, expansion: Expansion) -> list[Discrepancy]:
+def _priors(problem: Problem, push: FilmedEpisode, expansion: Expansion) -> list[Discrepancy]:
     """Priors of a push's corrections for each of `drift.WALKS`, along the way of an expansion's poses."""
     times = torch.from_numpy(push.forward.times)
     return [Discrepancy.of(expansion.X_WO, times, problem.radius, walk) for walk in WALKS]

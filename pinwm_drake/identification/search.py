@@ -23,7 +23,7 @@ from pinwm_drake.identification.locate import LIMIT
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import Footage, Pictures, first_frames, make_pictures
 from pinwm_drake.identification.posterior import Posterior
-from pinwm_drake.identification.problem import Problem, Push
+from pinwm_drake.identification.problem import FilmedEpisode, Problem
 from pinwm_drake.identification.progress import Progress
 from pinwm_drake.identification.refine import RefineState, Surrogate, joint_loss, refine, surrogate_at, weights_of
 from pinwm_drake.identification.sampling import sample
@@ -87,7 +87,7 @@ class Task:
             late = 0.0 if values is None else float(values["time_offset"])
             pictures = make_pictures(footage.some(chosen), size, together=z is None, late=late)
             surfels = self._lit(pictures, forward, values)
-            pushes.append(Push(forward, pictures, surfels))
+            pushes.append(FilmedEpisode(forward, pictures, surfels))
         return Problem(tuple(pushes), self.coordinates, self.num_threads)
 
     def started(self, z: Tensor) -> Tensor:

@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from pinwm_drake.systems.arm.model import JOINTS, add_arm
 from pinwm_drake.systems.engines.plant.forces import PlantForces
-from pinwm_drake.systems.engines.plant.scene import MakePushPlant, PushPlant
+from pinwm_drake.systems.engines.plant.scene import MakeScenePlant, ScenePlant
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.sdf.twin import ContactName
 from pinwm_drake.systems.view.scene import AddSceneView
@@ -32,7 +32,7 @@ class ArmPlant:
             desired state has both.
     """
 
-    parts: PushPlant
+    parts: ScenePlant
     arm: ModelInstanceIndex
 
 
@@ -66,7 +66,7 @@ def MakeArmPlant(
                 actuator.set_controller_gains(PdControllerGains(p=_STIFFNESS, d=_DAMPING))
         found.append(arm)
 
-    parts = MakePushPlant(builder, dataclasses.replace(setup, plant_time_step=time_step), contact, hold)
+    parts = MakeScenePlant(builder, dataclasses.replace(setup, plant_time_step=time_step), contact, hold)
     assert parts.plant.num_positions(found[0]) == JOINTS
     return ArmPlant(parts, found[0])
 
@@ -81,7 +81,7 @@ class _Parts:
     scene_graph: SceneGraph
 
 
-def AddArmView(builder: DiagramBuilder, parts: PushPlant, meshcat: Meshcat, name: str) -> None:
+def AddArmView(builder: DiagramBuilder, parts: ScenePlant, meshcat: Meshcat, name: str) -> None:
     """Adds the view of arm, object, floor, camera and contact forces to a diagram.
 
     Args:

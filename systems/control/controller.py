@@ -13,7 +13,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.envs.policy_scene import check_scene
 from pinwm_drake.systems.sampling import period_index, whole_multiple
-from pinwm_drake.systems.station.station import PushStation
+from pinwm_drake.systems.station.station import SceneStation
 
 _SESSIONS = 1 << 48  # whole numbers that a double holds
 
@@ -176,7 +176,7 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
 
 
 def AddPolicyController(
-    builder: DiagramBuilder, station: PushStation, bundle: Acting, limits: SafetyLimits
+    builder: DiagramBuilder, station: SceneStation, bundle: Acting, limits: SafetyLimits
 ) -> PolicyController:
     """Adds a controller, disarmed, and connects it with a station of any engine.
 

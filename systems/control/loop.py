@@ -21,7 +21,7 @@ from pinwm_drake.systems.engines.lcm.link import make_lcm
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.systems.sdf.twin import ContactName
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 
 _LOOKS = 5  # times in an action at which faults, and a wish to stop, are looked for
 
@@ -105,11 +105,11 @@ class ControlLoop:
         if engine == "lcm":
             setup = dataclasses.replace(setup, period=spec.horizon / _LOOKS)
             lcm = make_lcm(setup.scenario.lcm)
-            self.station = MakePushStation(setup, engine, lcm=lcm, armed=armed)
+            self.station = make_station(setup, engine, lcm=lcm, armed=armed)
             if simulate_arm:
                 self.driver = builder.AddSystem(MakeArmDriver(setup, lcm, contact=contact, meshcat=meshcat))
         else:
-            self.station = MakePushStation(setup, engine, meshcat=meshcat)
+            self.station = make_station(setup, engine, meshcat=meshcat)
         builder.AddSystem(self.station)
         self.controller = AddPolicyController(builder, self.station, bundle, limits)
         self.simulator = Simulator(builder.Build())

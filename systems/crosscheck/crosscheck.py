@@ -12,7 +12,7 @@ import numpy as np
 from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.parallel import Executor
 from pinwm_drake.systems.crosscheck.difference import Course, Difference, course_of, difference_of
-from pinwm_drake.systems.crosscheck.motion import Motion, PushRig
+from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
 from pinwm_drake.systems.crosscheck.trials import Trial, draw_trials
 from pinwm_drake.systems.pusher.choice import SPEEDS
 from pinwm_drake.systems.scenario.schema import ENGINES
@@ -22,7 +22,7 @@ PLANTS = tuple(name for name in ENGINES if name != "twin")
 _MOST_PUSHES, _MOST_PROCESSES = 10_000, 64
 # Setups of stations, by the engine's name.
 Cases = dict[str, Setup]
-_rigs: dict[str, dict[str, PushRig]] = {}  # of a process: those of the last call, by its name and the engine
+_rigs: dict[str, dict[str, SceneRig]] = {}  # of a process: those of the last call, by its name and the engine
 
 
 @dataclass(frozen=True)
@@ -239,5 +239,5 @@ def _run(name: str, cases: Cases, trial: Trial) -> dict[str, Motion]:
     """A push through every engine, whose stations are made for the first one and kept."""
     if name not in _rigs:
         _rigs.clear()
-        _rigs[name] = {engine: PushRig(setup, engine) for engine, setup in cases.items()}
+        _rigs[name] = {engine: SceneRig(setup, engine) for engine, setup in cases.items()}
     return {engine: rig.run(trial) for engine, rig in _rigs[name].items()}

@@ -17,7 +17,7 @@ from pinwm_drake.systems.runs.scripted import AddScriptedStation, ScriptedStatio
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.sdf.twin import twin_solid
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 
 _PATIENCE = 3.0  # times as long as an object as fast as the pusher needs to stop
 _LONGEST = 10.0  # s, after the pusher has stopped
@@ -74,7 +74,7 @@ class _Row(NamedTuple):
 _UNTOUCHED = _Row(np.zeros(3), np.zeros(4), np.zeros(3), 0.0, 0.0, SEPARATED, SEPARATED, 0.0)
 
 
-class PushRig(ScriptedStation):
+class SceneRig(ScriptedStation):
     """A station with a scripted pusher: push after push through one engine.
 
     Attributes:
@@ -96,7 +96,7 @@ class PushRig(ScriptedStation):
         solid = twin_solid(setup.twin)
         self._mass, self._p_OB, self._inertia = solid.mass, np.asarray(solid.p_OB), np.asarray(solid.inertia)
         self._reach = float(np.linalg.norm(load_mesh(setup.twin.mesh_path).vertices - self._p_OB, axis=1).max())
-        builder, station = DiagramBuilder(), MakePushStation(setup, engine)
+        builder, station = DiagramBuilder(), make_station(setup, engine)
         script = AddScriptedStation(builder, station)
         super().__init__(builder.Build(), station, script)
 

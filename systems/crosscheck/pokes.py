@@ -20,7 +20,7 @@ from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.scene import resting_height
 from pinwm_drake.systems.crosscheck.crosscheck import CrossCheckOptions, run_trials, unlimited
 from pinwm_drake.systems.crosscheck.difference import angles_between
-from pinwm_drake.systems.crosscheck.motion import Motion, PushRig
+from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
 from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.pusher.choice import choose_poke
 from pinwm_drake.systems.scenario.setup import Setup
@@ -122,7 +122,7 @@ def draw_pokes(setup: Setup, number: int, seed: int) -> list[Trial]:
         InputError: A mesh cannot be used.
         ParameterError: The pusher meets no side of the object, or no poke tips it.
     """
-    rig = PushRig(setup, "twin")
+    rig = SceneRig(setup, "twin")
     trials = []
     for k in range(number):
         generator = np.random.default_rng([seed, k])

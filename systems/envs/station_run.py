@@ -14,7 +14,7 @@ from pinwm_drake.systems.engines.twin.world_model import WorldModel
 from pinwm_drake.systems.envs.options import longest_translation
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 
 FAILURES = (SolverError, RuntimeError)  # errors of the twin's physics, and of Drake's plants
 
@@ -42,7 +42,7 @@ class StationRun:
         """
         self.max_translation = longest_translation(setup, max_translation)
         self.setup, self.num_worlds = setup, setup.scenario.num_worlds
-        self.station = MakePushStation(setup, engine, command="translation")
+        self.station = make_station(setup, engine, command="translation")
         self._simulator = Simulator(self.station)
         self._context = self._simulator.get_mutable_context()
         groups = range(self._context.num_discrete_state_groups())

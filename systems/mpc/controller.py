@@ -8,7 +8,7 @@ from pinwm_drake.systems.mpc.planner import Plan
 from pinwm_drake.systems.mpc.policy import make_planner
 from pinwm_drake.systems.sampling import period_index, whole_multiple
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.systems.station.station import PushStation
+from pinwm_drake.systems.station.station import SceneStation
 from pinwm_drake.tasks.push import PushTask
 
 
@@ -84,7 +84,7 @@ class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
 
 def AddPushMpc(
     builder: DiagramBuilder,
-    station: PushStation,
+    station: SceneStation,
     setup: Setup,
     task: PushTask,
     max_translation: float | None = None,

@@ -8,7 +8,7 @@ import numpy as np
 
 from pinwm_drake.systems.mpc.model import PlanarBody, coast, coasting_time, rotated
 from pinwm_drake.systems.mpc.path import Walk
-from pinwm_drake.systems.mpc.program import ACTIONS, Push, PushProgram, Solution
+from pinwm_drake.systems.mpc.program import ACTIONS, PlannedPush, PushProgram, Solution
 from pinwm_drake.systems.mpc.table import PushTable, missed_cost
 from pinwm_drake.tasks.push import PushTask
 
@@ -41,7 +41,7 @@ class Plan:
     phase: Phase
     d_W: np.ndarray
     p_WP: np.ndarray
-    pushes: tuple[Push, Push]
+    pushes: tuple[PlannedPush, PlannedPush]
     left: int
     rests: np.ndarray
     goal: np.ndarray
@@ -139,7 +139,7 @@ class PushPlanner:
         found = best[1]
         pushes = found.pushes
         if pushes[1].edge is not None and self._is_nothing(now, found):
-            pushes = (pushes[1], Push.none())
+            pushes = (pushes[1], PlannedPush.none())
         return Plan(
             "approach", np.zeros(2), now.p, pushes, ACTIONS, found.rests, goal, found.miss, float(now.x[2]), barren
         )
@@ -161,12 +161,12 @@ class PushPlanner:
         first, second = found.pushes
         if self._is_nothing(now, found):
             if second.edge is not None:
-                ahead = replace(plan, pushes=(second, Push.none()), rests=found.rests[1:], miss=found.miss)
+                ahead = replace(plan, pushes=(second, PlannedPush.none()), rests=found.rests[1:], miss=found.miss)
                 return self._approach(now, ahead)
             if left < ACTIONS:
                 return self._approach(now, self._choose(now, None))
             left, barren = 1, first.edge
-        rolled = Push(first.edge, first.along, np.vstack([first.actions[1:], np.zeros((1, 2))]))
+        rolled = PlannedPush(first.edge, first.along, np.vstack([first.actions[1:], np.zeros((1, 2))]))
         d_W = self._walk.allowed(now.p, found.d_W[0])
         return Plan(
             phase="push",
@@ -184,5 +184,5 @@ class PushPlanner:
     def _wait(self, now: "_Now") -> Plan:
         d_W, goal = self._walk.step(now.x, now.p, now.rest, now.p), self._near_goal(now.rest)
         miss = float(np.linalg.norm((now.rest - goal) / self._scales))
-        none = (Push.none(), Push.none())
+        none = (PlannedPush.none(), PlannedPush.none())
         return Plan("wait", d_W, now.p + d_W, none, 0, now.rest[None], goal, miss, float(now.x[2]))

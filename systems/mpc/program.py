@@ -18,7 +18,7 @@ _CHANGE, _ITERATIONS = 1e-2, 30
 
 
 @dataclass(frozen=True, eq=False)
-class Push:
+class PlannedPush:
     """A push, as the program has it.
 
     Attributes:
@@ -33,7 +33,7 @@ class Push:
     actions: np.ndarray
 
     @classmethod
-    def none(cls) -> "Push":
+    def none(cls) -> "PlannedPush":
         """An absent push, in the place of a second one."""
         return cls(None, 0.0, np.zeros((ACTIONS, 2)))
 
@@ -49,7 +49,7 @@ class Solution:
         d_W: (ACTIONS, 2) m, world: translations of the first push.
     """
 
-    pushes: tuple[Push, Push]
+    pushes: tuple[PlannedPush, PlannedPush]
     rests: np.ndarray
     error: np.ndarray
     d_W: np.ndarray
@@ -121,7 +121,7 @@ class PushProgram:
         """First corner [m] and outward normal of an edge, together (4,), frame B."""
         return self._edges[edge]
 
-    def start(self, pose: np.ndarray, push: Push) -> np.ndarray:
+    def start(self, pose: np.ndarray, push: PlannedPush) -> np.ndarray:
         """Position (2,) m, world, at which the pusher begins a push of an object at a pose of B (3)."""
         assert push.edge is not None
         found = self._where([*pose[:3], 0.0, 0.0, 0.0], push.along, self._edges[push.edge])
@@ -131,7 +131,7 @@ class PushProgram:
         self,
         x: np.ndarray,
         p: np.ndarray | None,
-        pushes: tuple[Push, Push],
+        pushes: tuple[PlannedPush, PlannedPush],
         goal: np.ndarray,
         left: int = ACTIONS,
     ) -> Solution:
@@ -167,16 +167,16 @@ class PushProgram:
         w = np.asarray(found["x"], float).ravel()
         return self._solution(np.clip(w if np.isfinite(w).all() else guess, low, high), parameters, pushes)
 
-    def _solution(self, w: np.ndarray, parameters: np.ndarray, pushes: tuple[Push, Push]) -> Solution:
+    def _solution(self, w: np.ndarray, parameters: np.ndarray, pushes: tuple[PlannedPush, PlannedPush]) -> Solution:
         first, second, error, d_W = (np.asarray(value, float) for value in self._read(w, parameters))
         found = [
-            Push(push.edge, float(values[0]), values[1:].reshape(ACTIONS, 2))
+            PlannedPush(push.edge, float(values[0]), values[1:].reshape(ACTIONS, 2))
             for push, values in zip(pushes, w.reshape(2, _PUSH), strict=True)
         ]
         return Solution((found[0], found[1]), np.stack([first.ravel(), second.ravel()]), error.ravel(), d_W)
 
     def _parameters(
-        self, x: np.ndarray, p: np.ndarray | None, pushes: tuple[Push, Push], goal: np.ndarray
+        self, x: np.ndarray, p: np.ndarray | None, pushes: tuple[PlannedPush, PlannedPush], goal: np.ndarray
     ) -> np.ndarray:
         edges = [self._edges[push.edge or 0] for push in pushes]
         place = np.zeros(2) if p is None else p

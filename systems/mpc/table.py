@@ -7,7 +7,7 @@ import numpy as np
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.mpc.model import rotated
 from pinwm_drake.systems.mpc.path import Detours
-from pinwm_drake.systems.mpc.program import ACTIONS, Push, PushProgram
+from pinwm_drake.systems.mpc.program import ACTIONS, PlannedPush, PushProgram
 
 _SPACING = 0.012  # m, of the places on an edge
 _SPEEDS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)  # shares of the longest action
@@ -28,7 +28,7 @@ class Choice:
         busy: Number of actions without those.
     """
 
-    pushes: tuple[Push, Push]
+    pushes: tuple[PlannedPush, PlannedPush]
     actions: float
     busy: float
 
@@ -68,7 +68,7 @@ class PushTable:
             )
         self._places = places
         none, home = np.zeros((ACTIONS, 2)), np.zeros(3)
-        self._starts = np.stack([program.start(home, Push(edge, along, none)) for edge, along in places])
+        self._starts = np.stack([program.start(home, PlannedPush(edge, along, none)) for edge, along in places])
         rows = [(k, m, u) for k in range(len(places)) for m in range(1, ACTIONS + 1) for u in _SPEEDS]
         self._place = np.array([row[0] for row in rows])
         self._actions = np.zeros((len(rows), ACTIONS, 2))
@@ -145,7 +145,7 @@ class PushTable:
     def _pick(self, one: np.ndarray, single: np.ndarray, two: np.ndarray, both: np.ndarray) -> list[Choice]:
         found, edges = [], set()
         best = int(np.argmin(one))
-        found.append(Choice((self._push(best), Push.none()), float(one[best]), float(single[best])))
+        found.append(Choice((self._push(best), PlannedPush.none()), float(one[best]), float(single[best])))
         edge, count = self._edge, min(_CANDIDATES, two.size)
         order = np.argpartition(two.ravel(), count - 1)[:count]
         for index in order[np.argsort(two.ravel()[order])]:
@@ -158,9 +158,9 @@ class PushTable:
                 break
         return sorted(found, key=lambda choice: choice.actions)[:_CHOICES]
 
-    def _push(self, row: int) -> Push:
+    def _push(self, row: int) -> PlannedPush:
         edge, along = self._places[self._place[row]]
-        return Push(edge, along, self._actions[row].copy())
+        return PlannedPush(edge, along, self._actions[row].copy())
 
 
 def missed_cost(miss: np.ndarray, now: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.rest import REST_TIME, RestCount, is_slow
 from pinwm_drake.systems.runs.scripted import AddScriptedStation, ScriptedStation
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import PushStation
+from pinwm_drake.systems.station.station import SceneStation
 
 _PATIENCE = 3.0  # s, for the object to come to rest after the pusher has
 
@@ -78,7 +78,7 @@ class Episode(ScriptedStation):
         end_time: s, when the pusher comes to rest.
     """
 
-    def __init__(self, station: PushStation, log: PusherTrajectory | None = None) -> None:
+    def __init__(self, station: SceneStation, log: PusherTrajectory | None = None) -> None:
         """Makes the diagram.
 
         Args:
@@ -98,7 +98,7 @@ class Episode(ScriptedStation):
         self._rows: list[np.ndarray] = []
 
     def draw_place(self, generator: RandomGenerator) -> Place:
-        """A start as `PushStation.SetRandomContext` draws it."""
+        """A start as `SceneStation.SetRandomContext` draws it."""
         context = self.diagram.CreateDefaultContext()
         self.station.SetRandomContext(context, generator)
         return Place(self.station.object_pose(context), self.evaluate("pusher_state", context)[:3].copy())

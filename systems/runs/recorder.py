@@ -17,7 +17,7 @@ from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario.schema import Scenario
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import MakePushStation, PushStation
+from pinwm_drake.systems.station.station import SceneStation, make_station
 
 _SETTLING_TIME = 0.25  # s
 _AWAY = np.array([0.0, 0.0, 50.0])  # m, where the pusher is while it is not needed
@@ -64,8 +64,8 @@ class Recording:
     logged: list[RigidTransform]
 
 
-class PushRecorder(ScriptedStation):
-    """A station with a scripted pusher and a camera, ready to run; `MakePushRecorder` makes one.
+class SceneRecorder(ScriptedStation):
+    """A station with a scripted pusher and a camera, ready to run; `MakeSceneRecorder` makes one.
 
     Attributes:
         rig: The camera.
@@ -76,7 +76,7 @@ class PushRecorder(ScriptedStation):
     def __init__(
         self,
         diagram: Diagram,
-        station: PushStation,
+        station: SceneStation,
         script: Script,
         rig: CaptureRig,
         rates: Rates,
@@ -171,9 +171,9 @@ class PushRecorder(ScriptedStation):
             yield self.rig.take(context, X_WC_k)
 
 
-def MakePushRecorder(
+def MakeSceneRecorder(
     scenario: Scenario | Setup, rates: Rates, camera: Camera, supersampling: int, *, forces: bool = False
-) -> PushRecorder:
+) -> SceneRecorder:
     """Assembles station, script and camera.
 
     Args:
@@ -191,14 +191,14 @@ def MakePushRecorder(
         ParameterError: Rates and periods do not fit.
     """
     builder = DiagramBuilder()
-    station = MakePushStation(scenario)
+    station = make_station(scenario)
     period = station.setup.period
     whole_multiple("a row of the pusher's log", rates.time_step * rates.steps_per_record, period, "pusher.period")
     script = AddScriptedStation(builder, station)
     rig = AddCaptureRig(
         builder, station.engine.scene_graph, camera, supersampling, query=station.GetOutputPort("query_object")
     )
-    return PushRecorder(builder.Build(), station, script, rig, rates, forces)
+    return SceneRecorder(builder.Build(), station, script, rig, rates, forces)
 
 
 def _averages(forces: list[np.ndarray], parts: int) -> np.ndarray:

@@ -9,7 +9,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import mass_properties
 from pinwm_drake.systems.pusher.choice import choose_poke
 from pinwm_drake.systems.pusher.motion import StraightPush
-from pinwm_drake.systems.runs.recorder import PushRecorder, Recording
+from pinwm_drake.systems.runs.recorder import Recording, SceneRecorder
 
 SPEEDS = (0.3, 0.5)  # m/s, of pokes whose speed is not given: faster ones make an object hop, which hides friction
 RISES = (0.3, 0.8)  # rad, of the way over level: such pokes seldom turn the object over
@@ -22,7 +22,7 @@ _SLIP = 0.5  # of the way of the centre of mass, that is slip at least
 
 
 def rocking_poke(
-    recorder: PushRecorder,
+    recorder: SceneRecorder,
     X_WO: RigidTransform,
     mesh: trimesh.Trimesh,
     shape: PusherShape,

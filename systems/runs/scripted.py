@@ -10,12 +10,12 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.systems.pusher.motion import ScriptedPush, StraightPush, TrajectoryReplay
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import PushStation
+from pinwm_drake.systems.station.station import SceneStation
 
 Script = ScriptedPush | TrajectoryReplay
 
 
-def AddScriptedStation(builder: DiagramBuilder, station: PushStation, log: PusherTrajectory | None = None) -> Script:
+def AddScriptedStation(builder: DiagramBuilder, station: SceneStation, log: PusherTrajectory | None = None) -> Script:
     """Adds a station, and the script that drives its pusher.
 
     Args:
@@ -45,7 +45,7 @@ class ScriptedStation:
         wall_time: s, that the simulator has taken since `begin`.
     """
 
-    def __init__(self, diagram: Diagram, station: PushStation, script: Script) -> None:
+    def __init__(self, diagram: Diagram, station: SceneStation, script: Script) -> None:
         """Takes the diagram, in which `AddScriptedStation` has put the others."""
         self.diagram, self.station, self.script = diagram, station, script
         self.simulator, self.wall_time = Simulator(diagram), 0.0

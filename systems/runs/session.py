@@ -20,7 +20,7 @@ from pinwm_drake.systems.runs.film import Film
 from pinwm_drake.systems.scenario.schema import ENGINES
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import MakePushStation, PushStation
+from pinwm_drake.systems.station.station import SceneStation, make_station
 from pinwm_drake.systems.view.meshcat import make_meshcat, recorded
 
 STRAIGHT = "straight"
@@ -96,7 +96,7 @@ class Session:
         self.meshcat: Meshcat | None = None
         if options.meshcat or options.record is not None:
             self.meshcat = make_meshcat(options.host, options.port)
-        self.station = MakePushStation(setup, options.engine, meshcat=self.meshcat)
+        self.station = make_station(setup, options.engine, meshcat=self.meshcat)
         self.options, self.retries = options, 0
         self.episode = Episode(self.station, log)
         if options.meshcat:
@@ -177,6 +177,6 @@ class Session:
                 yield film.frame(t, self.station.object_pose(context), p_WP, rgb)
 
 
-def _retries(station: PushStation) -> int:
+def _retries(station: SceneStation) -> int:
     """Number of the twin's steps that had to be made shorter; plants know nothing of the kind."""
     return 0 if station.world is None else station.world.physics.retries

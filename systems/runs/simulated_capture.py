@@ -33,7 +33,7 @@ from pinwm_drake.systems.runs.realism.lamp import glossy_model
 from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log, moved_camera, moved_on_floor
 from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.runs.realism.uneven import uneven_twin
-from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates, Recording
+from pinwm_drake.systems.runs.recorder import MakeSceneRecorder, Rates, Recording, SceneRecorder
 from pinwm_drake.systems.runs.rocking import RISES, SPEEDS, rocking_poke
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape, Theta
@@ -200,7 +200,7 @@ class _Capture:
             setup = _uneven_setup(setup, R_WO, options, station, models)
         self.twin, self.shape = setup.twin, options.shape
         self.camera = Camera.from_field_of_view(options.size, options.size, _FIELD_OF_VIEW)
-        self.recorder: PushRecorder = MakePushRecorder(
+        self.recorder: SceneRecorder = MakeSceneRecorder(
             setup, options.rates, self.camera, options.supersampling, forces=options.forces
         )
         x, y = self.generator.uniform(-_FROM_ORIGIN, _FROM_ORIGIN, 2)

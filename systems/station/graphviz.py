@@ -14,7 +14,7 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.systems.scenario.schema import Scenario
 from pinwm_drake.systems.scenario.setup import make_setup
-from pinwm_drake.systems.station.station import MakePushStation, PushStation
+from pinwm_drake.systems.station.station import SceneStation, make_station
 
 PICTURED = ("twin", "hydroelastic")  # the engine "point" has the same systems as "hydroelastic"
 _OBJECT = "t_block"
@@ -25,7 +25,7 @@ _COUNTED = re.compile(r"(?<![A-Za-z])(s|clusters|cluster|_|Source_)(\d+)(?=in\b|
 _PACKAGE = re.compile(r"(?<=<B>)pinwm_drake\.[a-z_.]+\.(?=[A-Z])")
 
 
-def station_dot(station: PushStation) -> str:
+def station_dot(station: SceneStation) -> str:
     """Text of a station in Graphviz's language; the same text for the same station in every process."""
     return plain(station.GetGraphvizString(max_depth=_DEPTH))
 
@@ -63,7 +63,7 @@ def write_pictures(folder: Path) -> list[Path]:
     setup, written = make_setup(Scenario(object=_OBJECT)), []
     prepare_folder(folder)
     for engine in PICTURED:
-        text = station_dot(MakePushStation(setup, engine))
+        text = station_dot(make_station(setup, engine))
         written.append(folder / f"station_{engine}.dot")
         with replacing(written[-1]) as partial:
             partial.write_text(text, encoding="utf-8")

@@ -31,12 +31,12 @@ Command = Literal["velocity", "translation"]
 STATION_ENGINES = (*ENGINES, "lcm")
 
 
-class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
+class SceneStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
     """Station of an object on a floor, a pusher and a camera.
 
                                                    ┌─────────────┐
         pusher_velocity_W     (3 W) v_WP [m/s]     │             │─► object_state  (13 W): q_WO, p_WO [m], ω_WO, v_WO
-        or, as chosen, ───────────────────────────►│ PushStation │─► pusher_state   (6 W): p_WP [m], v_WP [m/s]
+        or, as chosen, ───────────────────────────►│ SceneStation │─► pusher_state   (6 W): p_WP [m], v_WP [m/s]
         pusher_translation_W  (3 W) d [m],         │             │─► rgb       ImageRgba8U
         over `horizon`                             │             │─► rgb_batch  Value[array]: (W, height, width, 4)
                                                    │             │─► rgb_time          (1): s, when they were taken
@@ -66,7 +66,7 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         lcm: DrakeLcmInterface | None = None,
         armed: bool = False,
     ) -> None:
-        """Assembles the diagram; arguments as for `MakePushStation`."""
+        """Assembles the diagram; arguments as for `make_station`."""
         super().__init__()
         self.setup = setup
         self._start = StartDistribution(setup)
@@ -100,7 +100,7 @@ class PushStation(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         if meshcat is not None:
             AddSceneView(builder, parts, meshcat, setup)
         builder.BuildInto(self)
-        self.set_name(f"push_station_{engine}")
+        self.set_name(f"station_{engine}")
 
     def SetPlace(self, context: Context, place: Place, world: int = 0) -> None:
         """Puts object and pusher into place, at rest.
@@ -166,7 +166,7 @@ def _add_command(builder: DiagramBuilder, parts: Engine, setup: Setup, command: 
     builder.ExportInput(translation.get_input_port(), "pusher_translation_W")
 
 
-def MakePushStation(
+def make_station(
     scene: Scene,
     engine: str | None = None,
     *,
@@ -174,7 +174,7 @@ def MakePushStation(
     meshcat: Meshcat | None = None,
     lcm: DrakeLcmInterface | None = None,
     armed: bool = False,
-) -> PushStation:
+) -> SceneStation:
     """Assembles the station of a scenario.
 
     Args:
@@ -201,4 +201,4 @@ def MakePushStation(
         raise ParameterError(f"command: got {command!r}; allowed: velocity, translation")
     if engine != "twin" and setup.scenario.num_worlds != 1:
         raise ParameterError(f"num_worlds: got {setup.scenario.num_worlds} with {engine}; allowed: 1, or the twin")
-    return PushStation(setup, engine, command=command, meshcat=meshcat, lcm=lcm, armed=armed)
+    return SceneStation(setup, engine, command=command, meshcat=meshcat, lcm=lcm, armed=armed)

@@ -13,7 +13,7 @@ from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.schema import View
 from pinwm_drake.systems.scenario.setup import make_setup
 from pinwm_drake.systems.scenario.start import StartDistribution
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/run_a_bundle.md"
 
@@ -25,7 +25,7 @@ class Robot:
         scenario = load_setup("push_t").scenario
         setup = make_setup(dataclasses.replace(scenario, camera=View(width=64, height=64)))
         check_scene(read_bundle("push_t").spec, setup)
-        self.station = MakePushStation(setup, "twin")
+        self.station = make_station(setup, "twin")
         self.simulator = Simulator(self.station)
         self.context = self.simulator.get_mutable_context()
         self.generator = np.random.default_rng(seed)

@@ -17,7 +17,7 @@ from pinwm_drake.identification.image_loss import BLOCKS, rendered
 from pinwm_drake.identification.lighting import brightened, lit
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import make_pictures, read_footage
-from pinwm_drake.identification.problem import Problem, Push
+from pinwm_drake.identification.problem import FilmedEpisode, Problem
 from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates
 from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.scene import make_scene
@@ -60,7 +60,7 @@ def problem_of(pushed, free=DEFAULT_FREE, held=None, **options):
     capture, episode = pushed
     scene = make_scene(capture.object.mesh_path, capture.pusher, q_WO=LEVEL, gravity=9.81, support="patch")
     forward = Forward(scene, episode, capture.object.X_WO, 1.0, 2)
-    push = Push(forward, pictures_of(pushed, **options), surfels())
+    push = FilmedEpisode(forward, pictures_of(pushed, **options), surfels())
     return Problem((push,), Coordinates(free, TRUTH if held is None else held), 2)
 
 

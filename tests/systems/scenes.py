@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.models import object_model
-from pinwm_drake.systems.engines.plant.scene import MakePushPlant, PushPlant
+from pinwm_drake.systems.engines.plant.scene import MakeScenePlant, ScenePlant
 from pinwm_drake.systems.pusher.drive import PusherDrive
 from pinwm_drake.systems.pusher.motion import ScriptedPush, StraightPush
 from pinwm_drake.systems.scenario.schema import Pusher, Scenario, Shape, Theta
@@ -29,7 +29,7 @@ class Bench:
     """A plant with a scripted pusher."""
 
     diagram: Diagram
-    parts: PushPlant
+    parts: ScenePlant
     script: ScriptedPush
     drive: PusherDrive
 
@@ -85,7 +85,7 @@ def bench(
 
 def bench_of(setup: Setup, contact: str, time_step: float) -> Bench:
     builder = DiagramBuilder()
-    parts = MakePushPlant(builder, replace(setup, plant_time_step=time_step), contact)
+    parts = MakeScenePlant(builder, replace(setup, plant_time_step=time_step), contact)
     script = builder.AddSystem(ScriptedPush(time_step))
     drive = builder.AddSystem(PusherDrive(time_step, time_step, AWAY.p_WP))
     builder.Connect(script.get_output_port(), drive.get_input_port())

@@ -13,7 +13,7 @@ from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.schema import Physics, Pusher, Scenario, Start, Theta, View
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import MakePushStation, PushStation
+from pinwm_drake.systems.station.station import SceneStation, make_station
 
 H = 1 / 240
 MASS, FRICTION = 0.8, 0.1
@@ -49,15 +49,15 @@ def action_setup(scene: Scene = "push_t", num_worlds: int = 1, **options: Any) -
 
 
 @cache
-def station_of(engine: str) -> PushStation:
+def station_of(engine: str) -> SceneStation:
     """A station that is in no other diagram."""
-    return MakePushStation(setup_of(), engine)
+    return make_station(setup_of(), engine)
 
 
 @cache
-def translated(engine: str) -> PushStation:
+def translated(engine: str) -> SceneStation:
     """A station that takes translations."""
-    return MakePushStation(setup_of(), engine, command="translation")
+    return make_station(setup_of(), engine, command="translation")
 
 
 def moved(*d: float) -> np.ndarray:
@@ -65,7 +65,7 @@ def moved(*d: float) -> np.ndarray:
     return FAR + np.array(d)
 
 
-def started(station: PushStation, X_WO: RigidTransform = REST, p_WP: np.ndarray = FAR) -> Context:
+def started(station: SceneStation, X_WO: RigidTransform = REST, p_WP: np.ndarray = FAR) -> Context:
     """A context with everything at rest, and a pusher that is told to stay."""
     context = station.CreateDefaultContext()
     station.SetPlace(context, Place(X_WO, p_WP))
@@ -73,11 +73,11 @@ def started(station: PushStation, X_WO: RigidTransform = REST, p_WP: np.ndarray 
     return context
 
 
-def output(station: PushStation, context: Context, name: str) -> Any:
+def output(station: SceneStation, context: Context, name: str) -> Any:
     return station.GetOutputPort(name).Eval(context)
 
 
-def after(station: PushStation, context: Context, periods: int) -> np.ndarray:
+def after(station: SceneStation, context: Context, periods: int) -> np.ndarray:
     """(19,): object and pusher, some periods later."""
     # The time of a period's end to the last bit: a later one would begin the next.
     Simulator(station, context).AdvanceTo((round(context.get_time() / H) + periods) * H)

@@ -18,10 +18,10 @@ from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.systems.engines.plant.engine import PlantHandle
-from pinwm_drake.systems.engines.plant.scene import PushPlant
+from pinwm_drake.systems.engines.plant.scene import ScenePlant
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.realism.uneven import write_with_feet
-from pinwm_drake.systems.runs.recorder import MakePushRecorder, PushRecorder, Rates
+from pinwm_drake.systems.runs.recorder import MakeSceneRecorder, Rates, SceneRecorder
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import Place
@@ -52,7 +52,7 @@ def make_recorder(
     supersampling: int,
     *,
     seen: Path | None = None,
-) -> PushRecorder:
+) -> SceneRecorder:
     """Plant, pusher and camera for an object that does not ship.
 
     Args:
@@ -66,7 +66,7 @@ def make_recorder(
     """
     setup = _setup(engine, thing, theta, shape)
     setup = setup if seen is None else dataclasses.replace(setup, visual_path=seen)
-    return MakePushRecorder(setup, Rates(LOG_RATE, 1, _STEPS_PER_LOG), camera, supersampling)
+    return MakeSceneRecorder(setup, Rates(LOG_RATE, 1, _STEPS_PER_LOG), camera, supersampling)
 
 
 def _setup(engine: str, thing: Thing, theta: Theta, shape: PusherShape) -> Setup:
@@ -130,13 +130,13 @@ def _with_feet(thing: Thing, theta: Theta) -> Path:
     return write_with_feet(thing.mesh_path, folder, theta.feet, np.array([0.0, 0.0, 1.0]))
 
 
-def _plant(recorder: PushRecorder) -> PushPlant:
+def _plant(recorder: SceneRecorder) -> ScenePlant:
     handle = recorder.station.engine.handle
     assert isinstance(handle, PlantHandle)
     return handle.parts
 
 
-def _stand_on_corners(recorder: PushRecorder) -> None:
+def _stand_on_corners(recorder: SceneRecorder) -> None:
     """Leaves the object the spheres at its corners only, feet among them: those of a flat face would carry it all."""
     parts = _plant(recorder)
     inspector = parts.scene_graph.model_inspector()
@@ -150,7 +150,7 @@ def _stand_on_corners(recorder: PushRecorder) -> None:
     parts.scene_graph.collision_filter_manager().Apply(apart)
 
 
-def _set_inertia(recorder: PushRecorder, theta: Theta) -> None:
+def _set_inertia(recorder: SceneRecorder, theta: Theta) -> None:
     """Gives the object the very mass, centre of mass and inertia of theta."""
     parts = _plant(recorder)
     context = parts.plant.GetMyMutableContextFromRoot(recorder.simulator.get_mutable_context())

@@ -20,7 +20,7 @@ import torch
 
 from pinwm_drake.capture.images import read_image
 from pinwm_drake.capture.importers.nerfstudio import read_posed_images
-from pinwm_drake.capture.importers.pinwm_push import RATE, Push, read_push
+from pinwm_drake.capture.importers.pinwm_push import RATE, ReleasedPush, read_push
 from pinwm_drake.capture.importers.similarity import scaled_world
 from pinwm_drake.capture.importers.target import Scenery, copy_file, write_scenery
 from pinwm_drake.capture.importers.views import require_size, write_static
@@ -93,13 +93,13 @@ def _static_file(source: Path) -> Path:
     raise InputError(source, value="no " + " or ".join(_STATIC), allowed="static views, or --static FILE")
 
 
-def _first_pose(path: Path, push: Push) -> Pose:
+def _first_pose(path: Path, push: ReleasedPush) -> Pose:
     if push.poses is None:
         raise InputError(path, value="no pose_datas", allowed="poses of the object, or --pose for where it starts")
     return Pose(torch.tensor(push.poses.q_WO[0]), torch.tensor(push.poses.p_WO[0]))
 
 
-def _write_push(folder: Path, push: Push) -> None:
+def _write_push(folder: Path, push: ReleasedPush) -> None:
     names = [f"rgb/{frame:05}{path.suffix.lower()}" for frame, path in zip(push.frames, push.images, strict=True)]
     for path, name in zip(push.images, names, strict=True):
         require_size(path, read_image(path, may_be_empty=True)[1], push.camera)

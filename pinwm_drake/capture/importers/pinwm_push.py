@@ -1,4 +1,4 @@
-"""Push in the layout of PIN-WM's authors; see `pinwm` for the layout."""
+"""Pushes in the layout of PIN-WM's authors; see `pinwm` for the layout."""
 
 import re
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _SAME = 1e-6  # how far a camera that stands still may move: m, or along an axis
 
 
 @dataclass(frozen=True, eq=False)
-class Push:
+class ReleasedPush:
     """Push of PIN-WM's authors.
 
     Attributes:
@@ -44,7 +44,7 @@ class Push:
     poses: ObjectPoses | None
 
 
-def read_push(path: Path, *, pusher_height: float | None = None, camera: int | None = None) -> Push:
+def read_push(path: Path, *, pusher_height: float | None = None, camera: int | None = None) -> ReleasedPush:
     """Reads a push from its `dynamic_train*.json`.
 
     Args:
@@ -71,7 +71,7 @@ def read_push(path: Path, *, pusher_height: float | None = None, camera: int | N
         raise first["intrinsic"].refusal("a principal point near the image")
     frames = sorted(entries)
     start, goal = (_position(document[key], pusher_height) for key in ("ee_init_position", "ee_goal_position"))
-    return Push(
+    return ReleasedPush(
         images=images,
         frames=frames,
         camera=Camera(width, height, intrinsics),

@@ -11,7 +11,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.cameras.object_camera import AddCaptureRig, ObjectImage
 from pinwm_drake.systems.engines.engine import Engine
 from pinwm_drake.systems.engines.plant.forces import PlantForces
-from pinwm_drake.systems.engines.plant.scene import MakePushPlant, PushPlant
+from pinwm_drake.systems.engines.plant.scene import MakeScenePlant, ScenePlant
 from pinwm_drake.systems.pusher.drive import PusherDrive
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
@@ -32,7 +32,7 @@ class PlantHandle:
         drive: Drive of the pusher.
     """
 
-    parts: PushPlant
+    parts: ScenePlant
     drive: PusherDrive
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
@@ -69,7 +69,7 @@ def AddPlantEngine(builder: DiagramBuilder, setup: Setup, contact: ContactName) 
         InputError: A mesh cannot be used.
     """
     step = (1 + _LATER) * setup.plant_time_step
-    parts = MakePushPlant(builder, dataclasses.replace(setup, plant_time_step=step), contact)
+    parts = MakeScenePlant(builder, dataclasses.replace(setup, plant_time_step=step), contact)
     plant, place = parts.plant, StartDistribution(setup).middle()
     plant.SetDefaultFloatingBaseBodyPose(parts.object, place.X_WO)
     plant.SetDefaultPositions(parts.pusher_instance, place.p_WP)

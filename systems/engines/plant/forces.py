@@ -6,7 +6,7 @@ from pydrake.multibody.plant import ContactResults, HydroelasticContactInfo, Poi
 from pydrake.systems.framework import Context, LeafSystem
 
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
-from pinwm_drake.systems.engines.plant.scene import PushPlant
+from pinwm_drake.systems.engines.plant.scene import ScenePlant
 
 
 class PlantForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
@@ -19,7 +19,7 @@ class PlantForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
     A hydroelastic surface is one force, at its centroid; its torque about there is left out.
     """
 
-    def __init__(self, parts: PushPlant) -> None:
+    def __init__(self, parts: ScenePlant) -> None:
         """Declares the ports."""
         super().__init__()
         of_body = parts.plant.GetCollisionGeometriesForBody

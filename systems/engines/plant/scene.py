@@ -44,7 +44,7 @@ _MODELS = {"hydroelastic": ContactModel.kHydroelastic, "point": ContactModel.kPo
 
 
 @dataclass(frozen=True, eq=False)
-class PushPlant:
+class ScenePlant:
     """Parts of a pushing scene in a diagram.
 
     Attributes:
@@ -67,12 +67,12 @@ class PushPlant:
     pusher_instance: ModelInstanceIndex
 
 
-def MakePushPlant(
+def MakeScenePlant(
     builder: DiagramBuilder,
     setup: Setup,
     contact: ContactName = "hydroelastic",
     hold: Callable[[MultibodyPlant, RigidBody], None] | None = None,
-) -> PushPlant:
+) -> ScenePlant:
     """Adds a finalized plant and its scene graph to a diagram.
 
     Args:
@@ -92,17 +92,17 @@ def MakePushPlant(
     plant.set_contact_model(_MODELS[contact])
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     plant.set_stiction_tolerance(_STICTION_SPEED)
-    bodies = AddPushBodies(plant, setup, contact, driven=hold is None)
+    bodies = AddSceneBodies(plant, setup, contact, driven=hold is None)
     if hold is not None:
         hold(plant, bodies["pusher"])
     plant.Finalize()
-    parts = PushPlant(setup, plant, scene_graph, **bodies)
+    parts = ScenePlant(setup, plant, scene_graph, **bodies)
     _keep_apart(parts, plant.GetBodyByName("floor"))
     LabelBodies(parts)
     return parts
 
 
-def AddPushBodies(plant: MultibodyPlant, setup: Setup, contact: ContactName, *, driven: bool = True) -> dict[str, Any]:
+def AddSceneBodies(plant: MultibodyPlant, setup: Setup, contact: ContactName, *, driven: bool = True) -> dict[str, Any]:
     """Adds object, pusher and floor, in this order, to a plant that is not finalized, and sets its gravity.
 
     Args:
@@ -112,7 +112,7 @@ def AddPushBodies(plant: MultibodyPlant, setup: Setup, contact: ContactName, *, 
         driven: Whether the pusher has joints and drives of its own.
 
     Returns:
-        The attributes of `PushPlant` that are bodies and model instances, by name. Drake puts floating bodies last:
+        The attributes of `ScenePlant` that are bodies and model instances, by name. Drake puts floating bodies last:
         the positions of a plant with nothing else are p_WP, q_WO, p_WO.
 
     Raises:
@@ -171,7 +171,7 @@ def _scratch_folder() -> Path:
     return folder
 
 
-def _keep_apart(parts: PushPlant, floor: RigidBody) -> None:
+def _keep_apart(parts: ScenePlant, floor: RigidBody) -> None:
     """Lets the floor touch an object's supports only, and the pusher the rest of it."""
     inspector, manager = parts.scene_graph.model_inspector(), parts.scene_graph.collision_filter_manager()
     of_body = parts.plant.GetCollisionGeometriesForBody
@@ -187,7 +187,7 @@ def _keep_apart(parts: PushPlant, floor: RigidBody) -> None:
     )
 
 
-def LabelBodies(parts: PushPlant) -> None:
+def LabelBodies(parts: ScenePlant) -> None:
     """Has cameras see object and pusher with `OBJECT_LABEL` and `PUSHER_LABEL`."""
     inspector, source = parts.scene_graph.model_inspector(), parts.plant.get_source_id()
     for body, label in ((parts.object, OBJECT_LABEL), (parts.pusher, PUSHER_LABEL)):

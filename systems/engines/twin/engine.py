@@ -6,7 +6,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from pinwm_drake.systems.engines.engine import Engine
-from pinwm_drake.systems.engines.plant.scene import AddPushBodies, LabelBodies, PushPlant
+from pinwm_drake.systems.engines.plant.scene import AddSceneBodies, LabelBodies, ScenePlant
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
 from pinwm_drake.systems.scenario.setup import Setup
 
@@ -33,9 +33,9 @@ def AddTwinEngine(builder: DiagramBuilder, setup: Setup) -> Engine:
     plant = MultibodyPlant(setup.plant_time_step)
     plant.set_name("plant")
     plant.RegisterAsSourceForSceneGraph(scene_graph)
-    bodies = AddPushBodies(plant, setup, "hydroelastic")
+    bodies = AddSceneBodies(plant, setup, "hydroelastic")
     plant.Finalize()
-    LabelBodies(PushPlant(setup, plant, scene_graph, **bodies))
+    LabelBodies(ScenePlant(setup, plant, scene_graph, **bodies))
     # The world model's port has the plant's order: Drake puts a body that floats behind the joints of the others.
     assert bodies["object"].floating_positions_start() == 3
     poses = builder.AddNamedSystem("plant_poses", MultibodyPositionToGeometryPose(plant))

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from pinwm_drake.systems.runs.realism.lamp import draw_lamp, light
 from pinwm_drake.systems.runs.realism.masks import blurred, draw_behind, ragged
 from pinwm_drake.systems.runs.realism.mistakes import Realism
-from pinwm_drake.systems.runs.recorder import PushRecorder
+from pinwm_drake.systems.runs.recorder import SceneRecorder
 
 _MOMENTS = 5  # of an exposure
 _STILL = 2e-4  # m, that no corner moves by while an exposure needs no more than one moment
@@ -27,7 +27,7 @@ class LabCamera:
 
     def __init__(
         self,
-        recorder: PushRecorder,
+        recorder: SceneRecorder,
         realism: Realism,
         corners: np.ndarray,
         generator: np.random.Generator,

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from pydrake.geometry import LightParameter, MakeRenderEngineVtk, RenderEngineVtkParams, Rgba
 
-from pinwm_drake.systems.runs.recorder import PushRecorder
+from pinwm_drake.systems.runs.recorder import SceneRecorder
 
 _RENDERER = "vtk"  # the name that `cameras.object_camera` gives
 _ROUGHNESS = 0.4
@@ -68,7 +68,7 @@ def _by_colour(visual_path: Path) -> list[tuple[str, list[float], np.ndarray]]:
     return [(name, colours[name], points[np.array(triangles)]) for name, triangles in faces.items()]
 
 
-def light(recorder: PushRecorder, params: RenderEngineVtkParams) -> None:
+def light(recorder: SceneRecorder, params: RenderEngineVtkParams) -> None:
     """Lights the scene of a recorder as a renderer's parameters say, `draw_lamp`'s for one."""
     scene_graph = recorder.station.engine.scene_graph
     scene_graph.RemoveRenderer(_RENDERER)

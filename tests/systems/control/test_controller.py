@@ -11,7 +11,7 @@ from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.systems.control.controller import AddPolicyController, PolicyController
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 from tests.systems.policies import LONGEST, Follower, small_setup, spec_of
 
 H, ACTIONS = 0.1, 12
@@ -26,7 +26,7 @@ class Loop:
         builder = DiagramBuilder()
         self.policy = Follower(spec_of(setup))
         self.limits = limits or default_limits(self.policy.spec)
-        self.station = builder.AddSystem(MakePushStation(setup, engine))
+        self.station = builder.AddSystem(make_station(setup, engine))
         self.controller = AddPolicyController(builder, self.station, self.policy, self.limits)
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
@@ -186,11 +186,11 @@ def test_what_does_not_fit_together_is_refused():
     with pytest.raises(ParameterError, match="observes 'state'"):
         PolicyController(Follower(dataclasses.replace(spec, observes="state")), limits)
     builder = DiagramBuilder()
-    station = builder.AddSystem(MakePushStation(setup, "twin", command="translation"))
+    station = builder.AddSystem(make_station(setup, "twin", command="translation"))
     with pytest.raises(ParameterError, match="command='velocity'"):
         AddPolicyController(builder, station, Follower(spec), limits)
     builder = DiagramBuilder()
-    station = builder.AddSystem(MakePushStation(setup, "twin"))
+    station = builder.AddSystem(make_station(setup, "twin"))
     other = dataclasses.replace(spec, camera=dataclasses.replace(spec.camera, width=64))
     with pytest.raises(ParameterError, match="camera: got 32 by 32 px"):
         AddPolicyController(builder, station, Follower(other), limits)

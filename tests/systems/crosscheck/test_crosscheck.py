@@ -16,7 +16,7 @@ from pinwm_drake.systems.crosscheck.crosscheck import (
     unlimited,
 )
 from pinwm_drake.systems.crosscheck.difference import course_of, difference_of
-from pinwm_drake.systems.crosscheck.motion import SEPARATED, SLIDING, STICKING, Motion, PushRig, contact_modes
+from pinwm_drake.systems.crosscheck.motion import SEPARATED, SLIDING, STICKING, Motion, SceneRig, contact_modes
 from pinwm_drake.systems.crosscheck.trials import draw_trials
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.engines.twin.physics import WorldPhysics
@@ -168,7 +168,7 @@ def test_limits_of_the_scenario_do_not_bind():
     setup = unlimited(setup_of("cube", pusher=pusher, num_worlds=3))
     assert setup.scenario.num_worlds == 1
     trial = draw_trials(setup, setup, 1, 0)[0]
-    motion = PushRig(setup, "twin").run(trial)
+    motion = SceneRig(setup, "twin").run(trial)
     end = trial.push.p_WP + trial.push.distance * trial.push.direction_W
     np.testing.assert_allclose(motion.p_WP[-1], end, atol=1e-9)
 
@@ -222,7 +222,7 @@ def test_hydroelastic_contact_agrees_and_processes_make_no_difference():
 
 def test_an_engine_that_gives_up_says_so(monkeypatch):
     setup = unlimited(setup_of("cube", 0.3))
-    trial, rig = draw_trials(setup, setup, 1, 0)[0], PushRig(setup, "twin")
+    trial, rig = draw_trials(setup, setup, 1, 0)[0], SceneRig(setup, "twin")
     advance, calls = WorldPhysics.advance, []
 
     def sometimes(self, *arguments):

@@ -13,7 +13,7 @@ from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.systems.control.controller import AddPolicyController
 from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 from tests.systems.policies import LONGEST, small_setup, spec_of
 
 ACTIONS = 6
@@ -59,7 +59,7 @@ def test_a_bundle_in_a_station_does_what_the_policy_does_in_the_environment(poli
         seen = env.step(action)[0]
         expected.append([*env.task.translation(action, LONGEST)[0, :2], *env.run.object_state[0, 4:7]])
     builder = DiagramBuilder()
-    station = builder.AddSystem(MakePushStation(small_setup(), "twin"))
+    station = builder.AddSystem(make_station(small_setup(), "twin"))
     controller = AddPolicyController(builder, station, bundle, bundle.limits)
     diagram = builder.Build()
     simulator = Simulator(diagram)

@@ -16,7 +16,7 @@ from pinwm_drake.systems.mpc.path import Walk
 from pinwm_drake.systems.mpc.planner import PushPlanner
 from pinwm_drake.systems.mpc.policy import PushMpcPolicy, make_planner
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 from pinwm_drake.tasks.push import PushTask
 from tests.systems.stations import action_setup
 
@@ -159,7 +159,7 @@ def test_worlds_are_planned_for_one_by_one(env, policy):
 
 def diagram_of(setup):
     builder = DiagramBuilder()
-    station = builder.AddNamedSystem("station", MakePushStation(setup, "twin"))
+    station = builder.AddNamedSystem("station", make_station(setup, "twin"))
     return AddPushMpc(builder, station, setup, PushTask()), station, builder.Build()
 
 

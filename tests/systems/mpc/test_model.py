@@ -11,7 +11,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.station_run import StationRun
 from pinwm_drake.systems.mpc.model import SUB_STEPS, coast, coasting_time, planar_body, push_step, rotated
 from pinwm_drake.systems.mpc.path import Detours
-from pinwm_drake.systems.mpc.program import ACTIONS, GAP, Push, PushProgram
+from pinwm_drake.systems.mpc.program import ACTIONS, GAP, PlannedPush, PushProgram
 from pinwm_drake.systems.scenario.start import Place
 from tests.systems.stations import action_setup
 
@@ -103,10 +103,10 @@ def test_contact_leaves_the_touched_point_as_fast_as_the_pusher(body, arm):
 # Long pushes, hits and oblique ones, which move the block by 15 to 210 mm and up to 0.9 rad. What they need: 2.4 mm and
 # 0.046 rad, of sub-steps twice as long as the twin's and an ellipsoid for its limit surface.
 PUSHES = [
-    Push(BAR_END, 0.05, np.array([STRAIGHT, STRAIGHT, 0 * STRAIGHT])),
-    Push(BAR_END, 0.075, np.array([0.7 * STRAIGHT, 0 * STRAIGHT, 0 * STRAIGHT])),
-    Push(STEM_SIDE, 0.08, np.array([0.5 * STRAIGHT, [0.5, 0.1], 0 * STRAIGHT])),
-    Push(STEM_END, 0.02, np.array([[0.6, 0.1], 0.6 * STRAIGHT, 0.6 * STRAIGHT])),
+    PlannedPush(BAR_END, 0.05, np.array([STRAIGHT, STRAIGHT, 0 * STRAIGHT])),
+    PlannedPush(BAR_END, 0.075, np.array([0.7 * STRAIGHT, 0 * STRAIGHT, 0 * STRAIGHT])),
+    PlannedPush(STEM_SIDE, 0.08, np.array([0.5 * STRAIGHT, [0.5, 0.1], 0 * STRAIGHT])),
+    PlannedPush(STEM_END, 0.02, np.array([[0.6, 0.1], 0.6 * STRAIGHT, 0.6 * STRAIGHT])),
 ]
 
 
@@ -173,7 +173,10 @@ def test_a_pusher_that_touches_goes_straight_out_first(body, detours):
 
 def test_two_pushes_reach_the_goal_in_the_model(program):
     x = np.array([0.02, -0.08, 0.4, 0, 0, 0])
-    pushes = (Push(BAR_END, 0.05, np.full((ACTIONS, 2), 0.3) * STRAIGHT), Push(STEM_END, 0.02, np.zeros((ACTIONS, 2))))
+    pushes = (
+        PlannedPush(BAR_END, 0.05, np.full((ACTIONS, 2), 0.3) * STRAIGHT),
+        PlannedPush(STEM_END, 0.02, np.zeros((ACTIONS, 2))),
+    )
     found = program.solve(x, None, pushes, np.zeros(3))
     begun = program.solve(x, program.start(x, found.pushes[0]), found.pushes, np.zeros(3))
     for solution in (found, begun):

@@ -7,7 +7,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.pusher.translation import PusherTranslation
 from pinwm_drake.systems.scenario.schema import Pusher, Scenario
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 from tests.systems.pushers import PERIOD, Track
 
 H, N = 0.1, 24
@@ -43,7 +43,7 @@ def test_worlds_are_moved_each_by_its_own():
 @pytest.mark.parametrize(("engine", "accuracy"), [("twin", 1e-14), ("hydroelastic", 1e-8), ("point", 1e-8)])
 def test_translations_are_on_time_in_every_engine(engine, accuracy):
     # In plants, a drive of finite stiffness has to speed the pusher up: measured 3e-9 m.
-    station = MakePushStation(Scenario(object="cube", pusher=Pusher(max_speed=0.3)), engine, command="translation")
+    station = make_station(Scenario(object="cube", pusher=Pusher(max_speed=0.3)), engine, command="translation")
     context = station.CreateDefaultContext()
     station.SetPlace(context, Place(RigidTransform([0, 0, 0.03]), np.array([0.2, 0.1, 0.05])))
     simulator, period = Simulator(station, context), station.setup.period

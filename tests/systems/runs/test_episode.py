@@ -12,7 +12,7 @@ from pinwm_drake.systems.runs.episode import Episode
 from pinwm_drake.systems.scenario.schema import Physics, Pusher, Scenario, Shape, Start, Theta
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import Place, level_height
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 
 H = 1 / 240
 REST = RigidTransform([0.0, 0.0, 0.025])
@@ -31,7 +31,7 @@ def setup() -> Setup:
 
 @pytest.fixture(scope="module")
 def episode(setup: Setup) -> Episode:
-    return Episode(MakePushStation(setup, "twin"))
+    return Episode(make_station(setup, "twin"))
 
 
 def test_it_ends_when_the_object_rests(episode):
@@ -71,7 +71,7 @@ def test_a_log_is_followed(setup, episode):
     episode.begin(Place(REST, np.zeros(3)), PUSH)
     first = episode.run()
     log = dataclasses.replace(first.trajectory(), t=first.t + 7.0)  # a clock of its own
-    again = Episode(MakePushStation(setup, "twin"), log)
+    again = Episode(make_station(setup, "twin"), log)
     again.begin(Place(REST, np.zeros(3)))
     second = again.run()
     rows = min(len(first.t), len(second.t))
@@ -88,7 +88,7 @@ def test_a_place_is_drawn_by_the_station(episode):
 
 def test_one_script_is_for_one_world():
     with pytest.raises(ParameterError, match="num_worlds: got 2; allowed: 1"):
-        Episode(MakePushStation(setup_of(num_worlds=2), "twin"))
+        Episode(make_station(setup_of(num_worlds=2), "twin"))
 
 
 def test_pushes_stay_within_the_limits_and_meet_the_object(episode):

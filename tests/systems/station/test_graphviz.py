@@ -9,7 +9,7 @@ import pytest
 from pinwm_drake.systems.scenario.schema import Scenario
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.station.graphviz import PICTURED, plain, station_dot, write_pictures
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 
 DOCS = Path(__file__).parents[3] / "docs"
 
@@ -22,22 +22,20 @@ def setup() -> Setup:
 @pytest.mark.parametrize("engine", PICTURED)
 def test_the_pictures_in_the_docs_are_those_of_the_station(setup, engine):
     shown = (DOCS / f"station_{engine}.dot").read_text(encoding="utf-8")
-    assert station_dot(MakePushStation(setup, engine)) == shown, (
-        "run python -m pinwm_drake.systems.station.graphviz docs"
-    )
+    assert station_dot(make_station(setup, engine)) == shown, "run python -m pinwm_drake.systems.station.graphviz docs"
     picture = (DOCS / f"station_{engine}.svg").read_text(encoding="utf-8")
     for name in re.findall(r"<B>(\w+)</B>", shown):
         assert f">{name}<" in picture
 
 
 def test_both_plants_look_alike(setup):
-    texts = [station_dot(MakePushStation(setup, engine)) for engine in ("hydroelastic", "point")]
-    assert texts[0].replace("push_station_hydroelastic", "push_station_point") == texts[1]
+    texts = [station_dot(make_station(setup, engine)) for engine in ("hydroelastic", "point")]
+    assert texts[0].replace("station_hydroelastic", "station_point") == texts[1]
 
 
 def test_numbers_do_not_depend_on_the_process():
     lines = (
-        "digraph _7 {{\nsubgraph cluster{a}diagram {{\nlabel=<<B>pinwm_drake.systems.station.station.PushStation</B>",
+        "digraph _7 {{\nsubgraph cluster{a}diagram {{\nlabel=<<B>pinwm_drake.systems.station.station.SceneStation</B>",
         "subgraph clusters{a}in {{\ns{a}in [shape=none]\ns{b} [shape=none]\n<TD>Source_{c}_pose</TD>\n{edges}\n}}",
     )
     text = "\n".join(lines)
@@ -46,7 +44,7 @@ def test_numbers_do_not_depend_on_the_process():
     one = plain(text.format(a=12, b=30, c=8, edges=f"{first}\n{second}"))
     assert one == plain(text.format(a=3, b=9, c=77, edges="\n".join(other)))
     assert "s2:y0:e -> s1out:0:w" in one
-    assert "<B>PushStation</B>" in one
+    assert "<B>SceneStation</B>" in one
     assert "Source_0_pose" in one
 
 

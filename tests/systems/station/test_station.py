@@ -14,7 +14,7 @@ from pinwm_drake.systems.runs.episode import Episode, Record
 from pinwm_drake.systems.scenario.schema import ENGINES
 from pinwm_drake.systems.scenario.setup import make_setup
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 from tests.systems.stations import REST, TURNED, H, after, output, scenario, setup_of, started, station_of
 
 PLANTS = ENGINES[1:]
@@ -24,7 +24,7 @@ PUSH = StraightPush(np.array([0.03, -0.075, 0.025]), np.array([0.0, 1.0, 0.0]), 
 
 @pytest.fixture(scope="module")
 def episodes() -> dict[str, Episode]:
-    return {engine: Episode(MakePushStation(setup_of(), engine)) for engine in ENGINES}
+    return {engine: Episode(make_station(setup_of(), engine)) for engine in ENGINES}
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_the_same_seed_is_the_same_trajectory(engine):
     ends = []
     for station, seed, periods in (
         (station_of(engine), 3, 24),
-        (MakePushStation(setup_of(), engine), 3, 24),
+        (make_station(setup_of(), engine), 3, 24),
         (station_of(engine), 4, 0),
     ):
         context = station.CreateDefaultContext()
@@ -130,17 +130,17 @@ def test_the_same_seed_is_the_same_trajectory(engine):
 
 def test_what_cannot_be():
     with pytest.raises(ParameterError, match="engine: got 'bullet'; allowed: twin, hydroelastic, point"):
-        MakePushStation(setup_of(), "bullet")
+        make_station(setup_of(), "bullet")
     with pytest.raises(ParameterError, match="command: got 'force'; allowed: velocity, translation"):
-        MakePushStation(setup_of(), "twin", command="force")
+        make_station(setup_of(), "twin", command="force")
     many = make_setup(scenario(num_worlds=32))
     for engine in PLANTS:
         with pytest.raises(ParameterError, match=f"num_worlds: got 32 with {engine}; allowed: 1"):
-            MakePushStation(many, engine)
+            make_station(many, engine)
 
 
 def test_many_worlds_of_the_twin():
-    station = MakePushStation(scenario(num_worlds=3))
+    station = make_station(scenario(num_worlds=3))
     context = station.CreateDefaultContext()
     station.SetRandomContext(context, RandomGenerator(1))
     starts = output(station, context, "object_state").reshape(3, 13)
@@ -173,7 +173,7 @@ class Follow(LeafSystem):
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_controller_closes_the_loop(engine):
     builder = DiagramBuilder()
-    station = builder.AddSystem(MakePushStation(setup_of(), engine))
+    station = builder.AddSystem(make_station(setup_of(), engine))
     follow = builder.AddSystem(Follow(0.01))
     builder.Connect(station.GetOutputPort("object_state"), follow.get_input_port())
     builder.Connect(follow.get_output_port(), station.get_input_port())

@@ -20,7 +20,7 @@ from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.systems.cameras.object_camera import OBJECT_LABEL
 from pinwm_drake.systems.scenario.schema import ENGINES
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import MakePushStation, PushStation
+from pinwm_drake.systems.station.station import SceneStation, make_station
 from tests.systems.stations import FAR, TURNED, output, setup_of, started, station_of
 
 
@@ -61,7 +61,7 @@ def test_rgb_shows_the_object_where_it_is(engine):
     assert 9 <= (shown & ~hidden).sum() <= 40
 
 
-def distance(station: PushStation, context: Context) -> float:
+def distance(station: SceneStation, context: Context) -> float:
     """Between the pusher and the object, m, as SceneGraph says."""
     query = output(station, context, "query_object")
     inspector = query.inspector()
@@ -86,7 +86,7 @@ def test_scene_graph_knows_the_distance(engine):
 @pytest.mark.parametrize("engine", ENGINES)
 def test_other_cameras_can_be_added(engine):
     setup = setup_of()
-    station, camera = MakePushStation(setup, engine), setup.camera
+    station, camera = make_station(setup, engine), setup.camera
     station.engine.scene_graph.AddRenderer("mine", MakeRenderEngineVtk(RenderEngineVtkParams()))
     info = CameraInfo(camera.width, camera.height, *camera.intrinsics.tolist())
     core = RenderCameraCore("mine", info, ClippingRange(0.05, 5.0), RigidTransform())

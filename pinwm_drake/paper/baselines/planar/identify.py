@@ -18,7 +18,7 @@ from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.learning.option_checks import check_options
 from pinwm_drake.paper.baselines.planar.body import PlanarBody
-from pinwm_drake.paper.baselines.planar.rollout import PlanarParameters, Push, rollout
+from pinwm_drake.paper.baselines.planar.rollout import PlanarParameters, PlanarPush, rollout
 from pinwm_drake.scene import step_count
 
 MASSES = (0.2, 5.0)  # bounds, kg
@@ -165,7 +165,7 @@ class _Problem:
     given: Tensor
     step: Tensor
     share: Tensor
-    push: Push
+    push: PlanarPush
     pairs: Tensor
     mass: float
     gravity: float
@@ -188,7 +188,7 @@ class _Problem:
         path = np.stack([np.interp(times, pusher.t, pusher.p_WP[:, axis]) for axis in range(2)], axis=-1)
         step = np.clip(np.floor(after / h).astype(int), 0, T - 1)
         given = torch.from_numpy(body.planar(poses.q_WO, poses.p_WO))
-        push = Push(torch.from_numpy(path), radius, h)
+        push = PlanarPush(torch.from_numpy(path), radius, h)
         share = torch.from_numpy(after / h - step)[:, None, None]
         return _Problem(body, given, torch.from_numpy(step), share, push, body.neighbours(), mass, gravity, options)
 

@@ -39,7 +39,7 @@ class PlanarParameters:
 
 
 @dataclass(frozen=True, eq=False)
-class Push:
+class PlanarPush:
     """Motion of a round pusher in time steps.
 
     Attributes:
@@ -64,7 +64,7 @@ def rollout(
     body: PlanarBody,
     parameters: PlanarParameters,
     start: Tensor,
-    push: Push,
+    push: PlanarPush,
     *,
     gravity: float = 9.81,
     velocity: Tensor | None = None,
@@ -117,7 +117,9 @@ class _Rollout(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx: Any, outlines: Tensor, push: Push, start: Tensor, velocity: Tensor, *sliding: Tensor) -> Tensor:
+    def forward(
+        ctx: Any, outlines: Tensor, push: PlanarPush, start: Tensor, velocity: Tensor, *sliding: Tensor
+    ) -> Tensor:
         """Poses (T + 1, W, 3) of the centres of mass."""
         steps, (worlds, K) = len(push.path) - 1, (len(start), min(CONTACTS, len(outlines)))
         poses, velocities = (torch.cat([first[None], first.new_empty(steps, worlds, 3)]) for first in (start, velocity))

@@ -9,7 +9,7 @@ import torch
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.paper.baselines.planar.identify import PlanarOptions, identify_planar
-from pinwm_drake.paper.baselines.planar.rollout import PlanarParameters, Push, rollout
+from pinwm_drake.paper.baselines.planar.rollout import PlanarParameters, PlanarPush, rollout
 from tests.paper.baselines.planar.shapes import t_body
 
 RADIUS, MASS, FLOOR, PUSHER = 0.01, 0.7, 0.08, 0.2
@@ -41,7 +41,9 @@ def recorded(body, friction_pusher=PUSHER) -> ObjectPoses:
     steps = h * np.arange(385)
     path = np.stack([np.interp(steps, pusher.t, pusher.p_WP[:, axis]) for axis in range(2)], axis=-1)
     start = torch.tensor([[0.0, 0.0, 0.2]]).double()
-    found = rollout(body, heavy_at_the_stem(body, friction_pusher), start, Push(torch.from_numpy(path), RADIUS, h))
+    found = rollout(
+        body, heavy_at_the_stem(body, friction_pusher), start, PlanarPush(torch.from_numpy(path), RADIUS, h)
+    )
     x, y, yaw = found[::8, 0].numpy().T
     q_WO = np.stack([np.cos(yaw / 2), 0.0 * yaw, 0.0 * yaw, np.sin(yaw / 2)], axis=-1)
     return ObjectPoses(steps[::8], np.stack([x, y, 0.0 * x], axis=-1), q_WO)

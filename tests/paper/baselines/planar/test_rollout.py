@@ -5,22 +5,24 @@ import pytest
 import torch
 
 from pinwm_drake.errors import ParameterError, PinwmError, StateError
-from pinwm_drake.paper.baselines.planar.rollout import PlanarParameters, Push, rollout
+from pinwm_drake.paper.baselines.planar.rollout import PlanarParameters, PlanarPush, rollout
 from tests.paper.baselines.planar.shapes import disc_body, even, square_body, t_body, uneven
 
 H = 1.0 / 240.0
 G = 9.81
 
 
-def still(steps: int, at: tuple[float, float] = (9.0, 9.0)) -> Push:
+def still(steps: int, at: tuple[float, float] = (9.0, 9.0)) -> PlanarPush:
     """A pusher that stands, far away where no place is given."""
-    return Push(torch.tensor([at], dtype=torch.float64).expand(steps + 1, 2).contiguous(), 0.01, H)
+    return PlanarPush(torch.tensor([at], dtype=torch.float64).expand(steps + 1, 2).contiguous(), 0.01, H)
 
 
-def straight(begin: tuple[float, float], velocity: tuple[float, float], steps: int) -> Push:
+def straight(begin: tuple[float, float], velocity: tuple[float, float], steps: int) -> PlanarPush:
     """A pusher that moves evenly."""
     times = H * torch.arange(steps + 1, dtype=torch.float64)[:, None]
-    return Push(torch.tensor(begin, dtype=torch.float64) + times * torch.tensor(velocity, dtype=torch.float64), 0.01, H)
+    return PlanarPush(
+        torch.tensor(begin, dtype=torch.float64) + times * torch.tensor(velocity, dtype=torch.float64), 0.01, H
+    )
 
 
 def zeros(worlds: int = 1) -> torch.Tensor:
@@ -202,7 +204,7 @@ def test_gradients_are_those_of_finite_differences(tmp_path, begin, pushed, velo
 )
 def test_a_bad_push_is_refused(path, radius, time_step, error):
     with pytest.raises(error, match="allowed"):
-        Push(path.double(), radius, time_step)
+        PlanarPush(path.double(), radius, time_step)
 
 
 def test_an_object_without_mass_does_not_converge(tmp_path):

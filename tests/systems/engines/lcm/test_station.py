@@ -20,7 +20,7 @@ from pinwm_drake.systems.engines.lcm.link import make_lcm
 from pinwm_drake.systems.engines.lcm.signal import signal_message
 from pinwm_drake.systems.scenario.schema import LcmLink, load_scenario
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 from pinwm_drake.systems.view.meshcat import make_meshcat
 from tests.systems.stations import FAR, REST, output, setup_of, station_of
 
@@ -34,7 +34,7 @@ class Robot:
     def __init__(self, armed=False):
         self.lcm, self.commands, self.session = DrakeLcm("memq://"), [], 0.0
         self.lcm.Subscribe(LINK.command_channel, lambda raw: self.commands.append(lcmt_drake_signal.decode(raw)))
-        self.station = MakePushStation(setup_of(), "lcm", lcm=self.lcm, armed=armed)
+        self.station = make_station(setup_of(), "lcm", lcm=self.lcm, armed=armed)
         self.simulator = Simulator(self.station)
         self.context = self.simulator.get_mutable_context()
         self.station.GetInputPort("pusher_velocity_W").FixValue(self.context, [0.1, -0.05, 0.0])
@@ -262,7 +262,7 @@ def test_a_station_that_is_not_armed_sends_nothing():
 
 def test_meshcat_shows_the_pusher():
     meshcat = make_meshcat()
-    station = MakePushStation(setup_of(), "lcm", meshcat=meshcat)
+    station = make_station(setup_of(), "lcm", meshcat=meshcat)
     simulator = Simulator(station)
     station.GetInputPort("pusher_velocity_W").FixValue(simulator.get_mutable_context(), np.zeros(3))
     simulator.AdvanceTo(0.05)

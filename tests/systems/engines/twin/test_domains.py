@@ -13,7 +13,7 @@ from pinwm_drake.systems.engines.twin.domains import SetCousins, SetDomain
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
 from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta, View
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
-from pinwm_drake.systems.station.station import MakePushStation
+from pinwm_drake.systems.station.station import make_station
 from tests.rendering.scenes import cloud
 from tests.twin.samples import cube_twin
 
@@ -153,7 +153,7 @@ def test_what_was_set_belongs_to_the_context():
 
 
 def test_a_stations_context_takes_cousins():
-    station = MakePushStation(setup_of(1), "twin")
+    station = make_station(setup_of(1), "twin")
     context = station.CreateDefaultContext()
     seen = station.GetOutputPort("rgb").Eval(context).data.copy()
     SetDomain(station.world, context, cousins_of()[0], 0)
