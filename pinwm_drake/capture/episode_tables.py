@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pinwm_drake.capture.documents import LONGEST_TEXT
 from pinwm_drake.capture.objects import FARTHEST
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.refusals import Refuse, attempt, raise_it
 from pinwm_drake.capture.tables import Table, read_table
+from pinwm_drake.documents import LONGEST_TEXT
 
 FRAMES_FILE, TRAJECTORY_FILE, POSES_FILE = "frames.csv", "trajectory.csv", "object_poses.csv"
 FRAME_COLUMNS = ("frame", "file_path", "t")

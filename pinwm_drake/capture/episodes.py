@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pinwm_drake.capture.documents import read_json
 from pinwm_drake.capture.episode_tables import (
     ObjectPoses,
     PusherTrajectory,
@@ -20,6 +19,7 @@ from pinwm_drake.capture.images import read_image, size_of
 from pinwm_drake.capture.scene import EPISODES, Capture, read_capture
 from pinwm_drake.capture.static_views import find_mask
 from pinwm_drake.capture.transforms import read_camera, read_pose
+from pinwm_drake.documents import read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose

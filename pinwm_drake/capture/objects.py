@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pinwm_drake.capture.documents import Entry, read_yaml
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.tables import UNIT_NORM
+from pinwm_drake.documents import Entry, read_yaml
 from pinwm_drake.spatial.poses import Pose
 
 SCHEMA_VERSION = 1

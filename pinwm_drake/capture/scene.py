@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from pinwm_drake.capture.documents import Entry, read_yaml
 from pinwm_drake.capture.objects import CAPTURE_FILE, CaptureObject, read_object, require_version
 from pinwm_drake.capture.paths import require_file
+from pinwm_drake.documents import Entry, read_yaml
 from pinwm_drake.errors import InputError
 
 EPISODES = "episodes"

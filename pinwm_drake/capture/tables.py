@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pinwm_drake.capture.documents import read_text
 from pinwm_drake.capture.refusals import Refuse, raise_it
+from pinwm_drake.documents import read_text
 from pinwm_drake.errors import InputError
 
 UNIT_NORM = 1e-5  # how far a quaternion may be from unit norm: that of one printed with six digits

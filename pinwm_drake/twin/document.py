@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from pinwm_drake.capture.documents import Entry
 from pinwm_drake.capture.scene import PusherShape, read_floor, read_gravity, read_shape
+from pinwm_drake.documents import Entry
 from pinwm_drake.scene import Support
 from pinwm_drake.twin.estimates import estimate_to_document, read_nuisance, read_theta
 from pinwm_drake.twin.plain_data import read_plain, to_plain

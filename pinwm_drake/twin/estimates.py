@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from pinwm_drake.capture.documents import Entry
+from pinwm_drake.documents import Entry
 from pinwm_drake.twin.twin import THETA, Estimate
 
 _KEYS = ("value", "interval", "identifiable", "unit", "note")

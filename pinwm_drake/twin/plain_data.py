@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pinwm_drake.capture.documents import Entry
+from pinwm_drake.documents import Entry
 
 _DEEPEST = 32
 _MOST = 100_000  # values; more than that is no provenance but a bomb of YAML aliases

@@ -4,9 +4,9 @@ import hashlib
 import re
 from pathlib import Path, PurePosixPath
 
-from pinwm_drake.capture.documents import Entry, read_yaml
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.scene import PusherGeometry
+from pinwm_drake.documents import Entry, read_yaml
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.twin.document import read_document

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from pinwm_drake.capture.documents import Entry
+from pinwm_drake.documents import Entry
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.rendering.ply import write_ply

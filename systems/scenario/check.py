@@ -4,7 +4,7 @@ import dataclasses
 import types
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from pinwm_drake.capture.documents import Entry
+from pinwm_drake.documents import Entry
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.tasks.task import task_from_document
 

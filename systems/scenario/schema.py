@@ -8,8 +8,8 @@ from typing import Any
 import yaml
 from pydrake.common.yaml import yaml_load_typed
 
-from pinwm_drake.capture.documents import read_yaml
 from pinwm_drake.capture.scene import PUSHER_KINDS
+from pinwm_drake.documents import read_yaml
 from pinwm_drake.errors import InputError
 from pinwm_drake.models import OBJECT_NAMES
 from pinwm_drake.systems.scenario.check import check_scenario

@@ -10,8 +10,8 @@ import numpy as np
 from pydrake.geometry import RenderEngineVtkParams
 from pydrake.math import RigidTransform
 
-from pinwm_drake.capture.documents import Entry
 from pinwm_drake.capture.scene import PusherGeometry, PusherKind, PusherShape
+from pinwm_drake.documents import Entry
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.models import object_model

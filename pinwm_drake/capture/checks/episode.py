@@ -12,7 +12,6 @@ from pinwm_drake.capture.checks.motion import check_motion
 from pinwm_drake.capture.checks.scene import Scene
 from pinwm_drake.capture.checks.static import in_picture, unseen
 from pinwm_drake.capture.checks.video import Video, check_video
-from pinwm_drake.capture.documents import read_json
 from pinwm_drake.capture.episode_tables import (
     FRAMES_FILE,
     POSES_FILE,
@@ -25,6 +24,7 @@ from pinwm_drake.capture.episode_tables import (
 from pinwm_drake.capture.episodes import CAMERA_FILE, CAMERAS, pose_at, read_fixed_camera
 from pinwm_drake.capture.refusals import attempt
 from pinwm_drake.capture.scene import EPISODES
+from pinwm_drake.documents import read_json
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose, compose, inverse
 

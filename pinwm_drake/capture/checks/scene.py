@@ -7,7 +7,6 @@ import numpy as np
 import trimesh
 
 from pinwm_drake.capture.checks.findings import Findings
-from pinwm_drake.capture.documents import Entry, read_yaml
 from pinwm_drake.capture.objects import (
     CAPTURE_FILE,
     read_mass,
@@ -19,6 +18,7 @@ from pinwm_drake.capture.objects import (
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.refusals import attempt, passes
 from pinwm_drake.capture.scene import PusherGeometry, episode_names, read_floor, read_gravity, read_pusher
+from pinwm_drake.documents import Entry, read_yaml
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix

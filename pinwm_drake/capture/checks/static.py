@@ -11,10 +11,10 @@ from pinwm_drake.capture.checks.camera import check_camera
 from pinwm_drake.capture.checks.findings import Findings
 from pinwm_drake.capture.checks.pictures import check_area, check_sharpness, compare, sharpness
 from pinwm_drake.capture.checks.scene import Scene
-from pinwm_drake.capture.documents import Entry, read_json
 from pinwm_drake.capture.refusals import attempt, passes
 from pinwm_drake.capture.static_views import TRANSFORMS, read_frame_image, require_outside, require_seen
 from pinwm_drake.capture.transforms import Frame, read_frame, require_different
+from pinwm_drake.documents import Entry, read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.silhouette import silhouette

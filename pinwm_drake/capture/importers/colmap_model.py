@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pinwm_drake.capture.documents import read_text
 from pinwm_drake.capture.importers.binary import Binary
 from pinwm_drake.capture.paths import is_file
 from pinwm_drake.capture.tables import quote
+from pinwm_drake.documents import read_text
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose, inverse

@@ -4,7 +4,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-from pinwm_drake.capture.documents import Entry, read_json
 from pinwm_drake.capture.images import read_size
 from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
 from pinwm_drake.capture.importers.target import Scenery, write_scenery
@@ -12,6 +11,7 @@ from pinwm_drake.capture.importers.views import PosedImage, write_static
 from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.static_views import TRANSFORMS, find_mask
 from pinwm_drake.capture.transforms import Frame, read_frame, require_different
+from pinwm_drake.documents import Entry, read_json
 from pinwm_drake.files import appearing
 from pinwm_drake.spatial.poses import identity
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pinwm_drake.capture.documents import Entry, read_json
 from pinwm_drake.capture.episode_tables import ObjectPoses, PusherTrajectory
 from pinwm_drake.capture.images import read_size
 from pinwm_drake.capture.paths import is_file
 from pinwm_drake.capture.transforms import opencv_pose
+from pinwm_drake.documents import Entry, read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pinwm_drake.capture.documents import read_yaml
+from pinwm_drake.documents import read_yaml
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import matrix_to_quaternion, quaternion_to_matrix
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pinwm_drake.capture.documents import read_json
+from pinwm_drake.documents import read_json
 from pinwm_drake.files import replacing
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.rendering.fit_options import FitOptions

@@ -7,11 +7,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from pinwm_drake.capture.documents import read_yaml
 from pinwm_drake.capture.episode_tables import read_pose_table
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode
 from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
 from pinwm_drake.capture.scene import Capture, read_capture
+from pinwm_drake.documents import read_yaml
 from pinwm_drake.errors import InputError, PinwmError
 from pinwm_drake.identification.history import HISTORY_FILE, History, read_history
 from pinwm_drake.twin.origin import Origin, hash_capture
