@@ -70,7 +70,7 @@ def fields_of(model: Any) -> dict[str, FieldInfo]:
 
 
 def words(annotation: Any, field: FieldInfo | None) -> str:
-    """What a field allows, in words, such as "1 to 64", "more than 0 m" or "twin, hydroelastic, point".
+    """Words for what a field allows, such as "1 to 64" or "more than 0 m", in plain English.
 
     Args:
         annotation: Type of the field, or of an entry of its list.
@@ -123,7 +123,7 @@ def _plain(annotation: Any) -> tuple[Any, bool, list[Any]]:
     while True:
         if get_origin(annotation) is Annotated:
             annotation, *more = get_args(annotation)
-            metadata += more
+            metadata += [inner for one in more for inner in (one.metadata if isinstance(one, FieldInfo) else [one])]
         elif get_origin(annotation) in (Union, types.UnionType):
             parts = [part for part in get_args(annotation) if part is not types.NoneType]
             optional, annotation = optional or len(parts) < len(get_args(annotation)), parts[0]
@@ -144,4 +144,4 @@ def _find(model: Any, location: Sequence[str | int]) -> tuple[FieldInfo | None, 
             model = field.annotation
         else:
             break
-    return field, _plain(model)[0] if location else model
+    return field, model

@@ -20,7 +20,7 @@ class OtherPolicy(Acts, Protocol):
 
     @property
     def spec(self) -> PolicySpec:
-        """What it observes and how it acts."""
+        """Specification of its inputs and outputs."""
 
     @property
     def provenance(self) -> dict[str, Any]:
