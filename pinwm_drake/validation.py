@@ -80,16 +80,15 @@ def words(annotation: Any, field: FieldInfo | None) -> str:
     if "allowed" in extra:
         return str(extra["allowed"])
     kind, optional, metadata = _plain(annotation)
-    metadata = [*metadata, *(field.metadata if field is not None else [])]
     if get_origin(kind) is Literal:
         return ", ".join([*(str(choice) for choice in get_args(kind)), *(["null"] if optional else [])])
     if get_origin(kind) in (list, tuple):
         parts = [part for part in get_args(kind) if part is not Ellipsis]
         count = len(parts) if get_origin(kind) is tuple and Ellipsis not in get_args(kind) else None
         return f"{count} {_KINDS.get(parts[0], 'value')}s" if count else f"a list of {_KINDS.get(parts[0], 'value')}s"
-    unit = f" {extra['unit']}" if extra.get("unit", "1") != "1" else ""
     if kind in (int, float):
-        return (_bounds(metadata) or f"a {_KINDS[kind]}") + unit
+        found = bounds(field, metadata) or f"a {_KINDS[kind]}"
+        return found if unit_of(field) == "1" else f"{found} {unit_of(field)}"
     if fields_of(kind) or kind is dict:
         return "a mapping with keys"
     return {str: "text", bool: "true, false"}.get(kind, getattr(kind, "__name__", str(kind)).lower())
@@ -98,23 +97,37 @@ def words(annotation: Any, field: FieldInfo | None) -> str:
 _KINDS: dict[Any, str] = {int: "whole number", float: "finite number", str: "text", bool: "flag"}
 
 
-def _bounds(metadata: Sequence[Any]) -> str:
-    low = high = ""
-    for one in metadata:
-        if isinstance(one, annotated_types.Ge):
-            low = f"{one.ge:g}"
-        elif isinstance(one, annotated_types.Gt):
-            low = f"more than {one.gt:g}"
-        elif isinstance(one, annotated_types.Le):
-            high = f"{one.le:g}"
-        elif isinstance(one, annotated_types.Lt):
-            high = f"less than {one.lt:g}"
-    if low and high:
-        closed = not low.startswith("more") and not high.startswith("less")
-        return f"{low} to {high}" if closed else f"{low}, {high if high.startswith('less') else f'up to {high}'}"
-    if low:
-        return low if low.startswith("more") else f"{low} or more"
-    return high if not high or high.startswith("less") else f"up to {high}"
+def unit_of(field: FieldInfo | None) -> str:
+    """Unit of a field, such as "m"; "1" for none."""
+    extra = field.json_schema_extra if field is not None else None
+    return str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
+
+
+def bounds(field: FieldInfo | None, more: Sequence[Any] = ()) -> str:
+    """Range of a number in words, such as "1 to 64" or "more than 0"; empty where it has no bounds.
+
+    Args:
+        field: The field; an entry "allowed" of it goes first.
+        more: Further bounds, as `annotated_types` has them.
+    """
+    extra = field.json_schema_extra if field is not None else None
+    if isinstance(extra, dict) and "allowed" in extra:
+        return str(extra["allowed"])
+    metadata = [*more, *(field.metadata if field is not None else [])]
+    low = next((one for one in metadata if isinstance(one, annotated_types.Ge | annotated_types.Gt)), None)
+    high = next((one for one in metadata if isinstance(one, annotated_types.Le | annotated_types.Lt)), None)
+    least = None if low is None else _number(low.ge if isinstance(low, annotated_types.Ge) else low.gt)
+    most = None if high is None else _number(high.le if isinstance(high, annotated_types.Le) else high.lt)
+    above, below = isinstance(low, annotated_types.Gt), isinstance(high, annotated_types.Lt)
+    if least and most and not above and not below:
+        return f"{least} to {most}"
+    parts = [f"more than {least}" if above else f"{least} or more"] if least else []
+    parts += [f"less than {most}" if below else f"up to {most}"] if most else []
+    return ", ".join(parts)
+
+
+def _number(value: Any) -> str:
+    return str(value) if isinstance(value, int) else f"{value:g}"
 
 
 def _plain(annotation: Any) -> tuple[Any, bool, list[Any]]:
