@@ -78,7 +78,7 @@ def _parameter(field: RequestField) -> inspect.Parameter:
 def _metavar(field: RequestField, kind: Any) -> str | None:
     """Name of a value in the help: its unit where it has one."""
     if kind is bool:
-        return None
+        return "flag"
     if (unit := unit_of(field.info)) != "1":
         return unit
     inner = next((part for part in get_args(kind) if part is not types.NoneType), kind)
@@ -87,13 +87,14 @@ def _metavar(field: RequestField, kind: Any) -> str | None:
 
 def _help(field: RequestField, choices: tuple[str, ...]) -> str:
     """Help of an option: its text, what it allows, and its default."""
-    text, shown = str(field.info.description).rstrip("."), field.shown
-    allowed = ", ".join(choices) or ("" if shown.argument else bounds(field.info))
-    if allowed:
-        text += f": {allowed}" if choices else f", {allowed}"
-    default = shown.default or ("" if field.default in (None, False, True, dataclasses.MISSING, ()) else field.default)
-    given = " ".join(map(str, default)) if isinstance(default, tuple) else str(default)
-    return escape(f"{text}." + (f" [{given}]" if given else ""))
+    text, shown, default = str(field.info.description).rstrip("."), field.shown, field.default
+    if choices:
+        text += f". One of {', '.join(choices)}"
+    elif not shown.argument and (allowed := bounds(field.info)):
+        text += f" ({allowed})"
+    told = not any(default is one for one in (None, False, True, dataclasses.MISSING)) and default != ()
+    given = shown.default or (" ".join(map(str, default if isinstance(default, tuple) else [default])) if told else "")
+    return escape(f"{text}." + (f" [default: {given}]" if given else ""))
 
 
 def _typer_kind(kind: Any) -> tuple[Any, tuple[str, ...]]:

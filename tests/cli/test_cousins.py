@@ -46,7 +46,7 @@ def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, tmp_path):
         ([str(folder), "--number", "0"], "--number: got 0; allowed: 1 to 200"),
         ([str(folder), "--number", "201"], "--number: got 201; allowed: 1 to 200"),
         ([str(folder), "--delta", "1"], "--delta: got 1.0; allowed: 0 or more, less than 1"),
-        ([str(folder), "--seed", "-1"], "seed: got -1; allowed: a whole number, 0 or more"),
+        ([str(folder), "--seed", "-1"], "--seed: got -1; allowed: 0 or more"),
         (
             [str(tmp_path)],
             f"{tmp_path / 'twin.yaml'}: got no such file; allowed: the twin that `pinwm identify` writes",
