@@ -113,7 +113,7 @@ def request(cls: _Class) -> _Class:
 
 def _words(error: ValidationError, cls: type) -> str:
     problem = first_problem(error, cls)
-    key = next((part for part in problem.location if isinstance(part, str)), "")
+    key = next((part for part in reversed(problem.location) if isinstance(part, str)), "")
     name = option_name(key, shown_of(problem.field))
     if problem.kind in ("missing", "extra_forbidden"):
         return f"{name}: got {'none' if problem.kind == 'missing' else 'an unknown option'}; allowed: {problem.allowed}"
@@ -128,10 +128,12 @@ def shown_of(field: FieldInfo | None) -> Shown | None:
 
 
 def option_name(field: str, shown: Shown | None) -> str:
-    """Name by which the command line has a field, such as "--round-steps" or "TWIN"."""
-    if shown is not None and shown.argument:
+    """Name of a field on the command line, such as "--round-steps" or "TWIN"; its own where it is for Python only."""
+    if shown is None:
+        return field
+    if shown.argument:
         return shown.metavar
-    return shown.names[0] if shown is not None and shown.names else f"--{field.replace('_', '-')}"
+    return shown.names[0] if shown.names else f"--{field.replace('_', '-')}"
 
 
 @dataclasses.dataclass(frozen=True)
