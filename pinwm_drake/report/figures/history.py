@@ -25,8 +25,7 @@ def loss_figure(history: History) -> Figure:
     if len(finite) and finite.min() > 0:
         axes.set_yscale("log")
     _mark_stages(axes, history, named=True)
-    axes.set_xlabel("iteration")
-    axes.set_ylabel("loss")
+    axes.set(xlabel="iteration", ylabel="loss")
     if 0 < len(history.starts()) <= 12:
         axes.legend(frameon=False, fontsize=8, ncol=4)
     tidy([axes])
@@ -64,13 +63,8 @@ def theta_figure(
 
 def _line(history: History, number: int, rows: np.ndarray) -> dict[str, Any]:
     """Style of the line of a start; one evaluation is a point."""
-    return {
-        "color": start_colour(number),
-        "linewidth": 1.3,
-        "alpha": 0.85,
-        "marker": "o" if len(rows) == 1 else "",
-        "markersize": 4,
-    }
+    marker = "o" if len(rows) == 1 else ""
+    return {"color": start_colour(number), "linewidth": 1.3, "alpha": 0.85, "marker": marker, "markersize": 4}
 
 
 def _draw_result(axes: Axes, final: Estimate | None, truth: float | None, values: np.ndarray) -> None:
@@ -96,9 +90,5 @@ def _mark_stages(axes: Axes, history: History, *, named: bool) -> None:
     for at, name in stages:
         axes.axvline(at, color=GREY, linewidth=0.8, linestyle=":")
         if named:
-            place: dict[str, Any] = {
-                "xy": (at, 1.0),
-                "xycoords": ("data", "axes fraction"),
-                "textcoords": "offset points",
-            }
-            axes.annotate(f"stage {name}", xytext=(2, 2), fontsize=7, color=GREY, **place)
+            place: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+            axes.annotate(f"stage {name}", (at, 1.0), (2, 2), fontsize=7, color=GREY, **place)

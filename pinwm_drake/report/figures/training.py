@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.files import replacing
-from pinwm_drake.report.style import new_figure, tidy
+from pinwm_drake.report.style import new_figure, save_figure, tidy
 
 _COLUMNS = ("steps", "success", "length", "loss", "seconds")
 
@@ -42,8 +41,7 @@ def training_figure(path: Path, stages: Mapping[str, Path]) -> Path:
     panels[2].set_yscale("log")
     panels[0].legend(frameon=False, fontsize=8)
     tidy(panels)
-    with replacing(path) as temporary:
-        figure.savefig(temporary)
+    save_figure(path, figure)
     return path
 
 
