@@ -1,7 +1,7 @@
 """The page of the main demonstration: one file that loads nothing from anywhere."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple
 from pathlib import Path
 
@@ -20,7 +20,7 @@ PAGE_FILE = "index.html"
 _VIEWS = 4  # static views that are shown
 
 
-def write_page(out: Path, result: DemoResult, films: Mapping[str, page.Frames]) -> None:
+def write_page(out: Path, result: DemoResult, films: Mapping[str, Sequence[page.Frame]]) -> None:
     """Writes the page.
 
     Args:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from pinwm_drake.capture.episodes import ObjectPoses
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.demo.options import DemoOptions
 from pinwm_drake.demo.policy import Performance
@@ -20,13 +19,11 @@ class DemoPush:
 
     Attributes:
         name: Of the episode.
-        poses: The twin's, at the frames.
         shots: The frames.
         errors: Of the poses; None where the truth is not known.
     """
 
     name: str
-    poses: ObjectPoses
     shots: list[Shot]
     errors: PoseErrors | None
 

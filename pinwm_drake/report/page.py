@@ -15,7 +15,7 @@ from PIL import Image
 from pinwm_drake.files import replacing
 from pinwm_drake.report.twin.estimates import error_words, interval_words
 
-Frames = Iterable[tuple[float, np.ndarray, str]]  # time [s], picture (height, width, 3) uint8 sRGB, caption
+Frame = tuple[float, np.ndarray, str]  # time [s], picture (height, width, 3) uint8 sRGB, caption
 _QUALITY = 88  # of JPEG
 
 
@@ -49,7 +49,7 @@ def data_uri(shown: Figure | np.ndarray) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
-def _frames(pictures: Frames) -> list[dict[str, Any]]:
+def _frames(pictures: Iterable[Frame]) -> list[dict[str, Any]]:
     return [{"t": round(t, 6), "src": data_uri(picture), "words": words} for t, picture, words in pictures]
 
 

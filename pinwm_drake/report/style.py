@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -56,3 +57,21 @@ def start_colour(number: int) -> str:
 def evenly(number: int, most: int) -> list[int]:
     """Some of the numbers 0 to `number - 1` at equal distances, the first and the last among them, `most` at most."""
     return [int(k) for k in np.unique(np.linspace(0, number - 1, min(most, number)).round())]
+
+
+def box_around(shown: np.ndarray, share: float, pixels: int) -> tuple[slice, slice]:
+    """Rows and columns of the box around the pixels that are true, or of all, with a margin.
+
+    Args:
+        shown: (height, width) bool.
+        share: Margin, as a share of the box.
+        pixels: More margin [px].
+    """
+    x, y, width, height = cv2.boundingRect(shown.astype(np.uint8))
+    if not width:
+        height, width = shown.shape
+    margins = int(share * height) + pixels, int(share * width) + pixels
+    return (
+        slice(max(y - margins[0], 0), y + height + margins[0]),
+        slice(max(x - margins[1], 0), x + width + margins[1]),
+    )

@@ -10,6 +10,7 @@ from pinwm_drake.report.captions import write_caption
 from pinwm_drake.report.evaluation.episode import EpisodeRecord, rotation
 from pinwm_drake.report.outline import boundary, silhouette
 from pinwm_drake.report.scene import Actor, Stage
+from pinwm_drake.report.style import evenly
 from pinwm_drake.spatial.poses import Pose
 
 Lines = list[tuple[np.ndarray, tuple[float, float, float]]]
@@ -103,11 +104,9 @@ class FilmGrid:
         self._film, self._records = film, list(records)
         self._columns = min(columns, len(self._records))
         rows = -(-len(self._records) // self._columns)
-        width, height = self._columns * film.camera.width, rows * film.camera.height
-        self.size = (width // 2 * 2, height // 2 * 2)
+        self.size = (self._columns * film.camera.width // 2 * 2, rows * film.camera.height // 2 * 2)
         self.steps = max(record.last for record in self._records)
-        shown = np.linspace(0, self.steps, min(keep, self.steps + 1)).round()
-        self.kept = [int(step) for step in np.unique(shown)]
+        self.kept = evenly(self.steps + 1, keep)
         self._ended: dict[int, np.ndarray] = {}
         self._drawn: dict[int, np.ndarray] = {}
 
@@ -115,19 +114,13 @@ class FilmGrid:
         """Picture of all episodes after some actions: (height, width, 3) uint8, sRGB."""
         if step in self._drawn:
             return self._drawn[step]
-        picture = self._draw(step)
+        tiles = [self._tile(k, record, step) for k, record in enumerate(self._records)]
+        tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % self._columns)
+        rows = [np.hstack(tiles[k : k + self._columns]) for k in range(0, len(tiles), self._columns)]
+        picture = np.ascontiguousarray(np.vstack(rows)[: self.size[1], : self.size[0]])
         if step in self.kept:
             self._drawn[step] = picture
         return picture
-
-    def _draw(self, step: int) -> np.ndarray:
-        tile, columns = self._film.camera, self._columns
-        rows = -(-len(self._records) // columns)
-        whole = np.full((rows * tile.height, columns * tile.width, 3), 255, np.uint8)
-        for k, record in enumerate(self._records):
-            y, x = k // columns * tile.height, k % columns * tile.width
-            whole[y : y + tile.height, x : x + tile.width] = self._tile(k, record, step)
-        return np.ascontiguousarray(whole[: self.size[1], : self.size[0]])
 
     def pictures(self) -> Iterator[np.ndarray]:
         """Pictures of the film: one for each action, and some more of the end."""

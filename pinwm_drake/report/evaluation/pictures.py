@@ -13,6 +13,7 @@ from pinwm_drake.rendering.camera import Camera, zoomed
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.report.style import evenly
 from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
 from pinwm_drake.twin.origin import of_push, time_offset
 from pinwm_drake.twin.twin import Twin
@@ -163,7 +164,7 @@ def window_of(episode: Episode, poses: ObjectPoses, mesh: trimesh.Trimesh) -> tu
         return everything
     fx, fy, cx, cy = episode.camera.intrinsics.tolist()
     points = [corners[:, :2] / corners[:, 2:] * [fx, fy] + [cx, cy]]
-    for k in np.unique(np.linspace(0, len(episode.t) - 1, _LOOKED_AT).round().astype(int)):
+    for k in evenly(len(episode.t), _LOOKED_AT):
         _, mask = read_episode_image(episode.folder, episode.file_names[k], episode.camera)
         points.append(np.argwhere(mask)[:, ::-1] + 0.5)
     pixels = np.concatenate(points)

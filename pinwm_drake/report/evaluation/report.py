@@ -7,13 +7,12 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pinwm_drake.learning.evaluation import Evaluation
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.figures import start_figure, steps_figure, success_figure
 from pinwm_drake.report.evaluation.film import EpisodeFilm, FilmGrid
-from pinwm_drake.report.page import write_page
+from pinwm_drake.report.page import Frame, write_page
+from pinwm_drake.report.style import evenly
 
 _GOOD, _FAIR = 0.98, 0.8  # success rates of the verdict's colours
 _MOST_FAILED, _SLOWEST = 12, 4  # episodes in the gallery
@@ -127,7 +126,7 @@ def details(evaluation: Evaluation) -> list[str]:
     return lines
 
 
-def _film(story: EvaluationStory, report: Callable[[float], None]) -> Iterator[tuple[float, np.ndarray, str]]:
+def _film(story: EvaluationStory, report: Callable[[float], None]) -> Iterator[Frame]:
     grid = story.grid
     for number, step in enumerate(grid.kept):
         t = step * story.horizon
@@ -146,4 +145,4 @@ def _strip(film: EpisodeFilm, record: EpisodeRecord) -> dict[str, list[Any]]:
 
 def strip_steps(last: int) -> list[int]:
     """Numbers of actions, 0 to `last`, after which the pictures of a strip are taken."""
-    return [int(step) for step in np.unique(np.linspace(0, last, _STRIP).round())]
+    return evenly(last + 1, _STRIP)

@@ -56,13 +56,8 @@ def next_push_figure(path: Path, shown: PushPicture) -> None:
         lines = 1e3 * (boundary(*silhouette(shown.mesh, R_WO)) + p_WO[:2])
         left.add_collection(LineCollection(list(lines), colors=colour, lw=width, alpha=opacity))
     for k, (start, end) in reversed(list(enumerate(zip(1e3 * shown.starts, 1e3 * shown.ends, strict=True)))):
-        arrow = {
-            "arrowstyle": "->",
-            "color": GREY if k else PUSHER,
-            "lw": 0.6 if k else 2.5,
-            "shrinkA": 0,
-            "shrinkB": 0,
-        }
+        colour, width = (GREY, 0.6) if k else (PUSHER, 2.5)
+        arrow = {"arrowstyle": "->", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0}
         left.annotate("", tuple(end), tuple(start), arrowprops=arrow)
         left.plot(*np.array([start, end]).T, alpha=0.0)
     left.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title="the push, and where the twin's draws have it end")

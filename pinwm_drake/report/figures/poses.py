@@ -28,9 +28,7 @@ def motion_figure(
     panels = figure.subplots(3, 1, sharex=True)
     known = _curves(truth) if truth is not None else []
     sigmas = [] if spread is None else [1e3 * spread.x, 1e3 * spread.y, np.degrees(spread.yaw)]
-    for k, (axes, values, label) in enumerate(
-        zip(panels, _curves(poses), ("x [mm]", "y [mm]", "yaw [°]"), strict=True)
-    ):
+    for k, (axes, values) in enumerate(zip(panels, _curves(poses), strict=True)):
         if pusher is not None and k < 2:
             shown = (pusher.t >= poses.t[0]) & (pusher.t <= poses.t[-1])
             axes.plot(pusher.t[shown], 1e3 * pusher.p_WP[shown, k], color=PUSHER, linewidth=1, label="pusher")
@@ -40,7 +38,7 @@ def motion_figure(
         if sigmas:
             band = (values - TWO_SIDED * sigmas[k], values + TWO_SIDED * sigmas[k])
             axes.fill_between(poses.t, *band, color=TWIN, alpha=0.18, linewidth=0, label="95 %")
-        axes.set_ylabel(label)
+        axes.set_ylabel(("x [mm]", "y [mm]", "yaw [°]")[k])
     panels[2].set_xlabel("time [s]")
     panels[0].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), ncol=4)
     tidy(panels)

@@ -8,6 +8,7 @@ from PIL import Image
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
 from pinwm_drake.report.evaluation.pictures import Cast, Picture, draw_frame, window_of
+from pinwm_drake.report.style import evenly
 
 PANELS = ("camera", "twin", "difference")
 
@@ -59,9 +60,9 @@ def draw_shots(
         InputError: An image cannot be used.
     """
     window = window_of(episode, poses, cast.mesh)
-    chosen = np.unique(np.linspace(0, len(episode.t) - 1, min(most, len(episode.t))).round().astype(int))
+    chosen = evenly(len(episode.t), most)
     shots = []
-    for number, k in enumerate(chosen.tolist()):
+    for number, k in enumerate(chosen):
         picture = draw_frame(episode, k, poses, cast)
         shots.append(_shot(picture, window, size))
         report((number + 1) / len(chosen))

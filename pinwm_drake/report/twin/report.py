@@ -12,6 +12,7 @@ from pinwm_drake.report.evaluation.pictures import Cast
 from pinwm_drake.report.figures.history import loss_figure, theta_figure
 from pinwm_drake.report.figures.poses import error_figure, motion_figure, top_figure
 from pinwm_drake.report.page import write_page
+from pinwm_drake.report.style import evenly
 from pinwm_drake.report.twin.comparison_frames import PANELS, Shot, draw_shots
 from pinwm_drake.report.twin.data import Story
 from pinwm_drake.report.twin.score import PoseErrors, pose_errors
@@ -39,7 +40,7 @@ def write_twin_report(path: Path, story: Story, report: Callable[[float], None] 
     truth = None if story.episode is None else story.episode.object_poses
     errors = None if truth is None or story.poses is None else pose_errors(story.poses, truth)
     verdict = judge(twin, shots, errors, story.history)
-    chosen = [shots[k] for k in np.unique(np.linspace(0, len(shots) - 1, _STRIPS).round().astype(int))] if shots else []
+    chosen = [shots[k] for k in evenly(len(shots), _STRIPS)] if shots else []
     provenance = dict(twin.provenance)
     spent = provenance.pop("timings", None)
     write_page(
