@@ -3,12 +3,12 @@
 numba compiles on one core and keeps the result on disk beside the sources, where the first process then finds it.
 """
 
+import contextlib
 import multiprocessing
 import signal
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
 
 import torch
 
@@ -26,12 +26,7 @@ class KernelsAhead:
     """A process that compiles, from the beginning of a `with` block to its end at most."""
 
     def __init__(self, capture: Path, options: IdentifyOptions) -> None:
-        """Prepares the process.
-
-        Args:
-            capture: The capture that will be identified.
-            options: Of that identification.
-        """
+        """Prepares the process for the identification of a capture."""
         # Spawned: a fork would copy the locks of threads that it does not copy.
         context = multiprocessing.get_context("spawn")
         self._receiver, self._sender = context.Pipe(duplex=False)
@@ -44,9 +39,7 @@ class KernelsAhead:
         self._sender.close()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Ends it, whether it is done or not."""
         self._process.terminate()
         self._process.join()
@@ -68,23 +61,14 @@ def _compile(folder: Path, options: IdentifyOptions, sender: Connection) -> None
     """Compiles in a process of its own; sends wall time and time of the cores [s]."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the first process, which ends this one
     begun = time.perf_counter()
-    try:
-        compile_physics(folder, options)
-    except PinwmError:
-        return  # which the first process will meet too, and say
-    sender.send((time.perf_counter() - begun, cpu_seconds()))
+    # The first process will meet an error too, and say it.
+    with contextlib.suppress(PinwmError):
+        _compile_physics(folder, options)
+        sender.send((time.perf_counter() - begun, cpu_seconds()))
 
 
-def compile_physics(folder: Path, options: IdentifyOptions) -> None:
-    """Calls every kernel of the physics that an identification needs, forward and backward, for a few steps.
-
-    Args:
-        folder: The capture.
-        options: Of the identification.
-
-    Raises:
-        PinwmError: The capture cannot be used.
-    """
+def _compile_physics(folder: Path, options: IdentifyOptions) -> None:
+    """Calls every kernel of the physics that an identification needs, forward and backward, for a few steps."""
     torch.set_num_threads(1)
     capture = read_capture(folder)
     episode, X_WO = read_episode(capture, capture.episode_names[0]), capture.object.X_WO

@@ -35,10 +35,10 @@ class DemoResult:
     Attributes:
         options: Capture, policy and budgets.
         capture: The capture.
-        views: Its static views.
+        views: Static views of the object.
         fit: The surfels.
         twin: The twin.
-        truth: True values of its parameters, by name.
+        truth: True values of the twin's parameters, by name.
         identified: The push that the twin was identified from.
         predicted: The push that it was not.
         performances: The policy in the twin and in the hydroelastic plant.
