@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pinwm_drake.demo.page import DemoPush
 from pinwm_drake.demo.policy import Performance
-from pinwm_drake.demo.result import DemoPush
 from pinwm_drake.demo.stages import Report
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.report.page import Frame

@@ -11,16 +11,14 @@ from pinwm_drake.capture.write import write_pose_table
 from pinwm_drake.demo.films import write_films
 from pinwm_drake.demo.kernels import KernelsAhead
 from pinwm_drake.demo.options import DemoOptions
-from pinwm_drake.demo.page import PAGE_FILE, write_page
+from pinwm_drake.demo.page import PAGE_FILE, DemoPush, DemoResult, write_page
 from pinwm_drake.demo.policy import run_policy
-from pinwm_drake.demo.result import DemoPush, DemoResult
 from pinwm_drake.demo.stages import Report, Stages
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.alignment import align, read_source
 from pinwm_drake.experiments.twins import twin_from_capture
 from pinwm_drake.files import prepare_folder
-from pinwm_drake.report.evaluation.pictures import Cast
-from pinwm_drake.report.twin.comparison_frames import draw_shots
+from pinwm_drake.report.twin.comparison_frames import Cast, draw_shots
 from pinwm_drake.report.twin.data import read_story
 from pinwm_drake.report.twin.report import write_twin_report
 from pinwm_drake.report.twin.score import pose_errors

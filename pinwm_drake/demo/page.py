@@ -2,22 +2,75 @@
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from pinwm_drake.capture.scene import Capture
+from pinwm_drake.demo.options import DemoOptions
 from pinwm_drake.demo.policy import Performance
-from pinwm_drake.demo.result import DemoResult
+from pinwm_drake.demo.stages import Cost
 from pinwm_drake.models import policy_path
+from pinwm_drake.rendering.fit_result import FitResult
 from pinwm_drake.rendering.render import render
+from pinwm_drake.rendering.views import View
 from pinwm_drake.report import page
 from pinwm_drake.report.surfels.turntable import to_bytes
+from pinwm_drake.report.twin.comparison_frames import Shot
+from pinwm_drake.report.twin.score import PoseErrors
 from pinwm_drake.threads import available
+from pinwm_drake.twin.twin import Twin
 
 PAGE_FILE = "index.html"
 _VIEWS = 4  # static views that are shown
+
+
+@dataclass(frozen=True, eq=False)
+class DemoPush:
+    """A push of the capture as the camera saw it and as the twin has it.
+
+    Attributes:
+        name: Of the episode.
+        shots: The frames.
+        errors: Of the poses; None where the truth is not known.
+    """
+
+    name: str
+    shots: list[Shot]
+    errors: PoseErrors | None
+
+
+@dataclass(frozen=True, eq=False)
+class DemoResult:
+    """Everything that the page shows.
+
+    Attributes:
+        options: Capture, policy and budgets.
+        capture: The capture.
+        views: Static views of the object.
+        fit: The surfels.
+        twin: The twin.
+        truth: True values of the twin's parameters, by name.
+        identified: The push that the twin was identified from.
+        predicted: The push that it was not.
+        performances: The policy in the twin and in the hydroelastic plant.
+        costs: Of the stages, in their order.
+        seconds: Wall time of all of them [s].
+    """
+
+    options: DemoOptions
+    capture: Capture
+    views: list[View]
+    fit: FitResult
+    twin: Twin
+    truth: dict[str, float]
+    identified: DemoPush
+    predicted: DemoPush
+    performances: list[Performance]
+    costs: list[Cost]
+    seconds: float
 
 
 def write_page(out: Path, result: DemoResult, films: Mapping[str, Sequence[page.Frame]]) -> None:

@@ -1,6 +1,8 @@
 """Pictures of rigid bodies on a floor: grid, soft shadow, paths and shaded meshes, seen by a fixed camera."""
 
+import warnings
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,6 +11,8 @@ import trimesh
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.raster import Surface, draw_triangles
 
+PLAIN = (0.75, 0.16, 0.10)  # linear RGB, of a mesh without colours
+_GAMMA = 2.2
 # Unit vector towards the light, world; the light is far away.
 _LIGHT_W = np.array([-0.38, -0.30, 0.875]) / np.linalg.norm([-0.38, -0.30, 0.875])
 _FLOOR = np.array([0.80, 0.82, 0.85])
@@ -49,6 +53,29 @@ class Actor:
     def at(self, R_WB: np.ndarray, p_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Corners (n, 3, 3) [m] and normals (n, 3, 3) in the world, for a pose (3, 3), (3,) [m]."""
         return self.corners_B @ R_WB.T + p_WB, self.normals_B @ R_WB.T
+
+
+def coloured_actors(path: Path) -> list[Actor]:
+    """The surfaces of a mesh file, one for each of its materials; of one colour where it has none.
+
+    Args:
+        path: The file, m, object frame.
+
+    Returns:
+        The surfaces.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        parts = trimesh.load_scene(path, process=False, group_material=True).geometry.values()
+    actors = []
+    for part in parts:
+        material = getattr(part.visual, "material", None)
+        colour = PLAIN
+        if material is not None and material.name and hasattr(material, "diffuse"):
+            red, green, blue = ((float(value) / 255.0) ** _GAMMA for value in material.diffuse[:3])
+            colour = (red, green, blue)
+        actors.append(Actor.from_mesh(part, colour, smooth=False))
+    return actors
 
 
 class Stage:

@@ -5,10 +5,9 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.report.actors import PLAIN, coloured_actors
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.captions import write_caption
-from pinwm_drake.report.scene import Actor, Stage
+from pinwm_drake.report.scene import PLAIN, Actor, Stage, coloured_actors
 from pinwm_drake.systems.scenario.setup import Setup
 
 _HEIGHT = 480  # px, about, of the panels

@@ -7,8 +7,7 @@ import numpy as np
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
 from pinwm_drake.report.captions import write_caption
-from pinwm_drake.report.evaluation.pictures import Cast
-from pinwm_drake.report.twin.comparison_frames import PANELS, draw_shots
+from pinwm_drake.report.twin.comparison_frames import PANELS, Cast, draw_shots
 from pinwm_drake.report.video import write_video
 from pinwm_drake.twin.predict import TWO_SIDED, Spread
 from pinwm_drake.twin.twin import Twin

@@ -8,12 +8,11 @@ from matplotlib.figure import Figure
 
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.report.evaluation.pictures import Cast
 from pinwm_drake.report.figures.history import loss_figure, theta_figure
 from pinwm_drake.report.figures.poses import error_figure, motion_figure, top_figure
 from pinwm_drake.report.page import write_page
 from pinwm_drake.report.style import evenly
-from pinwm_drake.report.twin.comparison_frames import PANELS, Shot, draw_shots
+from pinwm_drake.report.twin.comparison_frames import PANELS, Cast, Shot, draw_shots
 from pinwm_drake.report.twin.data import Story
 from pinwm_drake.report.twin.score import PoseErrors, pose_errors
 from pinwm_drake.report.twin.verdict import Verdict, judge

@@ -16,11 +16,10 @@ from pinwm_drake.capture.episodes import ObjectPoses, read_episode
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.identification.history import read_history
-from pinwm_drake.report.evaluation.pictures import Cast, draw_frame, window_of
 from pinwm_drake.report.figures.history import loss_figure, theta_figure
 from pinwm_drake.report.outline import boundary
 from pinwm_drake.report.page import data_uri, templates
-from pinwm_drake.report.twin.comparison_frames import draw_shots
+from pinwm_drake.report.twin.comparison_frames import Cast, draw_frame, draw_shots, window_of
 from pinwm_drake.report.twin.data import read_ground_truth, read_story
 from pinwm_drake.report.twin.report import write_twin_report
 from pinwm_drake.report.twin.score import pose_errors
