@@ -3,10 +3,11 @@
 numba compiles on one core and keeps the result on disk beside the sources, where the first process then finds it.
 """
 
-import contextlib
 import multiprocessing
 import signal
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -22,39 +23,38 @@ from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.unknowns import Coordinates
 
 
-class KernelsAhead:
-    """A process that compiles, from the beginning of a `with` block to its end at most."""
+@contextmanager
+def compiling(capture: Path, options: IdentifyOptions) -> Iterator[Callable[[], Cost | None]]:
+    """Compiles in a second process, from the beginning of a `with` block to its end at most.
 
-    def __init__(self, capture: Path, options: IdentifyOptions) -> None:
-        """Prepares the process for the identification of a capture."""
-        # Spawned: a fork would copy the locks of threads that it does not copy.
-        context = multiprocessing.get_context("spawn")
-        self._receiver, self._sender = context.Pipe(duplex=False)
-        self._process = context.Process(target=_compile, args=(capture, options, self._sender), daemon=True)
+    Args:
+        capture: The capture that will be identified.
+        options: Options of that identification.
 
-    def __enter__(self) -> "KernelsAhead":
-        """Starts the compiling process."""
-        self._process.start()
-        # With no other sender left, a process that dies is noticed.
-        self._sender.close()
-        return self
+    Yields:
+        Function that waits for the process and returns what it took; None where it failed, and the identification
+        compiles for itself.
+    """
+    # Spawned: a fork would copy the locks of threads that it does not copy.
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_compile, args=(capture, options, sender), daemon=True)
+    process.start()
+    # With no other sender left, a process that dies is noticed.
+    sender.close()
 
-    def __exit__(self, *error: object) -> None:
-        """Ends it, whether it is done or not."""
-        self._process.terminate()
-        self._process.join()
-        self._receiver.close()
-
-    def wait(self) -> Cost | None:
-        """Waits until it is done.
-
-        Returns:
-            What it took; None where it failed, and the identification compiles for itself.
-        """
+    def wait() -> Cost | None:
         try:
-            return Cost("compile the physics", *self._receiver.recv())
+            return Cost("compile the physics", *receiver.recv())
         except EOFError:
             return None
+
+    try:
+        yield wait
+    finally:
+        process.terminate()
+        process.join()
+        receiver.close()
 
 
 def _compile(folder: Path, options: IdentifyOptions, sender: Connection) -> None:
@@ -62,7 +62,7 @@ def _compile(folder: Path, options: IdentifyOptions, sender: Connection) -> None
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the first process, which ends this one
     begun = time.perf_counter()
     # The first process will meet an error too, and say it.
-    with contextlib.suppress(PinwmError):
+    with suppress(PinwmError):
         _compile_physics(folder, options)
         sender.send((time.perf_counter() - begun, cpu_seconds()))
 

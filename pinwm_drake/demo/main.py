@@ -9,7 +9,7 @@ from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode
 from pinwm_drake.capture.scene import Capture, read_capture
 from pinwm_drake.capture.write import write_pose_table
 from pinwm_drake.demo.films import write_films
-from pinwm_drake.demo.kernels import KernelsAhead
+from pinwm_drake.demo.kernels import compiling
 from pinwm_drake.demo.options import DemoOptions
 from pinwm_drake.demo.page import PAGE_FILE, DemoPush, DemoResult, write_page
 from pinwm_drake.demo.policy import run_policy
@@ -55,7 +55,7 @@ def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
     """All stages, one after the other."""
     with stages.stage("check the capture"):
         capture, episodes = _read(options.capture)
-    with KernelsAhead(options.capture, options.identify) as ahead:
+    with compiling(options.capture, options.identify) as wait:
         with stages.stage("align") as report:
             report(0.0, "getting ready (the first run compiles the renderer)")
             parts = {"fitting": _part(report, 0.0, 0.9), "drawing": _part(report, 0.9, 1.0)}
@@ -70,7 +70,7 @@ def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
             in_plant = run_policy(options, options.scene, "hydroelastic")
         with stages.stage("wait for the compiler") as report:
             report(0.0, "the first run compiles the physics, which takes minutes")
-            compiled = ahead.wait()
+            compiled = wait()
     if compiled is not None:
         stages.costs.append(compiled)
     with stages.stage("identify") as report:

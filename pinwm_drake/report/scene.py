@@ -113,7 +113,10 @@ class Stage:
         placed = [(actor, *actor.at(R_WB, p_WB)) for actor, R_WB, p_WB in actors]
         image = self._empty * self._shadow([corners for _, corners, _ in placed])
         for points, colour in paths:
-            self._draw_path(image, points, colour)
+            if len(points) > 1:
+                on_floor = np.column_stack((points, np.full(len(points), self.floor_height)))
+                pixels = np.round(16 * self._large.project(on_floor)[0]).astype(np.int32)
+                cv2.polylines(image, [pixels], False, colour, 2 * _SUPERSAMPLING, cv2.LINE_AA, shift=4)
         surface = Surface.empty(self._large)
         for actor, corners_W, normals_W in placed:
             draw_triangles(surface, self._large, corners_W, normals_W, actor.colour)
@@ -135,14 +138,6 @@ class Stage:
                 cv2.fillConvexPoly(mask, triangle, 1.0, cv2.LINE_AA, shift=4)
         light = 1 - 0.5 * cv2.GaussianBlur(mask, (0, 0), self.camera.height / 110)
         return cv2.resize(light, (self._large.width, self._large.height))[..., None]
-
-    def _draw_path(self, image: np.ndarray, points: np.ndarray, colour: tuple[float, float, float]) -> None:
-        """Draws a line on the floor, under the actors that stand on it."""
-        if len(points) < 2:
-            return
-        on_floor = np.column_stack((points, np.full(len(points), self.floor_height)))
-        pixels = np.round(16 * self._large.project(on_floor)[0]).astype(np.int32)
-        cv2.polylines(image, [pixels], False, colour, 2 * _SUPERSAMPLING, cv2.LINE_AA, shift=4)
 
     def _shade(self, surface: Surface, covered: np.ndarray) -> np.ndarray:
         """Light on the covered pixels: sky from above, one lamp, and its highlight; (n, 3) linear RGB."""

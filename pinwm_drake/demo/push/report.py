@@ -1,6 +1,5 @@
 """Output of `pinwm demo push`: progress, trajectory.csv, push.png, push.mp4 and a table."""
 
-import csv
 import math
 from pathlib import Path
 
@@ -66,10 +65,8 @@ def run_push(out: Path, options: PushOptions) -> None:
 def _write_table(path: Path, record: PushRecord) -> None:
     """One row a recorded state; metres, seconds, radians, world frame."""
     rows = np.column_stack((record.times, record.p_WB, record.q_WB, record.V_WB, record.p_WP))
-    with replacing(path) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(_COLUMNS)
-        writer.writerows([f"{value:.9g}" for value in row] for row in rows)
+    with replacing(path) as temporary:
+        np.savetxt(temporary, rows, "%.9g", ",", "\r\n", header=",".join(_COLUMNS), comments="")
 
 
 def _summary(record: PushRecord) -> Table:

@@ -32,16 +32,13 @@ def loss_figure(history: History) -> Figure:
     return figure
 
 
-def theta_figure(
-    history: History, final: dict[str, Estimate], truth: dict[str, float], units: dict[str, str]
-) -> Figure:
+def theta_figure(history: History, final: dict[str, Estimate], truth: dict[str, float]) -> Figure:
     """Figure of each fitted parameter over the iterations, with the twin's value, its interval, and the truth.
 
     Args:
         history: History of the optimiser.
         final: The twin's estimates, by name.
         truth: True values of the parameters, by name, where known.
-        units: Units of the parameters, by name, where known.
     """
     rows = math.ceil(len(history.names) / _COLUMNS)
     figure = new_figure(9, 0.3 + 2.1 * rows)
@@ -51,7 +48,7 @@ def theta_figure(
             axes.plot(history.iteration[at], history.theta[at, column], **_line(history, number, at))
         _draw_result(axes, final.get(name), truth.get(name), history.theta[:, column])
         _mark_stages(axes, history, named=False)
-        unit = units.get(name, THETA.get(name, ""))
+        unit = final[name].unit if name in final else THETA.get(name, "")
         axes.set_title(name + (f" [{unit}]" if unit not in ("", "1") else ""), fontsize=9)
         axes.tick_params(labelsize=8, labelbottom=True)
     for axes in panels[len(history.names) :]:

@@ -227,20 +227,17 @@ def draw_shots(
         InputError: An image cannot be used.
     """
     window = window_of(episode, poses, cast.mesh)
-    chosen = evenly(len(episode.t), most)
-    shots = []
-    for number, k in enumerate(chosen):
+    chosen, shots = evenly(len(episode.t), most), []
+    for k in chosen:
         picture = draw_frame(episode, k, poses, cast)
-        shots.append(_shot(picture, window, size))
-        report((number + 1) / len(chosen))
+        either = picture.mask | (picture.covered & ~picture.hidden)
+        difference = float(np.abs(picture.image - picture.rendered)[either].mean()) if either.any() else 0.0
+        camera, twin, shown = (
+            _shrunk(part[window], size) for part in (picture.image, picture.rendered, picture.shown_difference())
+        )
+        shots.append(Shot(picture.t, picture.overlap(), difference, (camera, twin, shown)))
+        report(len(shots) / len(chosen))
     return shots
-
-
-def _shot(picture: Picture, window: tuple[slice, slice], size: int) -> Shot:
-    either = picture.mask | (picture.covered & ~picture.hidden)
-    difference = float(np.abs(picture.image - picture.rendered)[either].mean()) if either.any() else 0.0
-    panels = [_shrunk(part[window], size) for part in (picture.image, picture.rendered, picture.shown_difference())]
-    return Shot(picture.t, picture.overlap(), difference, (panels[0], panels[1], panels[2]))
 
 
 def _shrunk(picture: np.ndarray, size: int) -> np.ndarray:

@@ -104,6 +104,5 @@ def _course(story: Story) -> dict[str, Figure | None]:
     history, estimates = story.history, story.twin.theta | story.twin.nuisance
     if history is None or not len(history.iteration):
         return {}
-    units = {name: estimate.unit for name, estimate in estimates.items()}
-    theta = theta_figure(history, estimates, story.truth, units) if history.names else None
+    theta = theta_figure(history, estimates, story.truth) if history.names else None
     return {"loss": loss_figure(history), "theta": theta}

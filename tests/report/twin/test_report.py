@@ -255,7 +255,7 @@ def test_a_short_or_diverged_history_can_be_drawn(tmp_path, rows):
         start=np.zeros(rows, int),
     )
     history = read_history(tmp_path / "history.npz")
-    figures = [loss_figure(history), theta_figure(history, estimates(), {"friction_floor": 0.1}, {})]
+    figures = [loss_figure(history), theta_figure(history, estimates(), {"friction_floor": 0.1})]
     assert [data_uri(figure)[:19] for figure in figures] == ["data:image/svg+xml;"] * 2
 
 
