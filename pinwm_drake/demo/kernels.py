@@ -58,23 +58,17 @@ def compiling(capture: Path, options: IdentifyOptions) -> Iterator[Callable[[], 
 
 
 def _compile(folder: Path, options: IdentifyOptions, sender: Connection) -> None:
-    """Compiles in a process of its own; sends wall time and time of the cores [s]."""
+    """Calls every kernel that an identification needs, forward and backward; sends wall time and CPU time [s]."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the first process, which ends this one
     begun = time.perf_counter()
+    torch.set_num_threads(1)
     # The first process will meet an error too, and say it.
     with suppress(PinwmError):
-        _compile_physics(folder, options)
+        capture = read_capture(folder)
+        episode, X_WO = read_episode(capture, capture.episode_names[0]), capture.object.X_WO
+        mass, scene = capture.object.mass or 1.0, capture_scene(capture, options.time_step)
+        coordinates = Coordinates(options.free, {"mass": mass, **options.held})
+        guess = coordinates.draw(1, torch.Generator().manual_seed(options.seed)).requires_grad_()
+        poses, _ = Forward(scene, episode, X_WO, mass, 1, chosen=torch.tensor([0, 1])).poses(coordinates.values(guess))
+        poses.p.sum().backward()
         sender.send((time.perf_counter() - begun, cpu_seconds()))
-
-
-def _compile_physics(folder: Path, options: IdentifyOptions) -> None:
-    """Calls every kernel of the physics that an identification needs, forward and backward, for a few steps."""
-    torch.set_num_threads(1)
-    capture = read_capture(folder)
-    episode, X_WO = read_episode(capture, capture.episode_names[0]), capture.object.X_WO
-    mass = capture.object.mass or 1.0
-    coordinates = Coordinates(options.free, {"mass": mass, **options.held})
-    guess = coordinates.draw(1, torch.Generator().manual_seed(options.seed)).requires_grad_()
-    forward = Forward(capture_scene(capture, options.time_step), episode, X_WO, mass, 1, chosen=torch.tensor([0, 1]))
-    poses, _ = forward.poses(coordinates.values(guess))
-    poses.p.sum().backward()

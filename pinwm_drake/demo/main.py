@@ -98,7 +98,6 @@ def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
         films = write_films(out, pushes, performances, report)
     result = DemoResult(
         options=options,
-        capture=capture,
         views=read_source(options.capture, None).views,
         fit=fitted,
         twin=twin,
@@ -106,11 +105,10 @@ def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
         identified=pushes[0],
         predicted=pushes[1],
         performances=performances,
-        costs=stages.costs,
-        seconds=stages.seconds,
+        stages=stages,
     )
     write_page(out, result, films)
-    _conclude(out, result, stages)
+    _conclude(out, result)
 
 
 def _read(folder: Path) -> tuple[Capture, list[Episode]]:
@@ -138,8 +136,9 @@ def _compare(twin: Twin, episode: Episode, poses: ObjectPoses, push: int | None,
     return DemoPush(episode.name, shots, None if truth is None else pose_errors(poses, truth))
 
 
-def _conclude(out: Path, result: DemoResult, stages: Stages) -> None:
+def _conclude(out: Path, result: DemoResult) -> None:
     """The result in a few lines."""
+    stages = result.stages
     friction = result.twin.theta["friction_floor"]
     interval = "" if friction.interval is None else " ({:.4f} to {:.4f})".format(*friction.interval)
     truth = "" if "friction_floor" not in result.truth else f"; true: {result.truth['friction_floor']:.4f}"

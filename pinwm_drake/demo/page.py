@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pinwm_drake.capture.scene import Capture
 from pinwm_drake.demo.options import DemoOptions
 from pinwm_drake.demo.policy import Performance
-from pinwm_drake.demo.stages import Cost
+from pinwm_drake.demo.stages import Stages
 from pinwm_drake.models import policy_path
 from pinwm_drake.rendering.fit_result import FitResult
 from pinwm_drake.rendering.render import render
@@ -48,7 +47,6 @@ class DemoResult:
 
     Attributes:
         options: Capture, policy and budgets.
-        capture: The capture.
         views: Static views of the object.
         fit: The surfels.
         twin: The twin.
@@ -56,12 +54,10 @@ class DemoResult:
         identified: The push that the twin was identified from.
         predicted: The push that it was not.
         performances: The policy in the twin and in the hydroelastic plant.
-        costs: Of the stages, in their order.
-        seconds: Wall time of all of them [s].
+        stages: Times of the stages.
     """
 
     options: DemoOptions
-    capture: Capture
     views: list[View]
     fit: FitResult
     twin: Twin
@@ -69,8 +65,7 @@ class DemoResult:
     identified: DemoPush
     predicted: DemoPush
     performances: list[Performance]
-    costs: list[Cost]
-    seconds: float
+    stages: Stages
 
 
 def write_page(out: Path, result: DemoResult, films: Mapping[str, Sequence[page.Frame]]) -> None:
@@ -99,7 +94,7 @@ def write_page(out: Path, result: DemoResult, films: Mapping[str, Sequence[page.
         seen=_seen,
         capture=_relative(result.options.capture, out),
         policy=_relative(policy_path(result.options.policy), out),
-        costs=[astuple(cost) for cost in result.costs],
+        costs=[astuple(cost) for cost in result.stages.costs],
         cores=available(),
     )
 

@@ -8,8 +8,7 @@ import trimesh
 from pinwm_drake.errors import InputError
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.captions import write_caption
-from pinwm_drake.report.raster import Surface, draw_triangles
-from pinwm_drake.report.scene import Actor, Stage
+from pinwm_drake.report.scene import Actor, Stage, Surface, draw_triangles
 from pinwm_drake.report.video import write_video
 
 RED, BLUE = (0.8, 0.05, 0.05), (0.05, 0.05, 0.8)

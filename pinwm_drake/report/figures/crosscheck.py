@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.ticker import MaxNLocator
 from scipy.spatial.transform import Rotation
 
-from pinwm_drake.report.outline import boundary, silhouette
+from pinwm_drake.report.outline import draw_outline
 from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, label_plane, new_figure, save_figure, tidy
 
 _COLOURS = (TWIN, TRUTH, "#3b8f5a", "#b07d1a")
@@ -102,8 +101,7 @@ def _draw_paths(
     for k, (engine, (p_WO, q_WO)) in enumerate(paths.items()):
         for at, colour in ((0, GREY), (-1, _COLOURS[k])) if k == 0 else ((-1, _COLOURS[k]),):
             R_WO = Rotation.from_quat(q_WO[at], scalar_first=True).as_matrix()
-            lines = 1e3 * (boundary(*silhouette(mesh, R_WO)) + p_WO[at, :2])
-            axes.add_collection(LineCollection(list(lines), colors=[colour], linewidths=1.3))
+            draw_outline(axes, mesh, R_WO, p_WO[at], colors=[colour], linewidths=1.3)
         axes.plot(*(1e3 * p_WO[:, :2].T), color=_COLOURS[k], linewidth=1.2, label=engine)
     axes.plot(*(1e3 * p_WP[:, :2].T), color=PUSHER, linewidth=1, linestyle="--", label="pusher")
     axes.set_aspect("equal")

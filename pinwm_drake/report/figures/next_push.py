@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from matplotlib.collections import LineCollection
 
-from pinwm_drake.report.outline import boundary, silhouette
+from pinwm_drake.report.outline import draw_outline
 from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, new_figure, save_figure, tidy
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
@@ -53,8 +52,7 @@ def next_push_figure(path: Path, shown: PushPicture) -> None:
     outlines = [(quaternion_to_matrix(shown.X_WO.q).numpy(), shown.X_WO.p.numpy(), TRUTH, 1.5, 1.0)]
     outlines += [(R_WO, p_WO, TWIN, 0.6, 0.35) for R_WO, p_WO in zip(after, shown.X_WO_after.p.numpy(), strict=False)]
     for R_WO, p_WO, colour, width, opacity in outlines:
-        lines = 1e3 * (boundary(*silhouette(shown.mesh, R_WO)) + p_WO[:2])
-        left.add_collection(LineCollection(list(lines), colors=colour, lw=width, alpha=opacity))
+        draw_outline(left, shown.mesh, R_WO, p_WO, colors=colour, lw=width, alpha=opacity)
     for k, (start, end) in reversed(list(enumerate(zip(1e3 * shown.starts, 1e3 * shown.ends, strict=True)))):
         colour, width = (GREY, 0.6) if k else (PUSHER, 2.5)
         arrow = {"arrowstyle": "->", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0}

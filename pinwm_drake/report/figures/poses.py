@@ -3,12 +3,12 @@
 import numpy as np
 import trimesh
 from matplotlib import colormaps
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
-from pinwm_drake.report.outline import boundary, silhouette
+from pinwm_drake.report.outline import draw_outline, silhouette
 from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, evenly, label_plane, new_figure, tidy
 from pinwm_drake.report.twin.score import PoseErrors
 from pinwm_drake.twin.predict import TWO_SIDED, Spread
@@ -58,17 +58,18 @@ def top_figure(
     for k in evenly(len(poses.t), _OUTLINES):
         share = k / max(len(poses.t) - 1, 1)
         colour = colormaps["Oranges"](0.25 + 0.55 * share)
-        triangles, outline = _placed(mesh, poses.q_WO[k], poses.p_WO[k])
+        R_WO, p_WO = _matrices(poses.q_WO[k]), poses.p_WO[k]
+        triangles = 1e3 * (silhouette(mesh, R_WO)[0] + p_WO[:2])
         axes.add_collection(PolyCollection(list(triangles), facecolor=colour, edgecolor="none", alpha=0.4))
-        axes.add_collection(LineCollection(list(outline), colors=[colour], linewidths=1.4))
+        draw_outline(axes, mesh, R_WO, p_WO, colors=[colour], linewidths=1.4)
         if pusher is not None:
             near = int(np.abs(pusher.t - poses.t[k]).argmin())
-            _, outline = _placed(pusher_mesh, pusher.q_WP[near], pusher.p_WP[near])
-            axes.add_collection(LineCollection(list(outline), colors=[PUSHER], linewidths=1, alpha=0.3 + 0.6 * share))
+            R_WP, p_WP, alpha = _matrices(pusher.q_WP[near]), pusher.p_WP[near], 0.3 + 0.6 * share
+            draw_outline(axes, pusher_mesh, R_WP, p_WP, colors=[PUSHER], linewidths=1, alpha=alpha)
         if truth is not None:
             row = int(np.abs(truth.t - poses.t[k]).argmin())
-            _, outline = _placed(mesh, truth.q_WO[row], truth.p_WO[row])
-            axes.add_collection(LineCollection(list(outline), colors=[TRUTH], linewidths=0.9, linestyles=":"))
+            R_WO, p_WO = _matrices(truth.q_WO[row]), truth.p_WO[row]
+            draw_outline(axes, mesh, R_WO, p_WO, colors=[TRUTH], linewidths=0.9, linestyles=":")
     axes.plot(*(1e3 * poses.p_WO[:, :2].T), color=TWIN, linewidth=1.5, label="origin of the object, twin")
     if truth is not None:
         x, y = 1e3 * truth.p_WO[:, :2].T
@@ -102,12 +103,10 @@ def error_figure(errors: PoseErrors) -> Figure:
 
 def _curves(poses: ObjectPoses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Curves of x and y [mm], and of yaw [deg] without jumps."""
-    matrices = Rotation.from_quat(poses.q_WO, scalar_first=True).as_matrix()
-    yaw = np.unwrap(np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0]))
+    R_WO = _matrices(poses.q_WO)
+    yaw = np.unwrap(np.arctan2(R_WO[:, 1, 0], R_WO[:, 0, 0]))
     return 1e3 * poses.p_WO[:, 0], 1e3 * poses.p_WO[:, 1], np.degrees(yaw)
 
 
-def _placed(mesh: trimesh.Trimesh, q: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Silhouette of a mesh at a pose, from above [mm]."""
-    triangles, outline = silhouette(mesh, Rotation.from_quat(q, scalar_first=True).as_matrix())
-    return 1e3 * (triangles + p[:2]), 1e3 * (boundary(triangles, outline) + p[:2])
+def _matrices(q: np.ndarray) -> np.ndarray:
+    return Rotation.from_quat(q, scalar_first=True).as_matrix()

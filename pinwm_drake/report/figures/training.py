@@ -12,15 +12,12 @@ from pinwm_drake.report.style import new_figure, save_figure, tidy
 _COLUMNS = ("steps", "success", "length", "loss", "seconds")
 
 
-def training_figure(path: Path, stages: Mapping[str, Path]) -> Path:
+def training_figure(path: Path, stages: Mapping[str, Path]) -> None:
     """Draws success, number of actions and loss of each stage, one after the other.
 
     Args:
         path: File of the figure.
         stages: `history.csv` of each, by name, in their order.
-
-    Returns:
-        The path.
 
     Raises:
         InputError: A table cannot be read, or the picture cannot be written.
@@ -42,7 +39,6 @@ def training_figure(path: Path, stages: Mapping[str, Path]) -> Path:
     panels[0].legend(frameon=False, fontsize=8)
     tidy(panels)
     save_figure(path, figure)
-    return path
 
 
 def _read(table: Path) -> dict[str, np.ndarray]:
