@@ -17,9 +17,7 @@ _CALLS = 100  # calls of the network that are timed
 
 
 def export(
-    policy: Annotated[
-        Path, typer.Argument(metavar="POLICY", help="Folder that `pinwm train` wrote; of images. Or an older bundle.")
-    ],
+    policy: Annotated[Path, typer.Argument(metavar="POLICY", help="Folder that `pinwm train` wrote; of images.")],
     bundle: Annotated[Path, typer.Argument(metavar="BUNDLE", help="New or empty folder.")],
     scene: Annotated[
         str | None,
@@ -56,10 +54,7 @@ def export(
         ),
     ] = None,
 ) -> None:
-    """Makes a bundle of a policy: network in ONNX, contract, limits, golden samples; onnxruntime alone runs it.
-
-    A bundle of version 1 is written anew in version 2, with the same answers; --scene is the one that it was made for.
-    """
+    """Makes a bundle of a policy: network in ONNX, contract, limits, golden samples; onnxruntime alone runs it."""
     from pinwm_drake.experiments.golden_samples import export_bundle
 
     limits = {

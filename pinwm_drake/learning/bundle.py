@@ -21,11 +21,11 @@ import yaml
 
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import appearing
-from pinwm_drake.learning.contract import ESTIMATE, VERSIONS, difference, make_contract, version_1
+from pinwm_drake.learning.contract import ESTIMATE, SCHEMA_VERSION, difference, make_contract
 from pinwm_drake.learning.golden import ESTIMATE_TOLERANCE, TOLERANCE, Golden, deviation, estimate_deviation
 from pinwm_drake.learning.runtime import Network
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.learning.spec import PolicySpec, from_version_1, seen_parts
+from pinwm_drake.learning.spec import PolicySpec, seen_parts
 from pinwm_drake.models import policy_path
 
 ONNX_FILE, CONTRACT_FILE, GOLDEN_FILE, PROVENANCE_FILE = "policy.onnx", "contract.yaml", "golden.npz", "provenance.json"
@@ -40,7 +40,7 @@ class Bundle:
     Attributes:
         spec: Specification of the policy: its inputs and outputs, and its task.
         limits: Limits of the pusher's motion that a controller keeps, whatever the policy asks for.
-        contract: Contents of contract.yaml, as `make_contract` describes them; of version 1 too.
+        contract: Contents of contract.yaml, as `make_contract` describes them.
         provenance: Contents of provenance.json: time, versions, training, and the files' SHA-256.
         sha256: SHA-256 of the provenance, which holds those of the other files: it tells this bundle from all others.
         network: The network of policy.onnx.
@@ -90,8 +90,8 @@ class Bundle:
     def step(self, image: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Translation d_W as by `act`, and the policy's estimate (state_size,) of the task's state.
 
-        The contract names the components of the estimate, and their units. It is None where the bundle gives none: it
-        is of version 1, or was not taught the state.
+        The contract names the components of the estimate, and their units. It is None where the policy was
+        not taught the state.
 
         Args:
             image: As for `act`.
@@ -163,8 +163,6 @@ def read_bundle(bundle: str | Path) -> Bundle:
     estimate = _estimates(contract)
     golden = Golden.from_bytes(files[GOLDEN_FILE], folder / GOLDEN_FILE, spec, estimate=estimate)
     expected = make_contract(spec, limits, golden.mask_pixels(), estimate=estimate)
-    if contract["schema_version"] == 1:
-        contract = expected
     if (differs := difference(contract.get("mask"), expected["mask"], "mask")) is not None:
         name, found, wanted = differs
         allowed = f"{wanted}, which follows from {GOLDEN_FILE}"
@@ -271,9 +269,6 @@ def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dic
     except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
     _check_version(path, document)
-    first = document["schema_version"] == 1
-    if first:
-        document = {**document, "spec": from_version_1(document.get("spec"))}
     try:
         spec = PolicySpec.from_document(document.get("spec"))
         limits = SafetyLimits.from_document(document.get("safety"))
@@ -283,23 +278,24 @@ def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dic
         raise InputError(path, value=f"spec.observes: {spec.observes}", allowed="rgb; other policies have no bundle")
     # The mask follows from the golden samples, which follow from the specification: it is compared after them.
     expected = make_contract(spec, limits, (), estimate=_estimates(document))
-    expected = version_1(expected) if first else {name: one for name, one in expected.items() if name != "mask"}
-    if (differs := difference({name: one for name, one in document.items() if name != "mask"}, expected)) is not None:
+    shown, expected = ({name: one for name, one in each.items() if name != "mask"} for each in (document, expected))
+    if (differs := difference(shown, expected)) is not None:
         name, found, wanted = differs
         raise InputError(path, value=f"{name}: {found}", allowed=f"{wanted}, which follows from spec and safety")
     return spec, limits, document
 
 
 def _estimates(contract: dict[str, Any]) -> bool:
-    """Flag: a contract of version 2, which may be wrong, has an estimate among its outputs."""
+    """Flag: a contract, which may be wrong, has an estimate among its outputs."""
     outputs = contract.get("outputs")
     named = [entry.get("name") for entry in outputs if isinstance(entry, dict)] if isinstance(outputs, list) else []
-    return contract["schema_version"] > 1 and ESTIMATE in named
+    return ESTIMATE in named
 
 
 def _check_version(path: Path, document: Any) -> None:
     if not isinstance(document, dict):
         raise InputError(path, value=f"a {type(document).__name__}", allowed=_AS_WRITTEN)
-    if (version := document.get("schema_version")) not in VERSIONS or isinstance(version, bool):
-        allowed = f"schema_version {' or '.join(map(str, VERSIONS))}"
-        raise InputError(path, value=f"schema_version {version}", allowed=allowed)
+    version = document.get("schema_version")
+    if version != SCHEMA_VERSION or isinstance(version, bool):
+        anew = "; export the bundle anew with the release 0.1" if version == 1 and version is not True else ""
+        raise InputError(path, value=f"schema_version {version}", allowed=f"schema_version {SCHEMA_VERSION}{anew}")
