@@ -85,7 +85,7 @@ class Bundle:
         Raises:
             StateError: A shape, or the image's type, is another, or no goal was given where one has to be.
         """
-        return self.network.run(image, p_WP, self._goal).astype(float)
+        return self.step(image, p_WP)[0]
 
     def step(self, image: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Translation d_W as by `act`, and the policy's estimate (state_size,) of the task's state.
@@ -100,7 +100,7 @@ class Bundle:
         Raises:
             StateError: A shape, or the image's type, is another.
         """
-        d_W, estimate = self.network.run_all(image, p_WP, self._goal)
+        d_W, estimate = self.network.run(image, p_WP, self._goal)
         return d_W.astype(float), None if estimate is None else estimate.astype(float)
 
     def predict(
@@ -125,7 +125,7 @@ class Bundle:
         told = self.network.goal_size and self.goal is None
         goal = seen_parts(observation, "goal")[0] if told else np.zeros((len(np.atleast_2d(p_WP)), 0))
         rows = zip(image.reshape(-1, *image.shape[-3:]), np.atleast_2d(p_WP), np.atleast_2d(goal), strict=True)
-        answers = [self.network.run(*one[:2], one[2] if told else self._goal) for one in rows]
+        answers = [self.network.run(*one[:2], one[2] if told else self._goal)[0] for one in rows]
         actions = np.array(answers).reshape(-1, self.spec.action_size) / self.spec.max_translation
         return (actions[0] if image.ndim == 3 else actions).astype(np.float32), None
 
@@ -160,10 +160,9 @@ def read_bundle(bundle: str | Path) -> Bundle:
             raise InputError(folder / name, value="a file that is not of the bundle", allowed=allowed)
     files = {name: _hashed(folder / name, provenance["files"][name]) for name in HASHED}
     spec, limits, contract = _contract(folder / CONTRACT_FILE, files[CONTRACT_FILE])
-    estimate = _estimates(contract)
-    golden = Golden.from_bytes(files[GOLDEN_FILE], folder / GOLDEN_FILE, spec, estimate=estimate)
-    expected = make_contract(spec, limits, golden.mask_pixels(), estimate=estimate)
-    if (differs := difference(contract.get("mask"), expected["mask"], "mask")) is not None:
+    golden = Golden.from_bytes(files[GOLDEN_FILE], folder / GOLDEN_FILE, contract)
+    mask = make_contract(spec, limits, golden.mask_pixels())["mask"]
+    if (differs := difference(contract.get("mask"), mask, "mask")) is not None:
         name, found, wanted = differs
         allowed = f"{wanted}, which follows from {GOLDEN_FILE}"
         raise InputError(folder / CONTRACT_FILE, value=f"{name}: {found}", allowed=allowed)
@@ -208,7 +207,7 @@ def check_golden(path: Path, network: Network, golden: Golden) -> float:
     """
     answers = []
     for row, (image, p_WP, expected) in enumerate(zip(golden.images, golden.p_WP, golden.d_W, strict=True), 1):
-        answer, estimate = network.run_all(image, p_WP, None if golden.goal is None else golden.goal[row - 1])
+        answer, estimate = network.run(image, p_WP, None if golden.goal is None else golden.goal[row - 1])
         if not (gap := deviation(answer, expected)) <= TOLERANCE:
             value = f"{expected.tolist()} m, where {ONNX_FILE} answers {answer.tolist()} m, {gap:.2g} m off"
             raise InputError(path, row=row, value=value, allowed=f"{TOLERANCE:g} m between the two")
