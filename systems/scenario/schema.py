@@ -387,7 +387,8 @@ def load_scenario(path: Path | str) -> Scenario:
             out of range; the message names file and key.
     """
     file = resolve(str(path))
-    scenario = check_scenario(file, read_yaml(file).value)
+    entry = read_yaml(file)
+    scenario = check_scenario(file, entry.value)
     if scenario.twin is not None:
         folder = file.parent / scenario.twin
         if not folder.is_dir():
