@@ -11,7 +11,7 @@ Neither torch nor Stable-Baselines3 nor Drake is imported here.
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -246,12 +246,23 @@ def _hashed(path: Path, sha256: str) -> bytes:
     return content
 
 
-def _provenance(path: Path) -> dict[str, Any]:
+def _document(path: Path, content: bytes, parse: Callable[[str], Any]) -> dict[str, Any]:
+    """A document of the present version."""
     try:
-        document = json.loads(_content(path).decode())
-    except ValueError as error:  # JSON's, or UTF-8's
+        document = parse(content.decode())
+    except (ValueError, yaml.YAMLError) as error:  # JSON's or UTF-8's, or YAML's
         raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
-    _check_version(path, document)
+    if not isinstance(document, dict):
+        raise InputError(path, value=f"a {type(document).__name__}", allowed=_AS_WRITTEN)
+    version = document.get("schema_version")
+    if version != SCHEMA_VERSION or isinstance(version, bool):
+        anew = "; export the bundle anew with the release 0.1" if version == 1 and version is not True else ""
+        raise InputError(path, value=f"schema_version {version}", allowed=f"schema_version {SCHEMA_VERSION}{anew}")
+    return document
+
+
+def _provenance(path: Path) -> dict[str, Any]:
+    document = _document(path, _content(path), json.loads)
     files = document.get("files")
     if not isinstance(files, dict) or set(files) != set(HASHED):
         given = sorted(files) if isinstance(files, dict) else files
@@ -263,11 +274,7 @@ def _provenance(path: Path) -> dict[str, Any]:
 
 
 def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dict[str, Any]]:
-    try:
-        document = yaml.safe_load(content.decode())
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
-    _check_version(path, document)
+    document = _document(path, content, yaml.safe_load)
     try:
         spec = PolicySpec.from_document(document.get("spec"))
         limits = SafetyLimits.from_document(document.get("safety"))
@@ -282,12 +289,3 @@ def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dic
         name, found, wanted = differs
         raise InputError(path, value=f"{name}: {found}", allowed=f"{wanted}, which follows from spec and safety")
     return spec, limits, document
-
-
-def _check_version(path: Path, document: Any) -> None:
-    if not isinstance(document, dict):
-        raise InputError(path, value=f"a {type(document).__name__}", allowed=_AS_WRITTEN)
-    version = document.get("schema_version")
-    if version != SCHEMA_VERSION or isinstance(version, bool):
-        anew = "; export the bundle anew with the release 0.1" if version == 1 and version is not True else ""
-        raise InputError(path, value=f"schema_version {version}", allowed=f"schema_version {SCHEMA_VERSION}{anew}")
