@@ -6,12 +6,26 @@ bounds and choices do not say it.
 
 import types
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import annotated_types
-from pydantic import ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, create_model
 from pydantic.fields import FieldInfo
+
+from pinwm_drake.errors import ParameterError
+
+_Dataclass = TypeVar("_Dataclass")
+
+
+class Refusal(ValueError):
+    """Error of a validator about one entry of what it validates."""
+
+    def __init__(self, allowed: str, key: str | int) -> None:
+        """Error with what is allowed, in words, and key or index of the wrong entry."""
+        super().__init__(allowed)
+        self.key = key
 
 
 @dataclass(frozen=True)
@@ -51,22 +65,46 @@ def first_problem(error: ValidationError, model: type) -> Problem:
         error: Error that pydantic raised.
         model: Model or pydantic dataclass that was validated.
     """
-    found = error.errors(include_url=False)[0]
+    return all_problems(error, model)[0]
+
+
+def all_problems(error: ValidationError, model: type) -> list[Problem]:
+    """Problems of a validation, in pydantic's order; arguments as for `first_problem`."""
+    return [_problem(found, model) for found in error.errors(include_url=False)]
+
+
+def _problem(found: Any, model: type) -> Problem:
     kind, location = found["type"], tuple(found["loc"])
-    if kind == "extra_forbidden" or kind == "unexpected_keyword_argument":
+    if location and location[-1] == "[key]":
+        field, _ = _find(model, location[:-2])
+        return Problem("invalid_key", location[:-2], None, field, "a mapping whose keys are text")
+    if kind == "missing" and isinstance(location[-1], int):  # a list that is too short
+        kind, location = "too_short", location[:-1]
+    if kind in ("extra_forbidden", "unexpected_keyword_argument", "invalid_key"):
         owner = _find(model, location[:-1])[1]
         return Problem("extra_forbidden", location, found["input"], None, ", ".join(fields_of(owner)))
     field, annotation = _find(model, location)
     if kind in ("missing", "missing_argument"):
         return Problem("missing", location, None, field, f"a value under {place(location)}")
     if kind == "value_error" and "error" in found.get("ctx", {}):
-        return Problem(kind, location, found["input"], field, str(found["ctx"]["error"]))
+        error, value = found["ctx"]["error"], found["input"]
+        if isinstance(error, Refusal) and (not isinstance(value, dict) or error.key in value):
+            location, value = (*location, error.key), value[error.key]
+        return Problem(kind, location, value, field, str(error))
     return Problem(kind, location, found["input"], field, words(annotation, field))
 
 
 def fields_of(model: Any) -> dict[str, FieldInfo]:
-    """Fields of a model or pydantic dataclass by name; none of anything else."""
+    """Fields of a model or dataclass by name; none of anything else."""
+    model, _, _ = _plain(model)
+    if is_dataclass(model) and not hasattr(model, "__pydantic_fields__"):
+        return {name: FieldInfo.from_annotation(hint) for name, hint in _hints(model).items()}
     return getattr(model, "__pydantic_fields__", {})
+
+
+def _hints(kind: Any) -> dict[str, Any]:
+    hints = get_type_hints(kind, include_extras=True)
+    return {field.name: hints[field.name] for field in fields(kind)}
 
 
 def words(annotation: Any, field: FieldInfo | None) -> str:
@@ -76,22 +114,28 @@ def words(annotation: Any, field: FieldInfo | None) -> str:
         annotation: Type of the field, or of an entry of its list.
         field: The field, with bounds and unit.
     """
-    extra = field.json_schema_extra if field is not None and isinstance(field.json_schema_extra, dict) else {}
+    kind, optional, metadata = _plain(annotation)
+    # What an entry of a list says about itself goes before what is said of the list.
+    extra = {key: value for one in (field, *metadata) for key, value in _extra(one).items()}
     if "allowed" in extra:
         return str(extra["allowed"])
-    kind, optional, metadata = _plain(annotation)
     if get_origin(kind) is Literal:
         return ", ".join([*(str(choice) for choice in get_args(kind)), *(["null"] if optional else [])])
     if get_origin(kind) in (list, tuple):
-        parts = [part for part in get_args(kind) if part is not Ellipsis]
+        parts = [_plain(part)[0] for part in get_args(kind) if part is not Ellipsis]
         count = len(parts) if get_origin(kind) is tuple and Ellipsis not in get_args(kind) else None
         return f"{count} {_KINDS.get(parts[0], 'value')}s" if count else f"a list of {_KINDS.get(parts[0], 'value')}s"
     if kind in (int, float):
-        found = bounds(field, metadata) or f"a {_KINDS[kind]}"
-        return found if unit_of(field) == "1" else f"{found} {unit_of(field)}"
-    if fields_of(kind) or kind is dict:
+        unit = f" {extra['unit']}" if extra.get("unit", "1") != "1" else ""
+        return (bounds(field, metadata) or f"a {_KINDS[kind]}") + unit
+    if fields_of(kind) or dict in (kind, get_origin(kind)):
         return "a mapping with keys"
     return {str: "text", bool: "true, false"}.get(kind, getattr(kind, "__name__", str(kind)).lower())
+
+
+def _extra(one: Any) -> dict[str, Any]:
+    found = one.json_schema_extra if isinstance(one, FieldInfo) else None
+    return found if isinstance(found, dict) else {}
 
 
 _KINDS: dict[Any, str] = {int: "whole number", float: "finite number", str: "text", bool: "flag"}
@@ -136,7 +180,9 @@ def _plain(annotation: Any) -> tuple[Any, bool, list[Any]]:
     while True:
         if get_origin(annotation) is Annotated:
             annotation, *more = get_args(annotation)
-            metadata += [inner for one in more for inner in (one.metadata if isinstance(one, FieldInfo) else [one])]
+            metadata += [
+                inner for one in more for inner in (one, *(one.metadata if isinstance(one, FieldInfo) else ()))
+            ]
         elif get_origin(annotation) in (Union, types.UnionType):
             parts = [part for part in get_args(annotation) if part is not types.NoneType]
             optional, annotation = optional or len(parts) < len(get_args(annotation)), parts[0]
@@ -158,3 +204,62 @@ def _find(model: Any, location: Sequence[str | int]) -> tuple[FieldInfo | None, 
         else:
             break
     return field, model
+
+
+def check_fields(instance: Any, place: str = "") -> None:
+    """Checks the fields of a dataclass by their annotations, for `__post_init__`; numbers become plain ones.
+
+    Lists and arrays become tuples. No number may be NaN or infinite, and none is taken from a text or a flag.
+
+    Args:
+        instance: The dataclass, of which the fields are set even where it is frozen.
+        place: Place that messages put before a field's name, such as "scene.object."; empty for none.
+
+    Raises:
+        ParameterError: A value is of the wrong kind or out of range.
+    """
+    model = _model(instance.__class__)
+    given = {name: _tuples(getattr(instance, name)) for name in model.model_fields}
+    try:
+        checked = model.model_validate(given)
+    except ValidationError as error:
+        problem = first_problem(error, model)
+        name = str(problem.location[0])
+        raise ParameterError(f"{place}{name}: got {given[name]!r}; allowed: {problem.allowed}") from None
+    for name in given:
+        object.__setattr__(instance, name, getattr(checked, name))
+
+
+@cache
+def _model(kind: type) -> type[BaseModel]:
+    config = ConfigDict(strict=True, allow_inf_nan=False)
+    hints: dict[str, Any] = {name: (hint, ...) for name, hint in _hints(kind).items()}
+    return create_model(kind.__name__, __config__=config, **hints)
+
+
+def _tuples(value: Any) -> Any:
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return tuple(value) if isinstance(value, list) else value
+
+
+def from_document(kind: type[_Dataclass], document: Any, place: str) -> _Dataclass:
+    """Dataclass from a document with a value for each of its fields.
+
+    Args:
+        kind: The dataclass, which checks its fields itself; see `check_fields`.
+        document: A mapping with the names of all fields as keys.
+        place: Place of the document in messages.
+
+    Raises:
+        ParameterError: A key is missing or unknown, or a value is of the wrong kind or out of range.
+    """
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]  # a dataclass
+    if not isinstance(document, dict) or set(document) != set(names):
+        given = sorted(map(str, document)) if isinstance(document, dict) else document
+        raise ParameterError(f"{place}: got {given}; allowed: the keys {', '.join(names)}")
+    return kind(**document)
+
+
+def document_of(kind: type, place: str) -> BeforeValidator:
+    """Annotation of a field that takes a dataclass or its document; arguments as for `from_document`."""
+    return BeforeValidator(lambda value: value if isinstance(value, kind) else from_document(kind, value, place))
