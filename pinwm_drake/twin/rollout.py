@@ -45,7 +45,6 @@ def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
         gravity=twin.gravity,
         floor_height=twin.floor_height,
         time_step=twin.time_step,
-        friction_directions=twin.friction_directions,
         support=twin.support,
     )
 

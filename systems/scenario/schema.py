@@ -9,7 +9,7 @@ import yaml
 from pydrake.common.yaml import yaml_load_typed
 
 from pinwm_drake.capture.scene import PUSHER_KINDS
-from pinwm_drake.documents import read_yaml
+from pinwm_drake.documents import ROUND_CONE, read_yaml
 from pinwm_drake.errors import InputError
 from pinwm_drake.models import OBJECT_NAMES
 from pinwm_drake.systems.scenario.check import check_scenario
@@ -106,17 +106,15 @@ class Pusher:
 
 @dataclass
 class Physics:
-    """Settings of the twin's physics; null for those of the twin folder, or 1/240 s, 32 and patch.
+    """Settings of the twin's physics; null for those of the twin folder, or 1/240 s and patch.
 
     Attributes:
         time_step: s, one step of the physics.
-        friction_directions: Has no effect, as the friction cone is round; kept for older calls and files.
         support: Points that carry the object: the "corners" of its mesh, or a "patch" of its face.
         steps_per_update: Number of steps of the physics in one update of the diagram's state.
     """
 
     time_step: float | None = _quantity(None, 1e-5, 0.1, "s")
-    friction_directions: int | None = _quantity(None, 4, 64, "1")
     support: str | None = _choice(None, ("corners", "patch"))
     steps_per_update: int = _quantity(1, 1, 1000, "1")
 
@@ -285,6 +283,8 @@ def load_scenario(path: Path | str) -> Scenario:
 
     file = resolve(str(path))
     entry = read_yaml(file)
+    if (physics := entry.find("physics")) is not None:
+        entry.value["physics"] = physics.without("friction_directions", ROUND_CONE).value
     check_scenario(entry, Scenario)
     # Numbers such as 1e-3, which YAML 1.1 takes for text, have become numbers in `read_yaml`. A task's own class has
     # checked its entry, whose keys Drake's loader cannot know.
