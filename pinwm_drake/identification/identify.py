@@ -20,9 +20,7 @@ from pinwm_drake.identification.mass import find_mass_scale, with_mass
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import read_footage
 from pinwm_drake.identification.posterior import estimates, kept_draws
-from pinwm_drake.identification.progress import Progress
-from pinwm_drake.identification.search import Search, Task, frame_numbers
-from pinwm_drake.identification.search_result import Found
+from pinwm_drake.identification.search import Found, Progress, Search, Task, frame_numbers
 from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Scene, make_scene, resting_height

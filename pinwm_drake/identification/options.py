@@ -1,6 +1,5 @@
 """Options of an identification."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -53,7 +52,7 @@ class IdentifyOptions:
     def __post_init__(self) -> None:
         """Raises ParameterError where an option is out of its range."""
         Coordinates(self.free, self.held)
-        whole = (
+        for name, low, high in (
             ("seed", 0, 2**63 - 1),
             ("screened", 1, 100_000),
             ("starts", 1, 1000),
@@ -63,17 +62,17 @@ class IdentifyOptions:
             ("coarse_frames", 2, 100_000),
             ("fine_frames", 2, 100_000),
             ("checkpoint_every", 1, 100_000),
-        )
-        for name, low, high in whole:
+            ("coarse_size", 8.0, 4096.0),
+            ("fine_size", 8.0, 4096.0),
+            ("time_step", 1e-5, 0.05),
+        ):
             value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-                raise ParameterError(f"{name} is {value}; allowed: {low} to {high}")
+            whole = isinstance(value, int) and not isinstance(value, bool)
+            if (isinstance(low, int) and not whole) or not low <= value <= high:
+                words = f"{low} to {high}" if isinstance(low, int) else f"{low:g} to {high:g}"
+                raise ParameterError(f"{name} is {value}; allowed: {words}")
         if self.num_threads is not None and self.num_threads < 1:
             raise ParameterError(f"num_threads is {self.num_threads}; allowed: at least 1")
-        for name, least, most in (("coarse_size", 8.0, 4096.0), ("fine_size", 8.0, 4096.0), ("time_step", 1e-5, 0.05)):
-            real = getattr(self, name)
-            if not (math.isfinite(real) and least <= real <= most):
-                raise ParameterError(f"{name} is {real}; allowed: {least:g} to {most:g}")
         if self.support not in ("auto", "corners", "patch"):
             raise ParameterError(f"support is {self.support!r}; allowed: auto, corners or patch")
 

@@ -1,7 +1,9 @@
 """State, which changes in a rollout: poses and velocities of all worlds."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import Self
 
 import torch
 from torch import Tensor
@@ -14,8 +16,28 @@ MOST_SPEED = 1e3  # m/s or rad/s
 _LIMITS = {"p_WB": 1e3, "V_WB": MOST_SPEED, "p_WP": 1e3}  # m
 
 
+class TensorFields:
+    """Base of dataclasses whose fields are tensors."""
+
+    def tensors(self) -> tuple[Tensor, ...]:
+        """Fields in their order, the form in which the kernels take them."""
+        return tuple(getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]  # a dataclass
+
+    def changed(self, change: Callable[[Tensor], Tensor]) -> Self:
+        """Copy whose tensors went through a function."""
+        return type(self)(*map(change, self.tensors()))
+
+    def detach(self) -> Self:
+        """Copy with the same numbers, cut from the graph that autograd keeps."""
+        return self.changed(Tensor.detach)
+
+    def to(self, device: torch.device | str) -> Self:
+        """Copy on another device."""
+        return self.changed(lambda tensor: tensor.to(device))
+
+
 @dataclass(frozen=True, eq=False)
-class State:
+class State(TensorFields):
     """State of W worlds; all float64, one device.
 
     Attributes:
@@ -93,14 +115,6 @@ class State:
                     f"p_WB[{world}, {body}] is {float(self.p_WB[world, body, 2])} m high; allowed: not all of it below "
                     f"the floor, {model.floor_height} m"
                 )
-
-    def detach(self) -> "State":
-        """State with the same numbers, cut from the graph that autograd keeps."""
-        return State(*(getattr(self, item.name).detach() for item in fields(self)))
-
-    def to(self, device: torch.device | str) -> "State":
-        """Copy of the state on another device."""
-        return State(*(getattr(self, item.name).to(device) for item in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,12 +4,7 @@ import torch
 
 from pinwm_drake.spatial.checks import require_last_axis
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.spatial.rotations import (
-    normalize_quaternion,
-    quaternion_exp,
-    quaternion_multiply,
-    turn_between,
-)
+from pinwm_drake.spatial.rotations import normalize_quaternion, quaternion_exp, quaternion_multiply, turn_between
 
 
 def shift(V_WB: torch.Tensor, p_BC_W: torch.Tensor) -> torch.Tensor:

@@ -11,7 +11,7 @@ from scipy.stats import kstest
 from pinwm_drake.cousins.cousin import CousinDraw, draw_cousins
 from pinwm_drake.cousins.io import _hash as file_hash
 from pinwm_drake.cousins.io import hash_twin, read_cousins, write_cousins
-from pinwm_drake.cousins.ranges import MOMENTS
+from pinwm_drake.cousins.theta import MOMENTS
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.rendering.harmonics import Y0, harmonics
 from pinwm_drake.rendering.surfels import Surfels
