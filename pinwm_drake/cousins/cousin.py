@@ -72,7 +72,6 @@ class Cousin:
         return twin_parameters(self._physical(), scene)
 
     def _physical(self) -> Twin:
-        """The twin with the cousin's physics."""
         theta = {key: Estimate(self.theta[key], None, False, one.unit, _NOTE) for key, one in self.of.theta.items()}
         units = {key: "m" if key.startswith(("center", "contact")) else "1" for key in self.shape}
         shape = {key: Estimate(value, None, False, units[key], _NOTE) for key, value in self.shape.items()}

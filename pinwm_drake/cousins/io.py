@@ -148,7 +148,6 @@ def hash_twin(twin: Twin) -> str:
 
 
 def _hash(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> str:
-    """SHA-256 of all arrays in a file of cousins."""
     digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
     for name in _ARRAYS:
         digest.update(f"{name} {arrays[name].dtype} {arrays[name].shape}".encode())

@@ -45,7 +45,6 @@ class Spans:
     inertia: Span = (0.3, 3.0)
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
         for name, (low, high) in asdict(self).items():
             positive = low > 0.0 or (name in ("friction", "restitution") and low == 0.0)
             require(name, [low, high], positive and low <= high < math.inf, "low to high, above 0")
@@ -95,7 +94,6 @@ class RandomDomains:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Checks the settings."""
         require("share", self.share, 0.0 < self.share <= 1.0, "more than 0, up to 1")
         require("seed", self.seed, self.seed >= 0, "0 or more")
         if self.share < 1.0 and (self.middle is None or not set(THETA) <= set(self.middle)):

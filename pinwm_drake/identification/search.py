@@ -305,7 +305,6 @@ class Search:
         return found["z"], found["objective"]
 
     def _found(self, surrogate: Surrogate, state: RefineState, start: int, draws: Tensor, energies: Tensor) -> Found:
-        """Gathers the result."""
         z = representative(surrogate.objective, self.coordinates, draws, energies)
         poses = []
         for number, forward in enumerate(self.task.forwards):
@@ -329,7 +328,6 @@ class Search:
         self.kept.log.add(stage, start, loss, list(self.coordinates.named(z).values()))
 
     def _show(self, stage: str, loss: float, z: Tensor, share: float) -> None:
-        """Reports the progress of a stage."""
         first, width = _SHARES[stage]
         self.report(Progress(min(first + width * share, 1.0), stage, loss, self.coordinates.named(z)))
 

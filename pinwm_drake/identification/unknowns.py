@@ -46,7 +46,8 @@ class Unknown:
     shared: bool = True
 
 
-_DEGREE, _BODIES = math.pi / 180.0, ("floor", "pusher")
+BODIES = ("floor", "pusher")
+_DEGREE = math.pi / 180.0
 
 # moment_* multiply the second moments of mass of a uniform solid along the axes of O, which covers only inertias of
 # real bodies; support_* spread the pressure on the face that the object rests on along them, against a uniform one;
@@ -63,9 +64,9 @@ UNKNOWNS: dict[str, Unknown] = {
         *(Unknown(f"moment_{axis}", "1", True, 1.0, 0.1, 0.1, low=0.05, high=20.0) for axis in ("xx", "yy", "zz")),
         *(
             Unknown(f"friction_{body}", "1", True, 0.2, 0.2, 1.0, spread=math.log(6.0), low=1e-4, high=5.0)
-            for body in _BODIES
+            for body in BODIES
         ),
-        *(Unknown(f"restitution_{body}", "1", False, 0.0, 0.1, 0.5, low=0.0, high=1.0) for body in _BODIES),
+        *(Unknown(f"restitution_{body}", "1", False, 0.0, 0.1, 0.5, low=0.0, high=1.0) for body in BODIES),
         *(Unknown(f"support_{axis}", "1", True, 1.15, 0.2, 0.43, low=0.15, high=3.0, physical=False) for axis in "xyz"),
         *(Unknown(f"center_{axis}", "m", False, 0.0, 1e-3, 2e-3, low=-0.2, high=0.2, physical=False) for axis in "xyz"),
         Unknown("contact_offset", "m", False, 0.0, 5e-4, 1e-3, low=-0.02, high=0.02, physical=False),
@@ -75,7 +76,7 @@ UNKNOWNS: dict[str, Unknown] = {
         Unknown("time_offset", "s", False, 0.0, 5e-3, 2e-2, low=-0.2, high=0.2, physical=False, shared=False),
         *(
             Unknown(f"grip_{body}", "1", True, 1.0, prior, prior, low=0.5, high=2.0, physical=False, shared=False)
-            for body, prior in ((body, GRIPS[f"friction_{body}"]) for body in _BODIES)
+            for body, prior in ((body, GRIPS[f"friction_{body}"]) for body in BODIES)
         ),
         *(Unknown(f"view_{axis}", "m", False, 0.0, 1e-3, 5e-4, physical=False, shared=False) for axis in "xyz"),
         Unknown("outline", "1", True, 1.0, 0.01, 0.1, low=0.5, high=2.0, physical=False, shared=False),
@@ -159,7 +160,6 @@ class Coordinates:
         self.precision = self.precision + torch.outer(row, row)
 
     def _bounds(self, unknown: Unknown) -> tuple[float, float]:
-        """Bounds of the number z that stands for an unknown."""
         centre = self.centre[unknown.name]
 
         def z_of(value: float) -> float:

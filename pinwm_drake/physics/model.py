@@ -260,7 +260,6 @@ class Model:
 
 
 def _is_number(value: object) -> bool:
-    """A finite number or not, of Python or numpy."""
     return isinstance(value, (int, float, np.floating, np.integer)) and math.isfinite(value)
 
 
@@ -275,7 +274,6 @@ def check_vector(name: str, value: object, unit: str) -> None:
 
 
 def _check_pieces(name: str, pieces: Sequence[ConvexPiece]) -> None:
-    """Raises ModelError where there are no pieces, or one that is too small or too large."""
     if not len(pieces):
         raise ModelError(f"{name}: got none; allowed: one or more")
     for number, piece in enumerate(pieces):

@@ -70,22 +70,17 @@ class State(TensorFields):
         Raises:
             StateError: a value does not broadcast.
         """
-        nb = model.num_bodies
+        given = {"q_WB": q_WB, "p_WB": p_WB, "V_WB": V_WB, "q_WP": q_WP, "p_WP": p_WP}
 
-        def full(name: str, value: object, *shape: int) -> Tensor:
+        def full(name: str, shape: tuple[int, ...]) -> Tensor:
+            value = given[name]
             try:
-                return torch.as_tensor(value, dtype=torch.float64).expand(num_worlds, *shape).clone()
+                return torch.as_tensor(value, dtype=torch.float64).expand(shape).clone()
             except (RuntimeError, TypeError, ValueError) as error:
                 got = tuple(value.shape) if isinstance(value, Tensor) else value
-                raise StateError(f"{name} is {got}; allowed: what broadcasts to {(num_worlds, *shape)}") from error
+                raise StateError(f"{name} is {got}; allowed: what broadcasts to {shape}") from error
 
-        return State(
-            full("q_WB", q_WB, nb, 4),
-            full("p_WB", p_WB, nb, 3),
-            full("V_WB", V_WB, nb, 6),
-            full("q_WP", q_WP, 4),
-            full("p_WP", p_WP, 3),
-        )
+        return State(*(full(name, shape) for name, shape in _shapes(model, num_worlds).items()))
 
     @property
     def num_worlds(self) -> int:
@@ -97,9 +92,8 @@ class State(TensorFields):
         if not isinstance(self.p_WP, Tensor) or self.p_WP.ndim != 2 or not len(self.p_WP):
             got = tuple(self.p_WP.shape) if isinstance(self.p_WP, Tensor) else type(self.p_WP).__name__
             raise StateError(f"p_WP is {got}; allowed: a tensor of shape (W, 3), W at least 1")
-        W, nb = self.num_worlds, model.num_bodies
-        shapes = {"q_WB": (W, nb, 4), "p_WB": (W, nb, 3), "V_WB": (W, nb, 6), "q_WP": (W, 4), "p_WP": (W, 3)}
-        for name, shape in shapes.items():
+        nb = model.num_bodies
+        for name, shape in _shapes(model, self.num_worlds).items():
             check_tensor(name, getattr(self, name), shape, _LIMITS.get(name, math.inf))
         for name in ("q_WB", "q_WP"):
             norm = getattr(self, name).detach().norm(dim=-1)
@@ -115,6 +109,11 @@ class State(TensorFields):
                     f"p_WB[{world}, {body}] is {float(self.p_WB[world, body, 2])} m high; allowed: not all of it below "
                     f"the floor, {model.floor_height} m"
                 )
+
+
+def _shapes(model: Model, W: int) -> dict[str, tuple[int, ...]]:
+    nb = model.num_bodies
+    return {"q_WB": (W, nb, 4), "p_WB": (W, nb, 3), "V_WB": (W, nb, 6), "q_WP": (W, 4), "p_WP": (W, 3)}
 
 
 @dataclass(frozen=True, eq=False)

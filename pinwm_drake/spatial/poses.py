@@ -5,8 +5,13 @@ from typing import NamedTuple
 import torch
 
 from pinwm_drake.errors import StateError
-from pinwm_drake.spatial.checks import require_last_axis
-from pinwm_drake.spatial.rotations import quaternion_conjugate, quaternion_multiply, quaternion_to_matrix, rotate
+from pinwm_drake.spatial.rotations import (
+    quaternion_conjugate,
+    quaternion_multiply,
+    quaternion_to_matrix,
+    require_last_axis,
+    rotate,
+)
 
 
 class Pose(NamedTuple):
