@@ -207,7 +207,8 @@ class Search:
             SolverError: The physics found no solution for any guess.
         """
         self._coarse()
-        starts, losses = self.kept.result("coarse").values()
+        coarse = self.kept.result("coarse")
+        starts, losses = coarse["z"], coarse["loss"]
         if not bool(torch.isfinite(losses).any()):
             raise SolverError("the physics found no solution for any guess; allowed: other starts (seed) or time_step")
         order = torch.argsort(losses, stable=True)
