@@ -97,7 +97,7 @@ class Entry:
                 raise InputError(self.path, value=f"an unknown key {name}{where}", allowed=", ".join(keys))
 
     def without(self, key: str, reason: str) -> "Entry":
-        """This entry without a key that has no effect any more; the first time in a process, a warning names it.
+        """Entry without a key that has no effect any more; the first time in a process, a warning names it.
 
         Args:
             key: The key, which need not be there.
