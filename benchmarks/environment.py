@@ -27,7 +27,6 @@ SCENE = "package://pinwm_models/scenarios/push_t.scenario.yaml"
 WORLDS, PROCESSES, ACTIONS, OTHERS_ACTIONS = 32, 2, 100, 5
 TIME_STEP, SIZE = 1 / 120, 64
 BARS = {"state": 8000, "rgb": 6000}
-DIRECTIONS = (8, 32)
 KINDS = {"state": "state", "rgb": "rgb_state"}  # the policy that acts needs the state
 PLANT_STEPS = {"384": None, "12": TIME_STEP}
 GROWTH = 5.0  # MB
@@ -63,14 +62,13 @@ def scene(plant_step: float | None = None) -> Scenario:
     return scenario
 
 
-def ours(kind: str, directions: int, *, cousins: bool = False) -> Player:
+def ours(kind: str, *, cousins: bool = False) -> Player:
     """Player of ours with 32 worlds, each one a new cousin for every episode where that is asked for."""
     env = TaskVecEnv(
         scene(),
         WORLDS,
         observation=KINDS[kind],
         task={"reward": "shaped"},
-        friction_directions=directions,
         image_size=SIZE,
     )
     if cousins:
@@ -94,9 +92,8 @@ def measure(rounds: int) -> dict:
     """Times all environments in turn."""
     players: dict[str, tuple[Player, int, int]] = {}
     for kind in KINDS:
-        for directions in DIRECTIONS:
-            players[f"{kind} {directions}"] = ours(kind, directions), ACTIONS, WORLDS
-        players[f"{kind} cousins"] = ours(kind, DIRECTIONS[0], cousins=True), ACTIONS, WORLDS
+        players[f"{kind} twin"] = ours(kind), ACTIONS, WORLDS
+        players[f"{kind} cousins"] = ours(kind, cousins=True), ACTIONS, WORLDS
         for name, step in PLANT_STEPS.items():
             players[f"{kind} point {name}"] = point(kind, step), OTHERS_ACTIONS, PROCESSES
     cases = {
@@ -109,7 +106,7 @@ def measure(rounds: int) -> dict:
     return {
         "steps_per_second": {name: timing.Samples(1 / each.seconds).summary(1.0) for name, each in samples.items()},
         "ratio": {
-            f"{kind} {name}": samples[f"{kind} point {name}"].over(samples[f"{kind} {DIRECTIONS[0]}"])
+            f"{kind} {name}": samples[f"{kind} point {name}"].over(samples[f"{kind} twin"])
             for kind in KINDS
             for name in PLANT_STEPS
         },
@@ -126,7 +123,7 @@ def resident() -> float:
 
 def memory(steps: int) -> dict:
     """Resident memory over many steps with cousins and resets, after one episode of each world."""
-    player = ours("state", DIRECTIONS[0], cousins=True)
+    player = ours("state", cousins=True)
     player.play(2 * ACTIONS)
     found = [resident()]
     for _ in range(10):
@@ -142,19 +139,17 @@ def table(data: dict) -> str:
         "| environment | state, steps/s | 64 x 64 image, steps/s |",
         "| --- | --- | --- |",
     ]
-    names = {f"{directions}": f"32 worlds, {directions} friction directions" for directions in DIRECTIONS}
-    names["cousins"] = f"32 worlds, {DIRECTIONS[0]} friction directions, a new cousin an episode"
+    names = {"twin": "32 worlds", "cousins": "32 worlds, a new cousin an episode"}
     names |= {f"point {steps}": f"SubprocVecEnv, point contact, {steps} steps an action" for steps in PLANT_STEPS}
     for name, words in names.items():
         lines.append(f"| {words} | {' | '.join(results.spread(figures[f'{kind} {name}'], 0) for kind in KINDS)} |")
     for steps in PLANT_STEPS:
         ratios = [results.spread(data["ratio"][f"{kind} {steps}"], 0) for kind in KINDS]
-        lines.append(f"| ratio, 8 directions to point contact, {steps} steps an action | {' | '.join(ratios)} |")
+        lines.append(f"| ratio to point contact, {steps} steps an action | {' | '.join(ratios)} |")
     lines.append("")
     for kind, bar in BARS.items():
-        for directions in DIRECTIONS:
-            speed = figures[f"{kind} {directions}"]["median"]
-            lines.append(f"- {kind}, {directions} directions: steps/s {results.verdict(speed, bar, at_most=False)}.")
+        speed = figures[f"{kind} twin"]["median"]
+        lines.append(f"- {kind}: steps/s {results.verdict(speed, bar, at_most=False)}.")
     grown = data["memory"]["megabytes"]
     lines.append(
         f"- Resident memory over {data['memory']['steps']:,} state steps with cousins: {grown[0]} to {grown[-1]} MB; "

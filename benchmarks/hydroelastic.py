@@ -36,9 +36,7 @@ _AGREEMENT = (("t_block", 0.03), ("t_block", 0.1), ("t_block", 0.3), ("cube", 0.
 _HARD_FRICTION, _HARD = 0.3, (0, 8, 12, 17, 18)
 _STEPS = (("hydroelastic", 3840), ("hydroelastic", 15360), ("point", 3840), ("point", 15360), ("point", 61440))
 _TWINS = {
-    "as it is: patch, 32 directions, 1/240 s": Physics(),
-    "8 directions": Physics(friction_directions=8),
-    "64 directions": Physics(friction_directions=64),
+    "as it is: patch, 1/240 s": Physics(),
     "steps of 1/960 s": Physics(time_step=1 / 960, steps_per_update=4),
     "on its corners": Physics(support="corners"),
 }
@@ -155,10 +153,10 @@ def steps() -> str:
     usual = scene("t_block", _HARD_FRICTION)
     drawn = draw_trials(usual, usual, max(_HARD) + 1, _SEED)
     trials = [drawn[k] for k in _HARD]
-    fine = scene("t_block", _HARD_FRICTION, Physics(time_step=1 / 1920, steps_per_update=8, friction_directions=64))
+    fine = scene("t_block", _HARD_FRICTION, Physics(time_step=1 / 1920, steps_per_update=8))
     twin_motions = [[SceneRig(setup, "twin").run(trial) for trial in trials] for setup in (usual, fine)]
     lines = [
-        "| contact | step of the plant | from the twin: median; most | from one with 1/1920 s and 64 directions |",
+        "| contact | step of the plant | from the twin: median; most | from one with 1/1920 s |",
         "| --- | --- | --- | --- |",
     ]
     for engine, number in _STEPS:

@@ -1,4 +1,4 @@
-"""Push in pinwm_drake: 8 friction directions, either backend, any number of worlds."""
+"""Push in pinwm_drake: either backend, any number of worlds."""
 
 import math
 from dataclasses import fields, replace
@@ -27,14 +27,14 @@ def block() -> Body:
     return Body(name="t_block", pieces=boxes, mass=push.MASS, inertia=np.diag(push.block_inertia()))
 
 
-def make_model(pusher: str, directions: int = 8) -> Model:
+def make_model(pusher: str) -> Model:
     """Block, floor and a pusher of the named shape."""
     tip = {
         "sphere": lambda: shapes.sphere(push.RADIUS),
         "capsule": lambda: shapes.capsule(push.RADIUS, push.LENGTH),
         "cylinder": lambda: shapes.cylinder(push.RADIUS, push.LENGTH),
     }[pusher]()
-    return Model(bodies=[block()], pusher=[tip], time_step=push.TIME_STEP, friction_directions=directions)
+    return Model(bodies=[block()], pusher=[tip], time_step=push.TIME_STEP)
 
 
 class PinwmPush:
@@ -51,11 +51,10 @@ class PinwmPush:
         num_worlds: int = 1,
         backend: str = "numba",
         device: str = "cpu",
-        directions: int = 8,
         heading: float = 0.0,
         threads: int = 1,
     ) -> None:
-        self.model = make_model(pusher, directions)
+        self.model = make_model(pusher)
         self.stepper = Stepper(self.model, backend=backend, num_threads=threads)
         parameters = Parameters.nominal(
             self.model,

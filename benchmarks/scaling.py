@@ -59,7 +59,7 @@ class Sliding:
     """
 
     def __init__(self, kind: str, contacts: int, backend: str = "numba", worlds: int = 4) -> None:
-        options = {"time_step": push.TIME_STEP, "friction_directions": 8, "max_contacts": contacts}
+        options = {"time_step": push.TIME_STEP, "max_contacts": contacts}
         if kind == "nails":
             # Two rows of balls. The plate slides by 0.17 m, its centre from -0.1 m to 0.07 m: within a sixth
             # of the rows' length (0.27 m) from their middle, so that even the farthest balls still press.

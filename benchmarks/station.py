@@ -38,7 +38,7 @@ class Action:
             Scenario(
                 object="t_block",
                 theta=Theta(friction_floor=0.1, friction_pusher=0.1),
-                physics=Physics(friction_directions=8, steps_per_update=steps_per_update),
+                physics=Physics(steps_per_update=steps_per_update),
                 camera=View(width=64, height=64),
                 start=Start(pusher_angle=[np.pi, np.pi], pusher_gap=[0.0, 0.0]),
                 num_worlds=worlds,

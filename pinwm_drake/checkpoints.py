@@ -5,12 +5,15 @@ import json
 import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import replacing
+
+# Errors that broken archives, members and texts lead to.
+_UNREADABLE = (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile)
 
 
 @runtime_checkable
@@ -41,6 +44,27 @@ def write_arrays(
     with replacing(path) as temporary:
         save = np.savez_compressed if compressed else np.savez
         save(temporary, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+
+
+def load_arrays(path: Path, allowed: str, *, told: bool = True) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays of an npz file without pickles, and the JSON that it holds as "about".
+
+    Args:
+        path: The file.
+        allowed: What was expected, for the message.
+        told: Flag: there has to be an "about".
+
+    Raises:
+        InputError: It cannot be read.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        if not all(isinstance(array, np.ndarray) for array in arrays.values()):
+            raise ValueError("a member that is no array")
+        return arrays, dict(json.loads(str(arrays.pop("about")))) if told else {}
+    except _UNREADABLE as error:
+        raise InputError(path, value=f"unreadable contents ({error})", allowed=allowed) from error
 
 
 def digest_of(arrays: Iterable[np.ndarray]) -> str:
@@ -80,12 +104,7 @@ def read_arrays(
     """
     if not path.exists():
         return None
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        written = dict(json.loads(str(arrays.pop("about"))))
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(path, value=f"unreadable contents ({error})", allowed=f"a checkpoint of `{work}`") from error
+    arrays, written = load_arrays(path, f"a checkpoint of `{work}`")
     for name, value in about.items():
         if written.get(name) != value:
             raise InputError(

@@ -4,6 +4,7 @@ import json
 import math
 import re
 import reprlib
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import yaml
 from pinwm_drake.errors import InputError
 
 LONGEST_TEXT = 1000  # characters: names and paths
+ROUND_CONE = "the friction cone is round"  # why `friction_directions` has no effect
 _LONGEST_QUOTE = 60  # characters of a value that a message repeats
 # Documents may hold lists in lists in lists, the same one many times: a message shows the outermost.
 _shortened = reprlib.Repr()
@@ -94,6 +96,22 @@ class Entry:
                 where = f" under {self.place}" if self.place else ""
                 raise InputError(self.path, value=f"an unknown key {name}{where}", allowed=", ".join(keys))
 
+    def without(self, key: str, reason: str) -> "Entry":
+        """Entry without a key that has no effect any more; the first time in a process, a warning names it.
+
+        Args:
+            key: The key, which need not be there.
+            reason: Why it has no effect.
+
+        Raises:
+            InputError: This entry is not a mapping.
+        """
+        found = self.find(key)
+        if found is None:
+            return self
+        warn_without_effect(self.path, found.place, reason)
+        return Entry(self.path, self.place, {name: value for name, value in self.value.items() if name != key})
+
     def items(self) -> "list[Entry]":
         """The entries of a list that is not empty.
 
@@ -148,6 +166,22 @@ class Entry:
         if not isinstance(self.value, list) or len(self.value) != length:
             raise self.refusal(f"{' x '.join(map(str, (length, *rest)))} finite numbers")
         return np.array([entry.numbers(*rest) if rest else entry.number() for entry in self.items()], float)
+
+
+_warned: set[str] = set()
+
+
+def warn_without_effect(where: object, key: str, reason: str) -> None:
+    """Warns of a setting that is accepted and has no effect; once in a process for each key.
+
+    Args:
+        where: File or command that has the setting.
+        key: Its place in the file, or the option.
+        reason: Why it has no effect.
+    """
+    if key not in _warned:
+        _warned.add(key)
+        warnings.warn(f"{where}: {key} has no effect: {reason}; delete it", FutureWarning, stacklevel=2)
 
 
 def read_json(path: Path) -> Entry:

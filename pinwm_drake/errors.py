@@ -15,6 +15,10 @@ class GeometryError(PinwmError):
     """A shape, mesh or decomposition is not usable: wrong size, not watertight, not convex, out of scale."""
 
 
+class VersionError(PinwmError, ImportError):
+    """An installed library is of a version that cannot be used."""
+
+
 class ModelError(PinwmError):
     """A model's description contradicts itself: bodies, joints, pusher, floor or time step."""
 

@@ -13,10 +13,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numba
 from numba import njit, types
 from numba.core import codegen
 from numba.core.compiler_lock import global_compiler_lock
 
+# Releases whose compiler has the private parts that are replaced below; pyproject.toml says the same.
+NUMBA = "0.68"
 _PACKAGE = Path(__file__).resolve().parent
 # Found by a pattern and not by parsing, as it runs whenever a kernel module is first imported.
 _IMPORT = re.compile(rb"^from (pinwm_drake[\w.]*) import (\([^)]*\)|[^\n(]*)", re.MULTILINE)
@@ -65,8 +68,18 @@ def _imported(source: bytes) -> Iterator[bytes]:
         yield from (module + b"." + name for name in re.findall(rb"\w+", names))
 
 
-forget_stale_kernels()
+def require_numba(version: str) -> None:
+    """Raises VersionError for a release of numba whose compiler may have other private parts."""
+    from pinwm_drake.errors import VersionError  # not above, where a change of it would compile all kernels anew
 
+    if version.split(".")[:2] != NUMBA.split("."):
+        raise VersionError(
+            f"numba: got version {version}; allowed: {NUMBA}.*, as `pip install 'numba=={NUMBA}.*'` has it"
+        )
+
+
+require_numba(numba.__version__)
+forget_stale_kernels()
 
 _WHOLE = (codegen.JITCPUCodegen._library_class, codegen.JITCPUCodegen.set_env)
 
@@ -114,8 +127,10 @@ def _compiling(part: type | None) -> Iterator[None]:
             code._library_class, code.set_env = before
 
 
-def _compiled(part: type = _Part, **options: Any) -> Callable[[Callable], Any]:
+def _compiled(part: type | None = _Part, **options: Any) -> Callable[[Callable], Any]:
     """Decorator like `numba.njit` that compiles a kernel once for each type of its arguments, as a part of others.
+
+    With None for the part, it compiles an entry point, which Python calls; what that calls in turn is part of it.
 
     To numba, a number that is written in a call, or that a loop begins with, is a type of its own; it would compile the
     kernel, and all that it calls, for that number too, which doubles the time.
@@ -137,25 +152,6 @@ def _compiled(part: type = _Part, **options: Any) -> Callable[[Callable], Any]:
 
         dispatcher.get_call_template = get_call_template
         dispatcher.compile = compile_part
-        return dispatcher
-
-    return decorate
-
-
-def _entry(**options: Any) -> Callable[[Callable], Any]:
-    """Decorator like `numba.njit`, for what Python calls; what it calls in turn is part of it."""
-
-    def decorate(function: Callable) -> Any:
-        dispatcher = njit(**options)(function)
-        if dispatcher is function:
-            return function
-        compile_ = dispatcher.compile
-
-        def compile_whole(signature: Any) -> Any:
-            with _compiling(None):
-                return compile_(signature)
-
-        dispatcher.compile = compile_whole
         return dispatcher
 
     return decorate
@@ -201,4 +197,4 @@ internal_kernel = _compiled(**_INTERNAL, fastmath=_EXACT, _nrt=False)
 allocating_kernel = _compiled(**_INTERNAL, fastmath=_EXACT, _nrt=True)
 
 # For entry points: they release Python's lock, so that threads can share worlds.
-entry_point = _entry(cache=True, nogil=True, error_model="numpy", fastmath=_EXACT)
+entry_point = _compiled(None, cache=True, nogil=True, error_model="numpy", fastmath=_EXACT)

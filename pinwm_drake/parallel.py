@@ -64,7 +64,6 @@ class Executor:
     option: str = "--workers"
 
     def __post_init__(self) -> None:
-        """Checks the values."""
         if self.name not in EXECUTORS:
             raise ParameterError(f"executor: got {self.name!r}; allowed: {', '.join(EXECUTORS)}")
         if self.name == RAY and importlib.util.find_spec("ray") is None:

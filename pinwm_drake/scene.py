@@ -4,6 +4,7 @@ The physics knows bodies by their centre of mass B, captures know objects by the
 same axes. The centre of mass is that of a uniform solid, plus the `center` of `Parameters`, which is zero by default.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -57,7 +58,6 @@ def make_scene(
     gravity: float,
     floor_height: float = 0.0,
     time_step: float = 1.0 / 240.0,
-    friction_directions: int = 8,
     support: Support = "patch",
 ) -> Scene:
     """Builds the physics model of a push.
@@ -69,7 +69,6 @@ def make_scene(
         gravity: m/s^2, downwards.
         floor_height: z of the floor, m.
         time_step: s.
-        friction_directions: Has no effect, as the friction cone is round; kept for older calls and files.
         support: "corners" carries the object's weight on the corners of its convex pieces, "patch" on points
             within the face that it rests on, as uniform pressure does; see `geometry/patch.py`.
 
@@ -102,13 +101,11 @@ def make_scene(
         floor_height=floor_height,
         gravity=(0.0, 0.0, -gravity),
         time_step=time_step,
-        friction_directions=friction_directions,
     )
     return Scene(model=model, p_OB=torch.from_numpy(p_OB), mesh=mesh)
 
 
 def _pusher_pieces(pusher: PusherGeometry) -> list[ConvexPiece]:
-    """The pusher's convex pieces, frame P."""
     shape = pusher.shape
     if shape is None:
         if pusher.mesh_path is None:
@@ -148,6 +145,29 @@ def scaled_inertia(scene: Scene, mass: float, factors: Tensor) -> Tensor:
     one, d = torch.eye(3, dtype=torch.float64), factors.sqrt()
     sigma = mass * d[..., :, None] * (0.5 * torch.trace(solid) * one - solid) * d[..., None, :]
     return sigma.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * one - sigma
+
+
+def scene_parameters(values: Mapping[str, Tensor], inertia: Tensor) -> Parameters:
+    """Parameters theta of W worlds; differentiable.
+
+    Args:
+        values: (W,) each: mass [kg], friction_floor and _pusher, restitution_floor and _pusher, center_x to _z [m],
+            support_x to _z, and contact_offset [m].
+        inertia: (W, 3, 3), about the centre of mass, kg m^2.
+    """
+
+    def stacked(*names: str) -> Tensor:
+        return torch.stack([values[name] for name in names], -1)
+
+    return Parameters(
+        mass=stacked("mass"),
+        inertia=inertia[:, None],
+        friction=stacked("friction_floor", "friction_pusher"),
+        restitution=stacked("restitution_floor", "restitution_pusher"),
+        center=stacked("center_x", "center_y", "center_z")[:, None],
+        spread=stacked("support_x", "support_y", "support_z")[:, None],
+        offset=torch.nn.functional.pad(stacked("contact_offset"), (1, 0)),
+    )
 
 
 def step_count(seconds: float, time_step: float) -> int:

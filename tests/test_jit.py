@@ -1,4 +1,26 @@
-from pinwm_drake.jit import forget_stale_kernels
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from pinwm_drake.errors import VersionError
+from pinwm_drake.jit import NUMBA, forget_stale_kernels, require_numba
+
+
+def test_another_release_of_numba_is_refused_in_one_line():
+    require_numba(f"{NUMBA}.7")
+    with pytest.raises(VersionError, match=rf"^numba: got version 0.69.0; allowed: {NUMBA}.*") as refused:
+        require_numba("0.69.0")
+    assert isinstance(refused.value, ImportError)
+    assert "\n" not in str(refused.value)
+
+
+def test_the_package_asks_for_the_releases_of_numba_that_it_takes():
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+    (numba,) = (wanted for wanted in map(Requirement, project["dependencies"]) if wanted.name == "numba")
+    for version, takes in ((f"{NUMBA}.0", True), (f"{NUMBA}.9", True), ("0.67.9", False), ("0.69.0", False)):
+        assert numba.specifier.contains(version) == takes
 
 
 def test_cached_kernels_go_when_a_kernel_source_changes(tmp_path):

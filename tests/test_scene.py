@@ -34,7 +34,7 @@ def cube(tmp_path):
 
 
 def scene_of(path, **options):
-    return make_scene(path, PUSHER, **({"q_WO": LEVEL, "gravity": G, "friction_directions": 8} | options))
+    return make_scene(path, PUSHER, **({"q_WO": LEVEL, "gravity": G} | options))
 
 
 def straight(seconds=1.0, stop=0.3, rows=41):
@@ -63,7 +63,7 @@ def test_a_block_coasts_by_v2_over_2_mu_g(cube, support):
 
 
 def test_a_patch_brakes_a_spin_as_uniform_pressure_does(cube):
-    scene = scene_of(cube, support="patch", friction_directions=32)
+    scene = scene_of(cube, support="patch")
     mu, spin, inertia = 0.2, 8.0, SIDE**2 / 6
     state = State.at_rest(scene.model, p_WB=(0, 0, resting_height(scene, LEVEL)), p_WP=(1.0, 0.0, 0.5))
     state.V_WB[0, 0, 2] = spin

@@ -42,9 +42,7 @@ def identify(
             help="How the pressure on the floor is spread: auto looks for it, patch holds it even, corners at the rim."
         ),
     ] = "auto",
-    directions: Annotated[
-        int, typer.Option(help="No effect: the friction cone is round. Kept for scripts from when it was a polyhedron.")
-    ] = 32,
+    directions: Annotated[int | None, typer.Option(hidden=True, help="Accepted without effect.")] = None,
     time_step: Annotated[
         float,
         typer.Option(
@@ -67,6 +65,7 @@ def identify(
     """
     from rich.console import Console
 
+    from pinwm_drake.documents import ROUND_CONE, warn_without_effect
     from pinwm_drake.experiments.twins import has_surfels, read_pushes, twin_from_capture
     from pinwm_drake.files import prepare_folder
     from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
@@ -74,13 +73,14 @@ def identify(
     from pinwm_drake.rendering.fit_options import FitOptions
     from pinwm_drake.report.twin.score import pose_errors
 
+    if directions is not None:
+        warn_without_effect("pinwm identify", "--directions", ROUND_CONE)
     names, values = _choose(free, hold, without)
     options = IdentifyOptions(
         free=names,
         held=values,
         support=support,  # type: ignore[arg-type]  # IdentifyOptions refuses what it does not know
         time_step=time_step,
-        friction_directions=directions,
         starts=starts,
         seed=seed,
         num_threads=threads,

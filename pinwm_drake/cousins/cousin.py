@@ -1,7 +1,7 @@
 """Cousins of a twin: the draws that make them, and the cousin that belongs to a number.
 
 Source: PIN-WM, eq. 11: physical parameters and colours from U(w (1 - delta), w (1 + delta)). Here the draws are cut to
-what can be: see `ranges.py`, `theta.py` and `colours.py`.
+what can be: see `theta.py` and `colours.py`.
 """
 
 import dataclasses
@@ -15,8 +15,7 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.cousins.colours import ColourDraw
-from pinwm_drake.cousins.ranges import theta_ranges
-from pinwm_drake.cousins.theta import KEYS, draw_theta, drawn_theta
+from pinwm_drake.cousins.theta import KEYS, draw_theta, drawn_theta, theta_ranges
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.scene import Scene
@@ -73,7 +72,6 @@ class Cousin:
         return twin_parameters(self._physical(), scene)
 
     def _physical(self) -> Twin:
-        """The twin with the cousin's physics."""
         theta = {key: Estimate(self.theta[key], None, False, one.unit, _NOTE) for key, one in self.of.theta.items()}
         units = {key: "m" if key.startswith(("center", "contact")) else "1" for key in self.shape}
         shape = {key: Estimate(value, None, False, units[key], _NOTE) for key, value in self.shape.items()}

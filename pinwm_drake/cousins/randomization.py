@@ -13,6 +13,7 @@ import torch
 
 from pinwm_drake.cousins.cousin import Cousin
 from pinwm_drake.cousins.domain import DomainDraw
+from pinwm_drake.cousins.theta import MOMENTS
 from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.rendering.harmonics import Y0
@@ -22,7 +23,6 @@ from pinwm_drake.twin.twin import THETA, Twin
 Span = tuple[float, float]
 _FRICTIONS = ("friction_floor", "friction_pusher")
 _RESTITUTIONS = ("restitution_floor", "restitution_pusher")
-_MOMENTS = ("inertia_xx", "inertia_yy", "inertia_zz")
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,6 @@ class Spans:
     inertia: Span = (0.3, 3.0)
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
         for name, (low, high) in asdict(self).items():
             positive = low > 0.0 or (name in ("friction", "restitution") and low == 0.0)
             require(name, [low, high], positive and low <= high < math.inf, "low to high, above 0")
@@ -95,7 +94,6 @@ class RandomDomains:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Checks the settings."""
         require("share", self.share, 0.0 < self.share <= 1.0, "more than 0, up to 1")
         require("seed", self.seed, self.seed >= 0, "0 or more")
         if self.share < 1.0 and (self.middle is None or not set(THETA) <= set(self.middle)):
@@ -111,7 +109,7 @@ class RandomDomains:
         if self.middle is None:
             ranges = self.spans.around(dict.fromkeys(THETA, 0.0), 1.0)
         else:
-            known = np.array([self.middle[name] for name in _MOMENTS]) / (solid * self.middle["mass"])
+            known = np.array([self.middle[name] for name in MOMENTS]) / (solid * self.middle["mass"])
             ranges = self.spans.around(self.middle, self.share, float(known.mean()))
         looks = _painted(twin, self.seed) if self.painted else twin.surfels.sh
         unknown = replace(twin, nuisance={}, draws=None)
@@ -121,7 +119,7 @@ class RandomDomains:
             generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(number,)))
             drawn = {name: float(generator.uniform(*ends)) for name, ends in ranges.items()}
             moments = drawn.pop("inertia") * drawn["mass"] * solid
-            theta = {**drawn, **dict(zip(_MOMENTS, moments.tolist(), strict=True))}
+            theta = {**drawn, **dict(zip(MOMENTS, moments.tolist(), strict=True))}
             return Cousin(unknown, number, {name: theta[name] for name in THETA}, dict(NO_EFFECT), lambda: (looks, 0.0))
 
         return domain

@@ -17,7 +17,7 @@ from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
 from pinwm_drake.identification.history import HISTORY_FILE, write_history
 from pinwm_drake.identification.identify import Identification, identify
 from pinwm_drake.identification.options import IdentifyOptions
-from pinwm_drake.identification.progress import Progress as SearchProgress
+from pinwm_drake.identification.search import Progress as SearchProgress
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.ply import read_ply
@@ -77,7 +77,7 @@ def twin_from_capture(
     result = identify(capture, pushes, surfels, offset, options, X_OS=X_OS, folder=out, resume=resume, report=searched)
     twin = replace(result.twin, provenance={**result.twin.provenance, **run_provenance()})
     result = replace(result, twin=twin)
-    write_history(out / HISTORY_FILE, result.found)
+    write_history(out / HISTORY_FILE, result.found.problem.coordinates.names, result.found.log)
     prepare_folder(out / "episodes")
     for push, poses in zip(pushes, result.poses, strict=True):
         write_pose_table(out / "episodes" / f"{push.name}.csv", poses)

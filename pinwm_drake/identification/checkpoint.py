@@ -10,8 +10,7 @@ from torch import Tensor
 
 from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.identification.adam import AdamState
-from pinwm_drake.identification.progress import Log
-from pinwm_drake.identification.refine import RefineState
+from pinwm_drake.identification.history import Log
 
 CHECKPOINT_FILE = "identify_checkpoint.npz"
 
@@ -44,7 +43,7 @@ class Checkpoint:
         stored = read_arrays(self.path, self.about, "identify", ["seconds"]) if self.path and resume else None
         if stored is not None:
             self.begun -= float(stored.pop("seconds"))
-            self.log = Log.of({name: stored.pop(f"log.{name}") for name in self.log.arrays()})
+            self.log = Log({name: stored.pop(f"log.{name}") for name in self.log.arrays()})
             self.done = stored
 
     @property
@@ -56,38 +55,25 @@ class Checkpoint:
         """Keeps the result of a phase, and drops its state."""
         self.done = {name: array for name, array in self.done.items() if not name.startswith("now.")}
         for name, value in results.items():
-            self.done[f"{phase}.{name}"] = np.asarray(value.numpy() if isinstance(value, Tensor) else value)
+            self.done[f"{phase}.{name}"] = np.asarray(value)
         self._write({})
+
+    def result(self, phase: str) -> dict[str, Tensor]:
+        """Result of a phase by name; empty where it has not ended."""
+        names = [name for name in self.done if name.startswith(f"{phase}.")]
+        return {name.removeprefix(f"{phase}."): torch.from_numpy(self.done[name]) for name in names}
 
     def save_adam(self, phase: str, state: AdamState) -> None:
         """Keeps the state of a phase of Adam, every few steps."""
         if state.iteration % self.every == 0:
-            self._save(phase, state)
+            self._write({f"now.{phase}.{name}": np.asarray(value) for name, value in vars(state).items()})
 
     def load_adam(self, phase: str) -> AdamState | None:
         """State in which a phase of Adam was interrupted."""
-        found = self._stored(phase)
-        if found is None:
+        found = self.result(f"now.{phase}")
+        if not found:
             return None
-        tensors = {name: torch.from_numpy(array) for name, array in found.items() if array.ndim}
-        return AdamState(iteration=int(found["iteration"]), scale=float(found["scale"]), **tensors)
-
-    def end_refined(self, phase: str, state: RefineState) -> None:
-        """Keeps the result of a refinement."""
-        self.end(phase, {"z": state.z, "corrections": state.corrections, "loss": state.loss})
-
-    def refined(self, phase: str) -> RefineState:
-        """Result of a refinement that ended."""
-        z, corrections = (torch.from_numpy(self.done[f"{phase}.{name}"]) for name in ("z", "corrections"))
-        return RefineState(0, z, corrections, float(self.done[f"{phase}.loss"]), True)
-
-    def _save(self, phase: str, state: AdamState) -> None:
-        self._write({f"now.{phase}.{name}": np.asarray(value) for name, value in vars(state).items()})
-
-    def _stored(self, phase: str) -> dict[str, np.ndarray] | None:
-        prefix = f"now.{phase}."
-        found = {name.removeprefix(prefix): array for name, array in self.done.items() if name.startswith(prefix)}
-        return found or None
+        return AdamState(int(found.pop("iteration")), scale=float(found.pop("scale")), **found)
 
     def _write(self, extra: Mapping[str, np.ndarray]) -> None:
         if self.path is None:

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from pinwm_drake.capture.episodes import Episode
 from pinwm_drake.errors import SolverError
+from pinwm_drake.identification.unknowns import BODIES
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.scene import (
     PusherMotion,
@@ -16,6 +17,7 @@ from pinwm_drake.scene import (
     resting_height,
     rollout_poses,
     scaled_inertia,
+    scene_parameters,
     step_count,
 )
 from pinwm_drake.spatial.poses import Pose
@@ -86,18 +88,12 @@ class Forward:
 
     def parameters(self, values: dict[str, Tensor]) -> Parameters:
         """Parameters theta of W worlds."""
-        friction = [values[f"friction_{body}"] * values[f"grip_{body}"] for body in ("floor", "pusher")]
-        return Parameters(
-            mass=values["mass"][:, None],
-            inertia=inertia(self.scene, self.mass, values)[:, None],
-            friction=torch.stack(friction, -1),
-            restitution=torch.stack(
-                [values["restitution_floor"].clamp(0.0, 1.0), values["restitution_pusher"].clamp(0.0, 1.0)], -1
-            ),
-            center=torch.stack([values[f"center_{axis}"] for axis in "xyz"], -1)[:, None],
-            spread=torch.stack([values[f"support_{axis}"] for axis in "xyz"], -1)[:, None],
-            offset=torch.stack([torch.zeros_like(values["mass"]), values["contact_offset"]], -1),
-        )
+        changed = {
+            **values,
+            **{f"friction_{body}": values[f"friction_{body}"] * values[f"grip_{body}"] for body in BODIES},
+            **{f"restitution_{body}": values[f"restitution_{body}"].clamp(0.0, 1.0) for body in BODIES},
+        }
+        return scene_parameters(changed, inertia(self.scene, self.mass, values))
 
     @torch.no_grad()
     def pusher_impulses(self, values: dict[str, Tensor]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,16 +1,36 @@
-"""History of an identification, to and from `history.npz`."""
+"""History of an identification: every evaluation of a search, to and from `history.npz`."""
 
-import zipfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from pinwm_drake.checkpoints import load_arrays
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import replacing
-from pinwm_drake.identification.search_result import Found
 
 HISTORY_FILE = "history.npz"
+_COLUMNS: dict[str, Any] = {"iteration": np.int64, "loss": float, "stage": "U16", "start": np.int64, "theta": float}
+
+
+class Log:
+    """Log of every evaluation, the contents of `history.npz`."""
+
+    def __init__(self, arrays: Mapping[str, np.ndarray] | None = None) -> None:
+        """Log from its arrays, the inverse of `arrays`; None for an empty one."""
+        self._columns: dict[str, list[Any]] = {name: arrays[name].tolist() if arrays else [] for name in _COLUMNS}
+
+    def add(self, stage: str, start: int, loss: float, theta: list[float]) -> None:
+        """Appends one evaluation; iterations count within each start."""
+        row = (self._columns["start"].count(start), loss, stage, start, theta)
+        for column, value in zip(self._columns.values(), row, strict=True):
+            column.append(value)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Columns of the log as arrays, by name."""
+        return {name: np.array(self._columns[name], dtype=kind) for name, kind in _COLUMNS.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +70,14 @@ class History:
         return [(float(self.iteration[rows[k]]), str(self.stage[rows[k]])) for k in begins]
 
 
-def write_history(path: Path, found: Found) -> None:
-    """Writes every evaluation of a search.
+def write_history(path: Path, names: Sequence[str], log: Log) -> None:
+    """Writes every evaluation of a search for unknowns of these names.
 
     Raises:
         InputError: The file cannot be written.
     """
-    names = found.problem.coordinates.names
     with replacing(path) as temporary:
-        np.savez(temporary, allow_pickle=False, names=np.array(names), **found.log.arrays())
+        np.savez(temporary, allow_pickle=False, names=np.array(names), **log.arrays())
 
 
 def read_history(path: Path) -> History:
@@ -75,11 +94,7 @@ def read_history(path: Path) -> History:
     """
     if not path.is_file():
         raise InputError(path, value="no such file", allowed="the history that `pinwm identify` writes")
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, TypeError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(path, value=f"unreadable contents ({error})", allowed="an npz file without pickles") from error
+    arrays, _ = load_arrays(path, "an npz file without pickles", told=False)
     for name in ("iteration", "loss", "stage", "theta", "names", "start"):
         if name not in arrays:
             raise InputError(path, value=f"no array {name}", allowed="iteration, loss, stage, theta, names and start")

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import torch
@@ -20,9 +20,7 @@ from pinwm_drake.identification.mass import find_mass_scale, with_mass
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import read_footage
 from pinwm_drake.identification.posterior import estimates, kept_draws
-from pinwm_drake.identification.progress import Progress
-from pinwm_drake.identification.search import Search, Task, frame_numbers
-from pinwm_drake.identification.search_result import Found
+from pinwm_drake.identification.search import Found, Progress, Search, Task, frame_numbers
 from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Scene, make_scene, resting_height
@@ -31,7 +29,7 @@ from pinwm_drake.spatial.rotations import quaternion_to_matrix
 from pinwm_drake.twin.assembly import assemble_twin
 from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
 from pinwm_drake.twin.plain_data import to_plain
-from pinwm_drake.twin.twin import Estimate, Twin
+from pinwm_drake.twin.twin import Twin
 
 # Options that a continued search may have otherwise; threads count with the number that is used.
 _MAY_CHANGE = ("checkpoint_every", "num_threads")
@@ -125,11 +123,37 @@ def identify(
         scale = find_mass_scale(forwards, coordinates, found.posterior, options.seed) if unknown else None
     finally:
         torch.set_num_threads(wide)
-    twin = _twin(capture, written, origin, surfels, camera_offset, options, coordinates, found, scene, mass)
+    known = capture.object.mass is not None and "mass" not in options.held
+    theta, nuisance = estimates(coordinates, found.posterior, scene, mass, known, options.seed)
+    # The lift is told against the floor; the search counts it from where the capture has the object.
+    extra = float(X_WO.p[2]) - resting_height(scene, X_WO.q)
+    lift = nuisance["lift"]
+    ends = None if lift.interval is None else (lift.interval[0] + extra, lift.interval[1] + extra)
+    nuisance["lift"] = replace(lift, value=lift.value + extra, interval=ends)
+    about = {
+        **origin.to_provenance(),
+        **registration_entry(written, X_WO),
+        "seed": options.seed,
+        "loss": found.loss,
+        "coarse_losses": found.coarse_losses,
+        "seconds": round(found.seconds, 2),
+        "options": to_plain(asdict(options)),
+    }
+    twin = assemble_twin(
+        capture,
+        surfels,
+        camera_offset,
+        theta,
+        nuisance,
+        about,
+        lift=nuisance["lift"].value,
+        time_step=options.time_step,
+        draws=kept_draws(coordinates, found.posterior, scene, mass),
+    )
     twin = with_mass(twin, scale)
     poses = [
-        ObjectPoses(episode.t, X_WO.p[: len(episode.t)].numpy(), X_WO.q[: len(episode.t)].numpy())
-        for episode, X_WO in zip(pushes, found.poses, strict=True)
+        ObjectPoses(episode.t, X.p[: len(episode.t)].numpy(), X.q[: len(episode.t)].numpy())
+        for episode, X in zip(pushes, found.poses, strict=True)
     ]
     return Identification(twin, found, poses)
 
@@ -181,48 +205,6 @@ def _coordinates(
     far = [float(d[:2].norm()) if bool((d.abs() <= LIMIT).all()) else 0.0 for d in starts]
     views = [{f"view_{axis}": max(UNKNOWNS[f"view_{axis}"].prior, one) for axis in "xyz"} for one in far]
     return Coordinates(free, held, len(starts), views)
-
-
-def _twin(
-    capture: Capture,
-    written: Pose,
-    origin: Origin,
-    surfels: Surfels,
-    camera_offset: tuple[float, float],
-    options: IdentifyOptions,
-    coordinates: Coordinates,
-    found: Found,
-    scene: Scene,
-    mass: float,
-) -> Twin:
-    """Twin from the result of a search."""
-    known = capture.object.mass is not None and "mass" not in options.held
-    theta, nuisance = estimates(coordinates, found.posterior, scene, mass, known, options.seed)
-    # The lift is told against the floor; the search counts it from where the capture has the object.
-    extra = float(capture.object.X_WO.p[2]) - resting_height(scene, capture.object.X_WO.q)
-    lift = nuisance["lift"]
-    ends = None if lift.interval is None else (lift.interval[0] + extra, lift.interval[1] + extra)
-    nuisance["lift"] = Estimate(lift.value + extra, ends, lift.identifiable, lift.unit, lift.note)
-    return assemble_twin(
-        capture,
-        surfels,
-        camera_offset,
-        theta,
-        nuisance,
-        {
-            **origin.to_provenance(),
-            **registration_entry(written, capture.object.X_WO),
-            "seed": options.seed,
-            "loss": found.loss,
-            "coarse_losses": found.coarse_losses,
-            "seconds": round(found.seconds, 2),
-            "options": to_plain(asdict(options)),
-        },
-        lift=nuisance["lift"].value,
-        time_step=options.time_step,
-        friction_directions=options.friction_directions,
-        draws=kept_draws(coordinates, found.posterior, scene, mass),
-    )
 
 
 def _digest(surfels: Surfels) -> str:

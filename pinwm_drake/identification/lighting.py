@@ -16,8 +16,7 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.identification.image_loss import rendered
-from pinwm_drake.identification.pictures import Pictures
-from pinwm_drake.identification.spacing import spaced
+from pinwm_drake.identification.pictures import Pictures, spaced
 from pinwm_drake.rendering.harmonics import Y0, harmonics
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose

@@ -119,13 +119,7 @@ def _nearest(pictures: Pictures, surfels: Surfels, X_WO: Pose, d: Tensor, num_th
 
 
 def _refined(
-    pictures: Pictures,
-    surfels: Surfels,
-    X_WO: Pose,
-    d: Tensor,
-    outline: Tensor,
-    radius: float,
-    num_threads: int,
+    pictures: Pictures, surfels: Surfels, X_WO: Pose, d: Tensor, outline: Tensor, radius: float, num_threads: int
 ) -> tuple[Tensor, Tensor]:
     """Change (3,) and outline () after some Gauss-Newton steps, of which each lessens the loss."""
     columns, n = [3, 4, 2, 6], len(pictures.color)

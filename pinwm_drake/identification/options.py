@@ -1,6 +1,5 @@
 """Options of an identification."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -9,7 +8,6 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates
 from pinwm_drake.scene import Support
 from pinwm_drake.threads import available
-from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,6 @@ class IdentifyOptions:
         coarse_size, fine_size: Longer side of the object in the pictures, px.
         coarse_frames, fine_frames: Frames of each push that the stages look at, evenly spaced.
         time_step: Time step of the physics, s.
-        friction_directions: Has no effect: the friction cone is round. Kept for calls from when it was a polyhedron.
         num_threads: Threads; None for one on each core.
         checkpoint_every: Steps between two checkpoints.
     """
@@ -49,14 +46,13 @@ class IdentifyOptions:
     coarse_frames: int = 12
     fine_frames: int = 40
     time_step: float = 1.0 / 240.0
-    friction_directions: int = 32
     num_threads: int | None = None
     checkpoint_every: int = 5
 
     def __post_init__(self) -> None:
         """Raises ParameterError where an option is out of its range."""
         Coordinates(self.free, self.held)
-        whole = (
+        for name, low, high in (
             ("seed", 0, 2**63 - 1),
             ("screened", 1, 100_000),
             ("starts", 1, 1000),
@@ -65,21 +61,18 @@ class IdentifyOptions:
             ("moves", 2, 100_000),
             ("coarse_frames", 2, 100_000),
             ("fine_frames", 2, 100_000),
-            ("friction_directions", 4, MOST_FRICTION_DIRECTIONS),
             ("checkpoint_every", 1, 100_000),
-        )
-        for name, low, high in whole:
+            ("coarse_size", 8.0, 4096.0),
+            ("fine_size", 8.0, 4096.0),
+            ("time_step", 1e-5, 0.05),
+        ):
             value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-                raise ParameterError(f"{name} is {value}; allowed: {low} to {high}")
-        if self.friction_directions % 2:
-            raise ParameterError(f"friction_directions is {self.friction_directions}; allowed: even")
+            whole = isinstance(value, int) and not isinstance(value, bool)
+            if (isinstance(low, int) and not whole) or not low <= value <= high:
+                words = f"{low} to {high}" if isinstance(low, int) else f"{low:g} to {high:g}"
+                raise ParameterError(f"{name} is {value}; allowed: {words}")
         if self.num_threads is not None and self.num_threads < 1:
             raise ParameterError(f"num_threads is {self.num_threads}; allowed: at least 1")
-        for name, least, most in (("coarse_size", 8.0, 4096.0), ("fine_size", 8.0, 4096.0), ("time_step", 1e-5, 0.05)):
-            real = getattr(self, name)
-            if not (math.isfinite(real) and least <= real <= most):
-                raise ParameterError(f"{name} is {real}; allowed: {least:g} to {most:g}")
         if self.support not in ("auto", "corners", "patch"):
             raise ParameterError(f"support is {self.support!r}; allowed: auto, corners or patch")
 

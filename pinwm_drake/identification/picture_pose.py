@@ -12,7 +12,6 @@ Source: Nocedal and Wright, Numerical Optimization, section 10.3 (Gauss-Newton),
 import numpy as np
 import torch
 import trimesh
-from scipy.ndimage import binary_dilation
 from scipy.optimize import least_squares
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
@@ -20,9 +19,9 @@ from torch.nn.functional import avg_pool2d
 from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.identification.expansion import corrected
 from pinwm_drake.identification.image_loss import BLOCKS
+from pinwm_drake.identification.pictures import hidden
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.render import render
-from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, compose, identity, inverse
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
@@ -112,12 +111,7 @@ class PictureReader:
         costs = np.concatenate([np.square(residuals(part)).sum(1) for part in some])
         fits = [
             least_squares(
-                lambda x: residuals(x[None])[0],
-                start,
-                slopes,
-                ftol=_TOLERANCE,
-                xtol=_TOLERANCE,
-                max_nfev=_EVALUATIONS,
+                lambda x: residuals(x[None])[0], start, slopes, ftol=_TOLERANCE, xtol=_TOLERANCE, max_nfev=_EVALUATIONS
             )
             for start in (np.zeros(n), *guesses[np.argsort(costs)[:_BEST]])
         ]
@@ -146,7 +140,4 @@ class PictureReader:
     def _hidden(self, p_WP: np.ndarray) -> np.ndarray:
         """Mask (height, width) of the pixels that the pusher may hide a part of."""
         X_WP = Pose(identity().q, torch.from_numpy(np.asarray(p_WP, float)))
-        covered = silhouette(self._pusher, self._camera, compose(self._X_CW, X_WP))
-        if covered is None:
-            return np.zeros((self._camera.height, self._camera.width), bool)
-        return np.asarray(binary_dilation(covered, np.ones((3, 3), bool)))
+        return hidden(self._pusher, self._camera, compose(self._X_CW, X_WP))

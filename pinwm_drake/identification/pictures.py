@@ -1,11 +1,11 @@
 """Pictures of a push at one resolution, and the pixels on which they can be compared with a rendering."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 import trimesh
+from scipy.ndimage import binary_dilation
 from torch import Tensor
 
 from pinwm_drake.capture.episodes import Episode, View, read_episode_image
@@ -98,6 +98,11 @@ class Footage:
         return max(max(frame.pixels.shape[:2]) for frame in self.frames)
 
 
+def spaced(number: int, most: int) -> Tensor:
+    """Indices (m,) of at most so many of a number of things, evenly spaced from the first to the last."""
+    return torch.linspace(0, number - 1, min(most, number)).round().long()
+
+
 def first_frames(episode: Episode) -> Tensor:
     """Numbers of the first frame of each camera, in the order of `episode.times`."""
     counts = torch.tensor([len(view.t) for view in episode.views])
@@ -161,13 +166,13 @@ def make_pictures(footage: Footage, size: float, *, together: bool, late: float 
         _picture(footage, frame, box, (width, height), factor, late)
         for frame, box in zip(footage.frames, corners, strict=True)
     ]
-    cut, hidden, intrinsics = (torch.stack(part) for part in zip(*parts, strict=True))
+    cut, behind, intrinsics = (torch.stack(part) for part in zip(*parts, strict=True))
     X_CW = [inverse(frame.view.X_WC) for frame in footage.frames]
     return Pictures(
         camera=Camera(width, height, intrinsics),
         color=cut[..., :3].contiguous(),
         alpha=cut[..., 3].contiguous(),
-        weight=1.0 - hidden,
+        weight=1.0 - behind,
         middle=torch.stack([_middle(picture[..., 3]) for picture in cut]),
         X_CW=Pose(torch.stack([X.q for X in X_CW]), torch.stack([X.p for X in X_CW])),
     )
@@ -209,9 +214,8 @@ def _picture(
         pixels[..., :3] -= 1.0  # what is outside of the part is white
         cut += np.einsum("ir,rck,jc->ijk", rows, pixels, columns, optimize=True)
     X_CP = compose(inverse(frame.view.X_WC), footage.episode.pusher_pose(frame.t + late))
-    covered = silhouette(footage.pusher, camera, X_CP)
-    hidden = np.zeros((height, width), bool) if covered is None else _grown(covered)
-    return torch.from_numpy(cut), torch.from_numpy(hidden.astype(np.float32)), camera.intrinsics
+    behind = hidden(footage.pusher, camera, X_CP).astype(np.float32)
+    return torch.from_numpy(cut), torch.from_numpy(behind), camera.intrinsics
 
 
 def _overlap(number: int, first: int, factor: float, start: int, count: int) -> np.ndarray:
@@ -225,12 +229,15 @@ def _overlap(number: int, first: int, factor: float, start: int, count: int) -> 
     return np.asarray(np.clip(covered, 0.0, None) * factor, np.float32)
 
 
-def _grown(mask: np.ndarray) -> np.ndarray:
-    """Mask (H, W) with the pixels around it: a centre that is not covered may be near what is."""
-    padded = np.pad(mask, 1)
-    shifts: Iterable[tuple[int, int]] = ((i, j) for i in range(3) for j in range(3))
-    height, width = mask.shape
-    return np.logical_or.reduce([padded[i : i + height, j : j + width] for i, j in shifts])
+def hidden(pusher: trimesh.Trimesh, camera: Camera, X_CP: Pose) -> np.ndarray:
+    """Mask (H, W) of the pixels of which the pusher, at a pose in the camera, may hide a part.
+
+    They are those whose centre it covers and all around them: a centre that is not covered may be near what is.
+    """
+    covered = silhouette(pusher, camera, X_CP)
+    if covered is None:
+        return np.zeros((camera.height, camera.width), bool)
+    return np.asarray(binary_dilation(covered, np.ones((3, 3), bool)))
 
 
 def _middle(alpha: Tensor) -> Tensor:

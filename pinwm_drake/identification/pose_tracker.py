@@ -76,14 +76,6 @@ class PoseTrack:
     loss: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class _Level:
-    """Pictures of one size, and the outline's scale () that suits them."""
-
-    pictures: Pictures
-    outline: Tensor
-
-
 class PoseTracker:
     """Tracker of one object of known appearance."""
 
@@ -132,7 +124,7 @@ class PoseTracker:
         for some in pictures:
             outline = torch.ones((), dtype=torch.float64)
             start, outline, _ = self._descend(some.some(first), surfels, start, outline, _START)
-            levels.append(_Level(some, outline))
+            levels.append((some, outline))
         _, at_first, moment = np.unique(episode.times.round(_DECIMALS), return_index=True, return_inverse=True)
         t = episode.times[at_first]
         found: list[Pose] = []
@@ -148,15 +140,18 @@ class PoseTracker:
         return PoseTrack(ObjectPoses(t, p, q), losses)
 
     def _refined(
-        self, levels: Sequence[_Level], surfels: Surfels, chosen: Tensor, guesses: Sequence[Pose]
+        self, levels: Sequence[tuple[Pictures, Tensor]], surfels: Surfels, chosen: Tensor, guesses: Sequence[Pose]
     ) -> tuple[Pose, float]:
-        """Pose that explains some frames (m,) of one moment, from the best of some guesses on, and its loss."""
-        pictures, outline = levels[0].pictures.some(chosen), levels[0].outline
+        """Pose that explains some frames (m,) of one moment, from the best of some guesses on, and its loss.
+
+        Levels are pictures of one size each, with the outline's scale () that suits them.
+        """
+        pictures, outline = levels[0][0].some(chosen), levels[0][1]
         X = Pose(torch.stack([guess.q for guess in guesses]), torch.stack([guess.p for guess in guesses]))
         best = int(self._losses(pictures, surfels, X, outline.expand(len(guesses)), BLOCKS).argmin())
         X_WO, loss = guesses[best], np.nan
-        for level in levels:
-            X_WO, _, loss = self._descend(level.pictures.some(chosen), surfels, X_WO, level.outline, _POSE)
+        for pictures, outline in levels:
+            X_WO, _, loss = self._descend(pictures.some(chosen), surfels, X_WO, outline, _POSE)
         return X_WO, loss
 
     def _descend(

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.identification.forward import inertia
-from pinwm_drake.identification.spacing import spaced
+from pinwm_drake.identification.pictures import spaced
 from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
 from pinwm_drake.scene import Scene
 from pinwm_drake.twin.drift import DRIFT, WALKS

@@ -1,6 +1,6 @@
 """The loss of W guesses of the unknowns: physics, rendering and comparison put together, for one push or several."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -79,14 +79,6 @@ class Problem:
                 parts.append(squares(images, blocks))
             found.append(torch.where(alive, torch.cat(parts, -1), torch.inf))
         return found
-
-    def thinned(self, chosen: tuple[Tensor, ...]) -> "Problem":
-        """Copy of the problem with some frames of each push only, by their indices (m,)."""
-        pushes = [
-            FilmedEpisode(replace(push.forward, chosen=some), push.pictures.some(some), push.surfels)
-            for push, some in zip(self.pushes, chosen, strict=True)
-        ]
-        return replace(self, pushes=tuple(pushes))
 
     @torch.no_grad()
     def fit_outline(self, z: Tensor, blocks: tuple[int, ...]) -> Tensor:

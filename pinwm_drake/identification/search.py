@@ -17,18 +17,16 @@ from pinwm_drake.errors import SolverError
 from pinwm_drake.identification.adam import AdamState, descend
 from pinwm_drake.identification.checkpoint import Checkpoint
 from pinwm_drake.identification.forward import Forward
+from pinwm_drake.identification.history import Log
 from pinwm_drake.identification.image_loss import BLOCKS
 from pinwm_drake.identification.lighting import lit
 from pinwm_drake.identification.locate import LIMIT
 from pinwm_drake.identification.options import IdentifyOptions
-from pinwm_drake.identification.pictures import Footage, Pictures, first_frames, make_pictures
+from pinwm_drake.identification.pictures import Footage, Pictures, first_frames, make_pictures, spaced
 from pinwm_drake.identification.posterior import Posterior
 from pinwm_drake.identification.problem import FilmedEpisode, Problem
-from pinwm_drake.identification.progress import Progress
 from pinwm_drake.identification.refine import RefineState, Surrogate, joint_loss, refine, surrogate_at, weights_of
 from pinwm_drake.identification.sampling import sample
-from pinwm_drake.identification.search_result import Found
-from pinwm_drake.identification.spacing import spaced
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
@@ -48,6 +46,51 @@ _SIZES = (0.5, 1.0)
 _DENSEST = 1.6
 # Shares of the work that the stages take.
 _SHARES = {"screen": (0.0, 0.0), "coarse": (0.0, 0.4), "fine": (0.4, 0.3), "sample": (0.7, 0.3)}
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Progress of a search, to be shown while it goes on.
+
+    Attributes:
+        done: Share of the work, 0 to 1.
+        stage: "screen", "coarse", "fine" or "sample".
+        loss: Mean square of the stage's pictures for the best guess; not a number while draws are taken.
+        values: Physical values of the free unknowns of that guess.
+    """
+
+    done: float
+    stage: str
+    loss: float
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Unknowns that a search found, with its losses and its log.
+
+    Attributes:
+        problem: The pushes, on the largest pictures.
+        posterior: Draws of the unknowns, and what stands for them.
+        loss: Mean square of the largest pictures, at the corrected poses.
+        poses: X_WO by the model in the frames of each push: q (n, 4), p (n, 3) [m].
+        corrections: The likeliest corrections of the poses in the frames of `problem`, of each push: (m, 6), rotation
+            vectors [rad] and positions [m].
+        coarse_losses: Losses of all starts after the coarse stage.
+        start: Number of the start that led to the result.
+        log: Every evaluation.
+        seconds: Time taken, all runs together.
+    """
+
+    problem: Problem
+    posterior: Posterior
+    loss: float
+    poses: list[Pose]
+    corrections: list[Tensor]
+    coarse_losses: list[float]
+    start: int
+    log: Log
+    seconds: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +207,8 @@ class Search:
             SolverError: The physics found no solution for any guess.
         """
         self._coarse()
-        starts, losses = (torch.from_numpy(self.kept.done[f"coarse.{name}"]) for name in ("z", "loss"))
+        coarse = self.kept.result("coarse")
+        starts, losses = coarse["z"], coarse["loss"]
         if not bool(torch.isfinite(losses).any()):
             raise SolverError("the physics found no solution for any guess; allowed: other starts (seed) or time_step")
         order = torch.argsort(losses, stable=True)
@@ -181,7 +225,7 @@ class Search:
     def _coarse(self) -> None:
         """Screens random guesses and descends from the best, on small pictures."""
         options = self.options
-        if "coarse.z" in self.kept.done:
+        if self.kept.result("coarse"):
             return
         problem = self.task.problem(options.coarse_size, options.coarse_frames, None)
         state = self.kept.load_adam("coarse")
@@ -229,8 +273,8 @@ class Search:
         """
         options, key = self.options, f"fine{turn}.{start}"
         problem = self.task.problem(_SIZES[turn] * options.fine_size, options.fine_frames, z)
-        if f"{key}.z" in self.kept.done:
-            state = self.kept.refined(key)
+        if done := self.kept.result(key):
+            state = RefineState(0, done["z"], done["corrections"], float(done["loss"]), True)
             return surrogate_at(problem, state.z, state.corrections), state
         state = RefineState.at(problem, z) if before is None else replace(before, iteration=0, done=False)
         state.z = problem.fit_outline(state.z[None], (1,))[0]
@@ -241,14 +285,14 @@ class Search:
             self._show("fine", state.loss, state.z, (turn + done) / len(_SIZES))
 
         state, surrogate = refine(problem, state, iterations=options.fine_iterations, report=report)
-        self.kept.end_refined(key, state)
+        self.kept.end(key, {"z": state.z, "corrections": state.corrections, "loss": state.loss})
         return surrogate, state
 
     def _sample(self, surrogate: Surrogate, z: Tensor) -> tuple[Tensor, Tensor]:
         """Draws (N, p) from the posterior, and their objectives (N,)."""
-        if "sample.z" not in self.kept.done:
+        if not self.kept.result("sample"):
             A, _ = surrogate.quadratic(z)
-            found = sample(
+            draws, energies = sample(
                 surrogate.objective,
                 z,
                 torch.linalg.inv(A),
@@ -257,11 +301,11 @@ class Search:
                 moves=self.options.moves,
                 report=lambda share: self._show("sample", float("nan"), z, share),
             )
-            self.kept.end("sample", {"z": found[0], "objective": found[1]})
-        return torch.from_numpy(self.kept.done["sample.z"]), torch.from_numpy(self.kept.done["sample.objective"])
+            self.kept.end("sample", {"z": draws, "objective": energies})
+        found = self.kept.result("sample")
+        return found["z"], found["objective"]
 
     def _found(self, surrogate: Surrogate, state: RefineState, start: int, draws: Tensor, energies: Tensor) -> Found:
-        """Gathers the result."""
         z = representative(surrogate.objective, self.coordinates, draws, energies)
         poses = []
         for number, forward in enumerate(self.task.forwards):
@@ -275,23 +319,18 @@ class Search:
             loss=state.loss,
             poses=[Pose(X.q[:, 0], X.p[:, 0]) for X in poses],
             corrections=surrogate.corrections(z, surrogate.walk(z)),
-            coarse_losses=[float(loss) for loss in self.kept.done["coarse.loss"]],
+            coarse_losses=self.kept.result("coarse")["loss"].tolist(),
             start=start,
             log=self.kept.log,
             seconds=self.kept.seconds,
         )
 
     def _note(self, stage: str, start: int, loss: float, z: Tensor) -> None:
-        self.kept.log.add(stage, start, loss, list(self._free(z).values()))
+        self.kept.log.add(stage, start, loss, list(self.coordinates.named(z).values()))
 
     def _show(self, stage: str, loss: float, z: Tensor, share: float) -> None:
-        """Reports the progress of a stage."""
         first, width = _SHARES[stage]
-        self.report(Progress(min(first + width * share, 1.0), stage, loss, self._free(z)))
-
-    def _free(self, z: Tensor) -> dict[str, float]:
-        """Physical values of the free unknowns, in their order."""
-        return self.coordinates.named(z)
+        self.report(Progress(min(first + width * share, 1.0), stage, loss, self.coordinates.named(z)))
 
 
 def _best(candidates: list[tuple[Surrogate | None, RefineState, int]]) -> tuple[Surrogate, RefineState, int]:
@@ -299,7 +338,7 @@ def _best(candidates: list[tuple[Surrogate | None, RefineState, int]]) -> tuple[
     alive = [(surrogate, state, start) for surrogate, state, start in candidates if surrogate is not None]
     if not alive:
         raise SolverError("the physics found no solution at the optimum; allowed: another seed or time_step")
-    best = min(alive, key=lambda one: _median_loss(one[0].expansions))[0]
+    best = min(alive, key=lambda one: float(torch.cat([part.loss for part in one[0].expansions]).median()))[0]
     weights = weights_of(best.expansions)
 
     def loss(one: tuple[Surrogate, RefineState, int]) -> float:
@@ -309,10 +348,6 @@ def _best(candidates: list[tuple[Surrogate | None, RefineState, int]]) -> tuple[
         return joint_loss(surrogate.problem, state.z, state.corrections, surrogate.expansions, weights, walk)
 
     return min(alive, key=loss)
-
-
-def _median_loss(expansions: Sequence) -> float:
-    return float(torch.cat([expansion.loss for expansion in expansions]).median())
 
 
 def representative(

@@ -46,31 +46,7 @@ class Unknown:
     shared: bool = True
 
 
-def _friction(name: str) -> Unknown:
-    return Unknown(name, "1", True, 0.2, 0.2, 1.0, spread=math.log(6.0), low=1e-4, high=5.0)
-
-
-def _moment(name: str) -> Unknown:
-    return Unknown(name, "1", True, 1.0, 0.1, 0.1, low=0.05, high=20.0)
-
-
-def _restitution(name: str) -> Unknown:
-    return Unknown(name, "1", False, 0.0, 0.1, 0.5, low=0.0, high=1.0)
-
-
-def _support(name: str) -> Unknown:
-    return Unknown(name, "1", True, 1.15, 0.2, 0.43, low=0.15, high=3.0, physical=False)
-
-
-def _center(name: str) -> Unknown:
-    return Unknown(name, "m", False, 0.0, 1e-3, 2e-3, low=-0.2, high=0.2, physical=False)
-
-
-def _grip(body: str) -> Unknown:
-    prior = GRIPS[f"friction_{body}"]
-    return Unknown(f"grip_{body}", "1", True, 1.0, prior, prior, low=0.5, high=2.0, physical=False, shared=False)
-
-
+BODIES = ("floor", "pusher")
 _DEGREE = math.pi / 180.0
 
 # moment_* multiply the second moments of mass of a uniform solid along the axes of O, which covers only inertias of
@@ -85,30 +61,24 @@ UNKNOWNS: dict[str, Unknown] = {
     unknown.name: unknown
     for unknown in (
         Unknown("mass", "kg", True, 1.0, 0.3, 2.0, spread=math.log(2.0), low=1e-4, high=1e3),
-        _moment("moment_xx"),
-        _moment("moment_yy"),
-        _moment("moment_zz"),
-        _friction("friction_floor"),
-        _friction("friction_pusher"),
-        _restitution("restitution_floor"),
-        _restitution("restitution_pusher"),
-        _support("support_x"),
-        _support("support_y"),
-        _support("support_z"),
-        _center("center_x"),
-        _center("center_y"),
-        _center("center_z"),
+        *(Unknown(f"moment_{axis}", "1", True, 1.0, 0.1, 0.1, low=0.05, high=20.0) for axis in ("xx", "yy", "zz")),
+        *(
+            Unknown(f"friction_{body}", "1", True, 0.2, 0.2, 1.0, spread=math.log(6.0), low=1e-4, high=5.0)
+            for body in BODIES
+        ),
+        *(Unknown(f"restitution_{body}", "1", False, 0.0, 0.1, 0.5, low=0.0, high=1.0) for body in BODIES),
+        *(Unknown(f"support_{axis}", "1", True, 1.15, 0.2, 0.43, low=0.15, high=3.0, physical=False) for axis in "xyz"),
+        *(Unknown(f"center_{axis}", "m", False, 0.0, 1e-3, 2e-3, low=-0.2, high=0.2, physical=False) for axis in "xyz"),
         Unknown("contact_offset", "m", False, 0.0, 5e-4, 1e-3, low=-0.02, high=0.02, physical=False),
         Unknown("lift", "m", False, 0.0, 1e-3, 3e-3, physical=False),
-        Unknown("start_x", "m", False, 0.0, 2e-3, 1e-3, physical=False, shared=False),
-        Unknown("start_y", "m", False, 0.0, 2e-3, 1e-3, physical=False, shared=False),
+        *(Unknown(f"start_{axis}", "m", False, 0.0, 2e-3, 1e-3, physical=False, shared=False) for axis in "xy"),
         Unknown("start_yaw", "rad", False, 0.0, _DEGREE, 3.0 * _DEGREE, physical=False, shared=False),
         Unknown("time_offset", "s", False, 0.0, 5e-3, 2e-2, low=-0.2, high=0.2, physical=False, shared=False),
-        _grip("floor"),
-        _grip("pusher"),
-        Unknown("view_x", "m", False, 0.0, 1e-3, 5e-4, physical=False, shared=False),
-        Unknown("view_y", "m", False, 0.0, 1e-3, 5e-4, physical=False, shared=False),
-        Unknown("view_z", "m", False, 0.0, 1e-3, 5e-4, physical=False, shared=False),
+        *(
+            Unknown(f"grip_{body}", "1", True, 1.0, prior, prior, low=0.5, high=2.0, physical=False, shared=False)
+            for body, prior in ((body, GRIPS[f"friction_{body}"]) for body in BODIES)
+        ),
+        *(Unknown(f"view_{axis}", "m", False, 0.0, 1e-3, 5e-4, physical=False, shared=False) for axis in "xyz"),
         Unknown("outline", "1", True, 1.0, 0.01, 0.1, low=0.5, high=2.0, physical=False, shared=False),
     )
 }
@@ -190,7 +160,6 @@ class Coordinates:
         self.precision = self.precision + torch.outer(row, row)
 
     def _bounds(self, unknown: Unknown) -> tuple[float, float]:
-        """Bounds of the number z that stands for an unknown."""
         centre = self.centre[unknown.name]
 
         def z_of(value: float) -> float:

@@ -7,9 +7,9 @@ from torch import Tensor
 
 from pinwm_drake.errors import SolverError, StateError
 from pinwm_drake.physics.kernels.cone import FULL_STICKS
-from pinwm_drake.physics.kernels.inspect import inspect_step
+from pinwm_drake.physics.kernels.recorded import inspect_step
 from pinwm_drake.physics.model import Model
-from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.parameters import Parameters, kernel_arrays
 from pinwm_drake.physics.state import State, check_tensor
 
 
@@ -75,12 +75,8 @@ def inspect(
         raise StateError(f"world {world}; allowed: 0 to {W - 1}")
     V = state.p_WP.new_zeros(W, 6) if V_WP is None else V_WP
     check_tensor("V_WP", V, (W, 6))
-    values = (
-        *parameters.tensors(),
-        state.q_WB, state.p_WB, state.V_WB, state.q_WP, state.p_WP, V,
-    )  # fmt: skip
-    arrays = [np.ascontiguousarray(value[world].detach().cpu().numpy()) for value in values]
-    used, contacts, system, solver = inspect_step(model.arrays, *arrays, model.contact_rows)
+    arrays = kernel_arrays(parameters, V[None], (tensor[None] for tensor in state.tensors()))
+    used, contacts, system, solver = inspect_step(model.arrays, *arrays, model.contact_rows, world)
     if used < 0:
         raise SolverError(f"world {world}: the contacts have no finite solution")
     C = int(contacts.number[0])

@@ -4,9 +4,9 @@ import numpy as np
 from torch import Tensor
 
 from pinwm_drake.errors import SolverError
-from pinwm_drake.physics.kernels import impulses as kernels
+from pinwm_drake.physics.kernels import recorded
 from pinwm_drake.physics.model import Model
-from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.parameters import Parameters, kernel_arrays
 from pinwm_drake.physics.state import MOST_SPEED, Trajectory, check_tensor
 from pinwm_drake.threads import available, share
 
@@ -36,14 +36,10 @@ def contact_impulses(
     T, W = record.num_frames - 1, parameters.num_worlds
     check_tensor("V_WP", V_WP, (T, W, 6), MOST_SPEED)
     check_tensor("p_WP", record.p_WP, (T + 1, W, 3))
-    theta, states = (
-        tuple(np.ascontiguousarray(value.detach().cpu().numpy()) for value in values)
-        for values in (parameters.tensors(), (record.q_WB, record.p_WB, record.V_WB, record.q_WP, record.p_WP))
-    )
+    frames = (record.q_WB, record.p_WB, record.V_WB, record.q_WP, record.p_WP)
     impulses, status = np.zeros((T, W, len(model.pair_names), 3)), np.zeros(W, np.int64)
-    V = np.ascontiguousarray(V_WP.detach().cpu().numpy())
-    arguments = (model.arrays, theta, V, states, impulses, status, model.contact_rows)
-    share(kernels.contact_impulses, arguments, W, num_threads or available())
+    arguments = (model.arrays, *kernel_arrays(parameters, V_WP, frames), impulses, status, model.contact_rows)
+    share(recorded.contact_impulses, arguments, W, num_threads or available())
     failed = tuple(np.flatnonzero(status < 0).tolist())
     if failed:
         world = failed[0]

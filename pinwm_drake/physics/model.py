@@ -18,7 +18,6 @@ FLOOR = "floor"
 # What no table-top scene has: it would be an error of units.
 _LONGEST_STEP = 0.1  # s
 _SMALLEST, _LARGEST = 1e-5, 100.0  # m, of a piece
-_MOST_DIRECTIONS = 256
 LIGHTEST, HEAVIEST = 1e-6, 1e4  # kg
 LEAST_GYRATION = 1e-6  # m
 # Change of a body's speed that a hit of the pusher may make within one step, m/s: above what table-top pushers do.
@@ -87,8 +86,6 @@ class Model:
         floor_height: height of the static floor, m, or None for no floor.
         gravity: (3,), m/s^2, world frame.
         time_step: h, s.
-        friction_directions: has no effect, as the friction cone is round; kept for older calls and files;
-            even, 4 to 256.
         joints: bilateral constraints.
         contact_margin: contacts nearer than this, plus what bodies may travel within a step, take part, m.
         compliance: contact compliance relative to a body's inverse mass; see `kernels/cone.py`.
@@ -106,7 +103,6 @@ class Model:
     floor_height: float | None = 0.0
     gravity: Sequence[float] = (0.0, 0.0, -9.81)
     time_step: float = 1.0 / 240.0
-    friction_directions: int = 8
     joints: Sequence[Joint] = ()
     contact_margin: float = 1e-3
     compliance: float = 1e-5
@@ -135,9 +131,6 @@ class Model:
                 raise ModelError(f"{name} is {value}; allowed: positive, at most {most:g}")
         if self.floor_height is not None and not _is_number(self.floor_height):
             raise ModelError(f"floor_height is {self.floor_height}; allowed: a finite number, m, or None")
-        k = self.friction_directions
-        if not isinstance(k, int) or not 4 <= k <= _MOST_DIRECTIONS or k % 2:
-            raise ModelError(f"friction_directions is {k}; allowed: even, from 4 to {_MOST_DIRECTIONS}")
         if not isinstance(self.max_contacts, int) or self.max_contacts < 1:
             raise ModelError(f"max_contacts is {self.max_contacts}; allowed: at least 1")
         check_vector("gravity", self.gravity, "m/s^2")
@@ -267,7 +260,6 @@ class Model:
 
 
 def _is_number(value: object) -> bool:
-    """A finite number or not, of Python or numpy."""
     return isinstance(value, (int, float, np.floating, np.integer)) and math.isfinite(value)
 
 
@@ -282,7 +274,6 @@ def check_vector(name: str, value: object, unit: str) -> None:
 
 
 def _check_pieces(name: str, pieces: Sequence[ConvexPiece]) -> None:
-    """Raises ModelError where there are no pieces, or one that is too small or too large."""
     if not len(pieces):
         raise ModelError(f"{name}: got none; allowed: one or more")
     for number, piece in enumerate(pieces):

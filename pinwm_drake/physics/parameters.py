@@ -7,24 +7,27 @@ Source: Rucker and Wensing, "Smooth parameterization of rigid-body inertia", RA-
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.physics.model import FLOOR, HEAVIEST, LEAST_GYRATION, LIGHTEST, PUSHER, Model, check_mass_properties
-from pinwm_drake.physics.state import check_tensor
+from pinwm_drake.physics.state import TensorFields, check_tensor
 
 # Bounds within which logarithms and logits stay finite.
 _TINY = 1e-12
 _MOST_FRICTION = 100.0
 _MOST_OFFSET, _MOST_CENTER = 0.05, 1.0  # m
 _LEAST_SPREAD, _MOST_SPREAD = 0.1, 10.0
+_LOWER = [1, 2, 2], [0, 0, 1]  # rows and columns of a matrix below its diagonal
 
 
 @dataclass(frozen=True, eq=False)
-class Parameters:
+class Parameters(TensorFields):
     """Physical parameters theta of W worlds; float64, one device.
 
     Attributes:
@@ -56,10 +59,6 @@ class Parameters:
             object.__setattr__(self, "spread", self.mass.new_ones(*self.mass.shape, 3))
         if self.offset is None:
             object.__setattr__(self, "offset", torch.zeros_like(self.friction))
-
-    def tensors(self) -> tuple[Tensor, ...]:
-        """Fields in their order, the form in which the kernels take them."""
-        return tuple(getattr(self, item.name) for item in fields(self))
 
     @staticmethod
     def nominal(
@@ -103,33 +102,26 @@ class Parameters:
     def check(self, model: Model) -> None:
         """Raises ParameterError (ranges), StateError (shapes, dtype) or ModelError (inertia) unless valid."""
         W, nb, pairs = self.num_worlds, model.num_bodies, model.pair_names
-        check_tensor("mass", self.mass, (W, nb))
-        check_tensor("inertia", self.inertia, (W, nb, 3, 3))
-        check_tensor("friction", self.friction, (W, len(pairs)))
-        check_tensor("restitution", self.restitution, (W, len(pairs)))
-        check_tensor("center", self.center, (W, nb, 3))
-        check_tensor("spread", self.spread, (W, nb, 3))
-        check_tensor("offset", self.offset, (W, len(pairs)))
-        ranges = (("friction", 0.0, _MOST_FRICTION), ("restitution", 0.0, 1.0), ("offset", -_MOST_OFFSET, _MOST_OFFSET))
-        for name, lower, upper in ranges:
-            values = getattr(self, name).detach()
-            bad = torch.nonzero((values < lower) | (values > upper))
-            if len(bad):
-                world, pair = (int(i) for i in bad[0])
-                limit = f"from {lower:g} to {upper:g}"
-                raise ParameterError(
-                    f"{name} of {pairs[pair]!r} in world {world} is {float(values[world, pair])}; allowed: {limit}"
-                )
+        each, of_pairs = (W, nb, 3), (W, len(pairs))
+        shapes = ((W, nb), (W, nb, 3, 3), of_pairs, of_pairs, each, each, of_pairs)
+        for item, shape in zip(fields(self), shapes, strict=True):
+            check_tensor(item.name, getattr(self, item.name), shape)
         most = 0.0 if model.joints else _MOST_CENTER
-        for name, lower, upper in (("center", -most, most), ("spread", _LEAST_SPREAD, _MOST_SPREAD)):
+        for name, lower, upper in (
+            ("friction", 0.0, _MOST_FRICTION),
+            ("restitution", 0.0, 1.0),
+            ("offset", -_MOST_OFFSET, _MOST_OFFSET),
+            ("center", -most, most),
+            ("spread", _LEAST_SPREAD, _MOST_SPREAD),
+        ):
             values = getattr(self, name).detach()
             bad = torch.nonzero((values < lower) | (values > upper))
             if len(bad):
-                world, body, axis = (int(i) for i in bad[0])
-                raise ParameterError(
-                    f"{name} of {model.bodies[body].name!r} along axis {axis} in world {world} is "
-                    f"{float(values[world, body, axis])}; allowed: from {lower:g} to {upper:g}"
-                )
+                world, at, *axes = bad[0].tolist()
+                what = f"{model.bodies[at].name!r} along axis {axes[0]}" if axes else f"{pairs[at]!r}"
+                value = float(values[(world, at, *axes)])
+                allowed = f"from {lower:g} to {upper:g}"
+                raise ParameterError(f"{name} of {what} in world {world} is {value}; allowed: {allowed}")
         moments = torch.linalg.eigvalsh(self.inertia.detach())
         mass = self.mass.detach()
         wrong = (mass < LIGHTEST) | (mass > HEAVIEST) | (moments[..., 0] < mass * LEAST_GYRATION**2)
@@ -140,17 +132,9 @@ class Parameters:
             name = f"{model.bodies[body].name} in world {world}"
             check_mass_properties(name, float(self.mass[world, body]), self.inertia[world, body].detach().cpu().numpy())
 
-    def detach(self) -> "Parameters":
-        """Parameters with the same numbers, cut from the graph that autograd keeps."""
-        return Parameters(*(tensor.detach() for tensor in self.tensors()))
-
-    def to(self, device: torch.device | str) -> "Parameters":
-        """Copy of the parameters on another device."""
-        return Parameters(*(tensor.to(device) for tensor in self.tensors()))
-
     def expand(self, num_worlds: int) -> "Parameters":
         """Parameters of one world, repeated for `num_worlds` worlds."""
-        return Parameters(*(tensor.expand(num_worlds, *tensor.shape[1:]) for tensor in self.tensors()))
+        return self.changed(lambda tensor: tensor.expand(num_worlds, *tensor.shape[1:]))
 
     def unconstrained(self) -> dict[str, Tensor]:
         """Unbounded tensors of theta, by name.
@@ -165,7 +149,7 @@ class Parameters:
         moment = 0.5 * self.inertia.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * eye - self.inertia
         L = torch.linalg.cholesky(moment / self.mass[..., None, None])
         diagonal = L.diagonal(dim1=-2, dim2=-1)
-        lower = torch.stack([L[..., 1, 0], L[..., 2, 0], L[..., 2, 1]], -1) / diagonal.mean(-1, keepdim=True)
+        lower = L[..., *_LOWER] / diagonal.mean(-1, keepdim=True)
         return {
             "log_mass": self.mass.log(),
             "log_cholesky": torch.cat([diagonal.log(), lower], -1),
@@ -181,16 +165,8 @@ class Parameters:
         """Parameters from unbounded tensors, the inverse of `unconstrained`; differentiable."""
         mass = values["log_mass"].exp()
         diagonal = values["log_cholesky"][..., :3].exp()
-        lower = values["log_cholesky"][..., 3:] * diagonal.mean(-1, keepdim=True)
-        zero = torch.zeros_like(mass)
-        L = torch.stack(
-            [
-                torch.stack([diagonal[..., 0], zero, zero], -1),
-                torch.stack([lower[..., 0], diagonal[..., 1], zero], -1),
-                torch.stack([lower[..., 1], lower[..., 2], diagonal[..., 2]], -1),
-            ],
-            -2,
-        )
+        L = torch.diag_embed(diagonal)
+        L[..., *_LOWER] = values["log_cholesky"][..., 3:] * diagonal.mean(-1, keepdim=True)
         moment = mass[..., None, None] * (L @ L.mT)
         trace = moment.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None]
         eye = torch.eye(3, dtype=mass.dtype, device=mass.device)
@@ -203,6 +179,17 @@ class Parameters:
             spread=(math.log(_MOST_SPREAD) * values["atanh_spread"].tanh()).exp(),
             offset=_MOST_OFFSET * values["atanh_offset"].tanh(),
         )
+
+
+def kernel_arrays(
+    parameters: Parameters, V_WP: Tensor, states: Iterable[Tensor]
+) -> tuple[tuple[np.ndarray, ...], np.ndarray, tuple[np.ndarray, ...]]:
+    """Arrays that kernels take: those of the parameters, the pusher's velocities, and those of states over time."""
+
+    def arrays(tensors: Iterable[Tensor]) -> tuple[np.ndarray, ...]:
+        return tuple(np.ascontiguousarray(tensor.detach().cpu().numpy()) for tensor in tensors)
+
+    return arrays(parameters.tensors()), arrays([V_WP])[0], arrays(states)
 
 
 def _bounded(share: Tensor) -> Tensor:

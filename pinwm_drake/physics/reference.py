@@ -17,10 +17,10 @@ from pinwm_drake.geometry.pieces import IF_FLAT
 from pinwm_drake.physics.cone import ContactProblem, solve
 from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, LINEAR
 from pinwm_drake.physics.kernels.detect import FADE, LEAST_REBOUND
-from pinwm_drake.physics.kernels.select import select_worlds
+from pinwm_drake.physics.kernels.recorded import select_worlds
 from pinwm_drake.physics.kernels.stabilise import CONTACT, KAPPA, MOST_PUSHED, ROUNDING, ROUNDS, SLOP
 from pinwm_drake.physics.model import Model
-from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.parameters import Parameters, kernel_arrays
 from pinwm_drake.physics.state import State, Trajectory
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply, quaternion_to_matrix
 
@@ -51,15 +51,7 @@ class Contacts:
 
 
 def _skew(v: Tensor) -> Tensor:
-    zero = torch.zeros_like(v[..., 0])
-    return torch.stack(
-        [
-            torch.stack([zero, -v[..., 2], v[..., 1]], -1),
-            torch.stack([v[..., 2], zero, -v[..., 0]], -1),
-            torch.stack([-v[..., 1], v[..., 0], zero], -1),
-        ],
-        -2,
-    )
+    return torch.linalg.cross(v[..., None, :], torch.eye(3).to(v).expand(*v.shape, 3)).mT
 
 
 def find_contacts(model: Model, parameters: Parameters, state: State, R: Tensor, V_WP: Tensor) -> Contacts:
@@ -73,21 +65,8 @@ def find_contacts(model: Model, parameters: Parameters, state: State, R: Tensor,
     """
     device = state.p_WP.device
     W, nb = state.num_worlds, model.num_bodies
-    host = [
-        tensor.detach().cpu().contiguous().numpy()
-        for tensor in (
-            parameters.center,
-            parameters.spread,
-            parameters.offset,
-            state.q_WB,
-            state.p_WB,
-            state.V_WB,
-            state.q_WP,
-            state.p_WP,
-            V_WP,
-        )
-    ]
-    count, rows, body, pair = select_worlds(model.arrays, *host, model.contact_rows)
+    arrays = kernel_arrays(parameters, V_WP[None], (tensor[None] for tensor in state.tensors()))
+    count, rows, body, pair = select_worlds(model.arrays, *arrays, model.contact_rows)
     if int(count.max()) > model.max_contacts:
         raise SolverError(f"world {int(count.argmax())}: more than {model.max_contacts} contacts")
     C = max(int(count.max()), 1)
@@ -140,42 +119,26 @@ def _placed(model: Model, parameters: Parameters, rows: Tensor, body: Tensor, va
 
 def joint_rows(model: Model, state: State, R: Tensor, V_WP: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Joint rows: Jacobian J_e (W, nr, 6 nb), bias_e (W, nr) and position error error_e (W, nr)."""
-    arrays, nb, W = model.arrays, model.num_bodies, state.num_worlds
-    zero = torch.zeros(W, 1, 3, dtype=R.dtype, device=R.device)
-    p = torch.cat([state.p_WB, state.p_WP[:, None], zero], 1)
-    J_e, bias, errors = [], [], []
-    for r in range(len(arrays.joint_kind)):
-        A, B = (int(i) for i in arrays.joint_bodies[r])
+    arrays, nb = model.arrays, model.num_bodies
+    p = torch.cat([state.p_WB, state.p_WP[:, None], torch.zeros_like(state.p_WP)[:, None]], 1)
+    (A, B), kind = (torch.as_tensor(rows, device=R.device) for rows in (arrays.joint_bodies.T, arrays.joint_kind))
 
-        def constant(value: np.ndarray) -> Tensor:
-            return torch.as_tensor(value, dtype=R.dtype, device=R.device)
+    def turned(body: Tensor, vectors: np.ndarray) -> Tensor:
+        return (R[:, body] @ torch.as_tensor(vectors, device=R.device)[..., None])[..., 0]
 
-        d = R[:, B] @ constant(arrays.joint_direction[r])
-        u_A, u_B = (
-            R[:, A] @ constant(arrays.joint_anchor[r, 0]),
-            R[:, B] @ constant(arrays.joint_anchor[r, 1]),
-        )
-        kind = arrays.joint_kind[r]
-        row = torch.zeros(W, nb + 2, 6, dtype=R.dtype, device=R.device)
-        for body, sign, u in ((A, 1.0, u_A), (B, -1.0, u_B)):
-            linear = kind == LINEAR
-            block = torch.cat([torch.linalg.cross(u, d), d] if linear else [d, torch.zeros_like(d)], -1)
-            hot = torch.nn.functional.one_hot(torch.tensor(body, device=R.device), nb + 2).to(R.dtype)
-            row = row + sign * hot[:, None] * block[:, None]
-        J_e.append(row[:, :nb].flatten(1))
-        bias.append((row[:, nb] * V_WP).sum(-1))
-        if kind == LINEAR:
-            errors.append((d * (p[:, A] + u_A - p[:, B] - u_B)).sum(-1))
-        elif kind == ANGULAR_HINGE:
-            errors.append((d * torch.linalg.cross(u_B, u_A)).sum(-1))
-        else:
-            E = R[:, A] @ constant(arrays.joint_rotation[r]).mT @ R[:, B].mT
-            turn = torch.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], -1)
-            errors.append((d * 0.5 * turn).sum(-1))
-    if not J_e:
-        empty = torch.zeros(W, 0, dtype=R.dtype, device=R.device)
-        return torch.zeros(W, 0, 6 * nb, dtype=R.dtype, device=R.device), empty, empty
-    return torch.stack(J_e, 1), torch.stack(bias, 1), torch.stack(errors, 1)
+    d = turned(B, arrays.joint_direction)
+    u_A, u_B = turned(A, arrays.joint_anchor[:, 0]), turned(B, arrays.joint_anchor[:, 1])
+    linear = (kind == LINEAR)[:, None]
+    rows = R.new_zeros(len(R), len(kind), nb + 2, 6)
+    for body, sign, u in ((A, 1.0, u_A), (B, -1.0, u_B)):
+        arm, push = torch.where(linear, torch.linalg.cross(u, d), d), torch.where(linear, d, torch.zeros_like(d))
+        hot = torch.nn.functional.one_hot(body, nb + 2).to(R.dtype)
+        rows = rows + sign * hot[..., None] * torch.cat([arm, push], -1)[:, :, None]
+    E = R[:, A] @ torch.as_tensor(arrays.joint_rotation, device=R.device).mT @ R[:, B].mT
+    turn = torch.stack([E[..., 2, 1] - E[..., 1, 2], E[..., 0, 2] - E[..., 2, 0], E[..., 1, 0] - E[..., 0, 1]], -1)
+    error = torch.where((kind == ANGULAR_HINGE)[:, None], torch.linalg.cross(u_B, u_A), 0.5 * turn)
+    error = torch.where(linear, p[:, A] + u_A - p[:, B] - u_B, error)
+    return rows[:, :, :nb].flatten(2), (rows[:, :, nb] @ V_WP[..., None])[..., 0], (d * error).sum(-1)
 
 
 def joint_error(model: Model, state: State) -> Tensor:

@@ -1,7 +1,9 @@
 """State, which changes in a rollout: poses and velocities of all worlds."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import Self
 
 import torch
 from torch import Tensor
@@ -14,8 +16,28 @@ MOST_SPEED = 1e3  # m/s or rad/s
 _LIMITS = {"p_WB": 1e3, "V_WB": MOST_SPEED, "p_WP": 1e3}  # m
 
 
+class TensorFields:
+    """Base of dataclasses whose fields are tensors."""
+
+    def tensors(self) -> tuple[Tensor, ...]:
+        """Fields in their order, the form in which the kernels take them."""
+        return tuple(getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]  # a dataclass
+
+    def changed(self, change: Callable[[Tensor], Tensor]) -> Self:
+        """Copy whose tensors went through a function."""
+        return type(self)(*map(change, self.tensors()))
+
+    def detach(self) -> Self:
+        """Copy with the same numbers, cut from the graph that autograd keeps."""
+        return self.changed(Tensor.detach)
+
+    def to(self, device: torch.device | str) -> Self:
+        """Copy on another device."""
+        return self.changed(lambda tensor: tensor.to(device))
+
+
 @dataclass(frozen=True, eq=False)
-class State:
+class State(TensorFields):
     """State of W worlds; all float64, one device.
 
     Attributes:
@@ -48,22 +70,17 @@ class State:
         Raises:
             StateError: a value does not broadcast.
         """
-        nb = model.num_bodies
+        given = {"q_WB": q_WB, "p_WB": p_WB, "V_WB": V_WB, "q_WP": q_WP, "p_WP": p_WP}
 
-        def full(name: str, value: object, *shape: int) -> Tensor:
+        def full(name: str, shape: tuple[int, ...]) -> Tensor:
+            value = given[name]
             try:
-                return torch.as_tensor(value, dtype=torch.float64).expand(num_worlds, *shape).clone()
+                return torch.as_tensor(value, dtype=torch.float64).expand(shape).clone()
             except (RuntimeError, TypeError, ValueError) as error:
                 got = tuple(value.shape) if isinstance(value, Tensor) else value
-                raise StateError(f"{name} is {got}; allowed: what broadcasts to {(num_worlds, *shape)}") from error
+                raise StateError(f"{name} is {got}; allowed: what broadcasts to {shape}") from error
 
-        return State(
-            full("q_WB", q_WB, nb, 4),
-            full("p_WB", p_WB, nb, 3),
-            full("V_WB", V_WB, nb, 6),
-            full("q_WP", q_WP, 4),
-            full("p_WP", p_WP, 3),
-        )
+        return State(*(full(name, shape) for name, shape in _shapes(model, num_worlds).items()))
 
     @property
     def num_worlds(self) -> int:
@@ -75,9 +92,8 @@ class State:
         if not isinstance(self.p_WP, Tensor) or self.p_WP.ndim != 2 or not len(self.p_WP):
             got = tuple(self.p_WP.shape) if isinstance(self.p_WP, Tensor) else type(self.p_WP).__name__
             raise StateError(f"p_WP is {got}; allowed: a tensor of shape (W, 3), W at least 1")
-        W, nb = self.num_worlds, model.num_bodies
-        shapes = {"q_WB": (W, nb, 4), "p_WB": (W, nb, 3), "V_WB": (W, nb, 6), "q_WP": (W, 4), "p_WP": (W, 3)}
-        for name, shape in shapes.items():
+        nb = model.num_bodies
+        for name, shape in _shapes(model, self.num_worlds).items():
             check_tensor(name, getattr(self, name), shape, _LIMITS.get(name, math.inf))
         for name in ("q_WB", "q_WP"):
             norm = getattr(self, name).detach().norm(dim=-1)
@@ -94,13 +110,10 @@ class State:
                     f"the floor, {model.floor_height} m"
                 )
 
-    def detach(self) -> "State":
-        """State with the same numbers, cut from the graph that autograd keeps."""
-        return State(*(getattr(self, item.name).detach() for item in fields(self)))
 
-    def to(self, device: torch.device | str) -> "State":
-        """Copy of the state on another device."""
-        return State(*(getattr(self, item.name).to(device) for item in fields(self)))
+def _shapes(model: Model, W: int) -> dict[str, tuple[int, ...]]:
+    nb = model.num_bodies
+    return {"q_WB": (W, nb, 4), "p_WB": (W, nb, 3), "V_WB": (W, nb, 6), "q_WP": (W, 4), "p_WP": (W, 3)}
 
 
 @dataclass(frozen=True, eq=False)

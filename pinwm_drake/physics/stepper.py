@@ -117,15 +117,7 @@ class Stepper:
             from pinwm_drake.physics.reference import rollout_reference
 
             return rollout_reference(self.model, parameters, state, V_WP, record_every)
-        inputs = (
-            *parameters.tensors(),
-            state.q_WB,
-            state.p_WB,
-            state.V_WB,
-            state.q_WP,
-            state.p_WP,
-            V_WP,
-        )
+        inputs = (*parameters.tensors(), *state.tensors(), V_WP)
         for tensor in inputs:
             if tensor.device.type != "cpu":
                 raise StateError(f"a tensor is on {tensor.device}; allowed: cpu (use backend='torch' elsewhere)")

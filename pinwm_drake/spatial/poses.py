@@ -5,11 +5,11 @@ from typing import NamedTuple
 import torch
 
 from pinwm_drake.errors import StateError
-from pinwm_drake.spatial.checks import require_last_axis
 from pinwm_drake.spatial.rotations import (
     quaternion_conjugate,
     quaternion_multiply,
     quaternion_to_matrix,
+    require_last_axis,
     rotate,
 )
 

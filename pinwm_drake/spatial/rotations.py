@@ -10,11 +10,26 @@ sections 1 and 4, with Drake's monogram notation.
 
 import torch
 
-from pinwm_drake.spatial.checks import require_last_axis
+from pinwm_drake.errors import StateError
 
 # Below this square of an angle [rad²] a series replaces sin(x)/x and atan(x)/x. The first neglected terms are
 # x⁸/9! and x¹⁰/11: under 1e-21 of the value.
 _SMALL_SQUARE = 1e-4
+
+
+def require_last_axis(array: torch.Tensor, size: int, name: str) -> None:
+    """Checks the length of the last axis.
+
+    Args:
+        array: Any tensor.
+        size: The length its last axis has to have.
+        name: Name of the tensor in the message.
+
+    Raises:
+        StateError: When the last axis has another length, or there is none.
+    """
+    if array.ndim == 0 or array.shape[-1] != size:
+        raise StateError(f"{name}: got shape {tuple(array.shape)}; allowed: (..., {size})")
 
 
 def quaternion_multiply(q_AB: torch.Tensor, q_BC: torch.Tensor) -> torch.Tensor:

@@ -18,7 +18,6 @@ def assemble_twin(
     *,
     lift: float,
     time_step: float,
-    friction_directions: int = 32,
     draws: Draws | None = None,
 ) -> Twin:
     """Twin of a capture's object, whose weight a patch of the floor carries.
@@ -32,7 +31,6 @@ def assemble_twin(
         provenance: Plain data.
         lift: Height of the floor over the one that the capture says, m.
         time_step: Time step of the physics that theta was found with, s.
-        friction_directions: Has no effect; see `Twin`.
         draws: Draws from the posterior; None where there are none.
     """
     return Twin(
@@ -42,7 +40,6 @@ def assemble_twin(
         gravity=capture.gravity,
         floor_height=capture.floor_height + lift,
         time_step=time_step,
-        friction_directions=friction_directions,
         support="patch",
         theta=dict(theta),
         nuisance=dict(nuisance),

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from pinwm_drake.capture.scene import PusherShape, read_floor, read_gravity, read_shape
-from pinwm_drake.documents import Entry
+from pinwm_drake.documents import ROUND_CONE, Entry
 from pinwm_drake.scene import Support
 from pinwm_drake.twin.estimates import estimate_to_document, read_nuisance, read_theta
 from pinwm_drake.twin.plain_data import read_plain, to_plain
-from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS, SCHEMA_VERSION, Twin
+from pinwm_drake.twin.twin import SCHEMA_VERSION, Twin
 
 _UNITS = {"mass": "kg", "length": "m", "angle": "rad", "time": "s"}
 _KEYS = ("schema_version", "units", "name", "mesh", "pusher", "gravity", "floor", "physics")
@@ -54,11 +54,7 @@ def to_document(twin: Twin, mesh: str, pusher_mesh: str | None) -> dict[str, Any
         "pusher": {"mesh": pusher_mesh, "shape": to_plain(pusher)},
         "gravity": to_plain(twin.gravity),
         "floor": {"height": to_plain(twin.floor_height)},
-        "physics": {
-            "time_step": to_plain(twin.time_step),
-            "friction_directions": to_plain(twin.friction_directions),
-            "support": twin.support,
-        },
+        "physics": {"time_step": to_plain(twin.time_step), "support": twin.support},
         "theta": {key: estimate_to_document(value) for key, value in twin.theta.items()},
         "nuisance": {key: estimate_to_document(value) for key, value in twin.nuisance.items()},
         "camera_offset": to_plain(twin.camera_offset),
@@ -111,17 +107,12 @@ def read_document(entry: Entry) -> Document:
 
 def _read_physics(entry: Entry) -> dict[str, Any]:
     """The settings of the physics."""
-    entry.only("time_step", "friction_directions", "support")
-    step, directions = entry["time_step"], entry["friction_directions"]
+    entry = entry.without("friction_directions", ROUND_CONE)
+    entry.only("time_step", "support")
+    step = entry["time_step"]
     if step.number(0.0, _LONGEST_STEP) == 0.0:
         raise step.refusal(f"above 0, up to {_LONGEST_STEP:g} s")
-    if directions.integer(4, MOST_FRICTION_DIRECTIONS) % 2:
-        raise directions.refusal(f"an even number from 4 to {MOST_FRICTION_DIRECTIONS}")
-    return {
-        "time_step": step.number(),
-        "friction_directions": directions.integer(4, MOST_FRICTION_DIRECTIONS),
-        "support": _read_support(entry["support"]),
-    }
+    return {"time_step": step.number(), "support": _read_support(entry["support"])}
 
 
 def _read_support(entry: Entry) -> Support:

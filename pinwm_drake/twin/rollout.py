@@ -16,6 +16,7 @@ from pinwm_drake.scene import (
     resting_height,
     rollout_poses,
     scaled_inertia,
+    scene_parameters,
     step_count,
 )
 from pinwm_drake.spatial.poses import Pose
@@ -45,7 +46,6 @@ def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
         gravity=twin.gravity,
         floor_height=twin.floor_height,
         time_step=twin.time_step,
-        friction_directions=twin.friction_directions,
         support=twin.support,
     )
 
@@ -82,24 +82,13 @@ def physical_parameters(values: Mapping[str, Sequence[float]], scene: Scene) -> 
         scene: Scene of the object.
     """
     theta = {name: [plain] * len(values["mass"]) for name, plain in NO_EFFECT.items()} | dict(values)
+    tensors = {name: torch.tensor(value, dtype=torch.float64) for name, value in theta.items()}
     solid = torch.as_tensor(scene.model.bodies[0].inertia, dtype=torch.float64).diagonal()
-    moments = _stacked(theta, "inertia_xx", "inertia_yy", "inertia_zz")
+    moments = torch.stack([tensors[f"inertia_{2 * axis}"] for axis in "xyz"], -1)
     # Second moments of mass along the axes: they scale independently, moments of inertia do not.
     second, wanted = (0.5 * diagonal.sum(-1, keepdim=True) - diagonal for diagonal in (solid, moments))
     factors = wanted.clamp_min(0.0) / second.clamp_min(1e-300)
-    return Parameters(
-        mass=torch.tensor(theta["mass"], dtype=torch.float64)[:, None],
-        inertia=scaled_inertia(scene, 1.0, factors)[:, None],
-        friction=_stacked(theta, "friction_floor", "friction_pusher"),
-        restitution=_stacked(theta, "restitution_floor", "restitution_pusher"),
-        center=_stacked(theta, "center_x", "center_y", "center_z")[:, None],
-        spread=_stacked(theta, "support_x", "support_y", "support_z")[:, None],
-        offset=torch.nn.functional.pad(_stacked(theta, "contact_offset"), (1, 0)),
-    )
-
-
-def _stacked(values: Mapping[str, Sequence[float]], *names: str) -> torch.Tensor:
-    return torch.tensor([values[name] for name in names], dtype=torch.float64).T
+    return scene_parameters(tensors, scaled_inertia(scene, 1.0, factors))
 
 
 def rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> ObjectPoses:

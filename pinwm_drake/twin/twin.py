@@ -14,7 +14,6 @@ SCHEMA_VERSION = 1
 TWIN_FILE = "twin.yaml"
 SURFELS_FILE = "surfels.ply"
 DRAWS_FILE = "draws.npz"
-MOST_FRICTION_DIRECTIONS = 64
 
 # The physical parameters of a twin, and their units. The moments of inertia are about the centre of mass, along the
 # axes of O; the products of inertia are those of the mesh, scaled.
@@ -81,8 +80,6 @@ class Twin:
         gravity: Downwards [m/s^2].
         floor_height: z of the floor in the world as the physics uses it [m]: the capture's, plus the lift.
         time_step: Time step of the physics [s].
-        friction_directions: Has no effect, as the friction cone is round; kept for older calls and files;
-            even, 4 to 64.
         support: Points that touch the floor: the mesh's corners, or points of its patch.
         theta: The physical parameters; exactly the keys of `THETA`.
         nuisance: Other estimates. Spread of the pressure, centre of mass, contact offset and lift are of the object,
@@ -99,7 +96,6 @@ class Twin:
     gravity: float
     floor_height: float
     time_step: float
-    friction_directions: int
     support: Support
     theta: dict[str, Estimate]
     nuisance: dict[str, Estimate]

@@ -28,7 +28,6 @@ class EnvOptions:
         max_steps: Number of actions after which an episode is truncated; None for the task's.
         max_translation: m, longest translation of the pusher in an action; None for the longest that its speed allows.
         time_step: s, step of the twin's physics; None for that of the scene. It divides the horizon of an action.
-        friction_directions: Has no effect, as the friction cone is round; kept for older calls and files.
         image_size: px, width and height of images; None for those of the scene's camera.
         latency: s, least and largest time after which an action takes effect; drawn for each episode. See `Delay`.
         history: Number of the last actions that are seen, with the states before them; see `Observer`.
@@ -45,7 +44,6 @@ class EnvOptions:
     max_steps: int | None = None
     max_translation: float | None = None
     time_step: float | None = None
-    friction_directions: int | None = None
     image_size: int | None = None
     latency: tuple[float, float] = (0.0, 0.0)
     history: int = 0
@@ -87,11 +85,7 @@ def environment_setup(setup: Setup, options: EnvOptions | None = None, *, num_wo
     """
     options = options or EnvOptions()
     scenario, twin, camera, view = setup.scenario, setup.twin, setup.camera, setup.scenario.camera
-    settings: dict[str, Any] = {
-        "time_step": options.time_step,
-        "friction_directions": options.friction_directions,
-    }
-    given = {name: value for name, value in settings.items() if value is not None}
+    given: dict[str, Any] = {} if options.time_step is None else {"time_step": options.time_step}
     twin = dataclasses.replace(twin, **given)
     if options.image_size is not None:
         view = dataclasses.replace(view, width=options.image_size, height=options.image_size)

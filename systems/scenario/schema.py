@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 from pydantic import AfterValidator, ConfigDict, Field, PlainValidator, TypeAdapter, ValidationError, model_validator
 
 from pinwm_drake.capture.scene import PusherKind
-from pinwm_drake.documents import LONGEST_TEXT, Entry, read_yaml
+from pinwm_drake.documents import LONGEST_TEXT, ROUND_CONE, Entry, read_yaml
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.models import OBJECT_NAMES, resolve
 from pinwm_drake.tasks.task import task_from_document
@@ -172,17 +172,15 @@ class Pusher(_Checked):
 
 @dataclass
 class Physics(_Checked):
-    """Settings of the twin's physics; null for those of the twin folder, or 1/240 s, 32 and patch.
+    """Settings of the twin's physics; null for those of the twin folder, or 1/240 s and patch.
 
     Attributes:
         time_step: s, one step of the physics.
-        friction_directions: Has no effect, as the friction cone is round; kept for older calls and files.
         support: Points that carry the object: the "corners" of its mesh, or a "patch" of its face.
         steps_per_update: Number of steps of the physics in one update of the diagram's state.
     """
 
     time_step: Annotated[float | None, _quantity(1e-5, 0.1, "s")] = None
-    friction_directions: Annotated[int | None, _count(4, 64)] = None
     support: Literal["corners", "patch"] | None = None
     steps_per_update: Annotated[int, _count(1, 1000)] = 1
 
@@ -388,6 +386,8 @@ def load_scenario(path: Path | str) -> Scenario:
     """
     file = resolve(str(path))
     entry = read_yaml(file)
+    if isinstance(entry.value, dict) and (physics := entry.find("physics")) is not None:
+        entry.value["physics"] = physics.without("friction_directions", ROUND_CONE).value
     scenario = check_scenario(file, entry.value)
     if scenario.twin is not None:
         folder = file.parent / scenario.twin

@@ -23,7 +23,7 @@ from pinwm_drake.tasks.task import Task, task_from_document
 from pinwm_drake.twin.read import read_twin
 from pinwm_drake.twin.twin import THETA, Estimate, Twin
 
-_TIME_STEP, _DIRECTIONS, _GRAVITY = 1 / 240, 32, 9.81
+_TIME_STEP, _GRAVITY = 1 / 240, 9.81
 _LONGEST_PLANT_STEP = 1 / 3840  # s
 _SHARE = 1e-6  # share of a period by which a multiple may be missed
 
@@ -148,7 +148,6 @@ def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
         gravity=_GRAVITY,
         floor_height=0.0,
         time_step=_TIME_STEP,
-        friction_directions=_DIRECTIONS,
         support="patch",
         theta={name: Estimate(values[name], None, True, unit, "given") for name, unit in THETA.items()},
         nuisance={},
@@ -164,7 +163,6 @@ def _with_settings(twin: Twin, scenario: Scenario) -> Twin:
     physics, shape = scenario.physics, scenario.pusher.shape
     changes: dict[str, Any] = {
         "time_step": physics.time_step,
-        "friction_directions": physics.friction_directions,
         "support": physics.support,
         "gravity": scenario.gravity,
     }

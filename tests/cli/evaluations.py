@@ -10,7 +10,7 @@ name: small push
 object: t_block
 theta: {mass: 1.0, friction_floor: 0.1, friction_pusher: 0.1, restitution: 0.0}
 pusher: {max_speed: 0.3, low: [-0.3, -0.3, 0.01], high: [0.3, 0.3, 0.2]}
-physics: {friction_directions: 8, time_step: 0.008333333333333333}
+physics: {time_step: 0.008333333333333333}
 camera: {width: 32, height: 32}
 start: {x: [-0.02, 0.02], y: [-0.02, 0.02], yaw: [-0.3, 0.3]}
 """

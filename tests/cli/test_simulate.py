@@ -24,7 +24,6 @@ name: small push
 object: cube
 theta: {mass: 0.5, friction_floor: 0.4, friction_pusher: 0.1}
 pusher: {max_speed: 0.3, low: [-0.3, -0.3, 0.01], high: [0.3, 0.3, 0.2]}
-physics: {friction_directions: 8}
 camera: {width: 48, height: 40}
 start: {x: [-0.02, 0.02], y: [-0.02, 0.02], yaw: [-3.0, 3.0], pusher_height: 0.03}
 """
@@ -175,7 +174,7 @@ def test_drakes_engines(pinwm, scenario, episode, engine):
     assert (code, errors) == (0, "")
     assert table(output)["engine"] == engine
     assert table(output)["solver retries"] == "not known"
-    # The start and the push are those of the twin with this seed; 8 friction directions are good for no more.
+    # The start and the push are those of the twin with this seed.
     assert moved(output)[0] == pytest.approx(moved((episode / "output.txt").read_text())[0], abs=4)
 
 

@@ -23,7 +23,6 @@ from tests.report.samples import picture
 SIDE, SPEED, STOP, FRAMES = 0.06, 0.3, 0.25, 12
 SIZE = 96  # px
 SHAPE = PusherShape("sphere", 0.01)
-DIRECTIONS = 8  # the kernels of the other tests
 TRUTH = {"friction_floor": 0.2, "friction_pusher": 0.3}
 LEVEL = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
 
@@ -72,9 +71,7 @@ def camera() -> tuple[Camera, Pose]:
 
 def true_poses(mesh: Path, support="patch", offset=0.012, **theta) -> ObjectPoses:
     """Where physics with 8 friction directions has the cube in the frames."""
-    scene = make_scene(
-        mesh, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81, support=support, friction_directions=DIRECTIONS
-    )
+    scene = make_scene(mesh, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81, support=support)
     t = np.arange(FRAMES) / 20
     X_WO = rollout_poses(*_push(scene, offset, t[-1], theta), torch.from_numpy(t))
     return ObjectPoses(t, X_WO.p[:, 0].numpy(), X_WO.q[:, 0].numpy())
@@ -82,7 +79,7 @@ def true_poses(mesh: Path, support="patch", offset=0.012, **theta) -> ObjectPose
 
 def true_force(mesh: Path, offset=0.012) -> np.ndarray:
     """Force (m, 3) N of the cube of 1 kg on the pusher, at the times of its trajectory."""
-    scene = make_scene(mesh, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81, friction_directions=DIRECTIONS)
+    scene = make_scene(mesh, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81)
     force_W = 240 * pusher_impulses(*_push(scene, offset, FRAMES / 20, {}))[:, 0]
     middle, t = (np.arange(len(force_W)) + 0.5) / 240, trajectory().t
     return np.stack([np.interp(t, middle, force_W[:, axis], left=0.0) for axis in range(3)], -1)

@@ -23,11 +23,9 @@ from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.scene import make_scene
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin.origin import identified_push
-from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS
-from tests.identification.samples import DIRECTIONS, LEVEL, TRUTH, surfels, true_force, write_capture, write_episode
+from tests.identification.samples import LEVEL, TRUTH, surfels, true_force, write_capture, write_episode
 
 QUICK = {
-    "friction_directions": DIRECTIONS,
     "screened": 12,
     "starts": 2,
     "coarse_iterations": 15,
@@ -258,12 +256,6 @@ def test_some_of_the_pictures_are_those_frames(pushed):
     for name in ("color", "alpha", "weight", "middle"):
         assert torch.equal(getattr(found, name), getattr(pictures, name)[chosen])
     assert torch.equal(found.camera.intrinsics, pictures.camera.intrinsics[chosen])
-
-
-def test_a_twin_may_have_as_many_friction_directions_as_an_identification():
-    assert IdentifyOptions(friction_directions=MOST_FRICTION_DIRECTIONS).friction_directions == MOST_FRICTION_DIRECTIONS
-    with pytest.raises(ParameterError, match=f"friction_directions is 66; allowed: 4 to {MOST_FRICTION_DIRECTIONS}"):
-        IdentifyOptions(friction_directions=66)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from pinwm_drake.identification.posterior import Posterior, estimates
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.scene import make_scene
 from pinwm_drake.twin.drift import WALKS
-from tests.identification.samples import DIRECTIONS, LEVEL, SHAPE
+from tests.identification.samples import LEVEL, SHAPE
 
 COORDINATES = Coordinates(("restitution_floor",), {})
 
@@ -16,7 +16,7 @@ COORDINATES = Coordinates(("restitution_floor",), {})
 def scene(tmp_path_factory):
     mesh = tmp_path_factory.mktemp("cube") / "cube.obj"
     trimesh.creation.box((0.06, 0.06, 0.06)).export(mesh)
-    return make_scene(mesh, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81, friction_directions=DIRECTIONS)
+    return make_scene(mesh, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81)
 
 
 @pytest.mark.parametrize(("width", "known"), [(0.01, True), (0.12, False)])

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context
 
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.scenario.load import Scene, load_setup
-from pinwm_drake.systems.scenario.schema import Physics, Pusher, Scenario, Start, Theta, View
+from pinwm_drake.systems.scenario.schema import Pusher, Scenario, Start, Theta, View
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import SceneStation, make_station
@@ -27,7 +27,6 @@ def scenario(**changes: object) -> Scenario:
     return Scenario(
         object="t_block",
         theta=Theta(mass=MASS, friction_floor=FRICTION, friction_pusher=FRICTION),
-        physics=Physics(friction_directions=8),
         pusher=Pusher(max_speed=0.5, low=LOW, high=HIGH),
         camera=View(width=96, height=80),
         # The pusher stands before the stem's end.

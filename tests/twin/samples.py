@@ -43,7 +43,6 @@ def cube_twin(folder: Path, **fields) -> Twin:
         "gravity": 9.81,
         "floor_height": 0.0,
         "time_step": 1 / 240,
-        "friction_directions": 8,
         "support": "corners",
         "theta": estimates(),
         "nuisance": {"lift": Estimate(1e-3, (5e-4, 1.5e-3), True, "m", "the object stands on a margin")},

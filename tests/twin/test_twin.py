@@ -9,10 +9,11 @@ import pytest
 import torch
 import yaml
 
+from pinwm_drake import documents
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import InputError, RenderingError
 from pinwm_drake.twin.read import read_twin
-from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS, THETA, Estimate, Twin
+from pinwm_drake.twin.twin import THETA, Estimate, Twin
 from pinwm_drake.twin.write import write_twin
 from tests.capture.cube import write_mesh
 from tests.twin.samples import cube_twin, estimates
@@ -43,7 +44,7 @@ def change(folder: Path, place: str, value: object) -> None:
 
 
 def assert_same(found: Twin, given: Twin) -> None:
-    for name in ("name", "gravity", "floor_height", "time_step", "friction_directions", "support", "theta"):
+    for name in ("name", "gravity", "floor_height", "time_step", "support", "theta"):
         assert getattr(found, name) == getattr(given, name)
     assert found.nuisance == given.nuisance
     assert found.camera_offset == given.camera_offset
@@ -93,6 +94,19 @@ def test_provenance_becomes_plain_data(tmp_path):
     assert read_twin(tmp_path / "twin").provenance == plain
 
 
+def test_friction_directions_are_accepted_with_one_warning_and_not_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(documents, "_warned", set())
+    given = cube_twin(tmp_path)
+    write_twin(tmp_path / "twin", given)
+    assert "friction_directions" not in (tmp_path / "twin/twin.yaml").read_text()
+    change(tmp_path / "twin", "physics.friction_directions", 5)
+    with pytest.warns(FutureWarning, match=r"twin.yaml: physics.friction_directions has no effect") as warned:
+        twins = [read_twin(tmp_path / "twin") for _ in range(2)]
+    assert len(warned) == 1
+    for twin in twins:
+        assert (twin.time_step, twin.support, twin.theta) == (given.time_step, given.support, given.theta)
+
+
 def test_a_twin_that_makes_no_sense_is_not_written(tmp_path):
     for fields, message in (
         (
@@ -127,8 +141,6 @@ def test_a_twin_that_makes_no_sense_is_not_written(tmp_path):
         ("gravity", "9.8 m/s2", "gravity = .*; allowed: a finite number"),
         ("floor.height", math.inf, "floor.height = Infinity; allowed: a finite number"),
         ("physics.time_step", -0.1, "physics.time_step = -0.1"),
-        ("physics.friction_directions", 5, "physics.friction_directions = 5; allowed: an even number from 4"),
-        ("physics.friction_directions", MOST_FRICTION_DIRECTIONS + 2, "friction_directions = 66; allowed: .* to 64"),
         ("physics.support", "feet", 'physics.support = "feet"; allowed: corners or patch'),
         ("physics.solver", "fast", 'an unknown key "solver" under physics'),
         ("colour", "red", 'an unknown key "colour"'),

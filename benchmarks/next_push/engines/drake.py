@@ -86,7 +86,6 @@ def _setup(engine: str, thing: Thing, theta: Theta, shape: PusherShape) -> Setup
         gravity=GRAVITY,
         floor_height=FLOOR_HEIGHT,
         time_step=step,
-        friction_directions=32,
         support="patch",
         theta={name: Estimate(values[name], None, True, unit, "given") for name, unit in THETA.items()},
         nuisance={},

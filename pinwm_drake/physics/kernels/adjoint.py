@@ -13,22 +13,10 @@ import math
 from pinwm_drake.geometry.features import POINT, contact_adjoint, tangents_adjoint
 from pinwm_drake.geometry.floor import spread_adjoint
 from pinwm_drake.jit import kernel, part_of_kernel, small_kernel
-from pinwm_drake.physics.kernels.adjoint_joints import joints_adjoint
-from pinwm_drake.physics.kernels.cone import (
-    ALONG_1,
-    ALONG_2,
-    N1,
-    N2,
-    NN,
-    OPEN,
-    T11,
-    T12,
-    T22,
-    contact_velocity,
-    slides,
-)
+from pinwm_drake.physics.kernels.cone import ALONG_1, ALONG_2, N1, N2, NN, OPEN, T11, T12, T22, contact_velocity, slides
 from pinwm_drake.physics.kernels.detect import FADE, rebound
 from pinwm_drake.physics.kernels.dynamics import gyroscopic_jacobian, solve3
+from pinwm_drake.physics.kernels.joints import joints_adjoint
 from pinwm_drake.physics.kernels.newton import recall_solution
 from pinwm_drake.physics.kernels.small_matrix import lu_solve, lu_solve_transposed
 from pinwm_drake.physics.kernels.stabilise import CONTACT, SLOP, stabilise, wanted
@@ -68,11 +56,7 @@ def _multiply_transposed(M, v):
 
 @kernel
 def _point_velocity(V, r):
-    return (
-        V[3] + V[1] * r[2] - V[2] * r[1],
-        V[4] + V[2] * r[0] - V[0] * r[2],
-        V[5] + V[0] * r[1] - V[1] * r[0],
-    )
+    return (V[3] + V[1] * r[2] - V[2] * r[1], V[4] + V[2] * r[0] - V[0] * r[2], V[5] + V[0] * r[1] - V[1] * r[0])
 
 
 @kernel
@@ -191,11 +175,7 @@ def _stabilisation_adjoint(model, bodies, contacts, system, solver, adjoint):
             o = 6 * body
             p, q = CONTACT * sign * left, -CONTACT * sign * Jy
             w = (p * y[o] + q * delta[o], p * y[o + 1] + q * delta[o + 1], p * y[o + 2] + q * delta[o + 2])
-            v = (
-                p * y[o + 3] + q * delta[o + 3],
-                p * y[o + 4] + q * delta[o + 4],
-                p * y[o + 5] + q * delta[o + 5],
-            )
+            v = (p * y[o + 3] + q * delta[o + 3], p * y[o + 4] + q * delta[o + 4], p * y[o + 5] + q * delta[o + 5])
             _add(adjoint.frame[0], 0, 1.0, v)
             _add(adjoint.frame[0], 0, 1.0, _cross(w, contacts.lever[c, side]))
             _add(adjoint.lever[side], 0, 1.0, _cross(n, w))

@@ -65,10 +65,11 @@ def load_geometry(model, bodies, parameters, w):
 
 
 @kernel
-def drive(bodies, nb, V_P, t, w):
+def drive(bodies, nb, has_pusher, V_P, t, w):
     """Velocity of world w's pusher in step t, into the work arrays."""
-    for i in range(6):
-        bodies.V[nb, i] = V_P[t, w, i]
+    if has_pusher:
+        for i in range(6):
+            bodies.V[nb, i] = V_P[t, w, i]
 
 
 @kernel
@@ -138,8 +139,7 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved, work)
             for frame in range(t // record_every + 1, V_P.shape[0] // record_every + 1):
                 _store(bodies, nb, has_pusher, states, frame, w)
             break
-        if has_pusher:
-            drive(bodies, nb, V_P, t, w)
+        drive(bodies, nb, has_pusher, V_P, t, w)
         part, parts, jammed, lags = 0, 1, 0, 0
         while part < parts:
             bodies.time_step[0] = model.time_step / parts
@@ -149,17 +149,7 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved, work)
                     return
                 _store(bodies, nb, has_pusher, saved_states, slot, w)
             used = step_world(
-                model,
-                mass,
-                inertia,
-                friction,
-                restitution,
-                bodies,
-                contacts,
-                system,
-                solver,
-                sweep,
-                parts < MOST_PARTS,
+                model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep, parts < MOST_PARTS
             )
             full = contacts.number[0] == limit
             if full or used == -1:
@@ -205,13 +195,6 @@ def _frame_gradient(adjoint, nb, has_pusher, states, bars, f, w):
 
 
 @kernel
-def _take_pusher_gradient(adjoint, nb, V_P_bar, t, w):
-    for i in range(6):
-        V_P_bar[t, w, i] += adjoint.V[nb, i]
-        adjoint.V[nb, i] = 0.0
-
-
-@kernel
 def _quaternion_gradient(theta_bar, q, q_bar):
     """Ambient gradient of a rotation-vector gradient: theta = 2 Im(dq q*)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -241,8 +224,7 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
             _frame_gradient(adjoint, nb, has_pusher, states, frame_bars, (t + 1) // record_every, w)
         after = t
         load(bodies, nb, has_pusher, saved_states, s, w)
-        if has_pusher:
-            drive(bodies, nb, V_P, t, w)
+        drive(bodies, nb, has_pusher, V_P, t, w)
         _load_solution(bodies, contacts, solver, nb, states, saved, s, w)
         ok = step_adjoint(
             model,
@@ -264,7 +246,9 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
             status[w] = -t - 1
             return
         if has_pusher:
-            _take_pusher_gradient(adjoint, nb, V_P_bar, t, w)
+            for i in range(6):
+                V_P_bar[t, w, i] += adjoint.V[nb, i]
+                adjoint.V[nb, i] = 0.0
     _frame_gradient(adjoint, nb, has_pusher, states, frame_bars, 0, w)
     for k in range(model.num_pairs):
         bars[6][w, k] = adjoint.offset[k]

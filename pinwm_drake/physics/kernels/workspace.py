@@ -244,10 +244,6 @@ def make_workspace(model, max_contacts):
         np.ones((nb, 3)),
         np.zeros(model.num_pairs),
     )
-    bodies.q[:, 0] = 1.0
-    for b in range(total):
-        for i in range(3):
-            bodies.R[b, i, i] = 1.0
     contacts = ContactWork(
         np.zeros(1, np.int64),
         np.zeros((m, FEATURE_SIZE)),
@@ -309,7 +305,8 @@ def make_workspace(model, max_contacts):
         np.zeros((3, 3)),
         np.zeros(m, np.uint8),
     )
+    bodies.q[:, 0] = 1.0
     for b in range(total):
         for i in range(3):
-            sweep.R[b, i, i] = 1.0
+            bodies.R[b, i, i] = sweep.R[b, i, i] = 1.0
     return bodies, contacts, system, solver, sweep

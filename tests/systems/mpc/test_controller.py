@@ -27,7 +27,7 @@ HEIGHT = 0.025  # m, of the block's middle, and of the pusher
 
 @pytest.fixture(scope="module")
 def setup():
-    return action_setup("push_t", time_step=1 / 120, friction_directions=8)
+    return action_setup("push_t", time_step=1 / 120)
 
 
 @pytest.fixture(scope="module")

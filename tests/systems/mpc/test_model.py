@@ -112,9 +112,7 @@ PUSHES = [
 
 @pytest.mark.parametrize("push", PUSHES)
 def test_a_push_leads_where_the_model_says(body, program, push):
-    # Of eight friction directions, the nearest drives an object sideways by a tenth of its way.
-    round_cone = action_setup("push_t", time_step=1 / 120)
-    run, pose = StationRun(round_cone, "twin", None), np.array([0.03, -0.02, 0.6])
+    run, pose = StationRun(action_setup("push_t", time_step=1 / 120), "twin", None), np.array([0.03, -0.02, 0.6])
     p = program.start(pose, push)
     found = program.rest_after([*pose, 0, 0, 0], p, push.actions.ravel(), program.edge(push.edge))
     rest = np.asarray(found[0], float).ravel()

@@ -9,7 +9,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.pusher.choice import random_push
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.episode import Episode
-from pinwm_drake.systems.scenario.schema import Physics, Pusher, Scenario, Shape, Start, Theta
+from pinwm_drake.systems.scenario.schema import Pusher, Scenario, Shape, Start, Theta
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import Place, level_height
 from pinwm_drake.systems.station.station import make_station
@@ -21,7 +21,7 @@ PUSH = StraightPush(np.array([0.0, -0.075, 0.025]), np.array([0.0, 1.0, 0.0]), 0
 
 def setup_of(**changes: object) -> Setup:
     theta = Theta(friction_floor=0.3, friction_pusher=0.1)
-    return make_setup(Scenario(object="t_block", theta=theta, physics=Physics(friction_directions=8), **changes))
+    return make_setup(Scenario(object="t_block", theta=theta, **changes))
 
 
 @pytest.fixture(scope="module")

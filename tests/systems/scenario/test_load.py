@@ -25,9 +25,9 @@ def test_the_state_is_updated_once_an_action(scene):
 
 
 def test_settings_of_the_physics_and_the_camera():
-    setup = action_setup("push_t", time_step=1 / 120, friction_directions=8, image_size=48)
+    setup = action_setup("push_t", time_step=1 / 120, image_size=48)
     assert setup.scenario.physics.steps_per_update == 12
-    assert (setup.twin.time_step, setup.twin.friction_directions) == (1 / 120, 8)
+    assert setup.twin.time_step == 1 / 120
     assert (setup.camera.width, setup.camera.height) == (48, 48)
     view = load_scenario("package://pinwm_models/scenarios/push_t.scenario.yaml").camera
     # The same field of view: the focal length shrinks with the image.
@@ -41,10 +41,10 @@ def test_a_time_step_that_does_not_divide_the_action_is_refused():
 
 
 def test_a_twins_folder_is_the_usual_scene_with_the_twin(tmp_path):
-    twin = dataclasses.replace(action_setup("push_t").twin, name="mine", friction_directions=16)
+    twin = dataclasses.replace(action_setup("push_t").twin, name="mine", time_step=1 / 480)
     write_twin(tmp_path / "twin", twin)
     setup, usual = action_setup(tmp_path / "twin"), action_setup("push_t")
-    assert (setup.twin.name, setup.twin.friction_directions, setup.twin.pusher.shape) == ("mine", 16, twin.pusher.shape)
+    assert (setup.twin.name, setup.twin.time_step, setup.twin.pusher.shape) == ("mine", 1 / 480, twin.pusher.shape)
     assert setup.scenario.start.x == usual.scenario.start.x
     assert setup.scenario.pusher.low == pytest.approx(usual.scenario.pusher.low)
     assert setup.scenario.start.pusher_height == pytest.approx(0.025, abs=1e-3)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
+from pinwm_drake import documents
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import model_names, model_path
@@ -46,6 +47,15 @@ def test_scenarios_that_ship_are_found_by_their_url(name):
     assert scenario.name == name
     assert scenario.engine in ENGINES
     assert scenario == load_scenario(model_path(f"scenarios/{name}.scenario.yaml"))
+
+
+def test_friction_directions_are_accepted_with_one_warning(tmp_path, monkeypatch):
+    monkeypatch.setattr(documents, "_warned", set())
+    path = write(tmp_path, "object: mug\nphysics: {friction_directions: 8, support: corners}")
+    with pytest.warns(FutureWarning, match=r"some.scenario.yaml: physics.friction_directions has no effect") as warned:
+        scenarios = [load_scenario(path), load_scenario(path)]
+    assert len(warned) == 1
+    assert scenarios[0] == scenarios[1] == load_scenario(write(tmp_path, "object: mug\nphysics: {support: corners}"))
 
 
 def test_all_scenarios_that_ship_are_tested():

@@ -11,7 +11,7 @@ from pinwm_drake.cousins.cousin import Cousins, draw_cousins
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.systems.engines.twin.domains import SetCousins, SetDomain
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
-from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta, View
+from pinwm_drake.systems.scenario.schema import Scenario, Start, Theta, View
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.station.station import make_station
 from tests.rendering.scenes import cloud
@@ -27,7 +27,6 @@ def setup_of(num_worlds: int) -> Setup:
         Scenario(
             object="t_block",
             theta=Theta(friction_floor=0.1, friction_pusher=0.2),
-            physics=Physics(friction_directions=8),
             camera=View(width=64, height=64),
             start=Start(pusher_angle=[3.0, 3.0], pusher_gap=[0.0, 0.0]),
             num_worlds=num_worlds,

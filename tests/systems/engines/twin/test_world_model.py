@@ -29,7 +29,7 @@ def setup_of(num_worlds: int = 1, steps: int = 1, friction: float = 0.1) -> Setu
         Scenario(
             object="t_block",
             theta=Theta(friction_floor=friction, friction_pusher=0.2),
-            physics=Physics(friction_directions=8, steps_per_update=steps),
+            physics=Physics(steps_per_update=steps),
             camera=View(width=96, height=96),
             start=Start(pusher_angle=[3.0, 3.0], pusher_gap=[0.0, 0.0]),
             num_worlds=num_worlds,
