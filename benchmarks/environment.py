@@ -36,7 +36,6 @@ class Player:
     """Player of an environment: a policy that heads for the object, with some noise."""
 
     def __init__(self, env: VecEnv) -> None:
-        """Begins the first episodes of an environment."""
         self.env, self._random = env, np.random.default_rng(0)
         env.seed(0)
         self._seen = env.reset()

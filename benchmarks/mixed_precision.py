@@ -33,7 +33,6 @@ class Learner:
     """A student that learns, in one kind of numbers."""
 
     def __init__(self, student: ImageActor, mixed_precision: bool) -> None:
-        """Takes a copy of a student."""
         self._student = copy.deepcopy(student)
         self._student.mixed_precision = mixed_precision
         self._optimizer = torch.optim.Adam([one for one in self._student.parameters() if one.requires_grad], 1e-3)

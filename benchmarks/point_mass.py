@@ -21,7 +21,6 @@ class PointMass(SmallWorlds):
     changing = ("place", "velocity")
 
     def __init__(self, num_envs: int = 16, size: int = 64) -> None:
-        """Makes worlds with images of `size` px."""
         super().__init__(num_envs, size, 11, STEPS)
         self.place, self.velocity = np.zeros((num_envs, 2)), np.zeros((num_envs, 2))
 
@@ -59,7 +58,6 @@ class PointMassWorlds(MakeSmallWorlds):
     """Maker of points."""
 
     def __init__(self, num_envs: int = 16, size: int = 64) -> None:
-        """Keeps number and size of the worlds' images [px]."""
         super().__init__({"scene": "point mass", "size": size}, 0.02)
         self._num_envs, self._size = num_envs, size
 
@@ -72,7 +70,6 @@ class Wandering:
     """Random actions that stay as they are for some steps, so that the point gets about."""
 
     def __init__(self, num_envs: int, seed: int) -> None:
-        """Begins without an action, with a generator of its own."""
         self._generator = np.random.default_rng(seed)
         self._actions, self._left = np.zeros((num_envs, 2), np.float32), np.zeros(num_envs, int)
 

@@ -61,7 +61,6 @@ def _added(name: str) -> float:
 
 
 def _measure(cores: int, rounds: int) -> dict:
-    """The comparisons, in this process, on so many cores."""
     timing.limit_threads(cores)
     import torch
 

@@ -25,7 +25,6 @@ class SmallWorlds(VecEnv):
     changing: tuple[str, ...] = ()
 
     def __init__(self, num_envs: int, size: int, state_size: int, longest: int) -> None:
-        """Makes worlds with images of `size` px, seeded with 0."""
         seen = {
             "image": spaces.Box(0, 255, (size, size, 3), np.uint8),
             "pusher": spaces.Box(-1.0, 1.0, (2,), np.float32),
@@ -126,7 +125,6 @@ class MakeSmallWorlds:
     waypoints = Waypoints()
 
     def __init__(self, about: dict[str, object], step: float) -> None:
-        """Keeps what the worlds are, and how far an action moves in them."""
         self.about, self._step = about, step
 
     def worlds(self, observation: str) -> SmallWorlds:

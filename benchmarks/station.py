@@ -35,7 +35,6 @@ class Action:
     """Action in a station, and the same without the station."""
 
     def __init__(self, worlds: int, steps_per_update: int) -> None:
-        """Advances both to where the block is being pushed."""
         setup = make_setup(
             Scenario(
                 object="t_block",

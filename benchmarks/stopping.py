@@ -105,7 +105,6 @@ class Wire:
     """Listener to the commands that go to a robot over LCM, in a thread."""
 
     def __init__(self, url: str) -> None:
-        """Listens at an address."""
         from drake import lcmt_drake_signal  # type: ignore[import-untyped]
         from pydrake.lcm import DrakeLcm
 

@@ -75,7 +75,6 @@ def _aside(X_WO: RigidTransform, sign: float) -> RigidTransform:
 
 
 def _aside_by(X: RigidTransform, Y: RigidTransform) -> float:
-    """Difference of two poses in units of `_ASIDE`."""
     turned = abs((X.rotation() @ Y.rotation().inverse()).ToAngleAxis().angle())
     return max(float(np.linalg.norm(X.translation() - Y.translation())) / _ASIDE[0], turned / _ASIDE[1])
 

@@ -26,7 +26,6 @@ class AroundWorlds(SmallWorlds):
     changing = ("place", "disc")
 
     def __init__(self, num_envs: int = 32) -> None:
-        """Begins no episode yet."""
         super().__init__(num_envs, SIZE, 4, LONGEST)
         self.place, self.disc = np.zeros((num_envs, 2)), np.zeros((num_envs, 2))
 
@@ -64,7 +63,6 @@ class Expert:
     """Expert that passes the disc above or below, as chance has it in each episode."""
 
     def __init__(self, seed: int = 0) -> None:
-        """Seeds the choice of the ways."""
         self._generator = np.random.default_rng(seed)
 
     def predict(
@@ -85,7 +83,6 @@ class Anyhow:
     """Policy whose actions are evenly random."""
 
     def __init__(self, seed: int = 0) -> None:
-        """Seeds the actions."""
         self._generator = np.random.default_rng(seed)
 
     def predict(
@@ -99,7 +96,6 @@ class MakeAround(MakeSmallWorlds):
     """Maker of these worlds."""
 
     def __init__(self) -> None:
-        """Takes no options."""
         super().__init__({"scene": "way_around"}, STEP)
 
     def worlds(self, observation: str) -> AroundWorlds:

@@ -10,7 +10,8 @@ from pydrake.systems.lcm import LcmInterfaceSystem
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.control import AddArmControl, ToolState
-from pinwm_drake.systems.arm.messages import AddCamera, AddCommands, AddState
+from pinwm_drake.systems.arm.gate import CommandGate
+from pinwm_drake.systems.arm.messages import AddCamera, AddState
 from pinwm_drake.systems.arm.model import REACH_HIGH, REACH_LOW, ArmModel
 from pinwm_drake.systems.arm.plant import AddArmView, MakeArmPlant
 from pinwm_drake.systems.sampling import whole_multiple
@@ -80,7 +81,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         builder.Connect(tool.get_output_port(), control.pusher_state)
         builder.Connect(plant.get_state_output_port(self._arm.arm), control.arm_state)
         builder.Connect(control.desired_state, plant.get_desired_state_input_port(self._arm.arm))
-        gate = AddCommands(builder, lcm, link, self.limits.max_speed)
+        gate = builder.AddNamedSystem("command_gate", CommandGate(lcm, link, self.limits.max_speed))
         builder.Connect(gate.GetOutputPort("pusher_velocity_W"), control.pusher_velocity)
         builder.Connect(gate.GetOutputPort("command_time"), control.command_time)
         AddState(builder, lcm, link, tool.get_output_port(), gate.GetOutputPort("status"))
@@ -187,5 +188,4 @@ def arm_limits(setup: Setup) -> SafetyLimits:
 
 
 def _moves_up(setup: Setup) -> bool:
-    """Flag: the task moves the pusher up and down too."""
     return 2 in setup.task.axis_indices

@@ -94,7 +94,6 @@ class PushTable:
         self._between = detours.lengths(pusher, self._starts) / self._longest
 
     def __len__(self) -> int:
-        """Number of pushes in the table."""
         return len(self._place)
 
     def choose(
@@ -176,9 +175,7 @@ def missed_cost(miss: np.ndarray, now: np.ndarray) -> np.ndarray:
 
 
 def _norm(error: np.ndarray) -> np.ndarray:
-    """Norms (...) of errors (..., 3)."""
-    norm: np.ndarray = np.sqrt(np.einsum("...i,...i->...", error, error))
-    return norm
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", error, error)))
 
 
 def rotated_rows(vectors: np.ndarray, yaw: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource
 
 from pinwm_drake.errors import ParameterError
@@ -18,6 +18,7 @@ from pinwm_drake.systems.engines.lcm.engine import AddLcmEngine
 from pinwm_drake.systems.engines.plant.engine import AddPlantEngine
 from pinwm_drake.systems.engines.twin.engine import AddTwinEngine
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
+from pinwm_drake.systems.ports import declare_vector
 from pinwm_drake.systems.pusher.limits import PusherLimits
 from pinwm_drake.systems.pusher.translation import PusherTranslation
 from pinwm_drake.systems.scenario.load import Scene, load_setup
@@ -138,12 +139,8 @@ class Clock(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
     """Time of the Context, s, as a vector (1)."""
 
     def __init__(self) -> None:
-        """Declares the port."""
         super().__init__()
-        self.DeclareVectorOutputPort("time", 1, self._CalcTime, {self.time_ticket()})
-
-    def _CalcTime(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, context.get_time())
+        declare_vector(self, "time", 1, lambda context: [context.get_time()], {self.time_ticket()})
 
 
 def _add_command(builder: DiagramBuilder, parts: Engine, setup: Setup, command: Command) -> None:

@@ -138,12 +138,10 @@ class PokedScene:
     """Floor, object and a pusher that goes anywhere, in a server of its own; see MuJoCo's."""
 
     def __init__(self, thing: Thing, theta: Theta, X_WO: RigidTransform, shape: PusherShape, p_WP: np.ndarray) -> None:
-        """Makes the scene, at rest."""
         self._client = pybullet.connect(pybullet.DIRECT)
         self._scene = _Scene(self._client, thing, theta, X_WO, (shape, p_WP))
 
     def __del__(self) -> None:
-        """Ends the server."""
         pybullet.disconnect(self._client)
 
     def advance(self, v_WP: np.ndarray, seconds: float) -> None:

@@ -79,7 +79,6 @@ class PokedScene:
     """Floor, object and a pusher that goes anywhere, as environments have; it goes on by the pusher's velocities."""
 
     def __init__(self, thing: Thing, theta: Theta, X_WO: RigidTransform, shape: PusherShape, p_WP: np.ndarray) -> None:
-        """Makes the scene, at rest."""
         self._start = np.array(p_WP, float)
         self._model, self._data = make_model(thing, theta, X_WO, Tip(shape, self._start, tuple(np.eye(3))))
 
