@@ -57,11 +57,10 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         self,
         setup: Setup,
         lcm: DrakeLcmInterface,
-        *,
-        contact: ContactName = "hydroelastic",
-        time_step: float = TIME_STEP,
-        latency: float = 0.0,
-        meshcat: Meshcat | None = None,
+        contact: ContactName,
+        time_step: float,
+        latency: float,
+        meshcat: Meshcat | None,
     ) -> None:
         """Assembles the diagram; arguments as for `MakeArmDriver`."""
         super().__init__()
@@ -165,7 +164,7 @@ def MakeArmDriver(
     link = setup.scenario.lcm
     whole_multiple("lcm.image_period", link.image_period, link.period, "lcm.period")
     whole_multiple("lcm.period", link.period, time_step, "the plant's time step")
-    return ArmDriver(setup, lcm, contact=contact, time_step=time_step, latency=latency, meshcat=meshcat)
+    return ArmDriver(setup, lcm, contact, time_step, latency, meshcat)
 
 
 def arm_limits(setup: Setup) -> SafetyLimits:

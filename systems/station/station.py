@@ -61,11 +61,10 @@ class SceneStation(Diagram):  # type: ignore[misc]  # pydrake has no usable type
         self,
         setup: Setup,
         engine: str,
-        *,
-        command: Command = "velocity",
-        meshcat: Meshcat | None = None,
-        lcm: DrakeLcmInterface | None = None,
-        armed: bool = False,
+        command: Command,
+        meshcat: Meshcat | None,
+        lcm: DrakeLcmInterface | None,
+        armed: bool,
     ) -> None:
         """Assembles the diagram; arguments as for `make_station`."""
         super().__init__()
@@ -198,4 +197,4 @@ def make_station(
         raise ParameterError(f"command: got {command!r}; allowed: velocity, translation")
     if engine != "twin" and setup.scenario.num_worlds != 1:
         raise ParameterError(f"num_worlds: got {setup.scenario.num_worlds} with {engine}; allowed: 1, or the twin")
-    return SceneStation(setup, engine, command=command, meshcat=meshcat, lcm=lcm, armed=armed)
+    return SceneStation(setup, engine, command, meshcat, lcm, armed)
