@@ -56,7 +56,7 @@ class Action:
         mine = world.GetMyContextFromRoot(context)
         self.start = [mine.get_discrete_state(k).value().copy() for k in (0, 1)]
         parameters = world.GetParameters(mine)
-        self.theta = tuple(getattr(parameters, name).numpy() for name in ("mass", "inertia", "friction", "restitution"))
+        self.theta = tuple(values.numpy() for values in parameters.tensors())
         objects, pushers = self.start[0].reshape(worlds, -1), self.start[1].reshape(worlds, -1)
         q_WP = np.tile([1.0, 0.0, 0.0, 0.0], (worlds, 1))
         self.state = (objects[:, None, :4], objects[:, None, 4:7], objects[:, None, 7:], q_WP, pushers[:, :3])
