@@ -55,48 +55,37 @@ class BulletPush:
             pybullet.resetBasePositionAndOrientation(body, place, upright, physicsClientId=client)
             pybullet.resetBaseVelocity(body, [0.0] * 3, [0.0] * 3, physicsClientId=client)
 
-    def _set_velocity(self) -> None:
-        pybullet.resetBaseVelocity(self.pusher, self._velocity, [0.0] * 3, physicsClientId=self.client)
-
     def loop(self) -> Case:
         """Loop of one velocity command and one step at a time from Python: Bullet's only way to take many steps."""
-
-        def run() -> None:
-            client, pusher, velocity, spin = self.client, self.pusher, self._velocity, [0.0] * 3
-            for _ in range(push.STEPS):
-                pybullet.resetBaseVelocity(pusher, velocity, spin, physicsClientId=client)
-                pybullet.stepSimulation(physicsClientId=client)
-
-        return Case(run, self.reset, push.STEPS)
+        return Case(lambda: _steps(self.client, self.pusher, self._velocity), self.reset, push.STEPS)
 
     @staticmethod
     def call_overhead() -> Case:
         """Overhead of the loop: the same two calls in a world that holds one body and no contact."""
         client = pybullet.connect(pybullet.DIRECT)
         body = pybullet.createMultiBody(1.0, physicsClientId=client)
-        velocity, spin = [0.0, 0.0, 0.0], [0.0] * 3
-
-        def run() -> None:
-            for _ in range(push.STEPS):
-                pybullet.resetBaseVelocity(body, velocity, spin, physicsClientId=client)
-                pybullet.stepSimulation(physicsClientId=client)
-
-        return Case(run, units=push.STEPS)
+        return Case(lambda: _steps(client, body, [0.0] * 3), units=push.STEPS)
 
     def trace(self) -> dict:
         """Rolls out once, untimed, and reports contacts and the block's final pose.
 
         Returns:
             contacts: (steps,) number of contact points; pusher_steps: steps with the pusher in contact;
-            q (4,) as (w, x, y, z), p (3,) of the block, world frame, metres.
+            p (3,) of the block, world frame, metres.
         """
         self.reset()
         contacts, pusher_steps, client = [], 0, self.client
         for _ in range(push.STEPS):
-            self._set_velocity()
-            pybullet.stepSimulation(physicsClientId=client)
+            _steps(client, self.pusher, self._velocity, 1)
             contacts.append(len(pybullet.getContactPoints(physicsClientId=client)))
             touching = pybullet.getContactPoints(self.block, self.pusher, physicsClientId=client)
             pusher_steps += bool(touching)
-        p_WB, (x, y, z, w) = pybullet.getBasePositionAndOrientation(self.block, physicsClientId=client)
-        return {"contacts": contacts, "pusher_steps": pusher_steps, "q": [w, x, y, z], "p": list(p_WB)}
+        p_WB, _ = pybullet.getBasePositionAndOrientation(self.block, physicsClientId=client)
+        return {"contacts": contacts, "pusher_steps": pusher_steps, "p": list(p_WB)}
+
+
+def _steps(client: int, body: int, velocity: list[float], steps: int = push.STEPS) -> None:
+    spin = [0.0] * 3
+    for _ in range(steps):
+        pybullet.resetBaseVelocity(body, velocity, spin, physicsClientId=client)
+        pybullet.stepSimulation(physicsClientId=client)

@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 
 from benchmarks.contact_scenes import WORLDS, Scene, draw, objects
-from benchmarks.results import machine
+from benchmarks.results import write_json
 from pinwm_drake.geometry.shapes import sphere
 from pinwm_drake.physics.model import Model
 from pinwm_drake.physics.parameters import Parameters
@@ -223,9 +223,7 @@ def main() -> None:
     for one in worst:
         print(json.dumps(one))
     print(f"{time.process_time() - began:.0f} CPU-s")
-    if options.out is not None:
-        about = {"seed": options.seed, "machine": machine(), "counts": counts, "wrong": worst}
-        options.out.write_text(json.dumps(about, indent=1) + "\n")
+    write_json(options.out, seed=options.seed, counts=counts, wrong=worst)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ states alone.
 import argparse
 import collections
 import functools
-import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from benchmarks.results import machine
+from benchmarks.results import write_json
 from pinwm_drake.errors import SolverError
 from pinwm_drake.geometry.convex import hollow_mug
 from pinwm_drake.geometry.pieces import CYLINDER, ConvexPiece
@@ -282,9 +281,7 @@ def main() -> None:
     for name in sorted(counts):
         print(f"{name:40}", dict(counts[name]))
     print(f"in all: {dict(total)}, {time.process_time() - began:.0f} CPU-s")
-    if options.out is not None:
-        about = {"seed": options.seed, "machine": machine(), "counts": counts}
-        options.out.write_text(json.dumps(about, indent=1) + "\n")
+    write_json(options.out, seed=options.seed, counts=counts)
 
 
 if __name__ == "__main__":

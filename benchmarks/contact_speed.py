@@ -8,7 +8,6 @@ has its defaults (Newton's method, pyramidal cone) and its loop in C; its pusher
 """
 
 import argparse
-import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,9 +21,9 @@ import numpy as np
 import torch
 
 from benchmarks.contact_scenes import l_block, prism, solid, t_block
-from benchmarks.results import machine
+from benchmarks.mujoco_xml import mesh_geoms, numbers, pusher
+from benchmarks.results import markdown, write_json
 from pinwm_drake.geometry.convex import hollow_mug
-from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import box, sphere
 from pinwm_drake.physics.model import Body, Model
 from pinwm_drake.physics.parameters import Parameters
@@ -35,7 +34,6 @@ from pinwm_drake.spatial.rotations import quaternion_to_matrix
 WORLDS, SECONDS, RADIUS = 32, 0.5, 0.01
 BARS = {"t_block": 0.7, "cube": 0.8, "prism": 0.8, "l_block": 0.8, "standing mug": 1.0, "lying mug": 1.0}
 BACKWARD_BAR = 2.0
-PUSHER_MASS = 1000.0  # kg
 
 
 @dataclass(frozen=True)
@@ -122,36 +120,11 @@ class Ours:
         self.stepper.rollout(theta, self.state, V, record_every=len(V)).p_WB[-1].sum().backward()
 
 
-def numbers(values: np.ndarray) -> str:
-    """Numbers as MuJoCo's XML has them."""
-    return " ".join(f"{value:.17g}" for value in np.ravel(values))
-
-
-def mesh_geoms(pieces: list[ConvexPiece]) -> tuple[str, str]:
-    """Meshes and geoms of convex pieces."""
-    meshes = [f'<mesh name="m{i}" vertex="{numbers(piece.vertices)}"/>' for i, piece in enumerate(pieces)]
-    geoms = []
-    for i, piece in enumerate(pieces):
-        low, high = piece.vertices.min(0), piece.vertices.max(0)
-        corners = {tuple(v) for v in np.round(piece.vertices, 12)}
-        box_like = len(corners) == 8 and all(
-            np.all((v == np.round(low, 12)) | (v == np.round(high, 12))) for v in corners
-        )
-        shape = (
-            f'type="box" pos="{numbers(0.5 * (low + high))}" size="{numbers(0.5 * (high - low))}"'
-            if box_like
-            else f'type="mesh" mesh="m{i}"'
-        )
-        geoms.append(f'<geom {shape} contype="3" conaffinity="3"/>')
-    return "".join(meshes), "".join(geoms)
-
-
 class Theirs:
     """Pokes in MuJoCo, one world after the other."""
 
     def __init__(self, pokes: Pokes) -> None:
         meshes, geoms = mesh_geoms(list(pokes.body.pieces))
-        slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
         self.pokes = pokes
         self.model = mujoco.MjModel.from_xml_string(f"""<mujoco>
           <option timestep="{1.0 / pokes.rate:.17g}"/>
@@ -162,10 +135,7 @@ class Theirs:
               <inertial pos="0 0 0" mass="{pokes.body.mass}" diaginertia="{numbers(np.diag(pokes.body.inertia))}"/>
               {geoms}
             </body>
-            <body name="pusher" gravcomp="1">{slides}
-              <inertial pos="0 0 0" mass="{PUSHER_MASS}" diaginertia="1 1 1"/>
-              <geom name="pusher" type="sphere" size="{RADIUS}" contype="2" conaffinity="2"/>
-            </body>
+            {pusher(f'type="sphere" size="{RADIUS}"')}
           </worldbody></mujoco>""")
         self.data = mujoco.MjData(self.model)
         self.ends = np.zeros((WORLDS, 3))
@@ -197,8 +167,8 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(1)
     found = {}
-    print("| object | ours, µs a step | MuJoCo | forward / MuJoCo (bar) | forward and backward / MuJoCo | ends apart |")
-    print("| --- | --- | --- | --- | --- | --- |")
+    header = "object | ours, µs a step | MuJoCo | forward / MuJoCo (bar) | forward and backward / MuJoCo | ends apart"
+    print("\n".join(markdown(header, [])))
     for name in options.objects:
         pokes = draw(name, options.rate, options.seed)
         ours, theirs = Ours(pokes), Theirs(pokes)
@@ -218,9 +188,7 @@ def main() -> None:
             f"| {ratios['both']:.2f} ({BACKWARD_BAR}) | {1e3 * apart:.1f} mm |",
             flush=True,
         )
-    if options.out is not None:
-        about = {"rounds": options.rounds, "rate": options.rate, "seed": options.seed, "machine": machine()}
-        options.out.write_text(json.dumps({**about, "objects": found}, indent=1) + "\n")
+    write_json(options.out, rounds=options.rounds, rate=options.rate, seed=options.seed, objects=found)
 
 
 if __name__ == "__main__":

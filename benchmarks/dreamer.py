@@ -75,7 +75,6 @@ def main() -> None:
 
 
 def _print_table(path: Path, title: str, every: int = 1) -> None:
-    """Prints some rows of a table, and the last one."""
     rows = list(csv.reader(path.read_text().splitlines()))
     print(f"{title}\n{', '.join(rows[0])}")
     chosen = rows[1::every]

@@ -16,11 +16,8 @@ from benchmarks import timing
 
 timing.limit_threads(1)  # before numba and torch are imported
 
-from pydrake.common.eigen_geometry import Quaternion
-from pydrake.math import RigidTransform, RotationMatrix
-
 from benchmarks.next_push.engines import bullet, mujoco
-from benchmarks.next_push.engines.rollout import twin_truth
+from benchmarks.next_push.engines.rollout import rigid, twin_truth
 from benchmarks.next_push.objects import StandingAnyhow
 from pinwm_drake.experiments.evaluation.contestant import read_contestant, usual_scene
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest
@@ -54,10 +51,9 @@ class ElsewhereEnv(gymnasium.Env):
         super().reset(seed=seed)
         _, info = self.env.reset(seed=seed)
         q, p = np.split(self.env.run.object_state[0, :7], [4])
-        X_WO = RigidTransform(RotationMatrix(Quaternion(wxyz=q / np.linalg.norm(q))), p)
         shape = self.env.setup.twin.pusher.shape
         assert shape is not None
-        self._scene = ENGINES[self._engine](self._thing, self._theta, X_WO, shape, self.env.run.p_WP[0].copy())
+        self._scene = ENGINES[self._engine](self._thing, self._theta, rigid(q, p), shape, self.env.run.p_WP[0].copy())
         self._steps = 0
         if self._observer.needs_images:
             self._observer.begin(np.arange(1), self.env.run.images())
@@ -71,7 +67,7 @@ class ElsewhereEnv(gymnasium.Env):
         scene.advance((np.clip(here + d_W, *self._box) - here) / self._horizon, self._horizon)
         self._steps += 1
         q, p = np.split(scene.object_state[:7], [4])
-        run.place(Place(RigidTransform(RotationMatrix(Quaternion(wxyz=q)), p), scene.p_WP))
+        run.place(Place(rigid(q, p), scene.p_WP))
         if self._observer.needs_images:
             self._observer.see(run.images())
         progress = self.env.task.measure(scene.object_state[None], scene.p_WP[None])

@@ -6,12 +6,11 @@ the same: it heads for the object, so that most steps are in contact. A round is
 a few actions of the others, mostly without a reset.
 """
 
+import argparse
 import functools
-import os
-import time
-from pathlib import Path
 
 from benchmarks import results, timing
+from benchmarks.memory import status
 
 timing.limit_threads(2)  # before numba and torch are imported
 
@@ -36,7 +35,6 @@ class Player:
     """Player of an environment: a policy that heads for the object, with some noise."""
 
     def __init__(self, env: VecEnv) -> None:
-        """Begins the first episodes of an environment."""
         self.env, self._random = env, np.random.default_rng(0)
         env.seed(0)
         self._seen = env.reset()
@@ -88,7 +86,7 @@ def point(kind: str, plant_step: float | None) -> Player:
     return Player(SubprocVecEnv(makers, start_method="spawn"))
 
 
-def measure(rounds: int) -> dict:
+def measure(given: argparse.Namespace) -> dict:
     """Times all environments in turn."""
     players: dict[str, tuple[Player, int, int]] = {}
     for kind in KINDS:
@@ -100,7 +98,7 @@ def measure(rounds: int) -> dict:
         name: timing.Case(functools.partial(player.play, actions), units=actions * worlds)
         for name, (player, actions, worlds) in players.items()
     }
-    samples = timing.interleave(cases, rounds, warmup=1)
+    samples = timing.interleave(cases, given.rounds, warmup=1)
     for player, _, _ in players.values():
         player.env.close()
     return {
@@ -110,43 +108,31 @@ def measure(rounds: int) -> dict:
             for kind in KINDS
             for name in PLANT_STEPS
         },
+        "memory": memory(given.memory_steps),
     }
-
-
-def resident() -> float:
-    """Resident memory of this process, MB."""
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith("VmRSS"):
-            return int(line.split()[1]) / 1024
-    return float("nan")
 
 
 def memory(steps: int) -> dict:
     """Resident memory over many steps with cousins and resets, after one episode of each world."""
     player = ours("state", cousins=True)
     player.play(2 * ACTIONS)
-    found = [resident()]
+    found = [status("VmRSS")]
     for _ in range(10):
         player.play(max(steps // WORLDS // 10, 1))
-        found.append(resident())
+        found.append(status("VmRSS"))
     return {"steps": steps, "megabytes": [round(value, 1) for value in found]}
 
 
 def table(data: dict) -> str:
     """Table of the figures, in Markdown."""
     figures = data["steps_per_second"]
-    lines = [
-        "| environment | state, steps/s | 64 x 64 image, steps/s |",
-        "| --- | --- | --- |",
-    ]
     names = {"twin": "32 worlds", "cousins": "32 worlds, a new cousin an episode"}
     names |= {f"point {steps}": f"SubprocVecEnv, point contact, {steps} steps an action" for steps in PLANT_STEPS}
-    for name, words in names.items():
-        lines.append(f"| {words} | {' | '.join(results.spread(figures[f'{kind} {name}'], 0) for kind in KINDS)} |")
+    rows = [[words, *(results.spread(figures[f"{kind} {name}"], 0) for kind in KINDS)] for name, words in names.items()]
     for steps in PLANT_STEPS:
         ratios = [results.spread(data["ratio"][f"{kind} {steps}"], 0) for kind in KINDS]
-        lines.append(f"| ratio to point contact, {steps} steps an action | {' | '.join(ratios)} |")
-    lines.append("")
+        rows.append([f"ratio to point contact, {steps} steps an action", *ratios])
+    lines = [*results.markdown("environment | state, steps/s | 64 x 64 image, steps/s", rows), ""]
     for kind, bar in BARS.items():
         speed = figures[f"{kind} twin"]["median"]
         lines.append(f"- {kind}: steps/s {results.verdict(speed, bar, at_most=False)}.")
@@ -159,21 +145,6 @@ def table(data: dict) -> str:
     return "\n".join([*lines, "", tail])
 
 
-def main() -> None:
-    """Measures and reports the figures."""
-    parser = results.arguments(__doc__ or "")
-    parser.add_argument("--rounds", type=int, default=8)
-    parser.add_argument("--memory-steps", type=int, default=1_000_000)
-    given = parser.parse_args()
-    began = time.perf_counter()
-    with timing.CompetingLoad() as load:
-        measured = measure(given.rounds)
-    # SubprocVecEnv's processes, which have ended, are not competitors.
-    own = os.times().children_user + os.times().children_system
-    percent = max(0.0, load.percent - 100.0 * own / ((time.perf_counter() - began) * (os.cpu_count() or 1)))
-    data = {"rounds": given.rounds, "load": percent, **measured, "memory": memory(given.memory_steps)}
-    results.publish("environment", data, table(data), given.write)
-
-
 if __name__ == "__main__":
-    main()
+    steps = {"--memory-steps": {"type": int, "default": 1_000_000}}
+    results.run("environment", __doc__ or "", measure, table, rounds=8, options=steps)

@@ -8,6 +8,7 @@ mug, with the same masses, frictions and time step, without observation or rewar
 both, with noise; an episode is 25 actions.
 """
 
+import argparse
 import functools
 
 from benchmarks import results, timing
@@ -18,7 +19,7 @@ import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
 
-from benchmarks.contact_speed import mesh_geoms, numbers
+from benchmarks.mujoco_xml import mesh_geoms, numbers, pusher
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 from pinwm_drake.systems.envs.vector import TaskVecEnv
@@ -30,7 +31,6 @@ SCENE, WORLDS, THREADS, EPISODE = "flip_mug", 32, 2, 25
 KINDS = {"state": "state", "rgb": "rgb_state"}  # the policy that acts needs the state
 BARS = {"mujoco": 1.0, "images": 4 / 3}
 LONGEST = FlipTask.max_translation or 0.1  # m, of an action
-PUSHER_MASS = 1000.0  # kg: the object hardly slows it
 GAIN = 1e6  # N s/m, of the actuators that hold the pusher's velocity
 
 
@@ -65,9 +65,8 @@ class Theirs:
         assert shape is not None
         self.steps, self.speed = round(horizon / setup.twin.time_step), LONGEST / horizon
         meshes, geoms = mesh_geoms(list(mesh_pieces(setup.twin.mesh_path)))
-        axes = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
-        slides = "".join(f'<joint name="{name}" type="slide" axis="{axis}"/>' for name, axis in axes.items())
-        held = "".join(f'<velocity joint="{name}" kv="{GAIN:g}"/>' for name in axes)
+        tip = f'type="sphere" size="{shape.radius}" friction="{theta["friction_pusher"].value} 0 0"'
+        held = "".join(f'<velocity joint="{name}" kv="{GAIN:g}"/>' for name in "xyz")
         self.model = mujoco.MjModel.from_xml_string(f"""<mujoco>
           <option timestep="{setup.twin.time_step:.17g}" integrator="implicitfast"/>
           <default><geom friction="0 0 0"/></default>
@@ -79,11 +78,7 @@ class Theirs:
                 diaginertia="{numbers(np.diag(solid.inertia))}"/>
               {geoms}
             </body>
-            <body name="pusher" gravcomp="1">{slides}
-              <inertial pos="0 0 0" mass="{PUSHER_MASS}" diaginertia="1 1 1"/>
-              <geom type="sphere" size="{shape.radius}" contype="2" conaffinity="2"
-                friction="{theta["friction_pusher"].value} 0 0"/>
-            </body>
+            {pusher(tip)}
           </worldbody>
           <actuator>{held}</actuator></mujoco>""")
         self._datas = [mujoco.MjData(self.model) for _ in range(THREADS)]
@@ -111,7 +106,7 @@ class Theirs:
             self._action += 1
 
 
-def measure(rounds: int) -> dict:
+def measure(given: argparse.Namespace) -> dict:
     """Times all players in turn."""
     worlds = TrainingWorlds(SCENE, training_options(), num_worlds=WORLDS)
     players = {kind: Ours(worlds, kind) for kind in KINDS} | {"mujoco": Theirs(worlds)}
@@ -119,7 +114,7 @@ def measure(rounds: int) -> dict:
         name: timing.Case(functools.partial(player.play, EPISODE), units=EPISODE * WORLDS)
         for name, player in players.items()
     }
-    samples = timing.interleave(cases, rounds, warmup=1)
+    samples = timing.interleave(cases, given.rounds, warmup=1)
     assert players["mujoco"].moved > 1.0  # m, of the object in all episodes: the pusher meets it
     return {
         "substeps": players["mujoco"].steps,
@@ -138,8 +133,8 @@ def table(data: dict) -> str:
         "rgb": "ours, three 64 x 64 images and the state",
         "mujoco": "MuJoCo, without observation",
     }
-    lines = ["| environment | steps/s |", "| --- | --- |"]
-    lines += [f"| {words} | {results.spread(data['steps_per_second'][name], 0)} |" for name, words in names.items()]
+    rows = [[words, results.spread(data["steps_per_second"][name], 0)] for name, words in names.items()]
+    lines = results.markdown("environment | steps/s", rows)
     words = {"mujoco": "time of ours / MuJoCo", "images": "time with images / with the state"}
     lines += ["", *(f"- {words[n]}: {results.verdict(data['ratio'][n]['median'], bar)}." for n, bar in BARS.items())]
     load = f"other processes took {data['load']:.0f} % of them."
@@ -147,16 +142,5 @@ def table(data: dict) -> str:
     return "\n".join([*lines, "", tail])
 
 
-def main() -> None:
-    """Measures and reports the figures."""
-    parser = results.arguments(__doc__ or "")
-    parser.add_argument("--rounds", type=int, default=8)
-    given = parser.parse_args()
-    with timing.CompetingLoad() as load:
-        measured = measure(given.rounds)
-    data = {"rounds": given.rounds, "load": load.percent, **measured}
-    results.publish("flip", data, table(data), given.write)
-
-
 if __name__ == "__main__":
-    main()
+    results.run("flip", __doc__ or "", measure, table, rounds=8)

@@ -6,11 +6,10 @@ pusher), how deep the object sinks into the floor, how fast it creeps, and what 
 measures how far the twin is from both of Drake's contact models; that takes half an hour.
 """
 
+import argparse
 import dataclasses
-import datetime
 import math
 import os
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -168,33 +167,21 @@ def steps() -> str:
     return "\n".join(lines)
 
 
-def publish(name: str, table: str, command: str, write: bool) -> None:
-    """Prints a table and, if asked, puts it between its markers on the page."""
-    print(table, flush=True)
-    if not write:
-        return
-    where, date = results.machine(), datetime.date.today().isoformat()
-    note = f"`{command}`, {date}, commit {where['commit']}, on {where['processor']} ({where['versions']})."
-    begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
-    text, found = re.subn(
-        f"{begin}.*?{end}", lambda _: f"{begin}\n{table}\n\n{note}\n{end}", PAGE.read_text(), flags=re.DOTALL
-    )
-    if not found:
-        raise ValueError(f"{PAGE}: the markers '{begin}' and '{end}' are missing")
-    PAGE.write_text(text)
-
-
 def main() -> None:
     """Measures and reports the figures."""
-    parser = results.arguments(__doc__ or "")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="update docs/hydroelastic.md")
     parser.add_argument("--agreement", action="store_true", help="measure the twin against both contact models too")
     given = parser.parse_args()
     command = "python -m benchmarks.hydroelastic"
-    publish("settings", study(), command, given.write)
-    publish("twins", twins(), command, given.write)
-    publish("steps", steps(), command, given.write)
+    tables = [("settings", study, command), ("twins", twins, command), ("steps", steps, command)]
     if given.agreement:
-        publish("agreement", agreement(), f"{command} --agreement", given.write)
+        tables.append(("agreement", agreement, f"{command} --agreement"))
+    for name, table, how in tables:
+        if given.write:
+            results.write_block(PAGE, name, table(), how)
+        else:
+            print(table(), flush=True)
 
 
 if __name__ == "__main__":

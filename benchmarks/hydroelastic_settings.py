@@ -10,7 +10,6 @@ from pydrake.multibody.plant import DiscreteContactApproximation
 
 from pinwm_drake.systems.engines.plant import scene as push_plant
 from pinwm_drake.systems.sdf import contact
-from pinwm_drake.systems.sdf import contact as contact_settings
 from pinwm_drake.systems.sdf import twin as twin_model
 
 
@@ -31,13 +30,13 @@ class Variant:
     time_step: float | None = None
 
 
-def _scaled(name: str, module: object, constant: str, unit: str, factors: tuple[float, ...]) -> Iterator[Variant]:
+def _scaled(
+    name: str, constant: str, unit: str, factors: tuple[float, ...], module: object = contact
+) -> Iterator[Variant]:
     for factor in factors:
-        value = factor * getattr(module, constant)
-        patches = [(module, constant, value)]
-        if hasattr(contact_settings, constant) and module is not contact_settings:
-            patches.append((contact_settings, constant, value))
-        yield Variant(f"{name} × {factor:g}", f"{value:g} {unit}", tuple(patches))
+        value = factor * getattr(contact, constant)
+        patches = tuple((where, constant, value) for where in {contact, module})
+        yield Variant(f"{name} × {factor:g}", f"{value:g} {unit}", patches)
 
 
 def _approximation(name: str) -> Variant:
@@ -47,15 +46,15 @@ def _approximation(name: str) -> Variant:
 
 def variants() -> list[Variant]:
     """Variants of the study; the first one changes nothing."""
-    settings, tenfold, twofold = contact_settings, (0.1, 10.0), (0.5, 2.0)
+    tenfold, twofold = (0.1, 10.0), (0.5, 2.0)
     return [
         Variant("as it is", ""),
-        *_scaled("modulus of the floor", settings, "FLOOR_MODULUS", "Pa", tenfold),
-        *_scaled("modulus of the pusher", settings, "PUSHER_MODULUS", "Pa", tenfold),
-        *_scaled("dissipation of the floor", settings, "FLOOR_DISSIPATION", "s/m", tenfold),
-        *_scaled("dissipation of the pusher", contact, "_NO_BOUNCE", "s/m", tenfold),
-        *_scaled("resolution hint of the pusher", settings, "PUSHER_RESOLUTION", "m", twofold),
-        *_scaled("triangles of the object", twin_model, "LONGEST_EDGE", "of its mean extent", twofold),
+        *_scaled("modulus of the floor", "FLOOR_MODULUS", "Pa", tenfold),
+        *_scaled("modulus of the pusher", "PUSHER_MODULUS", "Pa", tenfold),
+        *_scaled("dissipation of the floor", "FLOOR_DISSIPATION", "s/m", tenfold),
+        *_scaled("dissipation of the pusher", "_NO_BOUNCE", "s/m", tenfold),
+        *_scaled("resolution hint of the pusher", "PUSHER_RESOLUTION", "m", twofold),
+        *_scaled("triangles of the object", "LONGEST_EDGE", "of its mean extent", twofold, twin_model),
         *(Variant(f"time step 1/{n} s", "", time_step=1 / n) for n in (960, 1920, 7680)),
         *(_approximation(name) for name in ("Similar", "Sap")),
     ]

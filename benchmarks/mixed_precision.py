@@ -5,6 +5,7 @@ goes back through all layers, and Adam takes a step. Both networks begin alike. 
 difference to the price of a convolution.
 """
 
+import argparse
 import copy
 import dataclasses
 import time
@@ -32,7 +33,6 @@ class Learner:
     """A student that learns, in one kind of numbers."""
 
     def __init__(self, student: ImageActor, mixed_precision: bool) -> None:
-        """Takes a copy of a student."""
         self._student = copy.deepcopy(student)
         self._student.mixed_precision = mixed_precision
         self._optimizer = torch.optim.Adam([one for one in self._student.parameters() if one.requires_grad], 1e-3)
@@ -62,21 +62,18 @@ def make_student() -> ImageActor:
 
 def table(data: dict) -> str:
     """Table of the figures, in Markdown."""
-    lines = ["| numbers | ms of CPU an image | / 32 bits |", "| --- | --- | --- |"]
-    for name, each in data["milliseconds"].items():
-        ratio = results.spread(data["ratio"], 2) if name == "bfloat16" else ""
-        lines.append(f"| {name} | {results.spread(each, 3)} | {ratio} |")
+    rows = [
+        [name, results.spread(each, 3), results.spread(data["ratio"], 2) if name == "bfloat16" else ""]
+        for name, each in data["milliseconds"].items()
+    ]
     kept = "has instructions for bfloat16" if data["instructions"] else "has none for bfloat16: trainings keep 32 bits"
     counted = f"{data['rounds']} rounds of {UPDATES} updates of {BATCH} images on one CPU, which {kept}"
-    lines += ["", f"{counted}; other processes took {data['competing']:.0f} % of the CPUs."]
-    return "\n".join(lines)
+    tail = f"{counted}; other processes took {data['load']:.0f} % of the CPUs."
+    return "\n".join([*results.markdown("numbers | ms of CPU an image | / 32 bits", rows), "", tail])
 
 
-def main() -> None:
-    """Measures and reports the figures."""
-    parser = results.arguments(__doc__ or "")
-    parser.add_argument("--rounds", type=int, default=20)
-    given = parser.parse_args()
+def measure(given: argparse.Namespace) -> dict:
+    """Times an update in both kinds of numbers."""
     torch.set_num_threads(1)
     student = make_student()
     images = torch.randint(0, 256, (BATCH, SIZE, SIZE, 3 * FRAMES), dtype=torch.uint8)
@@ -87,18 +84,14 @@ def main() -> None:
     def case(learner: Learner) -> timing.Case:
         return timing.Case(lambda: learner.update(images, pusher, state), units=UPDATES * BATCH)
 
-    with timing.CompetingLoad() as load:
-        cases = {name: case(learner) for name, learner in learners.items()}
-        samples = timing.interleave(cases, given.rounds, clock=time.process_time)
-    data = {
-        "rounds": given.rounds,
-        "competing": load.percent,
+    cases = {name: case(learner) for name, learner in learners.items()}
+    samples = timing.interleave(cases, given.rounds, clock=time.process_time)
+    return {
         "instructions": has_bfloat16(),
         "milliseconds": {name: each.summary(1e3) for name, each in samples.items()},
         "ratio": samples["bfloat16"].over(samples["32 bits"]),
     }
-    results.publish("mixed_precision", data, table(data), given.write)
 
 
 if __name__ == "__main__":
-    main()
+    results.run("mixed_precision", __doc__ or "", measure, table, rounds=20)

@@ -10,17 +10,13 @@ import mujoco
 import numpy as np
 
 from benchmarks import push
+from benchmarks.mujoco_xml import PUSHER_MASS, numbers
 from benchmarks.timing import Case
-
-_PUSHER_MASS = 1000.0  # kg: a thousand blocks, so that pushing hardly slows it
 
 
 def _xml(pusher: str) -> str:
     bar, stem = np.array(push.BAR_SIZE) / 2, np.array(push.STEM_SIZE) / 2
     size = f"{push.RADIUS}" if pusher == "sphere" else f"{push.RADIUS} {push.LENGTH / 2}"
-
-    def text(values: object) -> str:
-        return " ".join(f"{value:.17g}" for value in np.asarray(values))
 
     # The pusher collides with the block and not with the floor (contype and conaffinity). MuJoCo takes the
     # larger friction of the two geoms, so that all of them have the pair's.
@@ -31,13 +27,13 @@ def _xml(pusher: str) -> str:
         <geom type="plane" size="0 0 1"/>
         <body name="block" pos="0 0 {push.BLOCK_HEIGHT}">
           <freejoint/>
-          <inertial pos="0 0 0" mass="{push.MASS}" diaginertia="{text(push.block_inertia())}"/>
-          <geom type="box" size="{text(bar)}" pos="{text(push.BAR_CENTER)}" contype="3" conaffinity="3"/>
-          <geom type="box" size="{text(stem)}" pos="{text(push.STEM_CENTER)}" contype="3" conaffinity="3"/>
+          <inertial pos="0 0 0" mass="{push.MASS}" diaginertia="{numbers(push.block_inertia())}"/>
+          <geom type="box" size="{numbers(bar)}" pos="{numbers(push.BAR_CENTER)}" contype="3" conaffinity="3"/>
+          <geom type="box" size="{numbers(stem)}" pos="{numbers(push.STEM_CENTER)}" contype="3" conaffinity="3"/>
         </body>
-        <body name="pusher" pos="{text(push.pusher_start(pusher))}">
+        <body name="pusher" pos="{numbers(push.pusher_start(pusher))}">
           <joint type="slide" axis="0 -1 0"/>
-          <inertial pos="0 0 0" mass="{_PUSHER_MASS}" diaginertia="1 1 1"/>
+          <inertial pos="0 0 0" mass="{PUSHER_MASS}" diaginertia="1 1 1"/>
           <geom name="pusher" type="{pusher}" size="{size}" contype="2" conaffinity="2"/>
         </body>
       </worldbody>
@@ -47,10 +43,8 @@ def _xml(pusher: str) -> str:
 class MujocoPush:
     """Push in MuJoCo, one world."""
 
-    def __init__(self, pusher: str, elliptic: bool = False) -> None:
+    def __init__(self, pusher: str) -> None:
         self.model = mujoco.MjModel.from_xml_string(_xml(pusher))
-        if elliptic:
-            self.model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         self.data = mujoco.MjData(self.model)
 
     def reset(self) -> None:
@@ -62,21 +56,12 @@ class MujocoPush:
         """All steps in one call, the loop in C: what a step itself costs."""
         return Case(lambda: mujoco.mj_step(self.model, self.data, nstep=push.STEPS), self.reset, push.STEPS)
 
-    def python_loop(self) -> Case:
-        """One call a step from Python."""
+    def python_loop(self, nstep: int = 1) -> Case:
+        """One call a step from Python; with `nstep` 0 nothing is done inside the calls."""
 
         def run() -> None:
             for _ in range(push.STEPS):
-                mujoco.mj_step(self.model, self.data)
-
-        return Case(run, self.reset, push.STEPS)
-
-    def call_overhead(self) -> Case:
-        """The calls of `python_loop` with nothing done inside them (nstep=0)."""
-
-        def run() -> None:
-            for _ in range(push.STEPS):
-                mujoco.mj_step(self.model, self.data, nstep=0)
+                mujoco.mj_step(self.model, self.data, nstep=nstep)
 
         return Case(run, self.reset, push.STEPS)
 
@@ -85,7 +70,7 @@ class MujocoPush:
 
         Returns:
             contacts: (steps,) number of contacts; pusher_steps: steps with the pusher in contact;
-            iterations: mean number of Newton iterations; q (4,), p (3,) of the block, world frame, metres.
+            iterations: mean number of Newton iterations; p (3,) of the block, world frame, metres.
         """
         self.reset()
         pusher = self.model.geom("pusher").id
@@ -99,6 +84,5 @@ class MujocoPush:
             "contacts": contacts,
             "pusher_steps": pusher_steps,
             "iterations": float(np.mean(iterations)),
-            "q": self.data.qpos[3:7].tolist(),
             "p": self.data.qpos[:3].tolist(),
         }

@@ -1,6 +1,5 @@
-"""Push in pinwm_drake: either backend, any number of worlds."""
+"""Push in pinwm_drake, in any number of worlds."""
 
-import math
 from dataclasses import fields, replace
 
 import numpy as np
@@ -38,25 +37,17 @@ def make_model(pusher: str) -> Model:
 
 
 class PinwmPush:
-    """A batch of worlds that all perform the push, the whole scene turned about z by `heading` (rad).
+    """A batch of worlds that all perform the push.
 
     Attributes:
         parameters, state, V_WP: inputs of a rollout; V_WP is (steps, W, 6), the pusher's velocity.
         record_every: steps between recorded poses.
     """
 
-    def __init__(
-        self,
-        pusher: str,
-        num_worlds: int = 1,
-        backend: str = "numba",
-        device: str = "cpu",
-        heading: float = 0.0,
-        threads: int = 1,
-    ) -> None:
+    def __init__(self, pusher: str, num_worlds: int = 1, threads: int = 1) -> None:
         self.model = make_model(pusher)
-        self.stepper = Stepper(self.model, backend=backend, num_threads=threads)
-        parameters = Parameters.nominal(
+        self.stepper = Stepper(self.model, num_threads=threads)
+        self.parameters = Parameters.nominal(
             self.model,
             friction_floor=push.FRICTION,
             friction_pusher=push.FRICTION,
@@ -64,22 +55,13 @@ class PinwmPush:
             restitution_pusher=0.0,
             num_worlds=num_worlds,
         )
-        state = State.at_rest(
-            self.model,
-            num_worlds,
-            q_WB=(math.cos(heading / 2), 0.0, 0.0, math.sin(heading / 2)),
-            p_WB=(0.0, 0.0, push.BLOCK_HEIGHT),
+        self.state = State.at_rest(
+            self.model, num_worlds, p_WB=(0.0, 0.0, push.BLOCK_HEIGHT), p_WP=push.pusher_start(pusher)
         )
         # Each world has its own offset, so that no two worlds do the same; world 0 has the nominal one.
-        state.p_WP[:] = torch.tensor(push.pusher_start(pusher), dtype=torch.float64)
-        state.p_WP[:, 0] += torch.linspace(0.0, push.OFFSET, num_worlds)
-        velocity = torch.tensor([0.0, 0.0, 0.0, 0.0, -push.SPEED, 0.0], dtype=torch.float64)
-        c, s = math.cos(heading), math.sin(heading)
-        R_turn = torch.tensor([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], dtype=torch.float64)
-        state.p_WP[:] = state.p_WP @ R_turn.T
-        velocity[3:] = R_turn @ velocity[3:]
-        self.parameters, self.state = parameters.to(device), state.to(device)
-        self.V_WP = velocity.expand(push.STEPS, num_worlds, 6).clone().to(device)
+        self.state.p_WP[:, 0] += torch.linspace(0.0, push.OFFSET, num_worlds)
+        self.V_WP = torch.zeros(push.STEPS, num_worlds, 6, dtype=torch.float64)
+        self.V_WP[..., 4] = -push.SPEED
         self.record_every = push.SUBSTEPS
 
     def forward(self, steps: int | None = None) -> Case:
@@ -111,8 +93,7 @@ class PinwmPush:
         Returns:
             contacts: (steps,) number of contacts that press (positive normal impulse); pusher_steps: steps in
             which the pusher presses; iterations: mean number of Newton iterations; residual: largest momentum
-            residual, sign violation or complementarity of any step, SI units; q (4,), p (3,) of the block, world
-            frame, metres.
+            residual, sign violation or complementarity of any step, SI units; p (3,) of the block, world frame, metres.
         """
         with torch.no_grad():
             path = self.stepper.rollout(self.parameters, self.state, self.V_WP)
@@ -124,7 +105,6 @@ class PinwmPush:
             "pusher_steps": sum("t_block-pusher" in pairs for pairs in pressing),
             "iterations": float(np.mean([report.iterations for report in reports])),
             "residual": max(max(error) for error in errors),
-            "q": path.q_WB[-1, 0, 0].tolist(),
             "p": path.p_WB[-1, 0, 0].tolist(),
         }
 

@@ -5,8 +5,10 @@ from the image and the pusher's position in metres to a translation in metres, c
 it; so does the torch module that it was exported from. `Policy.predict` is what an environment calls.
 """
 
+import argparse
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks import results, timing
@@ -16,7 +18,7 @@ timing.limit_threads(1)  # before torch and onnxruntime are imported
 import numpy as np
 import torch
 
-from pinwm_drake.learning.bundle import Bundle, read_bundle
+from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.learning.export import InMetres, export_policy
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.safety import default_limits
@@ -48,33 +50,38 @@ def make_policy() -> Policy:
     return Policy(spec, make_actor(spec).eval())
 
 
-def repeated(call, calls: int = CALLS):
-    """Function that repeats a call."""
-
-    def run() -> None:
-        for _ in range(calls):
-            call()
-
-    return run
-
-
-def measure(policy: Policy, bundle: Bundle, image: np.ndarray, p_WP: np.ndarray, rounds: int) -> dict:
+def measure(given: argparse.Namespace) -> dict:
     """Times policy, network and bundle in turn."""
+    torch.set_num_threads(1)
+    policy = make_policy()
+    blocks = np.random.default_rng(0).integers(0, 256, (SIZE // 8, SIZE // 8, 3 * FRAMES), np.uint8)
+    image, p_WP = np.kron(blocks, np.ones((8, 8, 1), np.uint8)), np.array([0.1, -0.2])
     module = InMetres(policy.spec, policy.actor, estimate=False)
 
     def in_torch() -> np.ndarray:
         with torch.inference_mode():
             return module(torch.from_numpy(image), torch.from_numpy(p_WP.astype(np.float32))).numpy()
 
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary) / "bundle"
+        export_policy(policy, folder, limits=default_limits(policy.spec), samples=(image[None], p_WP[None]))
+        loading = timing.interleave({"load": timing.Case(lambda: read_bundle(folder))}, LOADS, clock=time.process_time)
+        bundle, size = read_bundle(folder), sum(path.stat().st_size for path in folder.iterdir())
     seen = {"image": image, "pusher": np.zeros(2, np.float32)}
-    calls = {
+    calls: dict[str, Callable[[], object]] = {
         BUNDLE: lambda: bundle.act(image, p_WP),
         MODULE: in_torch,
         PREDICT: lambda: policy.predict(seen),
     }
-    cases = {name: timing.Case(repeated(call), units=CALLS) for name, call in calls.items()}
-    samples = timing.interleave(cases, rounds, clock=time.process_time)
+
+    def case(call: Callable[[], object]) -> timing.Case:
+        return timing.Case(lambda: [call() for _ in range(CALLS)], units=CALLS)
+
+    cases = {name: case(call) for name, call in calls.items()}
+    samples = timing.interleave(cases, given.rounds, clock=time.process_time)
     return {
+        "reading": loading["load"].summary(1e3),
+        "bytes": size,
         "milliseconds": {name: each.summary(1e3) for name, each in samples.items()},
         "ratio": {name: samples[BUNDLE].over(samples[name]) for name in (MODULE, PREDICT)},
     }
@@ -82,15 +89,16 @@ def measure(policy: Policy, bundle: Bundle, image: np.ndarray, p_WP: np.ndarray,
 
 def table(data: dict) -> str:
     """Table of the figures, in Markdown."""
-    lines = ["| policy, 64 x 64 px, three images | ms a call | onnxruntime / torch |", "| --- | --- | --- |"]
-    for name, each in data["milliseconds"].items():
-        ratio = results.spread(data["ratio"][name], 2) if name in data["ratio"] else ""
-        lines.append(f"| {name} | {results.spread(each, 3)} | {ratio} |")
-    rounds, others = f"{data['rounds']} rounds of {CALLS} calls", f"{data['competing']:.0f} %"
-    lines += [
+    rows = [
+        [name, results.spread(each, 3), results.spread(data["ratio"][name], 2) if name in data["ratio"] else ""]
+        for name, each in data["milliseconds"].items()
+    ]
+    rounds, others = f"{data['rounds']} rounds of {CALLS} calls", f"{data['load']:.0f} %"
+    lines = [
+        *results.markdown("policy, 64 x 64 px, three images | ms a call | onnxruntime / torch", rows),
         "",
         f"- ms a call in onnxruntime: {results.verdict(data['milliseconds'][BUNDLE]['median'], BAR)}.",
-        f"- `read_bundle`, with SHA-256 and golden samples: {results.spread(data['load'], 0)} ms; the bundle takes "
+        f"- `read_bundle`, with SHA-256 and golden samples: {results.spread(data['reading'], 0)} ms; the bundle takes "
         f"{data['bytes'] / 1e6:.2f} MB.",
         "",
         f"{rounds} on one CPU; other processes took {others} of the CPUs.",
@@ -98,33 +106,5 @@ def table(data: dict) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    """Measures and reports the figures."""
-    parser = results.arguments(__doc__ or "")
-    parser.add_argument("--rounds", type=int, default=30)
-    given = parser.parse_args()
-    torch.set_num_threads(1)
-    policy = make_policy()
-    blocks = np.random.default_rng(0).integers(0, 256, (SIZE // 8, SIZE // 8, 3 * FRAMES), np.uint8)
-    image, p_WP = np.kron(blocks, np.ones((8, 8, 1), np.uint8)), np.array([0.1, -0.2])
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary) / "bundle"
-        export_policy(policy, folder, limits=default_limits(policy.spec), samples=(image[None], p_WP[None]))
-        with timing.CompetingLoad() as load:
-            loading = timing.interleave(
-                {"load": timing.Case(lambda: read_bundle(folder))}, LOADS, clock=time.process_time
-            )
-            measured = measure(policy, read_bundle(folder), image, p_WP, given.rounds)
-        size = sum(path.stat().st_size for path in folder.iterdir())
-    data = {
-        "rounds": given.rounds,
-        "competing": load.percent,
-        "load": loading["load"].summary(1e3),
-        "bytes": size,
-        **measured,
-    }
-    results.publish("policy", data, table(data), given.write)
-
-
 if __name__ == "__main__":
-    main()
+    results.run("policy", __doc__ or "", measure, table, rounds=30)

@@ -42,9 +42,3 @@ def block_inertia() -> np.ndarray:
         moments += MASS / 2 * np.array([y2 + z2, x2 + z2, x2 + y2]) / 12
         moments += MASS / 2 * np.array([1.0, 0.0, 1.0]) * center[1] ** 2  # Steiner; the offset is along y
     return moments
-
-
-def yaw(quaternion: np.ndarray) -> float:
-    """Rotation about z, in radians, of a quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))

@@ -5,9 +5,7 @@ VTK draws the mesh of the same T-block under the same camera, and is timed as `Q
 pose to uint8 image; ours from torch tensors to torch tensors.
 """
 
-import json
-import subprocess
-import sys
+import argparse
 import tempfile
 from pathlib import Path
 
@@ -59,14 +57,10 @@ def _added(name: str) -> float:
             run(16)
 
     small()
-    before = memory.status("VmRSS")
-    Path("/proc/self/clear_refs").write_text("5")  # resets the peak, VmHWM
-    run()
-    return max(memory.status("VmHWM") - before, 0.0)
+    return memory.added(run)[1]
 
 
 def _measure(cores: int, rounds: int) -> dict:
-    """The comparisons, in this process, on so many cores."""
     timing.limit_threads(cores)
     import torch
 
@@ -182,10 +176,6 @@ def plot(data: dict) -> None:
 
 def table(data: dict) -> str:
     """Table of the figures, in Markdown."""
-    lines = [
-        "| image | surfels | what | one core, ms | / VTK | two cores, ms | / VTK |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
     labels = {
         "vtk": "Drake's RenderEngineVtk, the mesh",
         "forward": "color and alpha",
@@ -193,7 +183,7 @@ def table(data: dict) -> str:
         "gradient": "color, forward and backward to surfels and pose",
         "full_gradient": "all five, forward and backward",
     }
-    one, two = data["one"], data["two"]
+    one, two, rows = data["one"], data["two"], []
     for name in one["milliseconds"]:
         kind, size = name.rsplit("_", 1)
         cells = []
@@ -201,13 +191,14 @@ def table(data: dict) -> str:
             ratio = part["over_vtk"].get(name)
             cells += [results.spread(part["milliseconds"][name], 2), f"{ratio['median']:.2f}" if ratio else "1"]
         number = "" if kind == "vtk" else ("5,000" if size == "800" else "2,000")
-        lines.append(f"| {size} x {size} | {number} | {labels[kind]} | {' | '.join(cells)} |")
+        rows.append([f"{size} x {size}", number, labels[kind], *cells])
     reference, cousins, memory = one["reference"], one["cousins"], data["memory"]
 
     def verdict(part: dict, name: str) -> str:
         return results.verdict(part["over_vtk"][name]["median"], BARS[name])
 
-    lines += [
+    lines = [
+        *results.markdown("image | surfels | what | one core, ms | / VTK | two cores, ms | / VTK", rows),
         "",
         f"- 800 x 800 forward / VTK: one core {verdict(one, 'forward_800')}; two cores {verdict(two, 'forward_800')}.",
         f"- 800 x 800 forward and backward / VTK: one core {verdict(one, 'gradient_800')}; two cores "
@@ -228,28 +219,11 @@ def table(data: dict) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    """Measures, plots and reports."""
-    parser = results.arguments(__doc__ or "")
-    parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--child", metavar="CORES_OR_MEMORY")
-    given = parser.parse_args()
-    if given.child:
-        known = given.child in _MEMORY
-        print(json.dumps(_added(given.child) if known else _measure(int(given.child), given.rounds)))
-        return
-
-    def child(what: str) -> object:
-        command = [sys.executable, "-m", "benchmarks.render", "--rounds", str(given.rounds), "--child", what]
-        return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
-
-    data: dict = {"rounds": given.rounds}
-    data["one"], data["two"] = child("1"), child("2")
-    data["memory"] = {name: child(name) for name in _MEMORY}
-    if given.write:
-        plot(data["one"])
-    results.publish("render", data, table(data), given.write)
+def measure(given: argparse.Namespace) -> dict:
+    """Measures times on one core and on two, and memory, each in a process of its own."""
+    one, two = (timing.alone(_measure, cores, given.rounds) for cores in (1, 2))
+    return {"one": one, "two": two, "memory": {name: timing.alone(_added, name) for name in _MEMORY}}
 
 
 if __name__ == "__main__":
-    main()
+    results.run("render", __doc__ or "", measure, table, rounds=15, plot=lambda data: plot(data["one"]))

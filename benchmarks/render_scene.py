@@ -1,10 +1,27 @@
 """Scene of the renderer's benchmark: the T-block, as surfels for us and as its mesh for Drake's VTK renderer."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import torch
 import trimesh
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import (
+    ClippingRange,
+    ColorRenderCamera,
+    GeometryInstance,
+    MakeRenderEngineVtk,
+    Mesh,
+    PerceptionProperties,
+    RenderCameraCore,
+    RenderEngineVtkParams,
+    RenderLabel,
+    Rgba,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform
+from pydrake.systems.sensors import CameraInfo
 
 from pinwm_drake.models import model_path
 from pinwm_drake.rendering.camera import Camera
@@ -68,18 +85,6 @@ class Vtk:
 
     def __init__(self, folder: Path) -> None:
         """Writes the mesh, with the normals that the engine wants, into a folder, and loads it."""
-        from pydrake.geometry import (
-            GeometryInstance,
-            MakeRenderEngineVtk,
-            Mesh,
-            PerceptionProperties,
-            RenderEngineVtkParams,
-            RenderLabel,
-            Rgba,
-            SceneGraph,
-        )
-        from pydrake.math import RigidTransform
-
         path = folder / "block.obj"
         corners = block()
         corners.unmerge_vertices()
@@ -96,13 +101,8 @@ class Vtk:
         self._graph, self._world = graph, graph.world_frame_id()
         self._context = graph.CreateDefaultContext()
 
-    def renderer(self, size: int, X_CO: Pose) -> object:
+    def renderer(self, size: int, X_CO: Pose) -> Callable[[], object]:
         """A call that renders one color image, (size, size, 4) uint8."""
-        from pydrake.common.eigen_geometry import Quaternion
-        from pydrake.geometry import ClippingRange, ColorRenderCamera, RenderCameraCore
-        from pydrake.math import RigidTransform
-        from pydrake.systems.sensors import CameraInfo
-
         focal = FOCAL * size
         info = CameraInfo(size, size, focal, focal, 0.5 * size, 0.5 * size)
         core = RenderCameraCore("vtk", info, ClippingRange(0.01, 10.0), RigidTransform())

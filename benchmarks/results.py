@@ -6,9 +6,12 @@ import importlib.metadata
 import json
 import os
 import platform
-import re
 import subprocess
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
+
+from benchmarks.timing import CompetingLoad
 
 _FOLDER = Path(__file__).resolve().parent
 RESULTS = _FOLDER / "results.json"
@@ -16,11 +19,49 @@ README = _FOLDER / "README.md"
 _PACKAGES = ("numpy", "numba", "torch", "onnxruntime", "drake", "mujoco", "pybullet")
 
 
-def arguments(description: str) -> argparse.ArgumentParser:
-    """The options that every benchmark has; it may add its own."""
+def run(
+    name: str,
+    description: str,
+    measure: Callable[[argparse.Namespace], dict],
+    table: Callable[[dict], str],
+    *,
+    rounds: int | None = None,
+    options: Mapping[str, dict[str, Any]] | None = None,
+    plot: Callable[[dict], None] | None = None,
+) -> None:
+    """Runs a benchmark as a command: measures, prints its table and, with `--write`, stores its figures.
+
+    Args:
+        name: Name of the benchmark: its key in results.json and its block in README.md.
+        description: Description for `--help`.
+        measure: Gives the figures, ready for JSON, for the options of the command line.
+        table: Gives the same in Markdown.
+        rounds: Default of the option `--rounds`; None for a benchmark without one.
+        options: Further options and their arguments of `add_argument`.
+        plot: Draws the figures where they are stored.
+
+    Raises:
+        ValueError: README.md lacks the markers of this block.
+    """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--write", action="store_true", help="update benchmarks/results.json and README.md")
-    return parser
+    given_rounds = {} if rounds is None else {"--rounds": {"type": int, "default": rounds}}
+    for option, settings in (given_rounds | dict(options or {})).items():
+        parser.add_argument(option, **settings)
+    given = parser.parse_args()
+    with CompetingLoad() as load:
+        measured = measure(given)
+    data = ({} if rounds is None else {"rounds": given.rounds}) | {"load": load.percent, **measured}
+    if not given.write:
+        print(table(data), flush=True)
+        return
+    if plot is not None:
+        plot(data)
+    stored = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    command, date, where = f"python -m benchmarks.{name}", datetime.date.today().isoformat(), machine()
+    stored[name] = {"command": command, "date": date, "machine": where, **data}
+    RESULTS.write_text(json.dumps(stored, indent=1) + "\n")
+    write_block(README, name, table(data), command)
 
 
 def _cpu_model() -> str:
@@ -58,39 +99,41 @@ def machine() -> dict[str, str]:
     }
 
 
-def _replace_block(text: str, name: str, content: str) -> str:
-    begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
-    pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
-    if not pattern.search(text):
-        raise ValueError(f"{README}: the markers '{begin}' and '{end}' are missing")
-    return pattern.sub(lambda _: f"{begin}\n{content}\n{end}", text)
-
-
-def publish(name: str, data: dict, table: str, write: bool) -> None:
-    """Prints a benchmark's table and, if asked, stores its figures.
-
-    Args:
-        name: Name of the benchmark: its key in results.json and its block in README.md.
-        data: Figures of the benchmark, ready for JSON.
-        table: The same in Markdown.
-        write: Whether to update the two files.
+def write_block(page: Path, name: str, table: str, command: str) -> None:
+    """Prints a table, and puts it between its markers on a page, with command, date, commit and machine.
 
     Raises:
-        ValueError: README.md lacks the markers of this block.
+        ValueError: The page lacks the markers of this block.
     """
     print(table, flush=True)
-    if not write:
-        return
-    stored = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
-    date = datetime.date.today().isoformat()
-    stored[name] = {"command": f"python -m benchmarks.{name}", "date": date, "machine": machine(), **data}
-    RESULTS.write_text(json.dumps(stored, indent=1) + "\n")
-    where = stored[name]["machine"]
+    begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
+    before, found, rest = page.read_text().partition(begin)
+    _, found_end, after = rest.partition(end)
+    if not (found and found_end):
+        raise ValueError(f"{page}: the markers '{begin}' and '{end}' are missing")
+    where = machine()
     note = (
-        f"`python -m benchmarks.{name}`, {date}, commit {where['commit']}, on {where['processor']} "
+        f"`{command}`, {datetime.date.today().isoformat()}, commit {where['commit']}, on {where['processor']} "
         f"({where['system']}; {where['versions']})."
     )
-    README.write_text(_replace_block(README.read_text(), name, f"{table}\n\n{note}"))
+    page.write_text(f"{before}{begin}\n{table}\n\n{note}\n{end}{after}")
+
+
+def write_json(path: Path | None, **figures: object) -> None:
+    """Writes figures, with the machine, into a file; nothing without one."""
+    if path is not None:
+        path.write_text(json.dumps({"machine": machine(), **figures}, indent=1) + "\n")
+
+
+def markdown(header: str, rows: Iterable[Iterable[object]]) -> list[str]:
+    """Lines of a table in Markdown.
+
+    Args:
+        header: Its columns, with " | " between them.
+        rows: Cells of each row.
+    """
+    dashes = "| --- " * (header.count(" | ") + 1) + "|"
+    return [f"| {header} |", dashes, *(f"| {' | '.join(map(str, row))} |" for row in rows)]
 
 
 def spread(summary: dict[str, float], digits: int = 1) -> str:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 NAMES = (
     "step",
-    "accuracy",
     "scaling",
     "worlds",
     "memory",
@@ -18,7 +17,6 @@ NAMES = (
     "flip",
     "policy",
     "mixed_precision",
-    "cuda",
 )
 LONG = ("hydroelastic",)  # a quarter of an hour or more: by name only
 

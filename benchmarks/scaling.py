@@ -6,6 +6,7 @@ Two scenes, in which every contact presses and slips in every step:
 - plates: n / 4 plates slide on the floor, far apart, each on its four corners, so that the bodies grow too.
 """
 
+import argparse
 import time
 from pathlib import Path
 
@@ -15,6 +16,7 @@ timing.limit_threads(1)  # before numba and torch are imported
 
 import numpy as np
 import torch
+from scipy.stats import linregress
 
 from benchmarks.pinwm_scene import inspect_path, leaves, pressing_pairs
 from pinwm_drake.geometry import shapes
@@ -81,7 +83,7 @@ class Sliding:
 
     def forward(self, steps: int) -> timing.Case:
         """The rollout without gradients."""
-        still = torch.zeros(steps, self.worlds, 6, dtype=torch.float64)
+        still = self._still(steps)
 
         def run() -> None:
             with torch.no_grad():
@@ -91,7 +93,7 @@ class Sliding:
 
     def forward_backward(self, steps: int) -> timing.Case:
         """The rollout and the gradient in all parameters and the initial state."""
-        still = torch.zeros(steps, self.worlds, 6, dtype=torch.float64)
+        still = self._still(steps)
 
         def run() -> None:
             end = self.stepper.rollout(leaves(self.parameters), leaves(self.state), still, record_every=steps)
@@ -101,36 +103,24 @@ class Sliding:
 
     def least_pressing(self, steps: int) -> int:
         """Smallest number of contacts that press in any step; one rollout, untimed."""
-        still = torch.zeros(steps, self.worlds, 6, dtype=torch.float64)
+        still = self._still(steps)
         with torch.no_grad():
             path = self.stepper.rollout(self.parameters, self.state, still)
         reports = inspect_path(self.model, self.parameters, path, still)
         return min(len(pressing_pairs(report)) for report in reports)
 
+    def _still(self, steps: int) -> torch.Tensor:
+        return torch.zeros(steps, self.worlds, 6, dtype=torch.float64)
+
 
 def fit(contacts: np.ndarray, cost: np.ndarray) -> dict[str, float]:
-    """Least-squares line through cost against contacts.
-
-    Args:
-        contacts: (n,) number of contacts.
-        cost: (n,) time of a step, in microseconds.
-
-    Returns:
-        slope (microseconds a contact), intercept (microseconds), r2, and ratio, the cost of the largest over
-        that of the smallest.
-    """
-    slope, intercept = np.polyfit(contacts, cost, 1)
-    residual = cost - (slope * contacts + intercept)
-    r2 = 1.0 - np.sum(residual**2) / np.sum((cost - cost.mean()) ** 2)
-    return {
-        "slope": float(slope),
-        "intercept": float(intercept),
-        "r2": float(r2),
-        "ratio": float(cost[-1] / cost[0]),
-    }
+    """Line of least squares through cost (n,) [µs] against contacts (n,); ratio of the last cost to the first."""
+    line = linregress(contacts, cost)
+    r2, ratio = float(line.rvalue**2), float(cost[-1] / cost[0])
+    return {"slope": float(line.slope), "intercept": float(line.intercept), "r2": r2, "ratio": ratio}
 
 
-def measure(rounds: int) -> dict:
+def measure(given: argparse.Namespace) -> dict:
     """Times all sizes in turn, checks that all contacts press, and fits the lines.
 
     Raises:
@@ -145,7 +135,7 @@ def measure(rounds: int) -> dict:
                 raise RuntimeError(f"{kind}: only {pressing} of {contacts} contacts press in some step")
             cases[f"{kind}_forward", contacts] = scene.forward(_STEPS)
             cases[f"{kind}_forward_backward", contacts] = scene.forward_backward(_STEPS)
-    samples = timing.interleave(cases, rounds, clock=time.process_time)
+    samples = timing.interleave(cases, given.rounds, clock=time.process_time)
     for contacts in _REFERENCE_CONTACTS:
         case = Sliding("nails", contacts, "torch", worlds=1).forward(_REFERENCE_STEPS)
         samples |= timing.interleave({("reference", contacts): case}, rounds=3, warmup=1, clock=time.process_time)
@@ -190,35 +180,17 @@ def plot(data: dict) -> None:
 
 def table(data: dict) -> str:
     """Table of the figures, in Markdown."""
-    series = data["series"]
-    contacts = series["nails_forward"]["contacts"]
-    lines = [
-        f"| contacts | {' | '.join(str(count) for count in contacts)} | line, µs | R² | cost(64) / cost(4) |",
-        "| --- " * (len(contacts) + 4) + "|",
-    ]
+    series, rows = data["series"], []
     for name, label in _LABELS.items():
         cost = dict(zip(series[name]["contacts"], series[name]["microseconds"], strict=True))
-        cells = [f"{cost[count]:.1f}" if count in cost else "" for count in contacts]
         line = series[name]["line"]
-        text = f"{line['intercept']:.1f} + {line['slope']:.2f} n" if name != "reference" else ""
-        r2 = f"{line['r2']:.4f}" if name != "reference" else ""
-        lines.append(f"| {label}, µs | {' | '.join(cells)} | {text} | {r2} | {line['ratio']:.1f} |")
+        fitted = [f"{line['intercept']:.1f} + {line['slope']:.2f} n", f"{line['r2']:.4f}"]
+        cells = [f"{cost[count]:.1f}" if count in cost else "" for count in _CONTACTS]
+        rows.append([f"{label}, µs", *cells, *(fitted if name != "reference" else ("", "")), f"{line['ratio']:.1f}"])
+    header = f"contacts | {' | '.join(map(str, _CONTACTS))} | line, µs | R² | cost(64) / cost(4)"
     tail = f"{data['rounds']} rounds; other processes took {data['load']:.0f} % of the CPUs."
-    return "\n".join([*lines, "", tail])
-
-
-def main() -> None:
-    """Measures, plots and reports."""
-    parser = results.arguments(__doc__ or "")
-    parser.add_argument("--rounds", type=int, default=30)
-    given = parser.parse_args()
-    with timing.CompetingLoad() as load:
-        measured = measure(given.rounds)
-    data = {"rounds": given.rounds, "load": load.percent, **measured}
-    if given.write:
-        plot(data)
-    results.publish("scaling", data, table(data), given.write)
+    return "\n".join([*results.markdown(header, rows), "", tail])
 
 
 if __name__ == "__main__":
-    main()
+    results.run("scaling", __doc__ or "", measure, table, rounds=30, plot=plot)

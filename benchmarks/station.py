@@ -6,6 +6,8 @@ does it inside Drake's Simulator, with limits on the pusher, and makes the image
 hidden where the pusher stands before.
 """
 
+import argparse
+
 from benchmarks import results, timing
 
 timing.limit_threads(2)  # before numba and torch are imported
@@ -33,7 +35,6 @@ class Action:
     """Action in a station, and the same without the station."""
 
     def __init__(self, worlds: int, steps_per_update: int) -> None:
-        """Advances both to where the block is being pushed."""
         setup = make_setup(
             Scenario(
                 object="t_block",
@@ -44,18 +45,18 @@ class Action:
                 num_worlds=worlds,
             )
         )
-        self.station: SceneStation = make_station(setup, "twin")
-        context = self.station.CreateDefaultContext()
+        self.scene: SceneStation = make_station(setup, "twin")
+        context = self.scene.CreateDefaultContext()
         v_WP = np.tile([SPEED, 0.0, 0.0], worlds)
-        self.station.GetInputPort("pusher_velocity_W").FixValue(context, v_WP)
-        simulator = Simulator(self.station, context)
+        self.scene.GetInputPort("pusher_velocity_W").FixValue(context, v_WP)
+        simulator = Simulator(self.scene, context)
         simulator.AdvanceTo(WARM_UP)
-        self.context, self.simulator, self.image = context, simulator, self.station.GetOutputPort("rgb_batch")
-        world = self.station.world
+        self.context, self.simulator, self.image = context, simulator, self.scene.GetOutputPort("rgb_batch")
+        world = self.scene.world
         mine = world.GetMyContextFromRoot(context)
         self.start = [mine.get_discrete_state(k).value().copy() for k in (0, 1)]
         parameters = world.GetParameters(mine)
-        self.theta = tuple(getattr(parameters, name).numpy() for name in ("mass", "inertia", "friction", "restitution"))
+        self.theta = tuple(values.numpy() for values in parameters.tensors())
         objects, pushers = self.start[0].reshape(worlds, -1), self.start[1].reshape(worlds, -1)
         q_WP = np.tile([1.0, 0.0, 0.0, 0.0], (worlds, 1))
         self.state = (objects[:, None, :4], objects[:, None, 4:7], objects[:, None, 7:], q_WP, pushers[:, :3])
@@ -72,12 +73,12 @@ class Action:
     def prepare(self) -> None:
         """Goes back to the start of the action."""
         self.context.SetTime(WARM_UP)
-        mine = self.station.world.GetMyMutableContextFromRoot(self.context)
+        mine = self.scene.world.GetMyMutableContextFromRoot(self.context)
         for k, values in enumerate(self.start):
             mine.SetDiscreteState(k, values)
         self.simulator.Initialize()
 
-    def in_station(self) -> None:
+    def station(self) -> None:
         """Takes the action in the station's diagram."""
         self.simulator.AdvanceTo(WARM_UP + STEPS / 240 - 1e-6)
         self.image.Eval(self.context)
@@ -103,16 +104,15 @@ class Action:
         render(self.surfels, self.camera, Pose(self.q_CO, p_CO), full=False)
 
 
-def measure(rounds: int) -> dict:
+def measure(given: argparse.Namespace) -> dict:
     """Times an action with and without the station, in turn."""
     cases = {}
     for worlds in BARS:
         for steps in (1, STEPS):
             action = Action(worlds, steps)
-            cases[f"{worlds} {steps} station"] = timing.Case(action.in_station, action.prepare)
-            cases[f"{worlds} {steps} bare"] = timing.Case(action.bare, action.prepare)
-            cases[f"{worlds} {steps} unchecked"] = timing.Case(action.unchecked, action.prepare)
-    samples = timing.interleave(cases, rounds)
+            for kind in ("station", "bare", "unchecked"):
+                cases[f"{worlds} {steps} {kind}"] = timing.Case(getattr(action, kind), action.prepare)
+    samples = timing.interleave(cases, given.rounds)
     names = [f"{worlds} {steps}" for worlds in BARS for steps in (1, STEPS)]
     return {
         "milliseconds": {name: sample.summary(1e3) for name, sample in samples.items()},
@@ -123,33 +123,18 @@ def measure(rounds: int) -> dict:
 
 def table(data: dict) -> str:
     """Table of the figures, in Markdown."""
-    lines = [
-        "| worlds | steps an update | bare, ms an action | unchecked, ms | station, ms | over bare | over unchecked |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    rows, verdicts = [], []
     for name, ratio in data["ratio"].items():
+        worlds, steps = name.split()
         times = [results.spread(data["milliseconds"][f"{name} {kind}"], 2) for kind in ("bare", "unchecked", "station")]
-        ratios = [results.spread(ratio, 2), results.spread(data["ratio_unchecked"][name], 2)]
-        lines.append(f"| {' | '.join([*name.split(), *times, *ratios])} |")
-    lines.append("")
-    for worlds, bar in BARS.items():
-        for steps in (1, STEPS):
-            overhead = data["ratio"][f"{worlds} {steps}"]["median"] - 1
-            lines.append(f"- {worlds} worlds, {steps} steps an update: overhead {results.verdict(overhead, bar)}.")
+        ratios = [results.spread(one, 2) for one in (ratio, data["ratio_unchecked"][name])]
+        rows.append([worlds, steps, *times, *ratios])
+        overhead = results.verdict(ratio["median"] - 1, BARS[int(worlds)])
+        verdicts.append(f"- {worlds} worlds, {steps} steps an update: overhead {overhead}.")
+    header = "worlds | steps an update | bare, ms an action | unchecked, ms | station, ms | over bare | over unchecked"
     tail = f"{data['rounds']} rounds on two threads; other processes took {data['load']:.0f} % of the CPUs."
-    return "\n".join([*lines, "", tail])
-
-
-def main() -> None:
-    """Measures and reports the figures."""
-    parser = results.arguments(__doc__ or "")
-    parser.add_argument("--rounds", type=int, default=40)
-    given = parser.parse_args()
-    with timing.CompetingLoad() as load:
-        measured = measure(given.rounds)
-    data = {"rounds": given.rounds, "load": load.percent, **measured}
-    results.publish("station", data, table(data), given.write)
+    return "\n".join([*results.markdown(header, rows), "", *verdicts, "", tail])
 
 
 if __name__ == "__main__":
-    main()
+    results.run("station", __doc__ or "", measure, table, rounds=40)

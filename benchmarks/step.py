@@ -39,7 +39,7 @@ def measure(pusher: str, rounds: int) -> dict:
             "forward_backward": ours.forward_backward(),
             "mujoco": mujoco.c_loop(),
             "mujoco_python": mujoco.python_loop(),
-            "mujoco_calls": mujoco.call_overhead(),
+            "mujoco_calls": mujoco.python_loop(nstep=0),
             "bullet": bullet.loop(),
             "bullet_calls": bullet.call_overhead(),
         },
@@ -70,34 +70,30 @@ def measure(pusher: str, rounds: int) -> dict:
 
 def table(data: dict) -> str:
     """Table of the figures, in Markdown."""
-    lines = [
-        "| pusher | engine | µs a step: median (quartiles) | / MuJoCo | / Bullet | contacts: mean (range) "
-        "| steps with the pusher | block moved |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    rows: list[list[object]] = []
     verdicts, residuals = [], []
     for pusher, figures in data["pushers"].items():
         times = figures["microseconds"]
 
-        def touch(name: str, contacts: dict = figures["contacts"]) -> str:
-            count = contacts[name]
-            span = f"{count['mean']:.1f} ({count['min']} to {count['max']})"
-            return f"{span} | {count['pusher_steps']} of {push.STEPS} | {count['moved_mm']:.0f} mm"
-
+        touch = {
+            name: [
+                f"{count['mean']:.1f} ({count['min']} to {count['max']})",
+                f"{count['pusher_steps']} of {push.STEPS}",
+                f"{count['moved_mm']:.0f} mm",
+            ]
+            for name, count in figures["contacts"].items()
+        }
         for name, label in _OURS.items():
-            ratios = [figures[f"{name}_over_{other}"]["median"] for other in ("mujoco", "bullet")]
-            lines.append(
-                f"| {pusher} | pinwm_drake, {label} | {results.spread(times[name])} "
-                f"| {ratios[0]:.2f} | {ratios[1]:.2f} | {touch('pinwm_drake')} |"
-            )
+            ratios = [f"{figures[f'{name}_over_{other}']['median']:.2f}" for other in ("mujoco", "bullet")]
+            rows.append([pusher, f"pinwm_drake, {label}", results.spread(times[name]), *ratios, *touch["pinwm_drake"]])
         in_python = times["mujoco_python"]["median"] - times["mujoco_calls"]["median"]
         bare_bullet = times["bullet"]["median"] - times["bullet_calls"]["median"]
         against = f"{times['mujoco']['median'] / times['bullet']['median']:.2f}"
-        lines += [
-            f"| {pusher} | MuJoCo, loop in C | {results.spread(times['mujoco'])} | 1 | {against} | {touch('mujoco')} |",
-            f"| {pusher} | MuJoCo, loop in Python less empty calls | {in_python:.1f} | | | | | |",
-            f"| {pusher} | Bullet, loop in Python | {results.spread(times['bullet'])} | | 1 | {touch('bullet')} |",
-            f"| {pusher} | Bullet, less calls in an empty world | {bare_bullet:.1f} | | | | | |",
+        rows += [
+            [pusher, "MuJoCo, loop in C", results.spread(times["mujoco"]), 1, against, *touch["mujoco"]],
+            [pusher, "MuJoCo, loop in Python less empty calls", f"{in_python:.1f}", *[""] * 5],
+            [pusher, "Bullet, loop in Python", results.spread(times["bullet"]), "", 1, *touch["bullet"]],
+            [pusher, "Bullet, less calls in an empty world", f"{bare_bullet:.1f}", *[""] * 5],
         ]
         forward = results.verdict(figures["forward_over_mujoco"]["median"], FORWARD_BAR)
         backward = results.verdict(figures["forward_backward_over_mujoco"]["median"], BACKWARD_BAR)
@@ -107,20 +103,19 @@ def table(data: dict) -> str:
         f"{data['rounds']} rounds; other processes took {data['load']:.0f} % of the CPUs. Largest residual "
         f"of pinwm_drake's steps there (momentum, signs, complementarity; SI units): {max(residuals):.0e}."
     )
-    return "\n".join([*lines, "", *verdicts, "", tail])
-
-
-def main() -> None:
-    """Measures and reports the figures."""
-    parser = results.arguments(__doc__ or "")
-    parser.add_argument("--rounds", type=int, default=150)
-    parser.add_argument("--pushers", nargs="+", choices=push.PUSHERS, default=list(push.PUSHERS))
-    given = parser.parse_args()
-    with timing.CompetingLoad() as load:
-        figures = {pusher: measure(pusher, given.rounds) for pusher in given.pushers}
-    data = {"rounds": given.rounds, "load": load.percent, "pushers": figures}
-    results.publish("step", data, table(data), given.write)
+    header = (
+        "pusher | engine | µs a step: median (quartiles) | / MuJoCo | / Bullet | contacts: mean (range) "
+        "| steps with the pusher | block moved"
+    )
+    return "\n".join([*results.markdown(header, rows), "", *verdicts, "", tail])
 
 
 if __name__ == "__main__":
-    main()
+    results.run(
+        "step",
+        __doc__ or "",
+        lambda given: {"pushers": {pusher: measure(pusher, given.rounds) for pusher in given.pushers}},
+        table,
+        rounds=150,
+        options={"--pushers": {"nargs": "+", "choices": push.PUSHERS, "default": list(push.PUSHERS)}},
+    )

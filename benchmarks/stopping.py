@@ -12,7 +12,6 @@ where there was one.
 import argparse
 import collections
 import contextlib
-import json
 import multiprocessing
 import os
 import pty
@@ -26,7 +25,7 @@ from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from benchmarks.results import machine
+from benchmarks.results import write_json
 from pinwm_drake.provenance import timestamp
 
 SIGNALS = {"ctrl-c": signal.SIGINT, "sigterm": signal.SIGTERM, "hangup": signal.SIGHUP}
@@ -106,7 +105,6 @@ class Wire:
     """Listener to the commands that go to a robot over LCM, in a thread."""
 
     def __init__(self, url: str) -> None:
-        """Listens at an address."""
         from drake import lcmt_drake_signal  # type: ignore[import-untyped]
         from pydrake.lcm import DrakeLcm
 
@@ -227,10 +225,8 @@ def main() -> None:
         counts = campaign(options, arguments, wire, arm)
     for name, count in sorted(counts.items()):
         print(f"{count:5d}  {name}")
-    if options.out is not None:
-        about = {"engine": options.engine, "moments": options.moments, "seed": options.seed}
-        about |= {"time": timestamp(), "machine": machine()}
-        options.out.write_text(json.dumps({**about, "counts": counts}, indent=1) + "\n")
+    about = {"engine": options.engine, "moments": options.moments, "seed": options.seed, "time": timestamp()}
+    write_json(options.out, **about, counts=counts)
     sys.exit(counts["bad"] > 0)
 
 

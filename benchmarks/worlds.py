@@ -1,5 +1,6 @@
 """Timings of the push in 32 worlds on one thread and on two, forward, and forward with backward."""
 
+import argparse
 import os
 
 from benchmarks import results, timing
@@ -12,10 +13,13 @@ import torch
 from benchmarks.pinwm_scene import PinwmPush
 
 BAR = 1.7  # times the speed of one thread
+_KINDS = {"forward": "forward", "forward_backward": "forward and backward"}
 
 
-def measure(rounds: int) -> dict:
+def measure(given: argparse.Namespace) -> dict:
     """Times one rollout of all worlds with one thread and with two, in turn."""
+    if (os.cpu_count() or 1) < THREADS:
+        raise SystemExit(f"this machine has one core; a speed-up of {THREADS} threads needs {THREADS}")
     cases = {}
     for count in (1, THREADS):
         scene = PinwmPush("sphere", num_worlds=WORLDS, threads=count)
@@ -23,47 +27,28 @@ def measure(rounds: int) -> dict:
         def threads_of_torch(count: int = count) -> None:
             torch.set_num_threads(count)
 
-        for name, case in (("forward", scene.forward()), ("forward_backward", scene.forward_backward())):
+        for name in _KINDS:
+            case = getattr(scene, name)()
             cases[f"{name}_{count}"] = timing.Case(case.run, threads_of_torch, case.units)
-    samples = timing.interleave(cases, rounds)
+    samples = timing.interleave(cases, given.rounds)
     data: dict = {"microseconds": {name: sample.summary() for name, sample in samples.items()}}
-    for name in ("forward", "forward_backward"):
+    for name in _KINDS:
         data[f"{name}_speedup"] = samples[f"{name}_1"].over(samples[f"{name}_{THREADS}"])
     return data
 
 
 def table(data: dict) -> str:
     """Table of the figures, in Markdown."""
-    lines = [
-        "| rollout | 1 thread, µs a world-step | 2 threads, µs a world-step | speed-up (quartiles) |",
-        "| --- | --- | --- | --- |",
-    ]
-    times = data["microseconds"]
-    for name, label in (("forward", "forward"), ("forward_backward", "forward and backward")):
-        one, two = times[f"{name}_1"], times[f"{name}_{THREADS}"]
-        speedup = results.spread(data[f"{name}_speedup"], 2)
-        lines.append(f"| {label} | {results.spread(one)} | {results.spread(two)} | {speedup} |")
-    verdicts = [
-        f"- {label}: {results.verdict(data[f'{name}_speedup']['median'], BAR, at_most=False)}."
-        for name, label in (("forward", "forward"), ("forward_backward", "forward and backward"))
-    ]
+    rows, verdicts = [], []
+    for name, label in _KINDS.items():
+        times = [results.spread(data["microseconds"][f"{name}_{count}"]) for count in (1, THREADS)]
+        speedup = data[f"{name}_speedup"]
+        rows.append([label, *times, results.spread(speedup, 2)])
+        verdicts.append(f"- {label}: {results.verdict(speedup['median'], BAR, at_most=False)}.")
+    header = "rollout | 1 thread, µs a world-step | 2 threads, µs a world-step | speed-up (quartiles)"
     tail = f"{WORLDS} worlds, {data['rounds']} rounds; other processes took {data['load']:.0f} % of the CPUs."
-    return "\n".join([*lines, "", *verdicts, "", tail])
-
-
-def main() -> None:
-    """Measures and reports the figures."""
-    parser = results.arguments(__doc__ or "")
-    parser.add_argument("--rounds", type=int, default=30)
-    given = parser.parse_args()
-    if (os.cpu_count() or 1) < THREADS:
-        print(f"this machine has one core; a speed-up of {THREADS} threads needs {THREADS}")
-        return
-    with timing.CompetingLoad() as load:
-        measured = measure(given.rounds)
-    data = {"rounds": given.rounds, "load": load.percent, **measured}
-    results.publish("worlds", data, table(data), given.write)
+    return "\n".join([*results.markdown(header, rows), "", *verdicts, "", tail])
 
 
 if __name__ == "__main__":
-    main()
+    results.run("worlds", __doc__ or "", measure, table, rounds=30)

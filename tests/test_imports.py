@@ -36,6 +36,7 @@ LINES = (
 )
 # The same inside systems, whose folders are lines of their own.
 SYSTEMS = (
+    {"ports"},
     {"sampling", "cameras", "sdf"},
     {"scenario"},
     {"pusher"},

@@ -22,9 +22,9 @@ from benchmarks.next_push.coverage import coverage_case, coverage_table, rank_hi
 from benchmarks.next_push.evaluate import METHODS, SETS, evaluate, result_path, summary, table
 from benchmarks.next_push.objects import OBJECTS, Thing, make_thing
 from benchmarks.next_push.poses import pose_capture, read_poses, write_poses
-from benchmarks.next_push.realistic_captures import write_realistic_capture
 from benchmarks.next_push.specification import CAPTURES, CaptureSpec, uneven
 from pinwm_drake.files import replacing
+from pinwm_drake.systems.runs.realism.mistakes import Realism
 
 
 def main() -> None:
@@ -92,34 +92,25 @@ def _captures(arguments: argparse.Namespace) -> None:
         if name not in names:
             raise SystemExit(f"--only: got {name!r}; allowed: {', '.join(names)}")
     things = {name: make_thing(name, arguments.out / "objects") for name in OBJECTS}
-    make = _realistic if arguments.realistic else _clean
     for spec in CAPTURES:
         if not arguments.only or spec.name in arguments.only:
-            make(arguments.out, spec, things[spec.thing], poses_only=arguments.poses_only)
+            _make(arguments, spec, things[spec.thing])
 
 
-def _clean(out: Path, spec: CaptureSpec, thing: Thing, *, poses_only: bool) -> None:
-    path, folder, began = out / "poses" / f"{spec.name}.npz", out / "clean" / spec.name, time.perf_counter()
+def _make(arguments: argparse.Namespace, spec: CaptureSpec, thing: Thing) -> None:
+    kind, realistic = ("realistic", True) if arguments.realistic else ("clean", False)
+    path = arguments.out / ("realistic_poses" if realistic else "poses") / f"{spec.name}.npz"
+    folder, began = arguments.out / kind / spec.name, time.perf_counter()
     if not path.exists():
-        write_poses(path, spec, thing, pose_capture(spec, thing))
-        _say(spec, "poses", began)
-    if not poses_only and not folder.exists():
-        write_capture(folder, spec, thing, read_poses(path))
-        _say(spec, "capture", began)
-
-
-def _realistic(out: Path, spec: CaptureSpec, thing: Thing, *, poses_only: bool) -> None:
-    path, folder = out / "realistic_poses" / f"{spec.name}.npz", out / "realistic" / spec.name
-    began = time.perf_counter()
-    if not path.exists():
-        theta = uneven(thing, spec.theta(thing), np.random.default_rng([spec.seed, 6]))
+        theta = uneven(thing, spec.theta(thing), np.random.default_rng([spec.seed, 6])) if realistic else None
         write_poses(path, spec, thing, pose_capture(spec, thing, theta))
-        _say(spec, "realistic poses", began)
-    if not poses_only and not folder.exists():
-        mistakes = write_realistic_capture(folder, spec, thing, read_poses(path))
-        with replacing(path.with_suffix(".json")) as temporary:
-            temporary.write_text(json.dumps(mistakes, indent=1) + "\n", encoding="utf-8")
-        _say(spec, "realistic capture", began)
+        _say(spec, f"{kind} poses", began)
+    if not arguments.poses_only and not folder.exists():
+        mistakes = write_capture(folder, spec, thing, read_poses(path), realism=Realism() if realistic else None)
+        if realistic:
+            with replacing(path.with_suffix(".json")) as temporary:
+                temporary.write_text(json.dumps(mistakes, indent=1) + "\n", encoding="utf-8")
+        _say(spec, f"{kind} capture", began)
 
 
 def _say(spec: CaptureSpec, what: str, began: float) -> None:

@@ -13,6 +13,7 @@ from benchmarks.next_push.captures import Size, write_capture
 from benchmarks.next_push.objects import OBJECTS, make_thing
 from benchmarks.next_push.poses import pose_capture
 from benchmarks.next_push.specification import ENGINES, CaptureSpec
+from benchmarks.results import markdown
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.experiments.alignment import align
@@ -95,10 +96,7 @@ def _case(out: Path, number: int) -> Row:
 
 def coverage_table(rows: Sequence[Row]) -> list[str]:
     """Lines of a table in Markdown: shares of truths within central intervals, each with its Wilson interval."""
-    lines = [
-        "| quantity | captures | " + " | ".join(f"within {100 * level:.0f} %" for level in _LEVELS) + " |",
-        "| --- " * (2 + len(_LEVELS)) + "|",
-    ]
+    rows_of_table = []
     for words, keys in _QUANTITIES.items():
         ranks = np.array([row["ranks"][key] for row in rows for key in keys])
         cells = []
@@ -106,8 +104,8 @@ def coverage_table(rows: Sequence[Row]) -> list[str]:
             inside = int((np.abs(ranks - 0.5) <= 0.5 * level).sum())
             low, high = wilson_interval(inside, len(ranks))
             cells.append(f"{100 * inside / len(ranks):.0f} % ({100 * low:.0f} to {100 * high:.0f})")
-        lines.append(f"| {words} | {len(ranks)} | {' | '.join(cells)} |")
-    return lines
+        rows_of_table.append([words, len(ranks), *cells])
+    return markdown(" | ".join(["quantity | captures", *(f"within {100 * x:.0f} %" for x in _LEVELS)]), rows_of_table)
 
 
 _QUANTITIES = {

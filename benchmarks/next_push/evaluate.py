@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.next_push.specification import CaptureSpec
+from benchmarks.results import markdown
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode
 from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
 from pinwm_drake.capture.scene import Capture, read_capture
@@ -158,10 +159,7 @@ def summary(results: list[_Errors]) -> str:
 
 def table(results: list[_Errors]) -> list[str]:
     """Lines of a table in Markdown: errors of the predictions by method and number of pushes."""
-    lines = [
-        "| method | pushes | predictions | median | nine of ten | worst | 95 % intervals of the last pose cover |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    rows = []
 
     def key(one: _Errors) -> tuple[str, int]:
         return one["method"], len(one["pushes"])
@@ -177,8 +175,9 @@ def table(results: list[_Errors]) -> list[str]:
             for last, sigma in zip(score["last"], score["spread"], strict=True)
         ]
         cover = f"{100 * np.mean(inside):.0f} % of {len(inside)}" if inside else ""
-        lines.append(f"| {method} | {number or ''} | {len(scores)} | {' | '.join(cells)} | {cover} |")
-    return lines
+        rows.append([method, number or "", len(scores), *cells, cover])
+    header = "method | pushes | predictions | median | nine of ten | worst | 95 % intervals of the last pose cover"
+    return markdown(header, rows)
 
 
 def _pair(errors: np.ndarray) -> str:

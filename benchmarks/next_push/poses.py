@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
-from benchmarks.next_push.engines.rollout import FLOOR_HEIGHT, LOG_RATE, Rollout, Theta, log_times
+from benchmarks.next_push.engines.rollout import FLOOR_HEIGHT, LOG_RATE, Rollout, Theta, log_times, rigid
 from benchmarks.next_push.engines.table import engine
 from benchmarks.next_push.objects import Thing
 from benchmarks.next_push.pushes import FRAME_RATE, Push, draw_pushes
@@ -76,7 +75,6 @@ def _aside(X_WO: RigidTransform, sign: float) -> RigidTransform:
 
 
 def _aside_by(X: RigidTransform, Y: RigidTransform) -> float:
-    """Difference of two poses in units of `_ASIDE`."""
     turned = abs((X.rotation() @ Y.rotation().inverse()).ToAngleAxis().angle())
     return max(float(np.linalg.norm(X.translation() - Y.translation())) / _ASIDE[0], turned / _ASIDE[1])
 
@@ -148,8 +146,3 @@ def read_poses(path: Path) -> PosedCapture:
             poses = [rigid(q, p) for q, p in zip(arrays[f"e{k}_log_q"], arrays[f"e{k}_log_x"], strict=True)]
             rollouts.append(Rollout(arrays[f"e{k}_log_t"], poses, arrays[f"e{k}_log_p"]))
         return PosedCapture(theta, rigid(arrays["X_WO_q"], arrays["X_WO_p"]), pushes, rollouts)
-
-
-def rigid(q: np.ndarray, p: np.ndarray) -> RigidTransform:
-    """Drake's pose of a quaternion (4,), wxyz, and a place (3,) [m]."""
-    return RigidTransform(RotationMatrix(Quaternion(wxyz=q / np.linalg.norm(q))), p)

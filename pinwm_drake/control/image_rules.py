@@ -4,6 +4,7 @@ import hashlib
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pinwm_drake.learning.spec import CameraSpec
 
@@ -66,14 +67,7 @@ class ImageRules:
         least, most = (1, camera.width * camera.height) if pixels is None else pixels
         self._least, self._most = max(_LEAST * least, 1.0), _MOST * most
         self._low, self._high = np.array(low) - _OUTSIDE, np.array(high) + _OUTSIDE
-        w, x, y, z = np.array(camera.q_WC) / np.linalg.norm(camera.q_WC)
-        self._R_WC = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        self._R_WC = Rotation.from_quat(camera.q_WC, scalar_first=True).as_matrix()
         self._height = height
 
     def sight(self, rgb: np.ndarray, time: float) -> Sight:

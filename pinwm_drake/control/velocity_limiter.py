@@ -69,8 +69,7 @@ class VelocityLimiter:
         length = largest * float(np.linalg.norm(v / largest))
         if length <= self._speed * (1.0 + _ROUNDING):
             return v
-        shortened: np.ndarray = v / largest * (self._speed / float(np.linalg.norm(v / largest)))
-        return shortened
+        return np.asarray(v / largest * (self._speed / float(np.linalg.norm(v / largest))))
 
     def _stoppable(self, distance: np.ndarray) -> np.ndarray:
         """Largest speeds (3,) m/s with which a pusher stops within a distance (3,) m."""
@@ -78,8 +77,7 @@ class VelocityLimiter:
         d = self._braking
         # n periods of v, v - d, ...: their sum is n v - d n (n - 1) / 2.
         n = np.maximum(np.ceil(0.5 * (np.sqrt(1.0 + 8.0 * reach / d) - 1.0)), 1.0)
-        speeds: np.ndarray = reach / n + 0.5 * d * (n - 1.0)
-        return speeds
+        return np.asarray(reach / n + 0.5 * d * (n - 1.0))
 
     def _share(self, first: np.ndarray, way: np.ndarray) -> float:
         """Share, 0 to 1, of a change of velocity `way` (3,) m/s that may follow the change `first`."""

@@ -11,12 +11,13 @@ from pydrake.multibody.inverse_kinematics import (
 )
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, InputPort, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, InputPort, LeafSystem, OutputPort
 from pydrake.systems.primitives import StateInterpolatorWithDiscreteDerivative
 
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.interpolator import CommandInterpolator
 from pinwm_drake.systems.arm.model import JOINTS, ArmModel
+from pinwm_drake.systems.ports import declare_value, declare_vector
 
 _MARGIN = 0.02  # rad, kept from the limits of the joints
 _SHARE = 0.95  # of the joints' greatest speeds
@@ -111,13 +112,13 @@ class ToolPose(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
     def __init__(self, height: float | None) -> None:
         """Declares the ports; `height` is in m, world, None for that of the desired state."""
         super().__init__()
-        self._height = height
-        self._state = self.DeclareVectorInputPort("desired_state", 6)
-        self.DeclareAbstractOutputPort("X_WP", lambda: AbstractValue.Make(RigidTransform()), self._CalcPose)
+        state = self.DeclareVectorInputPort("desired_state", 6)
 
-    def _CalcPose(self, context: Context, output: AbstractValue) -> None:
-        x, y, z = self._state.Eval(context)[:3]
-        output.set_value(RigidTransform([x, y, z if self._height is None else self._height]))
+        def pose(context: Context) -> RigidTransform:
+            x, y, z = state.Eval(context)[:3]
+            return RigidTransform([x, y, z if height is None else height])
+
+        declare_value(self, "X_WP", RigidTransform(), pose)
 
 
 class ToolState(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
@@ -134,11 +135,11 @@ class ToolState(LeafSystem):  # type: ignore[misc]  # pydrake has no usable type
     def __init__(self, body: BodyIndex) -> None:
         """Declares the ports; `body` is the tool's, whose frame is P."""
         super().__init__()
-        self._body = int(body)
-        self._poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
-        self._velocities = self.DeclareAbstractInputPort("body_velocities", AbstractValue.Make([SpatialVelocity()]))
-        self.DeclareVectorOutputPort("pusher_state", 6, self._CalcState)
+        poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        velocities = self.DeclareAbstractInputPort("body_velocities", AbstractValue.Make([SpatialVelocity()]))
 
-    def _CalcState(self, context: Context, output: BasicVector) -> None:
-        X_WP, V_WP = self._poses.Eval(context)[self._body], self._velocities.Eval(context)[self._body]
-        output.SetFromVector([*X_WP.translation(), *V_WP.translational()])
+        def state(context: Context) -> np.ndarray:
+            X_WP, V_WP = (port.Eval(context)[int(body)] for port in (poses, velocities))
+            return np.concatenate([X_WP.translation(), V_WP.translational()])
+
+        declare_vector(self, "pusher_state", 6, state)

@@ -10,7 +10,8 @@ from pydrake.systems.lcm import LcmInterfaceSystem
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.control import AddArmControl, ToolState
-from pinwm_drake.systems.arm.messages import AddCamera, AddCommands, AddState
+from pinwm_drake.systems.arm.gate import CommandGate
+from pinwm_drake.systems.arm.messages import AddCamera, AddState
 from pinwm_drake.systems.arm.model import REACH_HIGH, REACH_LOW, ArmModel
 from pinwm_drake.systems.arm.plant import AddArmView, MakeArmPlant
 from pinwm_drake.systems.sampling import whole_multiple
@@ -56,11 +57,10 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         self,
         setup: Setup,
         lcm: DrakeLcmInterface,
-        *,
-        contact: ContactName = "hydroelastic",
-        time_step: float = TIME_STEP,
-        latency: float = 0.0,
-        meshcat: Meshcat | None = None,
+        contact: ContactName,
+        time_step: float,
+        latency: float,
+        meshcat: Meshcat | None,
     ) -> None:
         """Assembles the diagram; arguments as for `MakeArmDriver`."""
         super().__init__()
@@ -80,7 +80,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         builder.Connect(tool.get_output_port(), control.pusher_state)
         builder.Connect(plant.get_state_output_port(self._arm.arm), control.arm_state)
         builder.Connect(control.desired_state, plant.get_desired_state_input_port(self._arm.arm))
-        gate = AddCommands(builder, lcm, link, self.limits.max_speed)
+        gate = builder.AddNamedSystem("command_gate", CommandGate(lcm, link, self.limits.max_speed))
         builder.Connect(gate.GetOutputPort("pusher_velocity_W"), control.pusher_velocity)
         builder.Connect(gate.GetOutputPort("command_time"), control.command_time)
         AddState(builder, lcm, link, tool.get_output_port(), gate.GetOutputPort("status"))
@@ -164,7 +164,7 @@ def MakeArmDriver(
     link = setup.scenario.lcm
     whole_multiple("lcm.image_period", link.image_period, link.period, "lcm.period")
     whole_multiple("lcm.period", link.period, time_step, "the plant's time step")
-    return ArmDriver(setup, lcm, contact=contact, time_step=time_step, latency=latency, meshcat=meshcat)
+    return ArmDriver(setup, lcm, contact, time_step, latency, meshcat)
 
 
 def arm_limits(setup: Setup) -> SafetyLimits:
@@ -187,5 +187,4 @@ def arm_limits(setup: Setup) -> SafetyLimits:
 
 
 def _moves_up(setup: Setup) -> bool:
-    """Flag: the task moves the pusher up and down too."""
     return 2 in setup.task.axis_indices

@@ -8,15 +8,15 @@ comes latches it at rest until a person arms a controller anew.
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
 from drake import lcmt_drake_signal  # type: ignore[import-untyped]  # LCM's types
 from pydrake.common.value import AbstractValue
 from pydrake.lcm import DrakeLcmInterface
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from pinwm_drake.systems.engines.lcm.hearing import LATCHED, LIVE, WAITING
 from pinwm_drake.systems.engines.lcm.messages import Mailbox
 from pinwm_drake.systems.engines.lcm.signal import COMMAND_NAMES
+from pinwm_drake.systems.ports import Immutable, declare_vector
 from pinwm_drake.systems.scenario.schema import LcmLink
 
 SECOND_SESSION, OLDER, EXPIRED, MALFORMED, TOO_FAST = 1, 2, 3, 4, 5  # of DRIVER_FAULTS
@@ -26,7 +26,7 @@ _SHARE = 1e-6  # of a time-out, by which times may be off
 
 
 @dataclass(frozen=True)
-class Gate:
+class Gate(Immutable):
     """State of a gate.
 
     Attributes:
@@ -46,10 +46,6 @@ class Gate:
     heard: float = -math.inf
     velocity: tuple[float, ...] = (0.0, 0.0, 0.0)
     used: frozenset[int] = frozenset()
-
-    def __deepcopy__(self, memo: dict[int, object]) -> "Gate":
-        """Copy that is the object itself, which never changes: Drake copies a state whenever it is set."""
-        return self
 
 
 def closed(gate: Gate, mode: int = WAITING, fault: int = 0) -> Gate:
@@ -121,14 +117,13 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         self._gate = self.DeclareAbstractState(AbstractValue.Make(Gate()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(link.period, 0.0, self._Update)
         held = {self.abstract_state_ticket(self._gate)}
-        self.DeclareVectorOutputPort("pusher_velocity_W", 3, self._CalcVelocity, held)
-        self.DeclareVectorOutputPort("command_time", 1, self._CalcTime, held)
-        self.DeclareVectorOutputPort("status", 4, self._CalcStatus, held)
+        declare_vector(self, "pusher_velocity_W", 3, lambda context: self._get(context).velocity, held)
+        declare_vector(self, "command_time", 1, lambda context: [max(self._get(context).heard, -1.0)], held)
+        declare_vector(self, "status", 4, self._CalcStatus, held)
 
     def gate(self, context: Context) -> Gate:
         """State of the gate, by the context of this system or of the outermost diagram around it."""
-        found: Gate = self._get(self.GetMyContextFromRoot(context))
-        return found
+        return self._get(self.GetMyContextFromRoot(context))
 
     def _get(self, context: Context) -> Gate:
         found: Gate = context.get_abstract_state(int(self._gate)).get_value()
@@ -142,12 +137,6 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         state.get_mutable_abstract_state(int(self._gate)).set_value(gate)
         return EventStatus.Succeeded()
 
-    def _CalcVelocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array(self._get(context).velocity))
-
-    def _CalcTime(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, max(self._get(context).heard, -1.0))
-
-    def _CalcStatus(self, context: Context, output: BasicVector) -> None:
+    def _CalcStatus(self, context: Context) -> list[int]:
         gate = self._get(context)
-        output.SetFromVector([gate.session, gate.sequence, gate.mode, gate.fault])
+        return [gate.session, gate.sequence, gate.mode, gate.fault]

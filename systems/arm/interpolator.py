@@ -6,6 +6,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from pinwm_drake.control.velocity_limiter import VelocityLimiter
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.systems.ports import declare_vector
 from pinwm_drake.systems.sampling import require_positive
 
 RATE = 200.0  # Hz
@@ -64,8 +65,8 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
         # A discrete update sees the command of a controller that acts, by an unrestricted one, at the same instant.
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._Update)
         held = {self.xd_ticket()}
-        self.DeclareVectorOutputPort("desired_state", 6, self._CalcDesiredState, held)
-        self.DeclareVectorOutputPort("live", 1, self._CalcLive, held)
+        declare_vector(self, "desired_state", 6, lambda context: self._state(context)[:6], held)
+        declare_vector(self, "live", 1, lambda context: self._state(context)[_LIVE:], held)
 
     def _Begin(self, context: Context, values: DiscreteValues) -> None:
         p_WP = self._measured.Eval(context)[:3]
@@ -74,7 +75,7 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
         values.get_mutable_vector(self._held).SetFromVector(_at_rest(p_WP, self._stamp.Eval(context)[0]))
 
     def _Update(self, context: Context, values: DiscreteValues) -> None:
-        held, time = context.get_discrete_state(self._held).value(), context.get_time()
+        held, time = self._state(context), context.get_time()
         v_WP, stamp, measured = self._velocity.Eval(context), self._stamp.Eval(context)[0], self._measured.Eval(context)
         # Where the last sample's velocity has led.
         p_WP = held[_P] + self.period * held[_V]
@@ -93,14 +94,10 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
         if length <= self.limits.max_lag:
             return v_WP
         away, v_WP = lag / length, self._limiter.shortened(v_WP)
-        led: np.ndarray = v_WP - max(float(v_WP @ away), 0.0) * away
-        return led
+        return np.asarray(v_WP - max(float(v_WP @ away), 0.0) * away)
 
-    def _CalcDesiredState(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state(self._held).value()[:6])
-
-    def _CalcLive(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, context.get_discrete_state(self._held).value()[_LIVE])
+    def _state(self, context: Context) -> np.ndarray:
+        return np.asarray(context.get_discrete_state(self._held).value())
 
 
 def _at_rest(p_WP: np.ndarray, stamp: float) -> np.ndarray:

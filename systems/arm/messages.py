@@ -12,8 +12,7 @@ from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.primitives import Multiplexer
 from pydrake.systems.sensors import ImageRgba8U
 
-from pinwm_drake.systems.arm.gate import CommandGate
-from pinwm_drake.systems.cameras.object_camera import AddCaptureRig, ObjectImage
+from pinwm_drake.systems.cameras.object_camera import AddObjectImage
 from pinwm_drake.systems.engines.lcm.signal import SignalSender
 from pinwm_drake.systems.sampling import period_index, whole_multiple
 from pinwm_drake.systems.scenario.schema import LcmLink
@@ -24,27 +23,17 @@ _NOISE = 1.0  # of 255 levels, rms
 _NAMES = ("px", "py", "pz", "vx", "vy", "vz", "session", "sequence", "mode", "fault")
 
 
-def AddCommands(builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink, max_speed: float) -> CommandGate:
-    """Adds the gate that takes commands.
+def AddState(
+    builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink, state: OutputPort, status: OutputPort
+) -> None:
+    """Adds the sender of the tool's `state` and of the gate's `status`.
 
     Args:
         builder: Builder of the diagram, which pumps `lcm`.
         lcm: LCM that the messages go through.
         link: Names of the channels, period and time-out.
-        max_speed: m/s, largest speed of a command.
-
-    Returns:
-        The gate, with the ports "pusher_velocity_W", "command_time" and "status".
-    """
-    return builder.AddNamedSystem("command_gate", CommandGate(lcm, link, max_speed))
-
-
-def AddState(
-    builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink, state: OutputPort, status: OutputPort
-) -> None:
-    """Adds the sender of the tool's `state` (6), p_WP [m] and v_WP [m/s], and of the gate's `status` (4).
-
-    Other arguments as for `AddCommands`.
+        state: Output (6): p_WP [m], v_WP [m/s] of the tool, world.
+        status: Output (4) of the `CommandGate`.
     """
     both = builder.AddNamedSystem("state_and_status", Multiplexer([state.size(), status.size()]))
     message = builder.AddNamedSystem("state_message", SignalSender(_NAMES))
@@ -71,10 +60,7 @@ def AddCamera(
         latency: s, from the moment that a picture shows to that at which it is sent.
     """
     camera, link = setup.camera, setup.scenario.lcm
-    rig = AddCaptureRig(builder, scene_graph, camera, _SUPERSAMPLING, setup.X_WC)
-    image = builder.AddNamedSystem("object_image", ObjectImage(camera.width, camera.height, _SUPERSAMPLING))
-    builder.Connect(rig.sensor.color_image_output_port(), image.GetInputPort("color_image"))
-    builder.Connect(rig.sensor.label_image_output_port(), image.GetInputPort("label_image"))
+    image = AddObjectImage(builder, scene_graph, camera, _SUPERSAMPLING, setup.X_WC)
     sender = builder.AddNamedSystem("image_sender", ImageSender(lcm, link, camera.width, camera.height, latency))
     builder.Connect(image.GetOutputPort("rgb"), sender.get_input_port())
 
@@ -135,15 +121,13 @@ class ImageSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         return found
 
     def _taken(self, context: Context) -> bytes:
-        """Message of the present picture, with noise."""
         time, picture = context.get_time(), np.array(self._rgb.Eval(context).data)
         # The noise of a moment, so that a context that is copied goes on the same.
         noise = np.random.default_rng(round(1e6 * time)).normal(0.0, _NOISE, (*picture.shape[:2], 3))
         seen = picture[..., 3] > 0
         noisy = np.clip(np.rint(picture[..., :3] + noise), 0, 254).astype(np.uint8)
         picture[..., :3][seen] = noisy[seen]
-        message: bytes = image_message(picture, time).encode()
-        return message
+        return bytes(image_message(picture, time).encode())
 
 
 def image_message(picture: np.ndarray, time: float) -> lcmt_image_array:

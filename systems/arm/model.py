@@ -90,5 +90,4 @@ class ArmModel:
                 f"pusher: got {p_WP.round(3).tolist()} m, out of the arm's reach; allowed: x and y of "
                 f"{list(REACH_LOW)} to {list(REACH_HIGH)} m, near the height of the task"
             )
-        found: np.ndarray = result.GetSolution(q)
-        return found
+        return np.asarray(result.GetSolution(q))

@@ -23,10 +23,11 @@ from pydrake.geometry import (
     SceneGraph,
 )
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort, ValueProducer
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.sensors import CameraInfo, ImageLabel16I, ImageRgba8U, RgbdSensor
 
 from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.systems.ports import declare_cache, declare_image, declare_value
 
 _RENDERER = "vtk"
 _NEAR, _FAR = 0.05, 20.0  # m
@@ -183,24 +184,29 @@ class ObjectImage(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         size = (supersampling * width, supersampling * height)
         self._colour = self.DeclareAbstractInputPort("color_image", AbstractValue.Make(ImageRgba8U(*size)))
         self._label = self.DeclareAbstractInputPort("label_image", AbstractValue.Make(ImageLabel16I(*size)))
-        self._picture = self.DeclareCacheEntry(
-            "picture",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._CalcPicture),
-            {self._colour.ticket(), self._label.ticket()},
-        )
-        made = {self._picture.ticket()}
-        self.DeclareAbstractOutputPort(
-            "rgb", lambda: AbstractValue.Make(ImageRgba8U(width, height)), self._CalcRgb, made
-        )
-        self.DeclareAbstractOutputPort("rgb_batch", lambda: AbstractValue.Make(object()), self._CalcRgbBatch, made)
+        inputs = {self._colour.ticket(), self._label.ticket()}
+        picture = declare_cache(self, "picture", self._CalcPicture, inputs)
+        made = {picture.ticket()}
+        declare_image(self, "rgb", (width, height), lambda context: picture.Eval(context), made)
+        declare_value(self, "rgb_batch", object(), lambda context: picture.Eval(context)[None], made)
 
-    def _CalcPicture(self, context: Context, value: AbstractValue) -> None:
+    def _CalcPicture(self, context: Context) -> np.ndarray:
         colour = np.asarray(self._colour.Eval(context).data)[..., :3]
         label = np.asarray(self._label.Eval(context).data)[..., 0]
-        value.set_value(downsample(colour, label == int(OBJECT_LABEL), self._factor))
+        return downsample(colour, label == int(OBJECT_LABEL), self._factor)
 
-    def _CalcRgb(self, context: Context, output: AbstractValue) -> None:
-        output.get_mutable_value().mutable_data[:] = self._picture.Eval(context)
 
-    def _CalcRgbBatch(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._picture.Eval(context)[None])
+def AddObjectImage(
+    builder: DiagramBuilder,
+    scene_graph: SceneGraph,
+    camera: Camera,
+    supersampling: int,
+    X_WC: RigidTransform,
+    renderer: RenderEngineVtkParams | None = None,
+) -> ObjectImage:
+    """Adds a camera, and the "object_image" that cuts the object out of its pictures; see `AddCaptureRig`."""
+    rig = AddCaptureRig(builder, scene_graph, camera, supersampling, X_WC, renderer=renderer)
+    image = builder.AddNamedSystem("object_image", ObjectImage(camera.width, camera.height, supersampling))
+    builder.Connect(rig.sensor.color_image_output_port(), image.GetInputPort("color_image"))
+    builder.Connect(rig.sensor.label_image_output_port(), image.GetInputPort("label_image"))
+    return image

@@ -1,6 +1,5 @@
 """Further cameras on an object made of surfels: in a robot's hand, or a second view."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +8,8 @@ import trimesh
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import RenderLabel
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, CacheEntry, Context, DependencyTicket, LeafSystem, ValueProducer
-from pydrake.systems.sensors import ConvertDepth32FTo16U, ImageDepth16U, ImageDepth32F, ImageLabel16I, ImageRgba8U
+from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.sensors import ConvertDepth32FTo16U, ImageDepth16U, ImageDepth32F, ImageLabel16I
 
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.rendering.camera import Camera
@@ -21,6 +20,7 @@ from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
 from pinwm_drake.spatial.rotations import normalize_quaternion
 from pinwm_drake.systems.cameras.object_camera import OBJECT_LABEL
 from pinwm_drake.systems.cameras.surfel_images import cut_out
+from pinwm_drake.systems.ports import declare_cache, declare_image, declare_value, declare_vector
 
 _NEAR = 1e-3  # m, of the mesh
 _TOO_CLOSE = 0.0  # as in RgbdSensor's depth images; too far is infinite
@@ -94,43 +94,24 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         self._pose = self.DeclareAbstractInputPort("X_WC", AbstractValue.Make(poses))
         self._state = self.DeclareVectorInputPort("object_state", 13 * num_worlds)
         inputs = {self._pose.ticket(), self._state.ticket()}
-        self._view = self._declare_cache("view", lambda context: self._render(context, 1, full=True), inputs)
-        size = (camera.width, camera.height)
-        shown = {self._view.ticket()}
-        for name, image, calc in (
-            ("color_image", ImageRgba8U, self._CalcColor),
-            ("depth_image_32f", ImageDepth32F, self._CalcDepth),
-            ("depth_image_16u", ImageDepth16U, self._CalcDepth16),
-            ("label_image", ImageLabel16I, self._CalcLabel),
-        ):
-            self.DeclareAbstractOutputPort(name, lambda image=image: AbstractValue.Make(image(*size)), calc, shown)
+        self._view = declare_cache(self, "view", lambda context: self._render(context, 1, full=True), inputs)
+        size, shown = (camera.width, camera.height), {self._view.ticket()}
+        declare_image(self, "color_image", size, self._color, shown)
+        declare_image(
+            self, "depth_image_32f", size, lambda context: self._depth(context)[..., None], shown, ImageDepth32F
+        )
         self.DeclareAbstractOutputPort(
-            "body_pose_in_world",
-            lambda: AbstractValue.Make(RigidTransform()),
-            lambda context, output: output.set_value(self._poses(context)[0]),
-            {self._pose.ticket()},
+            "depth_image_16u", lambda: AbstractValue.Make(ImageDepth16U(*size)), self._CalcDepth16, shown
         )
-        self.DeclareVectorOutputPort("image_time", 1, self._CalcTime, {self.time_ticket()})
+        declare_image(self, "label_image", size, self._labels, shown, ImageLabel16I)
+        pose = {self._pose.ticket()}
+        declare_value(self, "body_pose_in_world", RigidTransform(), lambda context: self._poses(context)[0], pose)
+        declare_vector(self, "image_time", 1, lambda context: [context.get_time()], {self.time_ticket()})
         if num_worlds > 1:
-            self._batch = self._declare_cache("views", self._render_batch, inputs)
-            self.DeclareAbstractOutputPort(
-                "color_images",
-                lambda: AbstractValue.Make(object()),
-                lambda context, output: output.set_value(self._batch.Eval(context)),
-                {self._batch.ticket()},
-            )
-
-    def _declare_cache(
-        self, name: str, calc: Callable[[Context], object], prerequisites: set[DependencyTicket]
-    ) -> CacheEntry:
-        """Declares a cache entry that keeps the result of `calc`."""
-        producer = ValueProducer(
-            allocate=lambda: AbstractValue.Make(object()), calc=lambda context, value: value.set_value(calc(context))
-        )
-        return self.DeclareCacheEntry(name, producer, prerequisites)
+            batch = declare_cache(self, "views", self._render_batch, inputs)
+            declare_value(self, "color_images", object(), lambda context: batch.Eval(context), {batch.ticket()})
 
     def _poses(self, context: Context) -> list[RigidTransform]:
-        """Poses X_WC of the cameras, one for each world."""
         poses = self._pose.Eval(context)
         if self.num_worlds == 1:
             return [poses]
@@ -139,7 +120,6 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         return list(poses)
 
     def _render(self, context: Context, worlds: int, *, full: bool) -> "_Views":
-        """Renders the views of the first worlds."""
         poses = self._poses(context)[:worlds]
         state = torch.tensor(self._state.Eval(context)).reshape(-1, 13)[:worlds]
         X_WC = Pose(
@@ -163,24 +143,17 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         views = self._render(context, self.num_worlds, full=False)
         return cut_out(views.images, views.shown)
 
-    def _CalcColor(self, context: Context, output: AbstractValue) -> None:
+    def _color(self, context: Context) -> np.ndarray:
         view: _Views = self._view.Eval(context)
-        output.get_mutable_value().mutable_data[:] = cut_out(view.images, view.shown)[0]
-
-    def _CalcDepth(self, context: Context, output: AbstractValue) -> None:
-        output.get_mutable_value().mutable_data[..., 0] = self._depth(context)
+        return cut_out(view.images, view.shown)[0]
 
     def _CalcDepth16(self, context: Context, output: AbstractValue) -> None:
         metres = ImageDepth32F(self.camera.width, self.camera.height)
         metres.mutable_data[..., 0] = self._depth(context)
         ConvertDepth32FTo16U(metres, output.get_mutable_value())
 
-    def _CalcLabel(self, context: Context, output: AbstractValue) -> None:
-        shown = self._view.Eval(context).shown[0]
-        output.get_mutable_value().mutable_data[..., 0] = np.where(shown, self._label, int(RenderLabel.kEmpty))
-
-    def _CalcTime(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, context.get_time())
+    def _labels(self, context: Context) -> np.ndarray:
+        return np.where(self._view.Eval(context).shown[0], self._label, int(RenderLabel.kEmpty))[..., None]
 
     def _depth(self, context: Context) -> np.ndarray:
         """Depths (height, width) float32 [m], within the range or at one of its marks."""

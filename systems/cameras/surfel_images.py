@@ -79,8 +79,7 @@ class WorldImages:
         depth = mesh_depth(_turned(q_CO, vertices) + p_CO[:, None], faces, self.camera, _NEAR)
         vertices, faces = self._pusher
         corners = _turned(X_CW[:, :4], vertices + p_WP[:, None]) + X_CW[:, None, 4:]
-        visible: np.ndarray = depth < mesh_depth(corners, faces, self.camera, _NEAR)
-        return visible
+        return np.asarray(depth < mesh_depth(corners, faces, self.camera, _NEAR))
 
 
 def cut_out(image: Rendering, shown: np.ndarray) -> np.ndarray:
@@ -108,8 +107,7 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Quaternion products a b of a and b, (W, 4) each, wxyz."""
     w, x, y, z = a.T
     left = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
-    product: np.ndarray = np.einsum("ijw,wj->wi", left, b)
-    return product
+    return np.asarray(np.einsum("ijw,wj->wi", left, b))
 
 
 def _turned(q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -121,5 +119,4 @@ def _turned(q: np.ndarray, v: np.ndarray) -> np.ndarray:
     R[:, 0, 1], R[:, 1, 0] = 2 * (x * y + w * z), 2 * (x * y - w * z)
     R[:, 0, 2], R[:, 2, 0] = 2 * (x * z - w * y), 2 * (x * z + w * y)
     R[:, 1, 2], R[:, 2, 1] = 2 * (y * z + w * x), 2 * (y * z - w * x)
-    turned: np.ndarray = v @ R
-    return turned
+    return np.asarray(v @ R)

@@ -5,13 +5,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, State
 from pydrake.systems.sensors import ImageRgba8U
 
 from pinwm_drake.control.pilot import Acting, ControlStatus, Inputs, Memory, Pilot
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.envs.policy_scene import check_scene
+from pinwm_drake.systems.ports import Immutable, declare_value, declare_vector
 from pinwm_drake.systems.sampling import period_index, whole_multiple
 from pinwm_drake.systems.station.station import SceneStation
 
@@ -19,15 +20,11 @@ _SESSIONS = 1 << 48  # whole numbers that a double holds
 
 
 @dataclass(frozen=True, eq=False)
-class _Held:
+class _Held(Immutable):
     """State of the controller: the pilot's, and the session in which it commands a robot; 0 unless armed."""
 
     memory: Memory = field(default_factory=Memory)
     session: int = 0
-
-    def __deepcopy__(self, memo: dict[int, object]) -> "_Held":
-        """Copy that is the object itself, which never changes: Drake copies a state whenever it is set."""
-        return self
 
 
 class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
@@ -90,12 +87,13 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
         self._fault = self.DeclareAbstractInputPort("fault", AbstractValue.Make(""))
         self._held = self.DeclareAbstractState(AbstractValue.Make(_Held()))
         held = {self.abstract_state_ticket(self._held)}
-        self.DeclareVectorOutputPort("pusher_velocity_W", 3, self._CalcVelocity, held)
-        self.DeclareVectorOutputPort("raw_action", spec.action_size, self._CalcRawAction, held)
-        self.DeclareAbstractOutputPort("estimate", lambda: AbstractValue.Make(object()), self._CalcEstimate, held)
-        self.DeclareAbstractOutputPort("status", lambda: AbstractValue.Make(ControlStatus()), self._CalcStatus, held)
-        self.DeclareVectorOutputPort("command_time", 1, self._CalcCommandTime, held)
-        self.DeclareVectorOutputPort("session", 1, self._CalcSession, held)
+        get, none = self._get, np.full(spec.action_size, np.nan)
+        declare_vector(self, "pusher_velocity_W", 3, lambda mine: get(mine).memory.safety.v_WP, held)
+        declare_vector(self, "raw_action", len(none), lambda mine: get(mine).memory.raw_action or none, held)
+        declare_value(self, "estimate", object(), lambda mine: np.array(get(mine).memory.state), held)
+        declare_value(self, "status", ControlStatus(), lambda mine: get(mine).memory.status, held)
+        declare_vector(self, "command_time", 1, lambda mine: [get(mine).memory.command_time], held)
+        declare_vector(self, "session", 1, lambda mine: [get(mine).session], held)
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Update)
 
     def Arm(self, context: Context) -> None:
@@ -155,24 +153,6 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
             return EventStatus.DidNothing()
         state.get_mutable_abstract_state(int(self._held)).set_value(_of(held, memory))
         return EventStatus.Succeeded()
-
-    def _CalcVelocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._get(context).memory.safety.v_WP)
-
-    def _CalcRawAction(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._get(context).memory.raw_action or np.full(self.spec.action_size, np.nan))
-
-    def _CalcStatus(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._get(context).memory.status)
-
-    def _CalcCommandTime(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._get(context).memory.command_time)
-
-    def _CalcEstimate(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(np.array(self._get(context).memory.state))
-
-    def _CalcSession(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._get(context).session)
 
 
 def AddPolicyController(

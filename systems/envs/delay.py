@@ -51,8 +51,7 @@ class Delay:
         self._past = np.concatenate([asked[None], self._past[:-1]])
         whole = np.floor(self._latency).astype(int)
         share, worlds = (self._latency - whole)[:, None], np.arange(len(whole))
-        late: np.ndarray = (1.0 - share) * self._past[whole, worlds] + share * self._past[whole + 1, worlds]
-        return late
+        return np.asarray((1.0 - share) * self._past[whole, worlds] + share * self._past[whole + 1, worlds])
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Latencies and past actions by name, for `set_state`; nothing where there is no latency."""

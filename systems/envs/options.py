@@ -50,7 +50,6 @@ class EnvOptions:
     view: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Validates the numbers of steps; scene and task validate the rest."""
         if self.max_steps is not None and self.max_steps < 1:
             raise ParameterError(f"max_steps: got {self.max_steps}; allowed: 1 or more")
         if self.history < 0:

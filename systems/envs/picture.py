@@ -65,5 +65,4 @@ class TaskPicture:
             faces: (m, 3) indices of the corners of its triangles.
         """
         vertices_C = self._X_CW.multiply(vertices_W.T).T
-        seen: np.ndarray = np.isfinite(mesh_depth(vertices_C[None], faces, self._camera, _NEAR)[0])
-        return seen
+        return np.asarray(np.isfinite(mesh_depth(vertices_C[None], faces, self._camera, _NEAR)[0]))

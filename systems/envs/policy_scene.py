@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.errors import ParameterError
@@ -128,10 +128,11 @@ def spec_environment(
     camera = spec.camera
     if camera.width != camera.height:
         raise ParameterError(f"camera: got {camera.width} by {camera.height} px; allowed: as wide as high")
+    wanted: Task | Mapping[str, Any] | None = changes.pop("task", None)
     options = EnvOptions(
         observation="state" if spec.observes == "state" else "rgb",
         frames=spec.frames,
-        task=_task(spec.task, changes.pop("task", None)),
+        task=wanted if isinstance(wanted, Task) else spec.task.changed(wanted or {}),
         max_steps=spec.max_steps,
         max_translation=spec.max_translation,
         image_size=camera.width,
@@ -144,10 +145,6 @@ def spec_environment(
     believed, options = load_setup(scene), changed_options(options, changes)
     check_scene(spec, environment_setup(believed, options))
     return TaskEnv(truth(believed), engine, options)
-
-
-def _task(task: Task, wanted: Task | Mapping[str, Any] | None) -> Task:
-    return wanted if isinstance(wanted, Task) else task.changed(wanted or {})
 
 
 def check_scene(spec: PolicySpec, setup: Setup) -> None:
@@ -177,7 +174,8 @@ def check_scene(spec: PolicySpec, setup: Setup) -> None:
         given = f"{size[0]} by {size[1]} px, fx {float(setup.camera.intrinsics[0]):g}"
         allowed = f"the policy's, {camera.width} by {camera.height} px, fx {camera.fx:g}"
         raise ParameterError(f"camera: got {given}; allowed: {allowed}")
-    X_WC = RigidTransform(RotationMatrix(Quaternion(wxyz=_unit(camera.q_WC))), camera.p_WC)
+    q_WC = np.array(camera.q_WC)
+    X_WC = RigidTransform(Quaternion(wxyz=q_WC / np.linalg.norm(q_WC)), camera.p_WC)
     X = X_WC.inverse() @ setup.X_WC
     off, turned = float(np.linalg.norm(X.translation())), abs(X.rotation().ToAngleAxis().angle())
     if off > _OFF or turned > _TURNED:
@@ -236,9 +234,3 @@ def _sha256(path: Path) -> str:
 
 def _floats(values: Any) -> Any:
     return tuple(float(value) for value in values)
-
-
-def _unit(q: tuple[float, ...]) -> np.ndarray:
-    value = np.array(q)
-    unit: np.ndarray = value / np.linalg.norm(value)
-    return unit

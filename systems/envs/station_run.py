@@ -166,8 +166,7 @@ class StationRun:
 
     def images(self) -> np.ndarray:
         """Images (W, height, width, 4) uint8 RGBA of all worlds, as the station's port has them."""
-        images: np.ndarray = self._rgb.Eval(self._context)
-        return images
+        return np.asarray(self._rgb.Eval(self._context))
 
     def images_of(self, worlds: np.ndarray) -> np.ndarray:
         """Images (m, height, width, 4) uint8 RGBA of the twin's worlds with indices (m,), without rendering others."""

@@ -104,9 +104,9 @@ def planar_body(setup: Setup) -> PlanarBody:
     )
 
 
-def rotated(vector: np.ndarray, yaw: float) -> np.ndarray:
-    """Vectors (..., 2) turned by an angle [rad]."""
-    c, s = math.cos(yaw), math.sin(yaw)
+def rotated(vector: np.ndarray, yaw: float | np.ndarray) -> np.ndarray:
+    """Vectors (..., 2) turned by an angle [rad], or (n, 2) by an angle (n,) each."""
+    c, s = np.cos(yaw), np.sin(yaw)
     return np.stack([c * vector[..., 0] - s * vector[..., 1], s * vector[..., 0] + c * vector[..., 1]], axis=-1)
 
 

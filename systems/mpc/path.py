@@ -53,15 +53,13 @@ class Walk:
             room = np.minimum(room, outline.nearest(rotated(p + share * tried - pose[:2], -pose[2]))[0])
         now = float(outline.nearest(rotated(p - x[:2], -x[2])[None])[0][0])
         enough = np.flatnonzero(room > min(self.detours.clear - _SHORT, now - _NEARER))
-        found: np.ndarray = tried[enough[0] if len(enough) else int(np.argmax(room))]
-        return found
+        return np.asarray(tried[enough[0] if len(enough) else int(np.argmax(room))])
 
     def allowed(self, p: np.ndarray, d_W: np.ndarray) -> np.ndarray:
         """Translation (2) m like d_W (2) m, but no longer than the longest, and not out of the box from p (2) m."""
         d_W = d_W * min(1.0, self._longest / max(float(np.hypot(*d_W)), 1e-12))
         # A pusher that is outside may stay or come back.
-        inside: np.ndarray = np.clip(p + d_W, np.minimum(self._low, p), np.maximum(self._high, p)) - p
-        return inside
+        return np.asarray(np.clip(p + d_W, np.minimum(self._low, p), np.maximum(self._high, p)) - p)
 
     def _ahead(self, x: np.ndarray) -> np.ndarray:
         """Poses of B (_LOOKS, 3), m and rad, of an object that nothing pushes, in the next action."""
@@ -142,8 +140,7 @@ class Detours:
     def outside(self, points: np.ndarray) -> np.ndarray:
         """Points (m, 2) m of which those that are too near are moved straight out."""
         distance, out = self._outline.nearest(points)
-        moved: np.ndarray = points + np.maximum(self.clear + 1e-4 - distance, 0.0)[:, None] * out
-        return moved
+        return np.asarray(points + np.maximum(self.clear + 1e-4 - distance, 0.0)[:, None] * out)
 
     def _straight(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """Lengths (m, k) m of the straight ways from starts (m, 2) m to ends (k, 2) m; infinite through the object."""

@@ -46,7 +46,6 @@ class PushMpcPolicy:
     """
 
     def __init__(self, setup: Setup, task: PushTask, max_translation: float | None = None) -> None:
-        """Makes the planner; see `make_planner`."""
         self.planner = make_planner(setup, task, max_translation)
         self.max_translation, self._goal = self.planner.max_translation, np.array(task.goal, float)
 

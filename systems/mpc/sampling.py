@@ -63,7 +63,6 @@ class SamplingOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         require("samples", self.samples, 2 <= self.samples <= 65536, "2 to 65536")
         require("horizon", self.horizon, 1 <= self.horizon <= 1000, "1 to 1000")
         for name in ("iterations", "first_iterations", "polish"):
@@ -200,8 +199,7 @@ class SamplingMpc:
         away = p_WP - object_state[4:7]
         yaw = 0.0 if self.task.heading is None else math.atan2(away[1], away[0])
         axes = self.task.axis_indices
-        turn: np.ndarray = RotationMatrix.MakeZRotation(yaw).matrix()[np.ix_(axes, axes)]
-        return turn
+        return np.asarray(RotationMatrix.MakeZRotation(yaw).matrix()[np.ix_(axes, axes)])
 
     def reseed(self, seed: int | Sequence[int]) -> None:
         """Draws from now on as a planner does that was made with this seed."""
@@ -269,7 +267,6 @@ class SamplingMpcPolicy:
         max_translation: float | None = None,
         options: SamplingOptions | None = None,
     ) -> None:
-        """Makes the planner; see `SamplingMpc`."""
         self.planner = SamplingMpc(setup, task, max_translation, options)
 
     def predict(

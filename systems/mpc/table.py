@@ -1,5 +1,6 @@
 """Table of single pushes of an object at rest, and the choice of one or two that bring it to a goal soonest."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,11 +91,10 @@ class PushTable:
         # The time for which the object slides on, in actions.
         self._roll = rolling[good, 0] / body.horizon
         # The pusher's way from its end of each push to each place, in actions.
-        pusher = rotated_rows(pusher[good] - self._rest[:, :2], -self._rest[:, 2])
+        pusher = rotated(pusher[good] - self._rest[:, :2], -self._rest[:, 2])
         self._between = detours.lengths(pusher, self._starts) / self._longest
 
     def __len__(self) -> int:
-        """Number of pushes in the table."""
         return len(self._place)
 
     def choose(
@@ -126,7 +126,9 @@ class PushTable:
         begin = np.maximum(np.ceil(there), waiting)[self._place] + self._used
         begin += _NO_CHOICE * (self._edge == (-1 if barren is None else barren))
         # The goal, seen from the object.
-        target = np.concatenate([rotated(goal[:2] - rest[:2], -rest[2]), [_turn(goal[2] - rest[2])]])
+        target = np.concatenate(
+            [rotated(goal[:2] - rest[:2], -rest[2]), [math.remainder(goal[2] - rest[2], 2 * math.pi)]]
+        )
         single = begin + self._roll
         now = _norm(target / scales)
         one = single + missed_cost(_norm((self._rest - target) / scales), now)
@@ -176,16 +178,4 @@ def missed_cost(miss: np.ndarray, now: np.ndarray) -> np.ndarray:
 
 
 def _norm(error: np.ndarray) -> np.ndarray:
-    """Norms (...) of errors (..., 3)."""
-    norm: np.ndarray = np.sqrt(np.einsum("...i,...i->...", error, error))
-    return norm
-
-
-def rotated_rows(vectors: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """Vectors (n, 2), each turned by an angle of its own, (n,) rad."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.stack([c * vectors[:, 0] - s * vectors[:, 1], s * vectors[:, 0] + c * vectors[:, 1]], axis=1)
-
-
-def _turn(angle: float) -> float:
-    return float(np.remainder(angle + np.pi, 2 * np.pi) - np.pi)
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", error, error)))

@@ -53,7 +53,6 @@ class WaypointOptions:
     planner: SamplingOptions = field(default_factory=lambda: SamplingOptions(horizon=12, first_iterations=15))
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         for name, least in (("attempts", 1), ("replays", 1), ("rounds", 0), ("plans", 2), ("starts", 1)):
             require(name, getattr(self, name), getattr(self, name) >= least, f"{least} or more")
         for name in ("share", "noise", "change"):
@@ -179,11 +178,9 @@ class _Search:
         self._mean, self._deviation = arrays["mean"], arrays["deviation"]
 
     def _tries(self) -> bool:
-        """Flag: the next thing is an attempt."""
         return self.attempts < self._options.attempts and self.best.share < self._options.share
 
     def _attempt(self) -> None:
-        """Plans from one start, and replays the plan."""
         number, self.attempts = self.attempts, self.attempts + 1
         generator = np.random.default_rng([self._seed, number])
         self._planner.reseed([self._seed, number, 1])
@@ -239,8 +236,7 @@ class _Search:
 
     def _bounded(self, actions: np.ndarray) -> np.ndarray:
         """Actions (horizon, n) as the task carries them out, of a length of 1 at most."""
-        bounded: np.ndarray = self._replays.task.translation(actions, 1.0)[:, self._replays.task.axis_indices]
-        return bounded
+        return np.asarray(self._replays.task.translation(actions, 1.0)[:, self._replays.task.axis_indices])
 
     def _draw(self, number: int, generator: np.random.Generator) -> list[Place]:
         """Starts of replays, with the pusher a little off."""
@@ -250,8 +246,7 @@ class _Search:
 
     def _noise(self, number: int, generator: np.random.Generator) -> np.ndarray:
         """Noise (number, horizon, n) on the actions of replays."""
-        noise: np.ndarray = generator.normal(0.0, self._options.noise, (number, *self._mean.shape))
-        return noise
+        return np.asarray(generator.normal(0.0, self._options.noise, (number, *self._mean.shape)))
 
     def _place(self, places: list[Place]) -> np.ndarray:
         """Begins episodes of the training from places (W); gives the turns (W, n, n) of a plan's actions there."""

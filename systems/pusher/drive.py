@@ -3,6 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from pinwm_drake.systems.ports import declare_vector
 from pinwm_drake.systems.sampling import period_index
 
 _P, _V, _INDEX = slice(0, 3), slice(3, 6), 6
@@ -37,12 +38,8 @@ class PusherDrive(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         self._velocity = self.DeclareVectorInputPort("pusher_velocity_W", 3)
         self._held = self.DeclareDiscreteState(BasicVector(_at_rest(p_WP)))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._Sample)
-        self.DeclareVectorOutputPort(
-            "desired_state",
-            6,
-            self._CalcDesiredState,
-            {self.time_ticket(), self.xd_ticket(), self._velocity.ticket()},
-        )
+        sources = {self.time_ticket(), self.xd_ticket(), self._velocity.ticket()}
+        declare_vector(self, "desired_state", 6, self._CalcDesiredState, sources)
 
     def SetPosition(self, context: Context, p_WP: np.ndarray) -> None:
         """Starts anew at p_WP (3,) m, at rest until the next sample; the context is that of this system."""
@@ -57,16 +54,15 @@ class PusherDrive(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         """Position p_WP (3,) m that the pusher is to have at the index-th sample; after a jump of time the last one."""
         return held[_P] + self._period * held[_V] if index == held[_INDEX] + 1 else held[_P]
 
-    def _CalcDesiredState(self, context: Context, output: BasicVector) -> None:
+    def _CalcDesiredState(self, context: Context) -> np.ndarray:
         t, held = context.get_time(), context.get_discrete_state(self._held).value()
         index = period_index(t, self._period)
         p, v = held[_P], held[_V]
         since = t - index * self._period
         if index != held[_INDEX] and since < _SHARE * self._period:
             p, v = self._position(held, index), self._velocity.Eval(context)
-        output.SetFromVector(np.concatenate([p + (since + self._time_step) * v, v]))
+        return np.concatenate([p + (since + self._time_step) * v, v])
 
 
 def _at_rest(p_WP: np.ndarray) -> np.ndarray:
-    """State of the drive before any sample."""
     return np.array([*np.asarray(p_WP, float).reshape(3), 0.0, 0.0, 0.0, -1.0])

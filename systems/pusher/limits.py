@@ -2,9 +2,10 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.ports import declare_vector
 from pinwm_drake.systems.sampling import require_positive
 
 
@@ -48,11 +49,10 @@ class PusherLimits(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         velocity = self.DeclareVectorInputPort("pusher_velocity_W", 3 * num_worlds)
         state = self.DeclareVectorInputPort("pusher_state", 6 * num_worlds)
         self._velocity, self._state = velocity, state
-        self.DeclareVectorOutputPort(
-            "pusher_velocity_W", 3 * num_worlds, self._CalcVelocity, {velocity.ticket(), state.ticket()}
-        )
+        inputs = {velocity.ticket(), state.ticket()}
+        declare_vector(self, "pusher_velocity_W", 3 * num_worlds, self._CalcVelocity, inputs)
 
-    def _CalcVelocity(self, context: Context, output: BasicVector) -> None:
+    def _CalcVelocity(self, context: Context) -> np.ndarray:
         p_WP = self._state.Eval(context).reshape(-1, 6)[:, :3]
         v_WP = shortened(self._velocity.Eval(context).reshape(-1, 3), self._max_speed)
         # Outside of the box, zero is the velocity nearest to the wall that leads no farther away.
@@ -60,7 +60,7 @@ class PusherLimits(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         up = np.maximum((self._high - p_WP) * self._rate, 0.0)
         v_WP = np.minimum(np.maximum(v_WP, down), up)
         # A position that is no finite number shows in its limits.
-        output.SetFromVector(finite(v_WP, down + up).ravel())
+        return finite(v_WP, down + up).ravel()
 
 
 def shortened(vectors: np.ndarray, longest: float) -> np.ndarray:

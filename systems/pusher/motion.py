@@ -8,6 +8,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericP
 
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.scene import pusher_motion
+from pinwm_drake.systems.ports import declare_vector
 from pinwm_drake.systems.sampling import period_index, require_positive
 
 
@@ -35,7 +36,6 @@ class StraightPush:
     delay: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validates the numbers; see the class for what is allowed."""
         if not (self.speed > 0 and self.acceleration > 0 and self.distance >= self.speed**2 / self.acceleration):
             raise ValueError(f"{self}: allowed: a distance of speed^2 / acceleration or more, all three positive")
 
@@ -100,15 +100,15 @@ class ScriptedPush(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         stand = StraightPush(np.zeros(3), np.array([1.0, 0.0, 0.0]), 1.0, 1.0, 1.0, math.inf)
         self._push = self.DeclareNumericParameter(BasicVector(stand.to_vector()))
         parameter = self.numeric_parameter_ticket(NumericParameterIndex(self._push))
-        self.DeclareVectorOutputPort("pusher_velocity_W", 3, self._CalcVelocity, {self.time_ticket(), parameter})
+        declare_vector(self, "pusher_velocity_W", 3, self._CalcVelocity, {self.time_ticket(), parameter})
 
     def SetPush(self, context: Context, push: StraightPush) -> None:
         """Sets the push of this system's context."""
         context.get_mutable_numeric_parameter(self._push).SetFromVector(push.to_vector())
 
-    def _CalcVelocity(self, context: Context, output: BasicVector) -> None:
+    def _CalcVelocity(self, context: Context) -> np.ndarray:
         push = StraightPush.from_vector(context.get_numeric_parameter(self._push).CopyToVector())
-        output.SetFromVector(push.average_velocity(period_index(context.get_time(), self._period), self._period))
+        return push.average_velocity(period_index(context.get_time(), self._period), self._period)
 
 
 class TrajectoryReplay(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
@@ -141,13 +141,13 @@ class TrajectoryReplay(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
         motion = pusher_motion(trajectory, start, periods, period)
         self._v_WP = motion.V_WP[:, 3:].numpy()
         self._p_WP = motion.p_WP.numpy()
-        self.DeclareVectorOutputPort("pusher_velocity_W", 3, self._CalcVelocity, {self.time_ticket()})
+        declare_vector(self, "pusher_velocity_W", 3, self._CalcVelocity, {self.time_ticket()})
 
     @property
     def start_position(self) -> np.ndarray:
         """Position p_WP (3,) m, world, that the pusher has to have at the context's time 0."""
         return self._p_WP.copy()
 
-    def _CalcVelocity(self, context: Context, output: BasicVector) -> None:
+    def _CalcVelocity(self, context: Context) -> np.ndarray:
         k = period_index(context.get_time(), self._period)
-        output.SetFromVector(self._v_WP[k] if 0 <= k < len(self._v_WP) else np.zeros(3))
+        return np.asarray(self._v_WP[k] if 0 <= k < len(self._v_WP) else np.zeros(3))

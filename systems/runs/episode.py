@@ -44,8 +44,7 @@ class Record:
     @property
     def displacement(self) -> np.ndarray:
         """Displacement (3,) m, world, of the object's origin from its first place to its last."""
-        moved: np.ndarray = self.object_state[-1, 4:7] - self.object_state[0, 4:7]
-        return moved
+        return np.asarray(self.object_state[-1, 4:7] - self.object_state[0, 4:7])
 
     @property
     def rotation(self) -> float:
@@ -56,8 +55,7 @@ class Record:
     def quaternions(self) -> np.ndarray:
         """Orientations (n, 4) wxyz of the object, unit norm."""
         q_WO = self.object_state[:, :4]
-        unit: np.ndarray = q_WO / np.linalg.norm(q_WO, axis=1, keepdims=True)
-        return unit
+        return np.asarray(q_WO / np.linalg.norm(q_WO, axis=1, keepdims=True))
 
     def object_poses(self) -> ObjectPoses:
         """The object's poses, as captures hold them."""

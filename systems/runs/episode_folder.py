@@ -25,7 +25,6 @@ class EpisodeFolder:
     """Takes images as they come, and tables in the end: camera.json, frames.csv, trajectory.csv, object_poses.csv."""
 
     def __init__(self, folder: Path, setup: Setup) -> None:
-        """Takes an existing folder, and the setup whose camera takes the images."""
         self._folder, self._setup = folder, setup
         self._names: list[str] = []
         self._times: list[float] = []

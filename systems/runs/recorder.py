@@ -82,7 +82,6 @@ class SceneRecorder(ScriptedStation):
         rates: Rates,
         forces: bool = False,
     ) -> None:
-        """Takes the diagram, and what is in it."""
         super().__init__(diagram, station, script)
         self.rig, self.rates, self.forces = rig, rates, forces
 

@@ -19,8 +19,7 @@ def is_slow(object_state: np.ndarray) -> np.ndarray:
         (...) bool.
     """
     speed, turn = (np.linalg.norm(object_state[..., part], axis=-1) for part in (np.s_[10:13], np.s_[7:10]))
-    slow: np.ndarray = (speed < REST_SPEED) & (turn < REST_TURN)
-    return slow
+    return np.asarray((speed < REST_SPEED) & (turn < REST_TURN))
 
 
 @dataclass

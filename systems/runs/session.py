@@ -48,7 +48,6 @@ class SessionOptions:
     out: Path | None
 
     def __post_init__(self) -> None:
-        """Checks every option."""
         require("--engine", self.engine, self.engine in (None, *ENGINES), ", ".join(ENGINES))
         require("--seed", self.seed, self.seed is None or 0 <= self.seed < 2**32, "0 to 4294967295")
         require("--duration", self.duration, self.duration is None or 0.01 <= self.duration <= 600, "0.01 to 600 s")
@@ -147,7 +146,6 @@ class Session:
         return record
 
     def _begin(self) -> None:
-        """Puts object and pusher to a new start."""
         setup, place = self.station.setup, self.episode.draw_place(self._starts)
         if self.options.log_folder is None:
             self.episode.begin(place, random_push(setup, place.X_WO, self._pushes))

@@ -88,7 +88,6 @@ def texts() -> dict[Path, str]:
 
 
 def _object_texts(name: str) -> dict[str, str]:
-    """Texts of an object's files, by their names in the package."""
     mesh, pieces = load_mesh(model_path(f"{name}/{name}.obj")), shipped_pieces(name)
     about = mass_properties(mesh, mass=_MASS)
     # Nine digits, as in the mesh: a hundredth of a nanometre, which rounding makes of a centre of mass, is 0.

@@ -75,7 +75,6 @@ def write_pictures(folder: Path) -> list[Path]:
 
 
 def _draw(text: str, path: Path) -> None:
-    """Has Graphviz draw a picture; raises InputError where it refuses."""
     try:
         subprocess.run(["dot", "-Tsvg", "-o", str(path)], input=text, text=True, check=True, capture_output=True)
     except subprocess.CalledProcessError as error:

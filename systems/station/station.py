@@ -9,7 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource
 
 from pinwm_drake.errors import ParameterError
@@ -18,6 +18,7 @@ from pinwm_drake.systems.engines.lcm.engine import AddLcmEngine
 from pinwm_drake.systems.engines.plant.engine import AddPlantEngine
 from pinwm_drake.systems.engines.twin.engine import AddTwinEngine
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
+from pinwm_drake.systems.ports import declare_vector
 from pinwm_drake.systems.pusher.limits import PusherLimits
 from pinwm_drake.systems.pusher.translation import PusherTranslation
 from pinwm_drake.systems.scenario.load import Scene, load_setup
@@ -60,11 +61,10 @@ class SceneStation(Diagram):  # type: ignore[misc]  # pydrake has no usable type
         self,
         setup: Setup,
         engine: str,
-        *,
-        command: Command = "velocity",
-        meshcat: Meshcat | None = None,
-        lcm: DrakeLcmInterface | None = None,
-        armed: bool = False,
+        command: Command,
+        meshcat: Meshcat | None,
+        lcm: DrakeLcmInterface | None,
+        armed: bool,
     ) -> None:
         """Assembles the diagram; arguments as for `make_station`."""
         super().__init__()
@@ -138,12 +138,8 @@ class Clock(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
     """Time of the Context, s, as a vector (1)."""
 
     def __init__(self) -> None:
-        """Declares the port."""
         super().__init__()
-        self.DeclareVectorOutputPort("time", 1, self._CalcTime, {self.time_ticket()})
-
-    def _CalcTime(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, context.get_time())
+        declare_vector(self, "time", 1, lambda context: [context.get_time()], {self.time_ticket()})
 
 
 def _add_command(builder: DiagramBuilder, parts: Engine, setup: Setup, command: Command) -> None:
@@ -201,4 +197,4 @@ def make_station(
         raise ParameterError(f"command: got {command!r}; allowed: velocity, translation")
     if engine != "twin" and setup.scenario.num_worlds != 1:
         raise ParameterError(f"num_worlds: got {setup.scenario.num_worlds} with {engine}; allowed: 1, or the twin")
-    return SceneStation(setup, engine, command=command, meshcat=meshcat, lcm=lcm, armed=armed)
+    return SceneStation(setup, engine, command, meshcat, lcm, armed)

@@ -70,7 +70,6 @@ class _Arrow:
     """Arrow of a shaft with a head. Lengths are properties: a recording keeps them, but no transform with a scale."""
 
     def __init__(self, meshcat: Meshcat, path: str, radius: float, colour: Rgba) -> None:
-        """Draws the arrow, hidden."""
         self._meshcat, self._path, self._head = meshcat, path, _HEAD * radius
         meshcat.SetObject(f"{path}/shaft", Cylinder(radius, 1.0), colour)
         # A cone's point is its origin: turned around, and put one length ahead of the head's own origin.

@@ -68,8 +68,7 @@ def recorded(meshcat: Meshcat, path: Path, frames_per_second: float = 30.0) -> I
 
 def recorded_html(meshcat: Meshcat) -> str:
     """Page as it is, with the recording that was published last, as one HTML file; without the sliders."""
-    html: str = meshcat.StaticHtml()
-    return html
+    return str(meshcat.StaticHtml())
 
 
 def AddThetaSliders(meshcat: Meshcat, theta: Mapping[str, float]) -> None:

@@ -107,7 +107,6 @@ def _object_paths(scene_graph: SceneGraph, prefix: str) -> list[str]:
 
 
 def _draw_floor(meshcat: Meshcat, path: str, height: float) -> None:
-    """Draws a thin square whose upper side is the floor."""
     meshcat.SetObject(path, Box(_FLOOR_SIDE, _FLOOR_SIDE, _FLOOR_DEPTH), _FLOOR_COLOUR)
     # A little lower, so that faces that lie on it are not mixed with it.
     meshcat.SetTransform(path, RigidTransform([0.0, 0.0, height - 0.6 * _FLOOR_DEPTH]))

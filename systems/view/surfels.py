@@ -53,5 +53,4 @@ class MeshcatSurfels(LeafSystem):  # type: ignore[misc]  # pydrake has no usable
 def linear(colours: np.ndarray) -> np.ndarray:
     """Colours in sRGB (n, 3), 0 to 1, as intensities: Meshcat takes those of corners for such."""
     low = colours <= 0.04045
-    intensities: np.ndarray = np.where(low, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
-    return intensities
+    return np.asarray(np.where(low, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4))

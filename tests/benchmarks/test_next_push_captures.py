@@ -17,7 +17,6 @@ from benchmarks.next_push.jug import scanned_jug
 from benchmarks.next_push.objects import OBJECTS, make_thing
 from benchmarks.next_push.poses import PER_FRAME, pose_capture, read_poses, write_poses
 from benchmarks.next_push.pushes import FRAME_RATE, Push, draw_pushes
-from benchmarks.next_push.realistic_captures import write_realistic_capture
 from benchmarks.next_push.specification import CAPTURES, ENGINES, uneven
 from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.episodes import read_episode
@@ -25,6 +24,7 @@ from pinwm_drake.capture.scene import PusherShape, read_capture
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.occluder import mesh_depth
 from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.systems.runs.realism.mistakes import Realism
 
 
 @pytest.fixture(scope="module")
@@ -180,7 +180,7 @@ def test_a_clean_capture_shows_the_poses_and_can_be_read(posed, tmp_path):
 
 def test_a_realistic_capture_is_wrong_as_it_says(posed, tmp_path):
     spec, thing, made = posed
-    mistakes = write_realistic_capture(tmp_path / "realistic", spec, thing, made, Size(pixels=96, views=8))
+    mistakes = write_capture(tmp_path / "realistic", spec, thing, made, Size(pixels=96, views=8), Realism())
     capture = read_capture(tmp_path / "realistic")
     shift = capture.object.X_WO.p.numpy() - made.X_WO.translation()
     np.testing.assert_allclose(shift, mistakes["start_shift"], atol=1e-12)

@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 import pybullet  # type: ignore[import-not-found]
 import trimesh
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
-from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, Rollout, Theta
+from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, Rollout, Theta, rigid
 from benchmarks.next_push.objects import Thing
 from benchmarks.next_push.pushes import Push
 from pinwm_drake.capture.scene import PusherShape
@@ -109,8 +108,7 @@ class _Scene:
     def pose(self) -> RigidTransform:
         """Pose X_WO of the object."""
         p, (x, y, z, w) = pybullet.getBasePositionAndOrientation(self.object, **self.on)
-        q = np.array([w, x, y, z])
-        return RigidTransform(RotationMatrix(Quaternion(wxyz=q / np.linalg.norm(q))), p) @ self.X_OI.inverse()
+        return rigid(np.array([w, x, y, z]), p) @ self.X_OI.inverse()
 
     def velocity(self) -> tuple[np.ndarray, np.ndarray]:
         """Angular velocity [rad/s] of the object and velocity [m/s] of its origin, world."""
@@ -140,12 +138,10 @@ class PokedScene:
     """Floor, object and a pusher that goes anywhere, in a server of its own; see MuJoCo's."""
 
     def __init__(self, thing: Thing, theta: Theta, X_WO: RigidTransform, shape: PusherShape, p_WP: np.ndarray) -> None:
-        """Makes the scene, at rest."""
         self._client = pybullet.connect(pybullet.DIRECT)
         self._scene = _Scene(self._client, thing, theta, X_WO, (shape, p_WP))
 
     def __del__(self) -> None:
-        """Ends the server."""
         pybullet.disconnect(self._client)
 
     def advance(self, v_WP: np.ndarray, seconds: float) -> None:

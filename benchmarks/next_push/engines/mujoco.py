@@ -16,16 +16,15 @@ from dataclasses import dataclass
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 import trimesh
-from pydrake.common.eigen_geometry import Quaternion
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 
-from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, Rollout, Theta
+from benchmarks.mujoco_xml import PUSHER_MASS, numbers
+from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, Rollout, Theta, rigid
 from benchmarks.next_push.objects import Thing
 from benchmarks.next_push.pushes import Push
 from pinwm_drake.capture.scene import PusherShape
 
 _STEPS_PER_LOG = 17  # 1/4080 s
-_PUSHER_MASS = 1e3  # kg
 _POINT_RADIUS = 1e-5  # m
 _OPTION = (
     'cone="elliptic" impratio="100" noslip_iterations="10" noslip_tolerance="1e-12" iterations="100" tolerance="1e-12"'
@@ -80,7 +79,6 @@ class PokedScene:
     """Floor, object and a pusher that goes anywhere, as environments have; it goes on by the pusher's velocities."""
 
     def __init__(self, thing: Thing, theta: Theta, X_WO: RigidTransform, shape: PusherShape, p_WP: np.ndarray) -> None:
-        """Makes the scene, at rest."""
         self._start = np.array(p_WP, float)
         self._model, self._data = make_model(thing, theta, X_WO, Tip(shape, self._start, tuple(np.eye(3))))
 
@@ -111,16 +109,16 @@ def make_model(
     q, p = X_WO.rotation().ToQuaternion().wxyz(), X_WO.translation()
     names, geoms, assets, standing = _object_geoms(thing, theta)
     J = theta.inertia
-    inertia = _text([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]])
+    inertia = numbers([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]])
     pairs = [_pair("floor", name, theta.friction_floor) for name in standing]
     pusher = ""
     if tip is not None:
         shape = tip.shape
-        joints = "".join(f'<joint type="slide" axis="{_text(axis)}"/>' for axis in tip.axes)
+        joints = "".join(f'<joint type="slide" axis="{numbers(axis)}"/>' for axis in tip.axes)
         size = f"{shape.radius}" if shape.kind == "sphere" else f"{shape.radius} {shape.length / 2}"
         pairs += [_pair("pusher", name, theta.friction_pusher) for name in names]
-        pusher = f"""<body pos="{_text(tip.p_WP)}" gravcomp="1">{joints}
-          <inertial pos="0 0 0" mass="{_PUSHER_MASS}" diaginertia="1 1 1"/>
+        pusher = f"""<body pos="{numbers(tip.p_WP)}" gravcomp="1">{joints}
+          <inertial pos="0 0 0" mass="{PUSHER_MASS}" diaginertia="1 1 1"/>
           <geom name="pusher" type="{shape.kind}" size="{size}"/></body>"""
     xml = f"""<mujoco>
       <compiler balanceinertia="false" boundinertia="0" angle="radian"/>
@@ -130,8 +128,8 @@ def make_model(
       <asset>{"".join(assets)}</asset>
       <worldbody>
         <geom name="floor" type="plane" size="0 0 1"/>
-        <body name="object" pos="{_text(p)}" quat="{_text(q)}"><freejoint/>
-          <inertial pos="{_text(theta.p_com)}" mass="{theta.mass:.17g}" fullinertia="{inertia}"/>
+        <body name="object" pos="{numbers(p)}" quat="{numbers(q)}"><freejoint/>
+          <inertial pos="{numbers(theta.p_com)}" mass="{theta.mass:.17g}" fullinertia="{inertia}"/>
           {"".join(geoms)}</body>
         {pusher}
       </worldbody>
@@ -144,8 +142,7 @@ def make_model(
 
 
 def _pose(data: mujoco.MjData) -> RigidTransform:
-    q = data.qpos[3:7] / np.linalg.norm(data.qpos[3:7])
-    return RigidTransform(RotationMatrix(Quaternion(wxyz=q)), data.qpos[:3].copy())
+    return rigid(data.qpos[3:7], data.qpos[:3].copy())
 
 
 def _object_geoms(thing: Thing, theta: Theta) -> tuple[list[str], list[str], list[str], list[str]]:
@@ -154,23 +151,19 @@ def _object_geoms(thing: Thing, theta: Theta) -> tuple[list[str], list[str], lis
     for k, (size, middle) in enumerate(thing.boxes):
         names.append(f"part_{k}")
         half = 0.5 * np.array(size)
-        geoms.append(f'<geom name="part_{k}" type="box" size="{_text(half)}" pos="{_text(middle)}"/>')
+        geoms.append(f'<geom name="part_{k}" type="box" size="{numbers(half)}" pos="{numbers(middle)}"/>')
     for k, points in enumerate(() if thing.boxes else thing.hulls):
         names.append(f"part_{k}")
         corners = np.asarray(trimesh.convex.convex_hull(points).vertices)
-        assets.append(f'<mesh name="mesh_{k}" vertex="{_text(corners.ravel())}" inertia="convex"/>')
+        assets.append(f'<mesh name="mesh_{k}" vertex="{numbers(corners.ravel())}" inertia="convex"/>')
         geoms.append(f'<geom name="part_{k}" type="mesh" mesh="mesh_{k}"/>')
     standing = list(names) if thing.boxes else []
     for k, point in enumerate([*theta.feet, *(() if thing.boxes else thing.base_points())]):
         standing.append(f"point_{k}")
         middle = point + np.array([0, 0, _POINT_RADIUS])
-        geoms.append(f'<geom name="point_{k}" type="sphere" size="{_POINT_RADIUS}" pos="{_text(middle)}" mass="0"/>')
+        geoms.append(f'<geom name="point_{k}" type="sphere" size="{_POINT_RADIUS}" pos="{numbers(middle)}" mass="0"/>')
     return names, geoms, assets, standing
 
 
 def _pair(one: str, other: str, friction: float) -> str:
     return f'<pair geom1="{one}" geom2="{other}" friction="{friction:.17g} {friction:.17g} 0 0 0" {_PAIR}/>'
-
-
-def _text(values: np.ndarray | list[float] | tuple[float, ...]) -> str:
-    return " ".join(f"{value:.17g}" for value in np.asarray(values, float))

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.math import RigidTransform
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.systems.sdf.twin import twin_solid
 from pinwm_drake.twin.twin import Twin
@@ -54,6 +55,11 @@ class Rollout:
     t: np.ndarray
     X_WO: list[RigidTransform]
     p_WP: np.ndarray
+
+
+def rigid(q: np.ndarray, p: np.ndarray) -> RigidTransform:
+    """Drake's pose of a quaternion (4,), wxyz, and a place (3,) [m]."""
+    return RigidTransform(RotationMatrix(Quaternion(wxyz=q / np.linalg.norm(q))), p)
 
 
 def log_times(frames: int, frame_rate: int) -> np.ndarray:

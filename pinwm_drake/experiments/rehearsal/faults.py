@@ -6,7 +6,7 @@ delay [s]. It is made anew for every trial, so that it may remember what has pas
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from drake import lcmt_drake_signal, lcmt_image, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
@@ -51,9 +51,15 @@ def _pixels(message: bytes) -> tuple[float, np.ndarray]:
     return 1e-6 * array.header.utime, pixels_of(array.images[0])
 
 
-def _encoded(message: lcmt_image_array | lcmt_drake_signal) -> bytes:
-    encoded: bytes = message.encode()
-    return encoded
+def _changed(kind: type, change: Callable[[Any], None]) -> Callable[[list[bytes]], Disturb]:
+    """Fault that changes every message of one of LCM's types."""
+
+    def disturb(message: bytes) -> Passed:
+        decoded = kind.decode(message)  # type: ignore[attr-defined]
+        change(decoded)
+        return [(0.0, decoded.encode())]
+
+    return lambda past: disturb
 
 
 def _drawn(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[list[bytes]], Disturb]:
@@ -61,7 +67,7 @@ def _drawn(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[list[bytes]]
 
     def disturb(message: bytes) -> Passed:
         stamp, pixels = _pixels(message)
-        return [(0.0, _encoded(image_message(change(pixels), stamp)))]
+        return [(0.0, image_message(change(pixels), stamp).encode())]
 
     return lambda past: disturb
 
@@ -83,8 +89,7 @@ def _shifted(pixels: np.ndarray) -> np.ndarray:
     width = pixels.shape[1]
     u = np.nonzero(pixels[..., 3].any(axis=0))[0]
     way = width // 3 if len(u) and u.mean() < width / 2 else -(width // 3)
-    moved: np.ndarray = np.roll(pixels, way, axis=1)
-    return moved
+    return np.asarray(np.roll(pixels, way, axis=1))
 
 
 def _speck(pixels: np.ndarray) -> np.ndarray:
@@ -100,11 +105,7 @@ def _speck(pixels: np.ndarray) -> np.ndarray:
 def _frozen(past: list[bytes]) -> Disturb:
     """Last image for ever, under new stamps."""
     pixels = _pixels(past[-1])[1]
-
-    def disturb(message: bytes) -> Passed:
-        return [(0.0, _encoded(image_message(pixels, _pixels(message)[0])))]
-
-    return disturb
+    return _drawn(lambda _: pixels)(past)
 
 
 def _repeated(past: list[bytes]) -> Disturb:
@@ -113,43 +114,29 @@ def _repeated(past: list[bytes]) -> Disturb:
     return lambda message: [(0.0, last)]
 
 
-def _grey(past: list[bytes]) -> Disturb:
-    """Images of one channel, as another camera's driver sends them."""
-
-    def disturb(message: bytes) -> Passed:
-        array = lcmt_image_array.decode(message)
-        image = array.images[0]
-        grey = pixels_of(image)[..., :1].tobytes()
-        image.pixel_format, image.row_stride = lcmt_image.PIXEL_FORMAT_GRAY, image.width
-        image.data, image.size = grey, len(grey)
-        image.compression_method = lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED
-        return [(0.0, _encoded(array))]
-
-    return disturb
+def _grey(array: lcmt_image_array) -> None:
+    """Makes an image of one channel, as another camera's driver sends it."""
+    image = array.images[0]
+    grey = pixels_of(image)[..., :1].tobytes()
+    image.pixel_format, image.row_stride = lcmt_image.PIXEL_FORMAT_GRAY, image.width
+    image.data, image.size = grey, len(grey)
+    image.compression_method = lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED
 
 
-def _torn(past: list[bytes]) -> Disturb:
-    """Images of which the second half is missing."""
-
-    def disturb(message: bytes) -> Passed:
-        array = lcmt_image_array.decode(message)
-        image = array.images[0]
-        image.data = image.data[: len(image.data) // 2]
-        image.size = len(image.data)
-        return [(0.0, _encoded(array))]
-
-    return disturb
+def _torn(array: lcmt_image_array) -> None:
+    """Takes off the second half of an image's bytes."""
+    image = array.images[0]
+    image.data = image.data[: len(image.data) // 2]
+    image.size = len(image.data)
 
 
 def _stamped(offset: float) -> Callable[[list[bytes]], Disturb]:
     """Images whose stamps are off by some seconds."""
 
-    def disturb(message: bytes) -> Passed:
-        array = lcmt_image_array.decode(message)
+    def change(array: lcmt_image_array) -> None:
         array.header.utime += round(1e6 * offset)
-        return [(0.0, _encoded(array))]
 
-    return lambda past: disturb
+    return _changed(lcmt_image_array, change)
 
 
 def _late(delay: float) -> Callable[[list[bytes]], Disturb]:
@@ -163,14 +150,12 @@ def _lost(past: list[bytes]) -> Disturb:
 def _signal(change: Callable[[lcmt_drake_signal], None]) -> Callable[[list[bytes]], Disturb]:
     """Fault that changes a vector's message."""
 
-    def disturb(message: bytes) -> Passed:
-        signal = lcmt_drake_signal.decode(message)
+    def fitted(signal: lcmt_drake_signal) -> None:
         change(signal)
         signal.dim = len(signal.val)
         signal.coord = (list(signal.coord) + [""] * len(signal.val))[: len(signal.val)]
-        return [(0.0, _encoded(signal))]
 
-    return lambda past: disturb
+    return _changed(lcmt_drake_signal, fitted)
 
 
 def _set(*values: tuple[int, float]) -> Callable[[lcmt_drake_signal], None]:
@@ -201,7 +186,7 @@ def _foreign(past: list[bytes]) -> Disturb:
     def disturb(message: bytes) -> Passed:
         signal = lcmt_drake_signal.decode(message)
         signal.val = [-signal.val[0], -signal.val[1], signal.val[2], other, *signal.val[_SEQUENCE:]]
-        return [(0.0, message), (0.0025, _encoded(signal))]
+        return [(0.0, message), (0.0025, signal.encode())]
 
     return disturb
 
@@ -224,8 +209,8 @@ KINDS: tuple[FaultKind, ...] = (
     FaultKind("late images", f"images come {_LATE:g} s late", "image", IMAGE_LIMIT, _late(_LATE)),
     FaultKind("no images", "the camera is silent", "image", IMAGE_LIMIT, _lost),
     FaultKind("small images", "every other row and column", "image", CONTENT, _drawn(lambda p: p[::2, ::2])),
-    FaultKind("grey images", "one channel in the place of four", "image", CONTENT, _grey),
-    FaultKind("torn images", "half of the bytes are missing", "image", CONTENT, _torn),
+    FaultKind("grey images", "one channel in the place of four", "image", CONTENT, _changed(lcmt_image_array, _grey)),
+    FaultKind("torn images", "half of the bytes are missing", "image", CONTENT, _changed(lcmt_image_array, _torn)),
     FaultKind("images of the past", "stamps are 1 s back", "image", CONTENT, _stamped(-1.0)),
     FaultKind("images of the future", "stamps are 1 s ahead", "image", CONTENT, _stamped(1.0)),
     FaultKind("no states", "the robot is silent", "state", SILENCE, _lost),

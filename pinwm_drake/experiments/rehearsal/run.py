@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from pinwm_drake.control.pilot import ControlStatus
 from pinwm_drake.errors import InputError, ParameterError, StateError, require
 from pinwm_drake.experiments.rehearsal.faults import (
     CONTENT,
@@ -82,7 +81,6 @@ class RehearseRequest:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Checks the values."""
         known = [kind.name for kind in KINDS]
         require("--moments", self.moments, 0 <= self.moments <= 10_000, "0 to 10000")
         for name in self.kinds:
@@ -221,7 +219,6 @@ def rehearse(
 
 
 def _aimed(request: RehearseRequest) -> Bundle:
-    """The bundle of a request, for its goal where there is one."""
     bundle = read_bundle(request.bundle)
     return bundle if request.goal is None else bundle.toward(request.goal)
 
@@ -276,7 +273,6 @@ def _read_trials(path: Path) -> list[Trial]:
 
 
 def _write_results(out: Path, request: RehearseRequest, sha256: str, trials: list[Trial]) -> None:
-    """Writes request, provenance and figures."""
     results = {
         "request": asdict(request),
         "bundle": sha256,
@@ -332,7 +328,6 @@ def _parties(request: RehearseRequest, bundle: Bundle) -> Iterator["_Parties"]:
 
 
 def _begin_parties(request: RehearseRequest, bundle: Bundle) -> Iterator["_Parties"]:
-    """The parties, until they are not needed any more."""
     assert request.scene is not None
     setup = environment_setup(load_setup(request.scene), EnvOptions(image_size=bundle.spec.camera.width))
     link = replace(setup.scenario.lcm, url=f"udpm://239.255.76.67:{request.port}?ttl=0", period=_PERIOD)
@@ -384,47 +379,30 @@ class _Parties:
             policy.tell(kind.name, time.monotonic() + after)
         else:
             self._ask(self._relay, ("begin", kind.name, after))
-        status, duration, traffic = self._run(loop, after + _LONGEST)
+        traffic, ending = self._run(loop, after + _LONGEST)
         begun = policy.begun if kind.channel == "policy" else traffic.begun
         late = traffic.moved - begun
         return Trial(
             kind=kind.name,
             seed=seed,
             after=None if math.isnan(begun) else after,
-            state=status.state,
-            reason=status.reason,
             to_zero=max(late, 0.0) if math.isfinite(late) else 0.0,
             allowed=self._known_after(kind) + self._bundle.spec.horizon,
-            zero=_is_zero(traffic),
-            at_rest=math.isfinite(traffic.rest),
             success=False,
-            actions=status.actions,
-            duration=duration,
+            **ending,
         )
 
     def episode(self, seed: int) -> Trial:
         """Episode of normal work, until the controller ends it."""
         loop, spec = self._armed(seed), self._bundle.spec
-        status, duration, traffic = self._run(loop, 2.0 * spec.max_steps * spec.horizon)
+        traffic, ending = self._run(loop, 2.0 * spec.max_steps * spec.horizon)
         state, _ = self._ask(self._arm, None)
         tool = np.array(traffic.robot[:3]) if traffic.robot else np.full(3, np.nan)
-        return Trial(
-            kind="",
-            seed=seed,
-            after=None,
-            state=status.state,
-            reason=status.reason,
-            to_zero=0.0,
-            allowed=0.0,
-            zero=_is_zero(traffic),
-            at_rest=math.isfinite(traffic.rest),
-            success=bool(spec.task.measure(state[None], tool[None]).success[0]),
-            actions=status.actions,
-            duration=duration,
-        )
+        success = bool(spec.task.measure(state[None], tool[None]).success[0])
+        return Trial(kind="", seed=seed, after=None, to_zero=0.0, allowed=0.0, success=success, **ending)
 
-    def _run(self, loop: ControlLoop, longest: float) -> tuple[ControlStatus, float, Traffic]:
-        """Last status of a run of at most `longest` [s], its duration [s], and the traffic until the robot is at rest.
+    def _run(self, loop: ControlLoop, longest: float) -> tuple[Traffic, dict[str, Any]]:
+        """Traffic of a run of at most `longest` [s] until the robot is at rest, and what a `Trial` has of its end.
 
         A fault that comes after the controller's end is none: it is not begun.
         """
@@ -434,10 +412,18 @@ class _Parties:
                 status = row.status
         finally:
             loop.stop()
-        ended = time.monotonic()
+        duration = time.monotonic() - began
         self._ask(self._relay, "end")
         time.sleep(_AFTER)
-        return status, ended - began, self._ask(self._relay, "tell")
+        traffic: Traffic = self._ask(self._relay, "tell")
+        return traffic, {
+            "state": status.state,
+            "reason": status.reason,
+            "zero": bool(traffic.last) and not any(traffic.last[:4]),
+            "at_rest": math.isfinite(traffic.rest),
+            "actions": status.actions,
+            "duration": duration,
+        }
 
     def _armed(self, seed: int) -> ControlLoop:
         """The loop, armed, with things in a new place, and no fault any more."""
@@ -468,7 +454,3 @@ class _Parties:
         if not pipe.poll(patience):
             raise StateError(f"rehearsal: got no answer in {patience:g} s; allowed: arm and relay at work")
         return pipe.recv()
-
-
-def _is_zero(traffic: Traffic) -> bool:
-    return bool(traffic.last) and not any(traffic.last[:4])

@@ -11,7 +11,7 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, PassThrough
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
@@ -23,6 +23,7 @@ from pinwm_drake.systems.engines.lcm.messages import make_subscriber
 from pinwm_drake.systems.engines.lcm.receiver import RobotReceiver
 from pinwm_drake.systems.engines.lcm.signal import COMMAND_NAMES, CommandSender, signal_message
 from pinwm_drake.systems.engines.plant.scene import scene_texts
+from pinwm_drake.systems.ports import declare_vector
 from pinwm_drake.systems.scenario.schema import MEMORY
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
@@ -96,9 +97,8 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
     lcm = lcm or make_lcm(link)
     builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
     camera = setup.camera
-    receiver = builder.AddNamedSystem(
-        "robot_receiver", RobotReceiver(link, camera.width, camera.height, _first_state(setup))
-    )
+    first = np.concatenate([StartDistribution(setup).middle().p_WP, np.zeros(3)])
+    receiver = builder.AddNamedSystem("robot_receiver", RobotReceiver(link, camera.width, camera.height, first))
     states = builder.AddNamedSystem("state_subscriber", make_subscriber(link.state_channel, lcmt_drake_signal, lcm))
     images = builder.AddNamedSystem("image_subscriber", make_subscriber(link.image_channel, lcmt_image_array, lcm))
     builder.Connect(states.get_output_port(), receiver.GetInputPort("state_message"))
@@ -131,11 +131,6 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
     )
 
 
-def _first_state(setup: Setup) -> np.ndarray:
-    """State (6,) of the pusher that is shown before it is known: p_WP [m] and v_WP [m/s]."""
-    return np.concatenate([StartDistribution(setup).middle().p_WP, np.zeros(3)])
-
-
 def _add_pusher_geometry(builder: DiagramBuilder, setup: Setup, state: OutputPort) -> SceneGraph:
     """Adds a SceneGraph with pusher and floor, posed by a state (6)."""
     scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
@@ -161,8 +156,5 @@ class _Position(LeafSystem):  # type: ignore[misc]  # pydrake has no usable type
 
     def __init__(self) -> None:
         super().__init__()
-        self._state = self.DeclareVectorInputPort("state", 6)
-        self.DeclareVectorOutputPort("position", 3, self._CalcPosition)
-
-    def _CalcPosition(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.nan_to_num(self._state.Eval(context)[:3]))
+        state = self.DeclareVectorInputPort("state", 6)
+        declare_vector(self, "position", 3, lambda context: np.nan_to_num(state.Eval(context)[:3]))

@@ -1,18 +1,20 @@
 """Receiver of a robot's states and images, as a station's ports show them."""
 
 import io
+import math
 import time
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from drake import lcmt_drake_signal, lcmt_image, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
 from PIL import Image
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
-from pydrake.systems.sensors import ImageRgba8U
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from pinwm_drake.systems.engines.lcm.hearing import Hearing, hear_image, hear_session, hear_state, link_fault
+from pinwm_drake.systems.ports import Immutable, declare_image, declare_value, declare_vector
 from pinwm_drake.systems.scenario.schema import MEMORY, LcmLink
 
 _MICRO = 1e-6  # s
@@ -55,17 +57,15 @@ class RobotReceiver(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
         self._known = self.DeclareAbstractState(AbstractValue.Make(_Known(Hearing(), self._white, "")))
         self.DeclarePeriodicUnrestrictedUpdateEvent(link.period, 0.0, self._Update)
         known = {self.abstract_state_ticket(self._known)}
-        self.DeclareVectorOutputPort("pusher_state", 6, self._CalcPusherState)
-        self.DeclareVectorOutputPort("last_state", 6, self._CalcLastState, known)
-        self.DeclareVectorOutputPort("pusher_time", 1, self._CalcPusherTime, known)
-        self.DeclareAbstractOutputPort(
-            "rgb", lambda: AbstractValue.Make(ImageRgba8U(width, height)), self._CalcRgb, known
-        )
-        self.DeclareAbstractOutputPort("rgb_batch", lambda: AbstractValue.Make(object()), self._CalcRgbBatch, known)
-        self.DeclareVectorOutputPort("rgb_time", 1, self._CalcRgbTime, known)
-        time_too = known | {self.time_ticket()}
-        self.DeclareAbstractOutputPort("fault", lambda: AbstractValue.Make(""), self._CalcFault, time_too)
-        self.DeclareVectorOutputPort("robot_time", 1, self._CalcRobotTime, known)
+        get, size = self._get, (width, height)
+        declare_vector(self, "pusher_state", 6, self._CalcPusherState)
+        declare_vector(self, "last_state", 6, lambda context: get(context).heard.values[:6] or self._first, known)
+        declare_vector(self, "pusher_time", 1, lambda context: [max(get(context).heard.time, -1.0)], known)
+        declare_image(self, "rgb", size, lambda context: get(context).picture, known)
+        declare_value(self, "rgb_batch", object(), lambda context: get(context).picture[None], known)
+        declare_vector(self, "rgb_time", 1, lambda context: [max(get(context).heard.image_time, -1.0)], known)
+        declare_value(self, "fault", "", self._CalcFault, known | {self.time_ticket()})
+        declare_vector(self, "robot_time", 1, self._CalcRobotTime, known)
 
     def _get(self, context: Context) -> "_Known":
         known: _Known = context.get_abstract_state(int(self._known)).get_value()
@@ -106,46 +106,27 @@ class RobotReceiver(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
         picture[picture[..., 3] == 0, :3] = 255
         return picture, ""
 
-    def _CalcPusherState(self, context: Context, output: BasicVector) -> None:
+    def _CalcPusherState(self, context: Context) -> Sequence[float]:
         heard = self._get(context).heard
         fresh = heard.values and context.get_time() - heard.arrival <= self._link.timeout + _TOLERANCE
-        output.SetFromVector(heard.values[:6] if fresh else np.full(6, np.nan))
+        return heard.values[:6] if fresh else 6 * [math.nan]
 
-    def _CalcLastState(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._get(context).heard.values[:6] or self._first)
-
-    def _CalcPusherTime(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, max(self._get(context).heard.time, -1.0))
-
-    def _CalcRgbTime(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, max(self._get(context).heard.image_time, -1.0))
-
-    def _CalcRobotTime(self, context: Context, output: BasicVector) -> None:
+    def _CalcRobotTime(self, context: Context) -> list[float]:
         heard = self._get(context).heard
-        output.SetAtIndex(0, heard.stamp if heard.values else -1.0)
+        return [heard.stamp if heard.values else -1.0]
 
-    def _CalcFault(self, context: Context, output: AbstractValue) -> None:
+    def _CalcFault(self, context: Context) -> str:
         known = self._get(context)
-        output.set_value(link_fault(known.heard, context.get_time(), self._link.timeout) or known.wrong)
-
-    def _CalcRgb(self, context: Context, output: AbstractValue) -> None:
-        output.get_mutable_value().mutable_data[:] = self._get(context).picture
-
-    def _CalcRgbBatch(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._get(context).picture[None])
+        return link_fault(known.heard, context.get_time(), self._link.timeout) or known.wrong
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
+class _Known(Immutable):
     """State of the receiver: what was heard, the last image (height, width, 4) uint8, and its fault in words."""
 
     heard: Hearing
     picture: np.ndarray
     wrong: str
-
-    def __deepcopy__(self, memo: dict[int, object]) -> "_Known":
-        """Copy that is the object itself, which never changes: Drake copies a state whenever it is set."""
-        return self
 
 
 def pixels_of(image: lcmt_image) -> np.ndarray:

@@ -2,9 +2,9 @@
 
 import numpy as np
 from drake import lcmt_drake_signal  # type: ignore[import-untyped]  # LCM's types
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, LeafSystem
 
+from pinwm_drake.systems.ports import declare_value
 from pinwm_drake.systems.sampling import period_index
 from pinwm_drake.systems.scenario.schema import LcmLink
 
@@ -24,12 +24,13 @@ class SignalSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
     def __init__(self, names: tuple[str, ...]) -> None:
         """Declares the ports; `names` are those of the n values."""
         super().__init__()
-        self._names = names
-        self._values = self.DeclareVectorInputPort("values", len(names))
-        self.DeclareAbstractOutputPort("message", lambda: AbstractValue.Make(lcmt_drake_signal()), self._CalcMessage)
-
-    def _CalcMessage(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(signal_message(self._names, self._values.Eval(context), context.get_time()))
+        values = self.DeclareVectorInputPort("values", len(names))
+        declare_value(
+            self,
+            "message",
+            lcmt_drake_signal(),
+            lambda context: signal_message(names, values.Eval(context), context.get_time()),
+        )
 
 
 class CommandSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
@@ -44,22 +45,21 @@ class CommandSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
     """
 
     def __init__(self, link: LcmLink) -> None:
-        """Declares the ports."""
         super().__init__()
         self._link = link
         self._velocity = self.DeclareVectorInputPort("pusher_velocity", 3)
         self._session = self.DeclareVectorInputPort("session", 1)
         self._robot_time = self.DeclareVectorInputPort("robot_time", 1)
-        self.DeclareAbstractOutputPort("message", lambda: AbstractValue.Make(lcmt_drake_signal()), self._CalcMessage)
+        declare_value(self, "message", lcmt_drake_signal(), self._CalcMessage)
 
-    def _CalcMessage(self, context: Context, output: AbstractValue) -> None:
+    def _CalcMessage(self, context: Context) -> lcmt_drake_signal:
         time, session = context.get_time(), 0.0
         if self._session.HasValue(context):
             session = float(self._session.Eval(context)[0])
         velocity = self._velocity.Eval(context) if session else np.zeros(3)
         expiry = float(self._robot_time.Eval(context)[0]) + self._link.timeout
         values = np.array([*velocity, session, period_index(time, self._link.period), expiry])
-        output.set_value(signal_message(COMMAND_NAMES, values, time))
+        return signal_message(COMMAND_NAMES, values, time)
 
 
 def signal_message(names: tuple[str, ...], values: np.ndarray, time: float) -> lcmt_drake_signal:

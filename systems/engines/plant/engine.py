@@ -8,7 +8,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.systems.cameras.object_camera import AddCaptureRig, ObjectImage
+from pinwm_drake.systems.cameras.object_camera import AddObjectImage
 from pinwm_drake.systems.engines.engine import Engine
 from pinwm_drake.systems.engines.plant.forces import PlantForces
 from pinwm_drake.systems.engines.plant.scene import MakeScenePlant, ScenePlant
@@ -75,11 +75,7 @@ def AddPlantEngine(builder: DiagramBuilder, setup: Setup, contact: ContactName) 
     plant.SetDefaultPositions(parts.pusher_instance, place.p_WP)
     drive = builder.AddNamedSystem("pusher_drive", PusherDrive(setup.period, step, place.p_WP))
     builder.Connect(drive.get_output_port(), plant.get_desired_state_input_port(parts.pusher_instance))
-    camera = setup.camera
-    rig = AddCaptureRig(builder, parts.scene_graph, camera, _SUPERSAMPLING, setup.X_WC, renderer=setup.renderer)
-    image = builder.AddNamedSystem("object_image", ObjectImage(camera.width, camera.height, _SUPERSAMPLING))
-    builder.Connect(rig.sensor.color_image_output_port(), image.GetInputPort("color_image"))
-    builder.Connect(rig.sensor.label_image_output_port(), image.GetInputPort("label_image"))
+    image = AddObjectImage(builder, parts.scene_graph, setup.camera, _SUPERSAMPLING, setup.X_WC, setup.renderer)
     forces = builder.AddNamedSystem("plant_forces", PlantForces(parts))
     builder.Connect(plant.get_contact_results_output_port(), forces.get_input_port())
     return Engine(

@@ -7,6 +7,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.engines.plant.scene import ScenePlant
+from pinwm_drake.systems.ports import declare_value
 
 
 class PlantForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
@@ -20,20 +21,14 @@ class PlantForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
     """
 
     def __init__(self, parts: ScenePlant) -> None:
-        """Declares the ports."""
         super().__init__()
         of_body = parts.plant.GetCollisionGeometriesForBody
         self._object, self._pusher = int(parts.object.index()), int(parts.pusher.index())
         self._object_geometries, self._pusher_geometries = set(of_body(parts.object)), set(of_body(parts.pusher))
         self._results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
-        self.DeclareAbstractOutputPort(
-            "contact_forces",
-            lambda: AbstractValue.Make(ContactForces.none()),
-            self._CalcForces,
-            {self._results.ticket()},
-        )
+        declare_value(self, "contact_forces", ContactForces.none(), self._CalcForces, {self._results.ticket()})
 
-    def _CalcForces(self, context: Context, output: AbstractValue) -> None:
+    def _CalcForces(self, context: Context) -> ContactForces:
         results = self._results.Eval(context)
         points = [self._at_point(results.point_pair_contact_info(k)) for k in range(results.num_point_pair_contacts())]
         surfaces = [
@@ -41,7 +36,7 @@ class PlantForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         ]
         pairs, p_WC, f_W = zip(*points, *surfaces, strict=True) if points or surfaces else ((), (), ())
         worlds = np.zeros(len(pairs), np.int64)
-        output.set_value(ContactForces(worlds, pairs, np.reshape(p_WC, (-1, 3)), np.reshape(f_W, (-1, 3))))
+        return ContactForces(worlds, pairs, np.reshape(p_WC, (-1, 3)), np.reshape(f_W, (-1, 3)))
 
     def _at_point(self, info: PointPairContactInfo) -> tuple[str, np.ndarray, np.ndarray]:
         """Pair, place and force on the object of a point; Drake's force is that on body B."""

@@ -7,8 +7,7 @@ import numpy as np
 import torch
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, ValueProducer
-from pydrake.systems.sensors import ImageRgba8U
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.errors import ParameterError, StateError
@@ -17,6 +16,7 @@ from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.systems.cameras.surfel_images import WorldImages
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.engines.twin.physics import WorldPhysics
+from pinwm_drake.systems.ports import declare_cache, declare_image, declare_value, declare_vector
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 
@@ -82,32 +82,19 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         self._velocity = self.DeclareVectorInputPort("pusher_velocity_W", 3 * W)
         self.DeclarePeriodicDiscreteUpdateEvent(setup.period, 0.0, self._Update)
         x, theta = self.xd_ticket(), self.all_parameters_ticket()
-        self._checked = self.DeclareCacheEntry("theta", self._producer(self._CalcTheta), {theta})
-        self._one = self.DeclareCacheEntry("image", self._producer(functools.partial(self._CalcImages, 1)), {x, theta})
-        self._all = self.DeclareCacheEntry("images", self._producer(functools.partial(self._CalcImages, W)), {x, theta})
+        self._checked = declare_cache(self, "theta", self._CalcTheta, {theta})
+        one, every = (
+            declare_cache(self, name, functools.partial(self.TakePictures, worlds=np.arange(number)), {x, theta})
+            for name, number in (("image", 1), ("images", W))
+        )
         self.DeclareStateOutputPort("object_state", self._object)
         self.DeclareStateOutputPort("pusher_state", self._pusher)
-        self.DeclareVectorOutputPort("plant_positions", 10, self._CalcPlantPositions, {x})
+        declare_vector(self, "plant_positions", 10, self._CalcPlantPositions, {x})
         camera = setup.camera
-        self.DeclareAbstractOutputPort(
-            "rgb",
-            lambda: AbstractValue.Make(ImageRgba8U(camera.width, camera.height)),
-            self._CalcRgb,
-            {self._one.ticket()},
-        )
-        self.DeclareAbstractOutputPort(
-            "rgb_batch", lambda: AbstractValue.Make(object()), self._CalcRgbBatch, {self._all.ticket()}
-        )
-        self.DeclareAbstractOutputPort(
-            "contact_forces",
-            lambda: AbstractValue.Make(ContactForces.none()),
-            self._CalcContactForces,
-            {x, theta, self._velocity.ticket()},
-        )
-
-    @staticmethod
-    def _producer(calc: object) -> ValueProducer:
-        return ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=calc)
+        declare_image(self, "rgb", (camera.width, camera.height), lambda mine: one.Eval(mine)[0], {one.ticket()})
+        declare_value(self, "rgb_batch", object(), lambda mine: every.Eval(mine), {every.ticket()})
+        seen = {x, theta, self._velocity.ticket()}
+        declare_value(self, "contact_forces", ContactForces.none(), self._CalcContactForces, seen)
 
     def SetState(self, context: Context, object_state: np.ndarray, p_WP: np.ndarray, world: int | None = None) -> None:
         """Puts objects and pushers into place; the pushers rest.
@@ -235,39 +222,28 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         values.set_value(self._object, state.ravel())
         values.set_value(self._pusher, np.concatenate([p_WP, v_WP], axis=1).ravel())
 
-    def _CalcTheta(self, context: Context, value: AbstractValue) -> None:
+    def _CalcTheta(self, context: Context) -> tuple[Parameters, tuple[np.ndarray, ...]]:
         tensors = (
             torch.from_numpy(context.get_numeric_parameter(index).CopyToVector().reshape(shape))
             for index, shape in zip(self._theta, self._shapes, strict=True)
         )
         parameters = Parameters(*tensors)
         parameters.check(self.physics.scene.model)
-        value.set_value((parameters, tuple(values.numpy() for values in parameters.tensors())))
+        return parameters, tuple(values.numpy() for values in parameters.tensors())
 
-    def _CalcImages(self, worlds: int, context: Context, value: AbstractValue) -> None:
-        value.set_value(self.TakePictures(context, np.arange(worlds)))
-
-    def _CalcPlantPositions(self, context: Context, output: BasicVector) -> None:
+    def _CalcPlantPositions(self, context: Context) -> np.ndarray:
         state, p_WP = self._state(context)
-        output.SetFromVector(np.concatenate([p_WP[0], state[0, :7]]))
+        return np.concatenate([p_WP[0], state[0, :7]])
 
-    def _CalcRgb(self, context: Context, output: AbstractValue) -> None:
-        output.get_mutable_value().mutable_data[:] = self._one.Eval(context)[0]
-
-    def _CalcRgbBatch(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._all.Eval(context))
-
-    def _CalcContactForces(self, context: Context, output: AbstractValue) -> None:
+    def _CalcContactForces(self, context: Context) -> ContactForces:
         state, p_WP = self._state(context)
         v_WP, theta = self._rows(self._velocity.Eval(context)), self.GetParameters(context)
         parts = [self.physics.forces(theta, state, p_WP, v_WP, world) for world in range(self.num_worlds)]
-        output.set_value(
-            ContactForces(
-                worlds=np.repeat(np.arange(self.num_worlds), [len(part[0]) for part in parts]),
-                pairs=tuple(FLOOR_PAIR if FLOOR in name else PUSHER_PAIR for part in parts for name in part[0]),
-                p_WC=np.concatenate([part[1] for part in parts]),
-                f_W=np.concatenate([part[2] for part in parts]),
-            )
+        return ContactForces(
+            worlds=np.repeat(np.arange(self.num_worlds), [len(part[0]) for part in parts]),
+            pairs=tuple(FLOOR_PAIR if FLOOR in name else PUSHER_PAIR for part in parts for name in part[0]),
+            p_WC=np.concatenate([part[1] for part in parts]),
+            f_W=np.concatenate([part[2] for part in parts]),
         )
 
 

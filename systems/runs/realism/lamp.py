@@ -1,6 +1,7 @@
 """One lamp instead of light from all sides: shadows, highlights, and colours that change as an object turns."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -27,9 +28,12 @@ def glossy_model(visual_path: Path, folder: Path) -> Path:
     Returns:
         The file; its y is the object's z, as Drake expects of a glTF.
     """
+    options: dict[str, Any] = {"force": "scene", "group_material": True, "split_object": False, "process": False}
+    by_material: Any = trimesh.load(visual_path, **options)
     scene = trimesh.Scene()
-    for name, colour, triangles in _by_colour(visual_path):
-        corners = triangles.reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1]
+    for one in reversed(by_material.geometry.values()):  # in the order of the file
+        name, colour = one.visual.material.name, one.visual.material.kwargs["kd"]
+        corners = np.asarray(one.triangles).reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1]
         across = np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3])
         normals = np.repeat(across / np.linalg.norm(across, axis=1, keepdims=True), 3, axis=0)
         numbers = np.arange(len(corners)).reshape(-1, 3)
@@ -43,29 +47,6 @@ def glossy_model(visual_path: Path, folder: Path) -> Path:
     for name, content in scene.export(file_type="gltf", include_normals=True).items():
         (folder / (path.name if name.endswith(".gltf") else name)).write_bytes(content)
     return path
-
-
-def _by_colour(visual_path: Path) -> list[tuple[str, list[float], np.ndarray]]:
-    """Name and colour of each material of an OBJ file, and its triangles (n, 3, 3) m."""
-    colours: dict[str, list[float]] = {}
-    faces: dict[str, list[list[int]]] = {}
-    corners, current = [], ""
-    for line in visual_path.with_suffix(".mtl").read_text(encoding="utf-8").splitlines():
-        words = line.split()
-        if words[:1] == ["newmtl"]:
-            current = words[1]
-        elif words[:1] == ["Kd"]:
-            colours[current] = [float(value) for value in words[1:4]]
-    for line in visual_path.read_text(encoding="utf-8").splitlines():
-        words = line.split()
-        if words[:1] == ["v"]:
-            corners.append([float(value) for value in words[1:4]])
-        elif words[:1] == ["usemtl"]:
-            current = words[1]
-        elif words[:1] == ["f"]:
-            faces.setdefault(current, []).append([int(word.split("/")[0]) - 1 for word in words[1:4]])
-    points = np.array(corners)
-    return [(name, colours[name], points[np.array(triangles)]) for name, triangles in faces.items()]
 
 
 def light(recorder: SceneRecorder, params: RenderEngineVtkParams) -> None:

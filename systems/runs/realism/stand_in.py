@@ -48,7 +48,6 @@ class StandIn:
     flicker: float = 0.3
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         for name in ("seed", "camera_place", "camera_turn", "latency", "mask", "flicker"):
             value = getattr(self, name)
             require(f"stand-in {name}", value, 0 <= value < math.inf, "0 or more")

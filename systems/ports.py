@@ -1,0 +1,63 @@
+"""Ports and cached values of Drake systems, declared as functions of a Context, and states that Drake need not copy."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from numpy.typing import ArrayLike
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import CacheEntry, Context, DependencyTicket, LeafSystem, ValueProducer
+from pydrake.systems.sensors import ImageRgba8U
+
+Tickets = set[DependencyTicket] | None  # of the sources that a value depends on; None for all
+_Self = TypeVar("_Self")
+
+
+class Immutable:
+    """Value that never changes, so that a copy of it is the object itself: Drake copies a state whenever it is set."""
+
+    def __deepcopy__(self: _Self, memo: dict[int, object]) -> _Self:
+        return self
+
+
+def declare_vector(
+    system: LeafSystem, name: str, size: int, calc: Callable[[Context], ArrayLike], tickets: Tickets = None
+) -> None:
+    """Declares an output port of a vector (size,), which `calc` gives for a Context of the system."""
+    sources = tickets or {system.all_sources_ticket()}
+    system.DeclareVectorOutputPort(name, size, lambda context, output: output.SetFromVector(calc(context)), sources)
+
+
+def declare_value(
+    system: LeafSystem, name: str, model: object, calc: Callable[[Context], object], tickets: Tickets = None
+) -> None:
+    """Declares an output port of a value of the model's type, which `calc` gives for a Context of the system."""
+    system.DeclareAbstractOutputPort(
+        name,
+        lambda: AbstractValue.Make(model),
+        lambda context, output: output.set_value(calc(context)),
+        tickets or {system.all_sources_ticket()},
+    )
+
+
+def declare_image(
+    system: LeafSystem,
+    name: str,
+    size: tuple[int, int],
+    calc: Callable[[Context], Any],
+    tickets: Tickets,
+    kind: type = ImageRgba8U,
+) -> None:
+    """Declares an output port of an image of Drake's, (width, height) px; `calc` gives the pixels."""
+
+    def write(context: Context, output: AbstractValue) -> None:
+        output.get_mutable_value().mutable_data[:] = calc(context)
+
+    system.DeclareAbstractOutputPort(name, lambda: AbstractValue.Make(kind(*size)), write, tickets)
+
+
+def declare_cache(system: LeafSystem, name: str, calc: Callable[[Context], object], tickets: Tickets) -> CacheEntry:
+    """Declares a value that Drake keeps until one of its sources changes."""
+    producer = ValueProducer(
+        allocate=lambda: AbstractValue.Make(object()), calc=lambda context, value: value.set_value(calc(context))
+    )
+    return system.DeclareCacheEntry(name, producer, tickets)
