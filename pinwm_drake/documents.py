@@ -6,12 +6,14 @@ import re
 import reprlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import yaml
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.validation import Problem, all_problems, place
 
 LONGEST_TEXT = 1000  # characters: names and paths
 _LONGEST_QUOTE = 60  # characters of a value that a message repeats
@@ -29,6 +31,15 @@ _Loader.add_implicit_resolver(
     re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"),
     list("-+.0123456789"),
 )
+
+
+class Document(BaseModel):
+    """Base of the models of documents: no other keys, no conversion of types, no NaN."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+_Document = TypeVar("_Document", bound=Document)
 
 
 @dataclass(frozen=True)
@@ -52,9 +63,44 @@ class Entry:
             allowed: Values that would have been accepted, in words.
             found: The finding, in words; None for the value itself.
         """
-        if found is None:
-            found = _quoted(self.value)
+        found = _quoted(self.value) if found is None else found
         return InputError(self.path, value=f"{self.place} = {found}" if self.place else found, allowed=allowed)
+
+    def read(self, model: type[_Document]) -> _Document:
+        """The value as a model has it.
+
+        Raises:
+            InputError: A key is missing or unknown, or a value is not allowed; the message names its place.
+        """
+        try:
+            return model.model_validate(self.value)
+        except ValidationError as error:
+            raise self._problem(all_problems(error, model)[0]) from error
+
+    def problems(self, model: type[Document]) -> list[InputError]:
+        """All problems that `read` finds, in the order of the model's fields."""
+        try:
+            model.model_validate(self.value)
+        except ValidationError as error:
+            return [self._problem(problem) for problem in all_problems(error, model)]
+        return []
+
+    def _problem(self, problem: Problem) -> InputError:
+        if problem.kind == "extra_forbidden":
+            name, where = _quoted(problem.location[-1]), self._below(problem.location[:-1])
+            found = f"an unknown key {name}{f' under {where}' if where else ''}"
+            return InputError(self.path, value=found, allowed=problem.allowed)
+        where, value = self._below(problem.location), self.value
+        try:
+            for part in problem.location:
+                value = value[part]
+        except KeyError:
+            allowed = f"a value under {where}" if problem.kind == "missing" else problem.allowed
+            return InputError(self.path, value=f"no {where}", allowed=allowed)
+        return Entry(self.path, where, value).refusal(problem.allowed)
+
+    def _below(self, location: tuple[str | int, ...]) -> str:
+        return place((self.place, *location) if self.place else location)
 
     def find(self, key: str) -> "Entry | None":
         """The entry under a key, or None where there is none.
@@ -110,11 +156,12 @@ class Entry:
         Raises:
             InputError: This entry is something else.
         """
-        if not isinstance(self.value, str) or not self.value.strip() or not self.value.isprintable():
+        if not isinstance(self.value, str):
             raise self.refusal("text")
-        if len(self.value) > LONGEST_TEXT:
-            raise self.refusal(f"text of at most {LONGEST_TEXT} characters")
-        return self.value
+        try:
+            return _text(self.value)
+        except ValueError as error:
+            raise self.refusal(str(error)) from error
 
     def number(self, low: float = -math.inf, high: float = math.inf) -> float:
         """A finite number from `low` to `high`.
@@ -124,8 +171,7 @@ class Entry:
         """
         value = _number(self.value)
         if value is None or not low <= value <= high:
-            bounds = "" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}"
-            raise self.refusal(f"a finite number{bounds}")
+            raise self.refusal(_allowed(low, high))
         return value
 
     def integer(self, low: int, high: int) -> int:
@@ -148,6 +194,29 @@ class Entry:
         if not isinstance(self.value, list) or len(self.value) != length:
             raise self.refusal(f"{' x '.join(map(str, (length, *rest)))} finite numbers")
         return np.array([entry.numbers(*rest) if rest else entry.number() for entry in self.items()], float)
+
+
+def _allowed(low: float, high: float) -> str:
+    return "a finite number" + ("" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}")
+
+
+def finite(low: float = -math.inf, high: float = math.inf, *, allowed: str | None = None) -> Any:
+    """Field of a finite number from `low` to `high`; `allowed` says it in other words."""
+    return Field(ge=low, le=high, json_schema_extra={"allowed": allowed or _allowed(low, high)})
+
+
+def _text(text: str) -> str:
+    if not text.strip() or not text.isprintable():
+        raise ValueError("text")
+    if len(text) > LONGEST_TEXT:
+        raise ValueError(f"text of at most {LONGEST_TEXT} characters")
+    return text
+
+
+Text = Annotated[str, AfterValidator(_text)]  # not empty, printable
+Number = Annotated[float, finite()]
+# YAML and JSON have lists where Python has tuples.
+FromList = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
 
 
 def read_json(path: Path) -> Entry:

@@ -51,9 +51,22 @@ def first_problem(error: ValidationError, model: type) -> Problem:
         error: Error that pydantic raised.
         model: Model or pydantic dataclass that was validated.
     """
-    found = error.errors(include_url=False)[0]
+    return all_problems(error, model)[0]
+
+
+def all_problems(error: ValidationError, model: type) -> list[Problem]:
+    """Problems of a validation, in pydantic's order; arguments as for `first_problem`."""
+    return [_problem(found, model) for found in error.errors(include_url=False)]
+
+
+def _problem(found: Any, model: type) -> Problem:
     kind, location = found["type"], tuple(found["loc"])
-    if kind == "extra_forbidden" or kind == "unexpected_keyword_argument":
+    if location and location[-1] == "[key]":
+        field, _ = _find(model, location[:-2])
+        return Problem("invalid_key", location[:-2], None, field, "a mapping whose keys are text")
+    if kind == "missing" and isinstance(location[-1], int):  # a list that is too short
+        kind, location = "too_short", location[:-1]
+    if kind in ("extra_forbidden", "unexpected_keyword_argument", "invalid_key"):
         owner = _find(model, location[:-1])[1]
         return Problem("extra_forbidden", location, found["input"], None, ", ".join(fields_of(owner)))
     field, annotation = _find(model, location)
@@ -76,10 +89,11 @@ def words(annotation: Any, field: FieldInfo | None) -> str:
         annotation: Type of the field, or of an entry of its list.
         field: The field, with bounds and unit.
     """
-    extra = field.json_schema_extra if field is not None and isinstance(field.json_schema_extra, dict) else {}
+    kind, optional, metadata = _plain(annotation)
+    # What an entry of a list says about itself goes before what is said of the list.
+    extra = {key: value for one in (field, *metadata) for key, value in _extra(one).items()}
     if "allowed" in extra:
         return str(extra["allowed"])
-    kind, optional, metadata = _plain(annotation)
     metadata = [*metadata, *(field.metadata if field is not None else [])]
     if get_origin(kind) is Literal:
         return ", ".join([*(str(choice) for choice in get_args(kind)), *(["null"] if optional else [])])
@@ -93,6 +107,11 @@ def words(annotation: Any, field: FieldInfo | None) -> str:
     if fields_of(kind) or kind is dict:
         return "a mapping with keys"
     return {str: "text", bool: "true, false"}.get(kind, getattr(kind, "__name__", str(kind)).lower())
+
+
+def _extra(one: Any) -> dict[str, Any]:
+    found = one.json_schema_extra if isinstance(one, FieldInfo) else None
+    return found if isinstance(found, dict) else {}
 
 
 _KINDS: dict[Any, str] = {int: "whole number", float: "finite number", str: "text", bool: "flag"}
@@ -123,7 +142,7 @@ def _plain(annotation: Any) -> tuple[Any, bool, list[Any]]:
     while True:
         if get_origin(annotation) is Annotated:
             annotation, *more = get_args(annotation)
-            metadata += [inner for one in more for inner in (one.metadata if isinstance(one, FieldInfo) else [one])]
+            metadata += [inner for one in more for inner in (one, *(one.metadata if isinstance(one, FieldInfo) else ()))]
         elif get_origin(annotation) in (Union, types.UnionType):
             parts = [part for part in get_args(annotation) if part is not types.NoneType]
             optional, annotation = optional or len(parts) < len(get_args(annotation)), parts[0]

@@ -8,9 +8,8 @@ from pinwm_drake.capture.checks.episode import check_episode
 from pinwm_drake.capture.checks.findings import Findings, Problem
 from pinwm_drake.capture.checks.scene import check_scene
 from pinwm_drake.capture.checks.static import check_static
-from pinwm_drake.capture.objects import CAPTURE_FILE
 from pinwm_drake.capture.paths import is_folder
-from pinwm_drake.capture.scene import EPISODES
+from pinwm_drake.capture.scene import CAPTURE_FILE, EPISODES
 from pinwm_drake.errors import InputError
 
 

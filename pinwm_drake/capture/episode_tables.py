@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pinwm_drake.capture.objects import FARTHEST
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.refusals import Refuse, attempt, raise_it
+from pinwm_drake.capture.scene import FARTHEST
 from pinwm_drake.capture.tables import Table, read_table
 from pinwm_drake.documents import LONGEST_TEXT
 

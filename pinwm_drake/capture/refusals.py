@@ -14,6 +14,10 @@ def raise_it(error: PinwmError) -> NoReturn:
     raise error
 
 
+def ignore(error: PinwmError) -> None:
+    """Does nothing about an error, which something else tells."""
+
+
 def attempt(work: Callable[[], _Result], refuse: Refuse) -> _Result | None:
     """Result of `work`, or None where it was refused and `refuse` did not raise.
 

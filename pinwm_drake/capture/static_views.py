@@ -7,8 +7,8 @@ import torch
 import trimesh
 
 from pinwm_drake.capture.images import read_image, size_of
-from pinwm_drake.capture.objects import CAPTURE_FILE, read_capture_object
 from pinwm_drake.capture.paths import is_file, is_folder
+from pinwm_drake.capture.scene import CAPTURE_FILE, read_capture_object
 from pinwm_drake.capture.transforms import Frame, read_transforms
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh

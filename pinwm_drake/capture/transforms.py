@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pinwm_drake.capture.objects import FARTHEST
 from pinwm_drake.capture.refusals import Refuse, raise_it
+from pinwm_drake.capture.scene import FARTHEST
 from pinwm_drake.documents import Entry, read_json
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose

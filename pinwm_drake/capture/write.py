@@ -22,8 +22,7 @@ from pinwm_drake.capture.episode_tables import (
     PusherTrajectory,
 )
 from pinwm_drake.capture.episodes import CAMERA_FILE
-from pinwm_drake.capture.objects import CAPTURE_FILE, SCHEMA_VERSION, UNITS
-from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.capture.scene import CAPTURE_FILE, SCHEMA_VERSION, UNITS, PusherShape
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose, pose_to_matrix

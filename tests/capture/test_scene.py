@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import yaml
 
-from pinwm_drake.capture.objects import read_capture_object
+from pinwm_drake.capture.scene import read_capture_object
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape, read_capture
 from pinwm_drake.errors import GeometryError, InputError
