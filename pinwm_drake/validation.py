@@ -98,13 +98,13 @@ def words(annotation: Any, field: FieldInfo | None) -> str:
     if get_origin(kind) is Literal:
         return ", ".join([*(str(choice) for choice in get_args(kind)), *(["null"] if optional else [])])
     if get_origin(kind) in (list, tuple):
-        parts = [part for part in get_args(kind) if part is not Ellipsis]
+        parts = [_plain(part)[0] for part in get_args(kind) if part is not Ellipsis]
         count = len(parts) if get_origin(kind) is tuple and Ellipsis not in get_args(kind) else None
         return f"{count} {_KINDS.get(parts[0], 'value')}s" if count else f"a list of {_KINDS.get(parts[0], 'value')}s"
     unit = f" {extra['unit']}" if extra.get("unit", "1") != "1" else ""
     if kind in (int, float):
         return (_bounds(metadata) or f"a {_KINDS[kind]}") + unit
-    if fields_of(kind) or kind is dict:
+    if fields_of(kind) or dict in (kind, get_origin(kind)):
         return "a mapping with keys"
     return {str: "text", bool: "true, false"}.get(kind, getattr(kind, "__name__", str(kind)).lower())
 

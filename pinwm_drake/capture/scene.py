@@ -1,10 +1,10 @@
 """Scene of a capture from its `capture.yaml`: the object, the pusher, the floor and gravity."""
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
+import numpy as np
 import torch
 from pydantic import AfterValidator, Field, ValidationInfo
 
@@ -92,7 +92,9 @@ class Capture:
 
 
 def _unit(q: tuple[float, ...]) -> tuple[float, ...]:
-    if abs((norm := math.hypot(*q)) - 1) > UNIT_NORM:
+    with np.errstate(over="ignore"):
+        norm = float(np.linalg.norm(q))
+    if abs(norm - 1) > UNIT_NORM:
         raise ValueError(f"a quaternion (w, x, y, z) of norm 1, not of norm {norm:.6g}")
     return tuple(part / norm for part in q)
 

@@ -32,15 +32,13 @@ def to_plain(value: object) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def read_plain(entry: Entry) -> dict[str, Any]:
-    """A mapping of plain data.
+def read_plain(entry: Entry) -> None:
+    """Requires plain data.
 
     Raises:
         InputError: It holds a number that is not finite, a key that is no text, anything that is not plain, more
             than 32 levels, or itself.
     """
-    if not isinstance(entry.value, dict):
-        raise entry.refusal("a mapping with keys")
     queue, count = [(entry, 0)], 0
     while queue:
         here, depth = queue.pop()
@@ -48,7 +46,6 @@ def read_plain(entry: Entry) -> dict[str, Any]:
         if depth > _DEEPEST or count > _MOST:
             raise here.refusal(f"at most {_DEEPEST} levels and {_MOST} values", "data nested without end")
         queue += [(part, depth + 1) for part in _parts(here)]
-    return dict(entry.value)
 
 
 def _parts(entry: Entry) -> list[Entry]:

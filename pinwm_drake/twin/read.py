@@ -32,21 +32,28 @@ def read_twin(folder: Path) -> Twin:
         raise InputError(folder, value="no such folder", allowed="a twin, as `pinwm identify` writes it")
     entry = read_yaml(require_file(folder / TWIN_FILE, "the twin that `pinwm identify` writes"))
     document = read_document(entry)
-    paths = {SURFELS_FILE: folder / SURFELS_FILE, document.mesh.text(): _locate(folder, document.mesh)}
-    pusher = document.pusher_mesh
+    paths = {SURFELS_FILE: folder / SURFELS_FILE, document.mesh: _locate(folder, entry["mesh"])}
+    pusher, shape = document.pusher.mesh, document.pusher.shape
     if pusher is not None:
-        paths[pusher.text()] = _locate(folder, pusher)
-    hashes = entry["sha256"]
-    has_draws = isinstance(hashes.value, dict) and DRAWS_FILE in hashes.value
+        paths[pusher] = _locate(folder, entry["pusher"]["mesh"])
+    has_draws = isinstance(document.sha256, dict) and DRAWS_FILE in document.sha256
     if has_draws:
         paths[DRAWS_FILE] = folder / DRAWS_FILE
-    _check_hashes(paths, hashes)
+    _check_hashes(paths, entry["sha256"])
+    theta, nuisance = document.estimates()
     return Twin(
-        mesh_path=paths[document.mesh.text()],
-        pusher=PusherGeometry(None if pusher is None else paths[pusher.text()], document.pusher_shape),
+        name=document.name,
+        mesh_path=paths[document.mesh],
+        pusher=PusherGeometry(None if pusher is None else paths[pusher], None if shape is None else shape.shape()),
+        gravity=document.gravity,
+        floor_height=document.floor.height,
+        **document.physics.model_dump(),
+        theta=theta,
+        nuisance=nuisance,
+        camera_offset=document.camera_offset,
         surfels=read_ply(folder / SURFELS_FILE),
+        provenance=document.provenance,
         draws=read_draws(folder / DRAWS_FILE) if has_draws else None,
-        **document.values,
     )
 
 
