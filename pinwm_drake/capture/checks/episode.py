@@ -3,25 +3,25 @@
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
-from pinwm_drake.capture.checks.camera import check_camera
 from pinwm_drake.capture.checks.findings import Findings
 from pinwm_drake.capture.checks.motion import check_motion
+from pinwm_drake.capture.checks.pictures import check_camera
 from pinwm_drake.capture.checks.scene import Scene
 from pinwm_drake.capture.checks.static import in_picture, unseen
-from pinwm_drake.capture.checks.video import Video, check_video
+from pinwm_drake.capture.checks.video import Video
 from pinwm_drake.capture.episode_tables import (
     FRAMES_FILE,
     POSES_FILE,
     ObjectPoses,
-    PusherTrajectory,
     read_frame_table,
     read_object_poses,
     read_trajectory,
 )
-from pinwm_drake.capture.episodes import CAMERA_FILE, CAMERAS, pose_at, read_fixed_camera
+from pinwm_drake.capture.episodes import CAMERA_FILE, CAMERAS, View, read_fixed_camera
 from pinwm_drake.capture.refusals import attempt
 from pinwm_drake.capture.scene import EPISODES
 from pinwm_drake.documents import read_json
@@ -31,6 +31,7 @@ from pinwm_drake.spatial.poses import Pose, compose, inverse
 _FEWEST_IMAGES = 8
 _DROPPED = 1.8  # times the usual time between images
 _START = 0.005, 2.0  # m and deg between object.X_WO and the first pose of the table
+_Part = TypeVar("_Part")
 
 
 def check_episode(name: str, scene: Scene, findings: Findings, progress: Callable[[str], None]) -> int:
@@ -45,57 +46,33 @@ def check_episode(name: str, scene: Scene, findings: Findings, progress: Callabl
     Returns:
         Number of images of the episode, of all of its cameras.
     """
-    folder = scene.folder / EPISODES / name
-    before = findings.errors
-    trajectory = attempt(lambda: read_trajectory(folder, findings.error), findings.error)
-    log = trajectory if findings.errors == before else None
-    before = findings.errors
-    poses = attempt(lambda: read_object_poses(folder, findings.error), findings.error)
-    known = poses if findings.errors == before else None
-    cameras = [folder, *sorted(path for path in (folder / CAMERAS).glob("*") if path.is_dir())]
+    folder, error = scene.folder / EPISODES / name, findings.error
+    log = _whole(lambda: read_trajectory(folder, error), findings)
+    poses = _whole(lambda: read_object_poses(folder, error), findings)
+    log_t = None if log is None else log.t
     number = 0
-    for place, one in enumerate(cameras):
-        frames = attempt(partial(read_frame_table, one, _times(log), findings.error), findings.error)
+    for one in (folder, *sorted(path for path in (folder / CAMERAS).glob("*") if path.is_dir())):
+        frames = attempt(partial(read_frame_table, one, log_t, error), error)
         t = frames[1] if frames is not None and bool(np.isfinite(frames[1]).all()) else None
         seen = _check_view(one, scene, findings)
-        if place == 0 and log is not None:
+        if one is folder and log is not None:
             check_motion(folder, log, t, scene, findings)
         number += 0 if frames is None else len(frames[0])
         if frames is None or t is None:
             continue
         _check_times(one, t, findings)
-        if place == 0:
-            _check_start(folder, known, scene, t, findings)
+        if one is folder and poses is not None:
+            _check_start(folder, poses, scene, t, findings)
         if seen is not None:
-            check_video(_video(one, seen, frames[0], t, scene, known, log), findings, progress)
+            Video(View(one.name, one, *seen, *frames), scene, poses, log, findings).check(progress)
     return number
 
 
-def _times(log: PusherTrajectory | None) -> np.ndarray | None:
-    return None if log is None else log.t
-
-
-def _video(
-    folder: Path,
-    seen: tuple[Camera, Pose],
-    names: list[str],
-    t: np.ndarray,
-    scene: Scene,
-    poses: ObjectPoses | None,
-    log: PusherTrajectory | None,
-) -> Video:
-    """Images of one camera, and the poses of the bodies as far as they are known."""
-    return Video(
-        folder=folder,
-        camera=seen[0],
-        X_WC=seen[1],
-        file_names=names,
-        t=t,
-        mesh=scene.mesh,
-        X_WO_at=lambda time: _pose_at(poses, scene, float(t[0]), time),
-        pusher=scene.pusher,
-        X_WP_at=lambda time: None if log is None else pose_at(log.t, log.p_WP, log.q_WP, time),
-    )
+def _whole(read: Callable[[], _Part], findings: Findings) -> _Part | None:
+    """A table, or None where it has a problem, however small."""
+    before = findings.errors
+    found = attempt(read, findings.error)
+    return found if findings.errors == before else None
 
 
 def _check_view(folder: Path, scene: Scene, findings: Findings) -> tuple[Camera, Pose] | None:
@@ -105,18 +82,10 @@ def _check_view(folder: Path, scene: Scene, findings: Findings) -> tuple[Camera,
         return None
     camera, X_WC = seen
     check_camera(folder / CAMERA_FILE, camera, findings)
-    if scene.mesh is None or scene.X_WO is None:
-        return seen
-    if not in_picture(scene.mesh, camera, compose(inverse(X_WC), scene.X_WO)):
+    mesh, X_WO = scene.mesh, scene.X_WO
+    if mesh is not None and X_WO is not None and not in_picture(mesh, camera, compose(inverse(X_WC), X_WO)):
         findings.error(unseen(read_json(folder / CAMERA_FILE)["transform_matrix"]))
     return seen
-
-
-def _pose_at(poses: ObjectPoses | None, scene: Scene, start: float, time: float) -> Pose | None:
-    """Pose of the object at a time [s], where it is known: at the start, and in the table."""
-    if poses is not None and poses.t[0] - 1e-6 <= time <= poses.t[-1] + 1e-6:
-        return pose_at(poses.t, poses.p_WO, poses.q_WO, time)
-    return scene.X_WO if time == start else None
 
 
 def _check_times(folder: Path, t: np.ndarray, findings: Findings) -> None:
@@ -136,10 +105,8 @@ def _check_times(folder: Path, t: np.ndarray, findings: Findings) -> None:
         findings.warn(path, found, f"an image each {usual:.4g} s, as usual here", row=k + 3)
 
 
-def _check_start(folder: Path, poses: ObjectPoses | None, scene: Scene, t: np.ndarray, findings: Findings) -> None:
+def _check_start(folder: Path, poses: ObjectPoses, scene: Scene, t: np.ndarray, findings: Findings) -> None:
     """Warns where the table of poses begins elsewhere than X_WO, or does not last as long as the images."""
-    if poses is None:
-        return
     path = folder / POSES_FILE
     if poses.t[0] > t[0] + 1e-6 or poses.t[-1] < t[-1] - 1e-6:
         found = f"poses from {poses.t[0]:.4g} s to {poses.t[-1]:.4g} s"

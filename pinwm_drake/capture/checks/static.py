@@ -7,9 +7,8 @@ import numpy as np
 import torch
 import trimesh
 
-from pinwm_drake.capture.checks.camera import check_camera
 from pinwm_drake.capture.checks.findings import Findings
-from pinwm_drake.capture.checks.pictures import check_area, check_sharpness, compare, sharpness
+from pinwm_drake.capture.checks.pictures import check_area, check_camera, check_sharpness, compare, sharpness
 from pinwm_drake.capture.checks.scene import Scene
 from pinwm_drake.capture.refusals import attempt, passes
 from pinwm_drake.capture.static_views import TRANSFORMS, read_frame_image, require_outside, require_seen
