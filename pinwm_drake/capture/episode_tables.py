@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,8 @@ from pinwm_drake.documents import LONGEST_TEXT
 
 FRAMES_FILE, TRAJECTORY_FILE, POSES_FILE = "frames.csv", "trajectory.csv", "object_poses.csv"
 FRAME_COLUMNS = ("frame", "file_path", "t")
-POSITION, QUATERNION, VELOCITY, FORCE = (
-    ("px", "py", "pz"),
-    ("qw", "qx", "qy", "qz"),
-    ("vx", "vy", "vz"),
-    ("fx", "fy", "fz"),
-)
+POSITION, QUATERNION = ("px", "py", "pz"), ("qw", "qx", "qy", "qz")
+VELOCITY, FORCE = ("vx", "vy", "vz"), ("fx", "fy", "fz")
 # How far a frame may be outside the pusher's log [s]: times printed with six decimals.
 _ROUNDING = 1.5e-6
 _FASTEST, _STRONGEST = 1e3, 1e6  # m/s, N
@@ -92,9 +89,7 @@ def read_object_poses(folder: Path, refuse: Refuse = raise_it) -> ObjectPoses | 
         InputError: The table cannot be used; see `episodes.read_episode`.
     """
     path = folder / POSES_FILE
-    if not os.path.lexists(path):
-        return None
-    return read_pose_table(path, refuse)
+    return read_pose_table(path, refuse) if os.path.lexists(path) else None
 
 
 def read_pose_table(path: Path, refuse: Refuse = raise_it) -> ObjectPoses:
@@ -126,7 +121,7 @@ def read_frame_table(
     """
     table = read_table(folder / FRAMES_FILE, FRAME_COLUMNS, refuse=refuse)
     t = table.times()
-    frame_numbers(table)
+    _require_numbers(table)
     names = [text.strip() for text in table.cells["file_path"]]
     seen: dict[str, int] = {}
     for row, name in enumerate(names):
@@ -136,7 +131,8 @@ def read_frame_table(
         if not name or not name.isprintable() or len(name) > LONGEST_TEXT:
             refuse(table.refusal(row, "file_path", "the name of an image file"))
         else:
-            _require_image(table, row, folder / name)
+            wanted = f"the image file of {table.path}, row {table.lines[row]}"
+            attempt(partial(require_file, folder / name, wanted), refuse)
     if trajectory_t is not None:
         start, end = float(np.min(trajectory_t)), float(np.max(trajectory_t))
         for row in np.nonzero((t < start - _ROUNDING) | (t > end + _ROUNDING))[0].tolist():
@@ -144,17 +140,8 @@ def read_frame_table(
     return names, t
 
 
-def _require_image(table: Table, row: int, path: Path) -> None:
-    """Refuses a row whose image is missing."""
-    attempt(lambda: require_file(path, f"the image file of {table.path}, row {table.lines[row]}"), table.refuse)
-
-
-def frame_numbers(table: Table) -> np.ndarray:
-    """Column `frame` of `frames.csv`: (n,) float64, whole and increasing.
-
-    Raises:
-        InputError: A cell is something else.
-    """
+def _require_numbers(table: Table) -> None:
+    """Requires column `frame` of `frames.csv` to be whole and increasing."""
     values = table.numbers(("frame",), 1e9)[:, 0]
     for row, value in enumerate(values.tolist()):
         before = values[row - 1] if row else -1.0
@@ -163,4 +150,3 @@ def frame_numbers(table: Table) -> np.ndarray:
         if value != np.floor(value) or value <= before:
             allowed = "a whole number, larger than the one in the row before" if row else "a whole number from 0"
             table.refuse(table.refusal(row, "frame", allowed))
-    return values

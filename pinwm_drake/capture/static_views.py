@@ -1,12 +1,13 @@
 """Posed images of an object at rest, as surfels are fitted to them."""
 
+import glob
 from pathlib import Path
 
 import numpy as np
 import torch
 import trimesh
 
-from pinwm_drake.capture.images import read_image, size_of
+from pinwm_drake.capture.images import read_image, require_size
 from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.scene import CAPTURE_FILE, read_capture_object
 from pinwm_drake.capture.transforms import Frame, read_transforms
@@ -60,9 +61,8 @@ def read_views(path: Path, X_WO: Pose | None = None, *, mesh: trimesh.Trimesh | 
             inside the object, or an image does not show the object where its camera has it.
     """
     file = path / TRANSFORMS if is_folder(path) else path
-    frames = read_transforms(file)
     X_WO = identity() if X_WO is None else X_WO
-    return [_read_view(frame, X_WO, mesh) for frame in frames]
+    return [_read_view(frame, X_WO, mesh) for frame in read_transforms(file)]
 
 
 def _read_view(frame: Frame, X_WO: Pose, mesh: trimesh.Trimesh | None) -> View:
@@ -84,13 +84,7 @@ def read_frame_image(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
         InputError: Image or mask is missing or unreadable, of another size than the camera's, or shows nothing.
     """
     image, mask = read_image(frame.image_path, frame.mask_path or find_mask(frame.entry.path.parent, frame.image_path))
-    if mask.shape != (frame.camera.height, frame.camera.width):
-        raise InputError(
-            frame.image_path,
-            value=size_of(mask),
-            allowed=f"{frame.camera.width} x {frame.camera.height} px, as {frame.entry.path} says "
-            f"({frame.entry.place})",
-        )
+    require_size(frame.image_path, mask, frame.camera, f"as {frame.entry.path} says ({frame.entry.place})")
     return image, mask
 
 
@@ -110,17 +104,11 @@ def find_mask(folder: Path, image_path: Path) -> Path | None:
     masks = folder / "masks"
     if not is_folder(masks):
         return None
-    found = sorted(masks.glob(f"{_escape(image_path.stem)}.*"))
+    found = sorted(masks.glob(f"{glob.escape(image_path.stem)}.*"))
     if not found:
-        raise InputError(
-            masks, value=f"no mask {image_path.stem}.*", allowed="a mask for each image, or no such folder"
-        )
+        allowed = "a mask for each image, or no such folder"
+        raise InputError(masks, value=f"no mask {image_path.stem}.*", allowed=allowed)
     return found[0]
-
-
-def _escape(name: str) -> str:
-    """Pattern for glob that takes a name literally."""
-    return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in name)
 
 
 def require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:

@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pinwm_drake.capture.images import read_image
+from pinwm_drake.capture.images import read_image, require_size
 from pinwm_drake.capture.importers.nerfstudio import read_posed_images
 from pinwm_drake.capture.importers.pinwm_push import RATE, ReleasedPush, read_push
 from pinwm_drake.capture.importers.similarity import scaled_world
 from pinwm_drake.capture.importers.target import Scenery, copy_file, write_scenery
-from pinwm_drake.capture.importers.views import require_size, write_static
+from pinwm_drake.capture.importers.views import write_static
 from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.scene import EPISODES
 from pinwm_drake.capture.write import write_episode_tables
@@ -102,7 +102,7 @@ def _first_pose(path: Path, push: ReleasedPush) -> Pose:
 def _write_push(folder: Path, push: ReleasedPush) -> None:
     names = [f"rgb/{frame:05}{path.suffix.lower()}" for frame, path in zip(push.frames, push.images, strict=True)]
     for path, name in zip(push.images, names, strict=True):
-        require_size(path, read_image(path, may_be_empty=True)[1], push.camera)
+        require_size(path, read_image(path, may_be_empty=True)[1], push.camera, "as its camera has")
         copy_file(path, folder / name)
     t = np.array(push.frames) / RATE
     write_episode_tables(folder, push.camera, push.X_WC, names, t, push.trajectory, push.poses)

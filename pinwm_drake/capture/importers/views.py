@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from pinwm_drake.capture.images import read_image, size_of
+from pinwm_drake.capture.images import read_image, require_size
 from pinwm_drake.capture.importers.similarity import Similarity
 from pinwm_drake.capture.importers.target import copy_file
 from pinwm_drake.capture.write import write_posed_images
@@ -48,16 +46,10 @@ def write_static(folder: Path, images: list[PosedImage], similarity: Similarity)
     for k, image in enumerate(images):
         if masked and image.mask_path is None:
             raise InputError(image.path, value="no mask", allowed="a mask for each image, or none at all")
-        require_size(image.path, read_image(image.path, image.mask_path)[1], image.camera)
+        require_size(image.path, read_image(image.path, image.mask_path)[1], image.camera, "as its camera has")
         name = f"images/{k:05}{image.path.suffix.lower()}"
         copy_file(image.path, folder / "static" / name)
         if image.mask_path is not None:
             copy_file(image.mask_path, folder / f"static/masks/{k:05}{image.mask_path.suffix.lower()}")
         frames.append((name, image.camera, similarity.pose(image.X_SC)))
     write_posed_images(folder / "static/transforms.json", frames)
-
-
-def require_size(path: Path, mask: np.ndarray, camera: Camera) -> None:
-    """Requires an image, by its mask (H, W), to have the size of its camera; raises InputError otherwise."""
-    if mask.shape != (camera.height, camera.width):
-        raise InputError(path, value=size_of(mask), allowed=f"{camera.width} x {camera.height} px, as its camera has")
