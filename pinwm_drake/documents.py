@@ -251,6 +251,18 @@ def read_yaml(path: Path) -> Entry:
         raise InputError(path, value=f"{type(error).__name__}: {error}", allowed="YAML") from error
 
 
+def read_bytes(path: Path) -> bytes:
+    """The contents of a file.
+
+    Raises:
+        InputError: It is missing or unreadable.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+
+
 def read_text(path: Path) -> str:
     """The text of a file in UTF-8, without a byte-order mark.
 

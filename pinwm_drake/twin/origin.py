@@ -13,7 +13,7 @@ from pinwm_drake.capture.episode_tables import POSES_FILE
 from pinwm_drake.capture.episodes import Episode
 from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
 from pinwm_drake.capture.scene import Capture
-from pinwm_drake.errors import InputError
+from pinwm_drake.documents import read_bytes
 from pinwm_drake.spatial.poses import Pose, compose
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
 from pinwm_drake.twin.twin import Twin
@@ -78,10 +78,7 @@ def hash_capture(folder: Path, episodes: Sequence[str]) -> str:
     """
     digest = hashlib.sha256()
     for path in sorted(_files(folder, episodes)):
-        try:
-            contents = hashlib.sha256(path.read_bytes()).hexdigest()
-        except OSError as error:
-            raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+        contents = hashlib.sha256(read_bytes(path)).hexdigest()
         digest.update(f"{path.relative_to(folder).as_posix()}\n{contents}\n".encode("utf-8", "surrogateescape"))
     return digest.hexdigest()
 

@@ -1,15 +1,13 @@
 """Predictions of a twin for the pusher's log of an episode, of its own capture or of another one."""
 
-import hashlib
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import torch
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
 from pinwm_drake.capture.scene import Capture, PusherGeometry
-from pinwm_drake.errors import InputError
+from pinwm_drake.documents import read_bytes
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
@@ -109,7 +107,7 @@ def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin) -> Spread:
 def mismatches(twin: Twin, capture: Capture) -> list[str]:
     """Differences of a capture's scene from that of the twin, in words."""
     found = []
-    if _digest(twin.mesh_path) != _digest(capture.object.mesh_path):
+    if read_bytes(twin.mesh_path) != read_bytes(capture.object.mesh_path):
         found.append(f"the twin's mesh is another one than {capture.object.mesh_path}; the twin's is used")
     if not _same_pusher(twin.pusher, capture.pusher):
         found.append(f"the twin's pusher is another one than that of {capture.folder}; the twin's is used")
@@ -139,11 +137,4 @@ def _same_pusher(twin: PusherGeometry, capture: PusherGeometry) -> bool:
         return twin.shape == capture.shape
     if twin.mesh_path is None or capture.mesh_path is None:
         return twin.mesh_path == capture.mesh_path
-    return _digest(twin.mesh_path) == _digest(capture.mesh_path)
-
-
-def _digest(path: Path) -> str:
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+    return read_bytes(twin.mesh_path) == read_bytes(capture.mesh_path)

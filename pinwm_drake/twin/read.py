@@ -6,7 +6,7 @@ from pathlib import Path, PurePosixPath
 
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.scene import PusherGeometry
-from pinwm_drake.documents import Entry, read_yaml
+from pinwm_drake.documents import Entry, read_bytes, read_yaml
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.twin.document import read_document
@@ -82,10 +82,7 @@ def _check_hashes(paths: dict[str, Path], hashes: Entry) -> None:
         if not re.fullmatch("[0-9a-f]{64}", expected):
             raise hashes[name].refusal("64 hexadecimal digits")
         require_file(path, f"the file that {hashes.path.name} names under sha256")
-        try:
-            found = hashlib.sha256(path.read_bytes()).hexdigest()
-        except OSError as error:
-            raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+        found = hashlib.sha256(read_bytes(path)).hexdigest()
         if found != expected:
             raise InputError(
                 path,
