@@ -25,18 +25,7 @@ def is_capture(folder: Path) -> bool:
 
 
 def read_static_views(folder: Path) -> list[View]:
-    """Reads the static views of a capture.
-
-    Args:
-        folder: The capture: `capture.yaml`, `static/transforms.json`, images and, optionally, masks.
-
-    Returns:
-        The views, in the order of the file.
-
-    Raises:
-        InputError: Anything in these files is missing or wrong; see `read_capture_object`, `load_mesh` and
-            `read_views`.
-    """
+    """Static views of a capture, in the order of its file; raises InputError as `read_views` and `read_capture`."""
     about = read_capture_object(folder)
     return read_views(folder / "static", about.X_WO, mesh=load_mesh(about.mesh_path))
 
@@ -66,15 +55,13 @@ def read_views(path: Path, X_WO: Pose | None = None, *, mesh: trimesh.Trimesh | 
 
 
 def _read_view(frame: Frame, X_WO: Pose, mesh: trimesh.Trimesh | None) -> View:
-    """The view of one frame, checked; raises InputError as `read_views` does."""
     X_CO = compose(inverse(frame.X_WC), X_WO)
     if mesh is not None:
         require_outside(frame, X_CO, mesh)
     image, mask = read_frame_image(frame)
-    view = View(frame.file_path, frame.camera, X_CO, torch.from_numpy(image), torch.from_numpy(mask))
     if mesh is not None:
         require_seen(frame, X_CO, mask, mesh)
-    return view
+    return View(frame.file_path, frame.camera, X_CO, torch.from_numpy(image), torch.from_numpy(mask))
 
 
 def read_frame_image(frame: Frame) -> tuple[np.ndarray, np.ndarray]:

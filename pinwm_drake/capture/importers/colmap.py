@@ -4,8 +4,7 @@ from pathlib import Path
 
 from pinwm_drake.capture.importers.colmap_model import ModelImage, read_model
 from pinwm_drake.capture.importers.similarity import Similarity
-from pinwm_drake.capture.importers.target import Scenery, write_scenery
-from pinwm_drake.capture.importers.views import PosedImage, write_static
+from pinwm_drake.capture.importers.target import PosedImage, Scenery, write_scenery, write_static
 from pinwm_drake.capture.paths import is_file, is_folder, require_file
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import appearing

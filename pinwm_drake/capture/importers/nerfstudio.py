@@ -6,8 +6,7 @@ from typing import Any
 
 from pinwm_drake.capture.images import read_size
 from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
-from pinwm_drake.capture.importers.target import Scenery, write_scenery
-from pinwm_drake.capture.importers.views import PosedImage, write_static
+from pinwm_drake.capture.importers.target import PosedImage, Scenery, write_scenery, write_static
 from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.static_views import TRANSFORMS, find_mask
 from pinwm_drake.capture.transforms import Frame, read_frame, require_different
