@@ -35,10 +35,6 @@ class Table:
     cells: dict[str, list[str]]
     refuse: Refuse = raise_it
 
-    def __len__(self) -> int:
-        """Number of rows."""
-        return len(self.lines)
-
     def refusal(self, row: int, column: str, allowed: str, found: str | None = None) -> InputError:
         """Error of one cell, with file, row and column.
 
@@ -65,8 +61,8 @@ class Table:
             InputError: A cell is no finite number of at most that magnitude.
         """
         allowed = "a finite number" + ("" if math.isinf(bound) else f" from {-bound:g} to {bound:g}")
-        values = np.full((len(self), len(columns)), np.nan)
-        for row in range(len(self)):
+        values = np.full((len(self.lines), len(columns)), np.nan)
+        for row in range(len(self.lines)):
             for k, column in enumerate(columns):
                 text = self.cells[column][row].strip()
                 value = float(text) if _NUMBER.fullmatch(text) else math.nan
@@ -76,18 +72,17 @@ class Table:
                     self.refuse(self.refusal(row, column, allowed))
         return values
 
-    def times(self, column: str = "t") -> np.ndarray:
-        """Times (rows,) [s] of a column, each later than the one before.
+    def times(self) -> np.ndarray:
+        """Times (rows,) [s] of column t, each later than the one before.
 
         Raises:
             InputError: A cell is no finite number, or not later than the one above it.
         """
-        times = self.numbers((column,), _LATEST)[:, 0]
-        for row in range(1, len(times)):
-            if times[row] <= times[row - 1]:
-                same = "the time of the row before again" if times[row] == times[row - 1] else "an earlier time"
-                allowed = f"a time after {times[row - 1]:.9g} s, that of the row before ({same})"
-                self.refuse(self.refusal(row, column, allowed))
+        times = self.numbers(("t",), _LATEST)[:, 0]
+        for row in (np.nonzero(np.diff(times) <= 0)[0] + 1).tolist():
+            same = "the time of the row before again" if times[row] == times[row - 1] else "an earlier time"
+            allowed = f"a time after {times[row - 1]:.9g} s, that of the row before ({same})"
+            self.refuse(self.refusal(row, "t", allowed))
         return times
 
     def quaternions(self, columns: tuple[str, str, str, str] = ("qw", "qx", "qy", "qz")) -> np.ndarray:
@@ -123,7 +118,6 @@ def read_table(
         InputError: The file cannot be read, has other columns, or no rows; the message names the line. A row
             with another number of cells goes to `refuse`.
     """
-    wanted = (*columns, *optional)
     allowed = f"columns {','.join(columns)}" + (f" and, if measured, {','.join(optional)}" if optional else "")
     reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
     try:
@@ -133,17 +127,14 @@ def read_table(
         raise InputError(path, row=reader.line_num, value=str(error), allowed="comma-separated values") from error
     while rows and not rows[-1][1]:
         rows.pop()  # empty lines at the end
-    known = set(columns) <= set(header) <= set(wanted) and len(set(header)) == len(header)
-    if not known or (set(header) & set(optional) and not set(optional) <= set(header)):
+    if sorted(header) not in (sorted(columns), sorted((*columns, *optional))):
         raise InputError(path, row=1, value=quote(",".join(header)), allowed=allowed)
     if not rows:
         raise InputError(path, value="no row below the header", allowed="one row or more")
-    whole = []
     for line, cells in rows:
-        if len(cells) == len(header):
-            whole.append((line, cells))
-        else:
+        if len(cells) != len(header):
             refuse(InputError(path, row=line, value=f"{len(cells)} cells", allowed=f"{len(header)}, as in the header"))
+    whole = [(line, cells) for line, cells in rows if len(cells) == len(header)]
     if not whole:
         raise InputError(path, value="no row that is whole", allowed="one row or more")
     lines = [line for line, _ in whole]
