@@ -60,7 +60,5 @@ def check_capture(folder: Path, progress: Callable[[str], None] = lambda part: N
     views = check_static(scene, findings, progress)
     if not scene.episode_names:
         findings.warn(folder / EPISODES, "no episode", "one push or more, to identify a twin")
-    images = {}
-    for name in scene.episode_names:
-        images[name] = check_episode(name, scene, findings, progress)
+    images = {name: check_episode(name, scene, findings, progress) for name in scene.episode_names}
     return CheckResult(findings.problems, views, images)

@@ -76,14 +76,7 @@ def read_frame_image(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
 
 
 def find_mask(folder: Path, image_path: Path) -> Path | None:
-    """Path of the mask of an image.
-
-    Args:
-        folder: Folder in which `masks` may be.
-        image_path: The image; its mask has its name up to the suffix.
-
-    Returns:
-        Its file in `masks`; None where there is no such folder.
+    """Path of the mask of an image, with its name up to the suffix; None where `folder` has no folder `masks`.
 
     Raises:
         InputError: There is such a folder, but the mask is not in it.
@@ -99,16 +92,7 @@ def find_mask(folder: Path, image_path: Path) -> Path | None:
 
 
 def require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:
-    """Requires the camera of a frame to be outside the object.
-
-    Args:
-        frame: The frame.
-        X_CO: Pose of the object in its camera: q (4,), p (3,) [m].
-        mesh: The object, m, O.
-
-    Raises:
-        InputError: It is inside.
-    """
+    """Requires a camera to be outside the object, which has pose X_CO [m] in it; raises InputError otherwise."""
     p_OC = inverse(X_CO).p.numpy()
     if winding_number(mesh, p_OC) > 0.5:
         found = f"a camera inside the object, at {(np.round(p_OC, 4) + 0.0).tolist()} m from its origin"
@@ -116,7 +100,7 @@ def require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:
 
 
 def require_seen(frame: Frame, X_CO: Pose, mask: np.ndarray, mesh: trimesh.Trimesh) -> None:
-    """Requires the camera of a frame to see the object, and not beside where the image shows it.
+    """Requires a camera to see the object, and not beside where the image shows it.
 
     Args:
         frame: The frame.

@@ -161,22 +161,12 @@ def start_pose(twin: Twin, capture: Capture, push: int | None) -> Pose:
 
 
 def time_offset(twin: Twin, push: int | None) -> float:
-    """Delay of an episode's frames against the robot's clock [s]; 0 where it is not known.
-
-    Args:
-        twin: The twin.
-        push: Number of the identified push; None for another one.
-    """
+    """Delay of the frames of an identified push against the robot's clock [s]; 0 where it is not known."""
     return 0.0 if push is None else of_push(twin, "time_offset", push, 0.0)
 
 
 def in_push(twin: Twin, push: int | None) -> Twin:
-    """The twin with the frictions that it had in one of its own pushes, by `grip_floor` and `grip_pusher`.
-
-    Args:
-        twin: The twin.
-        push: Number of the identified push; None for another one, which is the twin as it is.
-    """
+    """The twin with the frictions of an identified push, by `grip_floor` and `grip_pusher`; as it is for None."""
     if push is None:
         return twin
     factors = {f"friction_{one}": of_push(twin, f"grip_{one}", push, 1.0) for one in ("floor", "pusher")}

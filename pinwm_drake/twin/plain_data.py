@@ -42,24 +42,17 @@ def read_plain(entry: Entry) -> None:
     queue, count = [(entry, 0)], 0
     while queue:
         here, depth = queue.pop()
-        count += 1
+        value, count = here.value, count + 1
         if depth > _DEEPEST or count > _MOST:
             raise here.refusal(f"at most {_DEEPEST} levels and {_MOST} values", "data nested without end")
-        queue += [(part, depth + 1) for part in _parts(here)]
-
-
-def _parts(entry: Entry) -> list[Entry]:
-    """Entries in a mapping or list, none in another value; raises InputError where the value is not plain."""
-    value = entry.value
-    if isinstance(value, dict):
-        for key in value:
-            if not isinstance(key, str) or not key:
-                raise entry.refusal("keys that are text", f"the key {key!r}")
-        return [entry[key] for key in value]
-    if isinstance(value, list):
-        return entry.items() if value else []
-    if isinstance(value, float):
-        entry.number()
-    elif not isinstance(value, (str, int, type(None))):  # a bool is an int
-        raise entry.refusal("text, finite numbers, true, false, null, lists and mappings")
-    return []
+        if isinstance(value, dict):
+            for key in value:
+                if not isinstance(key, str) or not key:
+                    raise here.refusal("keys that are text", f"the key {key!r}")
+            queue += [(here[key], depth + 1) for key in value]
+        elif isinstance(value, list) and value:
+            queue += [(part, depth + 1) for part in here.items()]
+        elif isinstance(value, float):
+            here.number()
+        elif not isinstance(value, (str, int, list, type(None))):  # a bool is an int
+            raise here.refusal("text, finite numbers, true, false, null, lists and mappings")

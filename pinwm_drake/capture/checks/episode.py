@@ -35,17 +35,7 @@ _Part = TypeVar("_Part")
 
 
 def check_episode(name: str, scene: Scene, findings: Findings, progress: Callable[[str], None]) -> int:
-    """Checks the episode in `episodes/<name>`.
-
-    Args:
-        name: Name of the episode.
-        scene: The parts of the capture that have been read so far.
-        findings: Receives the problems.
-        progress: Is told what comes next.
-
-    Returns:
-        Number of images of the episode, of all of its cameras.
-    """
+    """Checks `episodes/<name>` and returns the number of its images; `progress` is told what comes next."""
     folder, error = scene.folder / EPISODES / name, findings.error
     log = _whole(lambda: read_trajectory(folder, error), findings)
     poses = _whole(lambda: read_object_poses(folder, error), findings)

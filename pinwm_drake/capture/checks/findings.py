@@ -28,7 +28,6 @@ class Findings:
     """
 
     def __init__(self, folder: Path) -> None:
-        """Collection without problems; `folder` is the capture."""
         self.problems: list[Problem] = []
         self._folder = folder
         self._seen: set[str] = set()

@@ -23,15 +23,7 @@ _FAST = 1.5  # m/s
 def check_motion(
     folder: Path, trajectory: PusherTrajectory, frames_t: np.ndarray | None, scene: Scene, findings: Findings
 ) -> None:
-    """Checks the motion of the pusher.
-
-    Args:
-        folder: Folder of the episode.
-        trajectory: Log of the pusher, without NaN.
-        frames_t: (n,) [s], when the images were taken; None where that is not known.
-        scene: The object, where it starts, and the pusher.
-        findings: Receives the problems.
-    """
+    """Checks the pusher's log, without NaN, of an episode with images at `frames_t` (n,) [s], where these are known."""
     path = folder / TRAJECTORY_FILE
     _check_velocity(path, trajectory, findings)
     cosine = np.abs(trajectory.q_WP @ trajectory.q_WP[0]).clip(0, 1)
@@ -60,12 +52,8 @@ def _check_velocity(path: Path, trajectory: PusherTrajectory, findings: Findings
     allowed = _ASTRAY[0] + _ASTRAY[1] * np.linalg.norm(expected, axis=-1)
     if (off > allowed).any():
         k = int(np.argmax(off - allowed))
-        findings.warn(
-            path,
-            f"{int((off > allowed).sum())} steps that differ from vx, vy, vz, this one by {1000 * off[k]:.1f} mm",
-            "positions that follow the commanded velocity of the row before",
-            row=k + 3,
-        )
+        found = f"{int((off > allowed).sum())} steps that differ from vx, vy, vz, this one by {1000 * off[k]:.1f} mm"
+        findings.warn(path, found, "positions that follow the commanded velocity of the row before", row=k + 3)
     speed = np.linalg.norm(moved, axis=-1) / np.diff(trajectory.t) if len(moved) else np.zeros(1)
     if speed.max() > _FAST:
         row = int(speed.argmax()) + 2

@@ -94,13 +94,7 @@ def sharpness(image: np.ndarray, mask: np.ndarray) -> float | None:
 
 
 def check_sharpness(folder: Path, values: list[tuple[Path, float | None]], findings: Findings) -> None:
-    """Warns of images far less sharp than the others, and of images that are all blurred.
-
-    Args:
-        folder: Folder of the images.
-        values: File and sharpness of each image.
-        findings: Receives the problems.
-    """
+    """Warns of images far less sharp than the others, and of images that are all blurred; `values` by file."""
     known = [value for _, value in values if value is not None]
     if len(known) < 4:
         return
@@ -120,20 +114,11 @@ def check_area(path: Path, mask: np.ndarray, findings: Findings) -> None:
 
 
 def check_camera(path: Path, camera: Camera, findings: Findings) -> None:
-    """Warns of intrinsics that may belong to images of another size.
-
-    Args:
-        path: The file of the intrinsics.
-        camera: Size and intrinsics (4,).
-        findings: Receives the problems.
-    """
+    """Warns of intrinsics in a file that may belong to images of another size."""
     fx, fy, cx, cy = camera.intrinsics.tolist()
     width, height = camera.width, camera.height
     if abs(cx / width - 0.5) > _OFF_CENTRE or abs(cy / height - 0.5) > _OFF_CENTRE:
-        findings.warn(
-            path,
-            f"cx, cy = {cx:.6g}, {cy:.6g} in images of {width} x {height} px",
-            "a principal point near their middle; do the intrinsics belong to another size?",
-        )
+        found = f"cx, cy = {cx:.6g}, {cy:.6g} in images of {width} x {height} px"
+        findings.warn(path, found, "a principal point near their middle; do the intrinsics belong to another size?")
     if abs(fx / fy - 1) > _STRETCH:
         findings.warn(path, f"fl_x, fl_y = {fx:.6g}, {fy:.6g}", "focal lengths that differ by 5 % at most")

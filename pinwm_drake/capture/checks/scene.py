@@ -53,15 +53,7 @@ class Scene:
 
 
 def check_scene(folder: Path, findings: Findings) -> Scene:
-    """Checks `capture.yaml`, key by key, and the meshes.
-
-    Args:
-        folder: The capture.
-        findings: Receives the problems.
-
-    Returns:
-        What could be read.
-    """
+    """Checks `capture.yaml`, key by key, and the meshes; returns what could be read."""
     names = attempt(lambda: episode_names(folder), findings.error) or []
     document = attempt(lambda: read_yaml(folder / CAPTURE_FILE), findings.error)
     if document is None or attempt(lambda: document.read(HeadDocument), findings.error) is None:

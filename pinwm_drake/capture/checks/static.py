@@ -1,6 +1,7 @@
 """Checks of the static views: each by itself, and how they surround the object."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,22 +29,13 @@ _DOWN = -0.7  # z of normals that face the floor
 
 
 def check_static(scene: Scene, findings: Findings, progress: Callable[[str], None]) -> int:
-    """Checks the static views in `static/`.
-
-    Args:
-        scene: The parts of the capture that have been read so far.
-        findings: Receives the problems.
-        progress: Is told what comes next.
-
-    Returns:
-        Number of views.
-    """
+    """Checks the static views in `static/` and returns their number; `progress` is told what comes next."""
     path = scene.folder / "static" / TRANSFORMS
     document = attempt(lambda: read_json(path), findings.error)
     entries = None if document is None else attempt(lambda: document["frames"].items(), findings.error)
     if document is None or entries is None:
         return 0
-    read = (_read(document, entry, findings) for entry in entries)
+    read = (attempt(partial(read_frame, document, entry), findings.error) for entry in entries)
     frames = [frame for frame in read if frame is not None]
     require_different(frames, findings.error)
     sharp: list[tuple[Path, float | None]] = []
@@ -55,10 +47,6 @@ def check_static(scene: Scene, findings: Findings, progress: Callable[[str], Non
     if scene.mesh is not None and scene.X_WO is not None and len(frames) == len(entries):
         _check_surroundings(path, frames, scene.mesh, scene.X_WO, findings)
     return len(entries)
-
-
-def _read(document: Entry, entry: Entry, findings: Findings) -> Frame | None:
-    return attempt(lambda: read_frame(document, entry), findings.error)
 
 
 def _check_view(frame: Frame, scene: Scene, findings: Findings, sharp: list[tuple[Path, float | None]]) -> None:
