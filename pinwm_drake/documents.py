@@ -200,9 +200,19 @@ def _allowed(low: float, high: float) -> str:
     return "a finite number" + ("" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}")
 
 
-def finite(low: float = -math.inf, high: float = math.inf, *, allowed: str | None = None) -> Any:
-    """Field of a finite number from `low` to `high`; `allowed` says it in other words."""
-    return Field(ge=low, le=high, json_schema_extra={"allowed": allowed or _allowed(low, high)})
+def in_words(allowed: str, **bounds: Any) -> Any:
+    """Field with pydantic's bounds; a message says what is allowed in these words."""
+    return Field(json_schema_extra={"allowed": allowed}, **bounds)
+
+
+def finite(low: float = -math.inf, high: float = math.inf) -> Any:
+    """Field of a finite number from `low` to `high`."""
+    return in_words(_allowed(low, high), ge=low, le=high)
+
+
+def schema_version(number: int) -> Any:
+    """Field of the version of a document, a whole number; no Literal, as True is 1."""
+    return in_words(f"{number}, the version that this release reads", ge=number, le=number)
 
 
 def _text(text: str) -> str:

@@ -142,7 +142,7 @@ def _plain(annotation: Any) -> tuple[Any, bool, list[Any]]:
     while True:
         if get_origin(annotation) is Annotated:
             annotation, *more = get_args(annotation)
-            metadata += [inner for one in more for inner in (one, *(one.metadata if isinstance(one, FieldInfo) else ()))]
+            metadata += [inner for one in more for inner in (one, *getattr(one, "metadata", ()))]
         elif get_origin(annotation) in (Union, types.UnionType):
             parts = [part for part in get_args(annotation) if part is not types.NoneType]
             optional, annotation = optional or len(parts) < len(get_args(annotation)), parts[0]

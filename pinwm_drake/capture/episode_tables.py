@@ -79,15 +79,7 @@ def read_trajectory(folder: Path, refuse: Refuse = raise_it) -> PusherTrajectory
 
 
 def read_object_poses(folder: Path, refuse: Refuse = raise_it) -> ObjectPoses | None:
-    """The object's poses from `object_poses.csv`; None where there is no such file.
-
-    Args:
-        folder: Folder of the episode.
-        refuse: Receives problems, as for `read_trajectory`.
-
-    Raises:
-        InputError: The table cannot be used; see `episodes.read_episode`.
-    """
+    """The object's poses from `object_poses.csv`, as `read_pose_table`; None where there is no such file."""
     path = folder / POSES_FILE
     return read_pose_table(path, refuse) if os.path.lexists(path) else None
 

@@ -6,15 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from pinwm_drake.capture.episode_tables import (
-    ObjectPoses,
-    PusherTrajectory,
-    read_frame_table,
-    read_object_poses,
-    read_trajectory,
-)
+from pinwm_drake.capture.episode_tables import ObjectPoses as ObjectPoses
+from pinwm_drake.capture.episode_tables import PusherTrajectory as PusherTrajectory
+from pinwm_drake.capture.episode_tables import read_frame_table, read_object_poses, read_trajectory
 from pinwm_drake.capture.images import read_image, require_size
 from pinwm_drake.capture.scene import EPISODES, Capture, read_capture
 from pinwm_drake.capture.static_views import find_mask
@@ -23,17 +18,6 @@ from pinwm_drake.documents import read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
-
-__all__ = [
-    "Episode",
-    "ObjectPoses",
-    "PusherTrajectory",
-    "View",
-    "pose_at",
-    "read_episode",
-    "read_episode_folder",
-    "read_frames",
-]
 
 CAMERA_FILE, CAMERAS = "camera.json", "cameras"
 
@@ -155,26 +139,16 @@ def read_episode_folder(folder: Path) -> tuple[Capture, Episode]:
     return capture, read_episode(capture, whole.name)
 
 
-def read_frames(episode: Episode) -> tuple[Tensor, Tensor]:
-    """The images of an episode.
-
-    Args:
-        episode: The episode.
+def read_episode_image(folder: Path, name: str, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """One image of an episode.
 
     Returns:
-        (n, H, W, 3) float32, sRGB in [0, 1], white where the object is not; and (n, H, W) bool, true on the
-        object; nowhere true for an image that does not show it.
+        (H, W, 3) float32, sRGB in [0, 1], white where the object is not; and (H, W) bool, true on the object; nowhere
+        true for an image that does not show it.
 
     Raises:
-        InputError: An image or a mask is missing, unreadable or of another size than the camera's.
+        InputError: The image or its mask is missing, unreadable or of another size than the camera's.
     """
-    pictures = [read_episode_image(episode.folder, name, episode.camera) for name in episode.file_names]
-    images, masks = zip(*pictures, strict=True)
-    return torch.from_numpy(np.stack(images)), torch.from_numpy(np.stack(masks))
-
-
-def read_episode_image(folder: Path, name: str, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """One image of an episode: (H, W, 3) float32 and (H, W) bool, as in `read_frames`, with its errors."""
     path = folder / name
     image, mask = read_image(path, find_mask(folder, path), may_be_empty=True)
     require_size(path, mask, camera, f"as {folder / CAMERA_FILE} says")

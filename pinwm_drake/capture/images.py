@@ -90,16 +90,6 @@ def size_of(image: np.ndarray) -> str:
 
 
 def require_size(path: Path, mask: np.ndarray, camera: Camera, why: str) -> None:
-    """Requires an image to have the size of its camera.
-
-    Args:
-        path: The image.
-        mask: Its mask (H, W).
-        camera: The camera.
-        why: Source of that size, in words.
-
-    Raises:
-        InputError: It has another size.
-    """
+    """Requires an image, by its mask (H, W), to have the size of its camera; raises InputError that says why."""
     if mask.shape != (camera.height, camera.width):
         raise InputError(path, value=size_of(mask), allowed=f"{camera.width} x {camera.height} px, {why}")

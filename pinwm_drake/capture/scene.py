@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, ValidationInfo
 
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.tables import UNIT_NORM
-from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, read_yaml
+from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, read_yaml, schema_version
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import Pose
 
@@ -99,7 +99,7 @@ def _unit(q: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(part / norm for part in q)
 
 
-_Coordinate = Annotated[float, finite(-FARTHEST, FARTHEST, allowed=f"a position within {FARTHEST:g} m of the origin")]
+_Coordinate = Annotated[float, in_words(f"a position within {FARTHEST:g} m of the origin", ge=-FARTHEST, le=FARTHEST)]
 
 
 class PoseDocument(Document):
@@ -164,8 +164,7 @@ class _Units(Document):
 class HeadDocument(Document, extra="ignore"):
     """Keys of a `capture.yaml` that tell how to read the others."""
 
-    # No Literal: True is 1.
-    schema_version: int = Field(ge=1, le=1, json_schema_extra={"allowed": "1, the version that this release reads"})
+    schema_version: int = schema_version(SCHEMA_VERSION)
     units: _Units = _Units()
 
 
@@ -223,16 +222,7 @@ def object_mesh(folder: Path, name: str) -> Path:
 
 
 def pusher_geometry(entry: Entry, pusher: PusherDocument, *, required: bool) -> PusherGeometry:
-    """The pusher of a capture.
-
-    Args:
-        entry: The key `pusher`.
-        pusher: Its contents.
-        required: Whether there has to be a mesh or a shape.
-
-    Raises:
-        InputError: The mesh is missing, or there is neither.
-    """
+    """The pusher of a capture; raises InputError where it is required but has neither mesh nor shape, or no file."""
     mesh_path = None if pusher.mesh is None else entry.path.parent / pusher.mesh
     if required and mesh_path is None and pusher.shape is None:
         raise entry.refusal("a mesh or a shape")

@@ -2,25 +2,25 @@
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, Field, create_model, model_validator
 
-from pinwm_drake.capture.scene import GRAVITIES, FloorDocument, PusherDocument
-from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite
+from pinwm_drake.capture.scene import GRAVITIES, UNITS, FloorDocument, PusherDocument
+from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, schema_version
 from pinwm_drake.scene import Support
-from pinwm_drake.twin.plain_data import read_plain, to_plain
 from pinwm_drake.twin.twin import MOST_FRICTION_DIRECTIONS, SCHEMA_VERSION, THETA, Estimate, Twin
 
 _LONGEST_STEP = 0.1  # s
 _INERTIA = ("inertia_xx", "inertia_yy", "inertia_zz")
 _ROUNDING = 1e-9  # relative, of the triangle inequality: what the physics allows
+_DEEPEST = 32
+_MOST = 100_000  # values; more than that is no provenance but a bomb of YAML aliases
 _INTERVAL = "null, or two numbers [low, high] with low <= high"
-
-
-def _in_words(allowed: str, **bounds: Any) -> Any:
-    return Field(json_schema_extra={"allowed": allowed}, **bounds)
 
 
 class _Units(Document):
@@ -28,9 +28,6 @@ class _Units(Document):
     length: Literal["m"]
     angle: Literal["rad"]
     time: Literal["s"]
-
-
-_UNITS = {"mass": "kg", "length": "m", "angle": "rad", "time": "s"}
 
 
 class _Pusher(PusherDocument):
@@ -42,11 +39,11 @@ class _Pusher(PusherDocument):
 
 
 class _Physics(Document):
-    time_step: float = _in_words(f"above 0, up to {_LONGEST_STEP:g} s", gt=0.0, le=_LONGEST_STEP)
-    friction_directions: int = _in_words(
+    time_step: float = in_words(f"above 0, up to {_LONGEST_STEP:g} s", gt=0.0, le=_LONGEST_STEP)
+    friction_directions: int = in_words(
         f"an even number from 4 to {MOST_FRICTION_DIRECTIONS}", ge=4, le=MOST_FRICTION_DIRECTIONS, multiple_of=2
     )
-    support: Support = _in_words("corners or patch")
+    support: Support = in_words("corners or patch")
 
 
 def _number_or_infinite(value: float) -> float:
@@ -68,15 +65,15 @@ def _positive(value: float) -> float:
 
 
 # .inf where the data say nothing on that side.
-_End = Annotated[float, Field(allow_inf_nan=True), AfterValidator(_number_or_infinite), _in_words("a finite number")]
+_End = Annotated[float, Field(allow_inf_nan=True), AfterValidator(_number_or_infinite), in_words("a finite number")]
 
 
 class _Estimate(Document):
     value: Number
-    interval: Annotated[tuple[_End, _End] | None, FromList, AfterValidator(_ordered)] = _in_words(_INTERVAL)
-    identifiable: bool = _in_words("true or false")
-    unit: str = _in_words("text, which may be empty")
-    note: str = _in_words("text, which may be empty")
+    interval: Annotated[tuple[_End, _End] | None, FromList, AfterValidator(_ordered)] = in_words(_INTERVAL)
+    identifiable: bool = in_words("true or false")
+    unit: str = in_words("text, which may be empty")
+    note: str = in_words("text, which may be empty")
 
     def estimate(self) -> Estimate:
         return Estimate(self.value, self.interval, self.identifiable, self.unit, self.note)
@@ -87,7 +84,7 @@ def _physical(name: str, unit: str) -> Any:
     value: Any = Annotated[float, finite(), AfterValidator(_positive)]
     if name.startswith(("friction", "restitution")):
         value = Annotated[float, finite(0.0, math.inf if name.startswith("friction") else 1.0)]
-    only = _in_words(f'"{unit}"', pattern=f"^{re.escape(unit)}$")
+    only = in_words(f'"{unit}"', pattern=f"^{re.escape(unit)}$")
     return create_model(name, __base__=_Estimate, value=(value, ...), unit=(str, only)), ...
 
 
@@ -97,9 +94,7 @@ _Theta = create_model("_Theta", __base__=Document, **{key: _physical(key, unit) 
 class TwinDocument(Document):
     """Contents of a `twin.yaml`; see `Twin` for their meaning."""
 
-    schema_version: int = _in_words(
-        f"{SCHEMA_VERSION}, the version that this release reads", ge=SCHEMA_VERSION, le=SCHEMA_VERSION
-    )
+    schema_version: int = schema_version(SCHEMA_VERSION)
     units: _Units
     name: Text
     mesh: Text
@@ -133,7 +128,7 @@ def to_document(twin: Twin, mesh: str, pusher_mesh: str | None) -> dict[str, Any
     shape = twin.pusher.shape
     return {
         "schema_version": SCHEMA_VERSION,
-        "units": dict(_UNITS),
+        "units": {"mass": "kg", **UNITS},
         "name": twin.name,
         "mesh": mesh,
         "pusher": {"mesh": pusher_mesh, "shape": None if shape is None else to_plain(asdict(shape))},
@@ -169,5 +164,45 @@ def read_document(entry: Entry) -> TwinDocument:
     if low[0] + middle[0] < high[0] * (1.0 - _ROUNDING):
         allowed = f"at most {low[0] + middle[0]:g}, the sum of the other two moments"
         raise entry["theta"][high[1]]["value"].refusal(allowed)
-    read_plain(entry["provenance"])
+    _require_plain(entry["provenance"])
     return document
+
+
+def to_plain(value: object) -> Any:
+    """Copy of some data in plain Python types.
+
+    NumPy's numbers and arrays become numbers and lists, paths and keys that are numbers become text, and a number that
+    is not finite becomes None. What has no plain form stays as it is.
+    """
+    if isinstance(value, np.ndarray):
+        return to_plain(value.tolist())
+    if isinstance(value, np.generic):
+        return to_plain(value.item())
+    if isinstance(value, Mapping):
+        return {str(key) if isinstance(key, (int, float)) else key: to_plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [to_plain(item) for item in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return str(value) if isinstance(value, Path) else value
+
+
+def _require_plain(entry: Entry) -> None:
+    """Requires plain data of at most 32 levels; raises InputError otherwise."""
+    queue, count = [(entry, 0)], 0
+    while queue:
+        here, depth = queue.pop()
+        value, count = here.value, count + 1
+        if depth > _DEEPEST or count > _MOST:
+            raise here.refusal(f"at most {_DEEPEST} levels and {_MOST} values", "data nested without end")
+        if isinstance(value, dict):
+            for key in value:
+                if not isinstance(key, str) or not key:
+                    raise here.refusal("keys that are text", f"the key {key!r}")
+            queue += [(here[key], depth + 1) for key in value]
+        elif isinstance(value, list) and value:
+            queue += [(part, depth + 1) for part in here.items()]
+        elif isinstance(value, float):
+            here.number()
+        elif not isinstance(value, (str, int, list, type(None))):  # a bool is an int
+            raise here.refusal("text, finite numbers, true, false, null, lists and mappings")

@@ -2,7 +2,10 @@
 
 import hashlib
 import re
+import zipfile
 from pathlib import Path, PurePosixPath
+
+import numpy as np
 
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.scene import PusherGeometry
@@ -10,8 +13,7 @@ from pinwm_drake.documents import Entry, read_bytes, read_yaml
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.twin.document import read_document
-from pinwm_drake.twin.draws import read_draws
-from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Twin
+from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Draws, Twin
 
 
 def read_twin(folder: Path) -> Twin:
@@ -84,8 +86,27 @@ def _check_hashes(paths: dict[str, Path], hashes: Entry) -> None:
         require_file(path, f"the file that {hashes.path.name} names under sha256")
         found = hashlib.sha256(read_bytes(path)).hexdigest()
         if found != expected:
-            raise InputError(
-                path,
-                value=f"SHA-256 {found[:12]}...",
-                allowed=f"{expected[:12]}..., as twin.yaml has it; the file was changed, or is of another run",
-            )
+            allowed = f"{expected[:12]}..., as twin.yaml has it; the file was changed, or is of another run"
+            raise InputError(path, value=f"SHA-256 {found[:12]}...", allowed=allowed)
+
+
+def read_draws(path: Path) -> Draws:
+    """Reads the draws of a twin.
+
+    Raises:
+        InputError: The file is missing, unreadable, or its arrays are no table of finite numbers with a name for each
+            column.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            names, values = file["names"], file["values"]
+    except (OSError, ValueError, TypeError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        found = f"unreadable contents ({error})"
+        raise InputError(path, value=found, allowed="names and values, no pickles") from error
+    if values.ndim != 2 or names.shape != values.shape[1:] or not len(values) or values.dtype.kind != "f":
+        raise InputError(path, value=f"names {names.shape}, values {values.shape}", allowed="(p,) and (N, p), N > 0")
+    wrong = np.argwhere(~np.isfinite(values))
+    if len(wrong):
+        row, column = wrong[0]
+        raise InputError(path, value=f"{values[row, column]} in row {row} of {names[column]}", allowed="finite numbers")
+    return Draws([str(name) for name in names], values)

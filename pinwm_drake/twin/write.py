@@ -5,14 +5,14 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from pinwm_drake.documents import Entry, read_bytes
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.rendering.ply import write_ply
 from pinwm_drake.twin.document import read_document, to_document
-from pinwm_drake.twin.draws import write_draws
-from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Twin
+from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Draws, Twin
 
 _MESHES = "meshes"
 
@@ -69,3 +69,13 @@ def write_twin(folder: Path, twin: Twin) -> None:
             document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None
         )
         temporary.write_text(text, encoding="utf-8")
+
+
+def write_draws(path: Path, draws: Draws) -> None:
+    """Writes the draws of a twin.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    with replacing(path) as temporary:
+        np.savez(temporary, allow_pickle=False, names=np.array(draws.names), values=draws.values)

@@ -58,9 +58,8 @@ def compare(outline: np.ndarray, mask: np.ndarray, ignored: np.ndarray | None = 
     """
     visible = np.ones_like(mask) if ignored is None else ~ignored
     one, other = outline & visible, mask & visible
-    kernel = cv2.getStructuringElement(
-        cv2.MORPH_ELLIPSE, (2 * round(max(_TOLERANCE[0], _TOLERANCE[1] * mask.shape[1])) + 1,) * 2
-    )
+    width = round(max(_TOLERANCE[0], _TOLERANCE[1] * mask.shape[1]))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * width + 1,) * 2)
     pixels = outline.astype(np.uint8)
     counts = cv2.dilate(pixels, kernel) == cv2.erode(pixels, kernel)
     union = int((counts & (one | other)).sum())
@@ -83,8 +82,7 @@ def sharpness(image: np.ndarray, mask: np.ndarray) -> float | None:
         pixel, 0.5 after a Gaussian blur of 1 px, 0.13 after 2 px, 0.03 after 4 px. None where the mask is too
         small or the object of one colour.
     """
-    size = 2 * _INSIDE + 1
-    inside = cv2.erode(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    inside = cv2.erode(mask.astype(np.uint8), np.ones((2 * _INSIDE + 1,) * 2, np.uint8)) > 0
     if inside.sum() < _FEW_INSIDE:
         return None
     grey = cv2.cvtColor(np.ascontiguousarray(image, np.float32), cv2.COLOR_RGB2GRAY)

@@ -35,11 +35,9 @@ class Video:
         log: Poses of the pusher; None where they are not known.
         findings: Receives the problems.
         first: Grey values and mask of the first image, and the pusher's pixels in it.
-        sharp: File and sharpness of each image.
-        empty: Numbers of the images without the object.
-        cut: Numbers of the images in which the object touches the border.
+        sharp, agreements: Sharpness by file, and agreement of mesh and mask by image, where they are known.
+        empty, cut: Numbers of the images without the object, and of those in which it touches the border.
         moved: The largest share of the object's pixels that changed since the first image.
-        agreements: Number of each image for which it is known, and the agreement of mesh and mask.
         read: Number of images that could be read.
     """
 
@@ -89,8 +87,9 @@ class Video:
 
     def _look(self, k: int) -> None:
         """Checks one image, and notes what it shows."""
-        view, path, time = self.view, self.view.folder / self.view.file_names[k], float(self.view.t[k])
-        picture = attempt(lambda: read_episode_image(view.folder, view.file_names[k], view.camera), self.findings.error)
+        view, name, time = self.view, self.view.file_names[k], float(self.view.t[k])
+        path = view.folder / name
+        picture = attempt(lambda: read_episode_image(view.folder, name, view.camera), self.findings.error)
         if picture is None:
             return
         image, mask = picture
