@@ -9,7 +9,6 @@ import torch
 from pydantic import AfterValidator, Field, ValidationInfo
 
 from pinwm_drake.capture.paths import require_file
-from pinwm_drake.capture.tables import UNIT_NORM
 from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, read_yaml, schema_version
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import Pose
@@ -19,6 +18,7 @@ CAPTURE_FILE = "capture.yaml"
 EPISODES = "episodes"
 UNITS = {"length": "m", "angle": "rad", "time": "s"}
 FARTHEST = 1e3  # m; anything beyond this on an axis is taken for a mistake
+UNIT_NORM = 1e-5  # how far a quaternion may be from unit norm: that of one printed with six digits
 PusherKind = Literal["sphere", "capsule", "cylinder"]
 PUSHER_KINDS: tuple[PusherKind, ...] = get_args(PusherKind)
 GRAVITIES = (1e-3, 1e3)  # m/s^2

@@ -128,11 +128,7 @@ def read_pose(entry: Entry) -> Pose:
 
 
 def opencv_pose(entry: Entry, matrix: np.ndarray) -> Pose:
-    """A camera's pose in OpenCV axes from its matrix (4, 4) [m] in OpenGL axes.
-
-    Args:
-        entry: Entry of the matrix.
-        matrix: Finite numbers.
+    """A camera's pose in OpenCV axes from the finite matrix (4, 4) [m] of an entry, in OpenGL axes.
 
     Raises:
         InputError: It is not a rigid transform, or is a kilometre away.

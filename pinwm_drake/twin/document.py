@@ -46,12 +46,6 @@ class _Physics(Document):
     support: Support = in_words("corners or patch")
 
 
-def _number_or_infinite(value: float) -> float:
-    if math.isnan(value):
-        raise ValueError("a finite number")
-    return value
-
-
 def _ordered(interval: tuple[float, float] | None) -> tuple[float, float] | None:
     if interval is not None and interval[0] > interval[1]:
         raise ValueError(_INTERVAL)
@@ -65,7 +59,7 @@ def _positive(value: float) -> float:
 
 
 # .inf where the data say nothing on that side.
-_End = Annotated[float, Field(allow_inf_nan=True), AfterValidator(_number_or_infinite), in_words("a finite number")]
+_End = Annotated[float, in_words("a finite number", ge=-math.inf, allow_inf_nan=True)]
 
 
 class _Estimate(Document):

@@ -1,7 +1,7 @@
 """Origin of a twin: the episodes that it was identified from, and how they start."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -76,20 +76,17 @@ def hash_capture(folder: Path, episodes: Sequence[str]) -> str:
     Raises:
         InputError: A file cannot be read.
     """
+    parts = ("meshes", "static", *(f"episodes/{episode}" for episode in episodes))
+    files = [folder / "capture.yaml"]
+    for path in (path for part in parts for path in (folder / part).rglob("*")):
+        hidden = any(name.startswith(".") for name in path.relative_to(folder).parts)
+        if path.is_file() and not hidden and path.name not in _LEFT_OUT:
+            files.append(path)
     digest = hashlib.sha256()
-    for path in sorted(_files(folder, episodes)):
+    for path in sorted(files):
         contents = hashlib.sha256(read_bytes(path)).hexdigest()
         digest.update(f"{path.relative_to(folder).as_posix()}\n{contents}\n".encode("utf-8", "surrogateescape"))
     return digest.hexdigest()
-
-
-def _files(folder: Path, episodes: Sequence[str]) -> Iterator[Path]:
-    yield folder / "capture.yaml"
-    for part in ("meshes", "static", *(f"episodes/{episode}" for episode in episodes)):
-        for path in (folder / part).rglob("*"):
-            hidden = any(name.startswith(".") for name in path.relative_to(folder).parts)
-            if path.is_file() and not hidden and path.name not in _LEFT_OUT:
-                yield path
 
 
 def identified_push(twin: Twin, capture: Capture, episode: Episode) -> int | None:

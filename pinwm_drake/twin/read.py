@@ -63,17 +63,13 @@ def _locate(folder: Path, entry: Entry) -> Path:
     """The file of a name in the folder; raises InputError where it leads out of it."""
     name = PurePosixPath(entry.text())
     inside = not name.is_absolute() and ".." not in name.parts and "\\" not in entry.text()
-    if not inside or not _is_below(folder / name, folder):
+    try:  # symbolic links followed
+        inside = inside and (folder / name).resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # links that go round in circles
+        inside = False
+    if not inside:
         raise entry.refusal("a file in the folder of the twin, named from there")
     return require_file(folder / name, f"the file that {entry.path.name} names under {entry.place}")
-
-
-def _is_below(path: Path, folder: Path) -> bool:
-    """Flag: a path stays in a folder, symbolic links followed."""
-    try:
-        return path.resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError):  # links that go round in circles
-        return False
 
 
 def _check_hashes(paths: dict[str, Path], hashes: Entry) -> None:

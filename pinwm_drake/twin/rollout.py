@@ -8,14 +8,19 @@ import torch
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.errors import SolverError
+from pinwm_drake.physics.impulses import contact_impulses
 from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.scene import (
+    PAIR_PUSHER,
+    PusherMotion,
     Scene,
     make_scene,
     pusher_motion,
     resting_height,
     rollout_poses,
     scaled_inertia,
+    start_state,
     step_count,
 )
 from pinwm_drake.spatial.poses import Pose
@@ -170,3 +175,49 @@ def resting_start(scene: Scene, X_WO: Pose) -> Pose:
     if abs(float(p_WO[2]) - rest) < _RESTS:
         p_WO[2] = rest
     return Pose(X_WO.q, p_WO)
+
+
+def pusher_force(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Force that the object exerts on the pusher, as a sensor in the pusher's stem reads it.
+
+    Args:
+        twin, X_WO, trajectory: As for `rollout`; the forces of the trajectory are not used.
+        t: (n,) [s], not decreasing; the force is told from its first to its last.
+
+    Returns:
+        Times (T + 1,) [s] at which the steps of the physics begin and end, and the mean force in each step (T, 3) [N],
+        world axes.
+
+    Raises:
+        InputError: A mesh cannot be used.
+        SolverError: The physics found no solution.
+    """
+    scene = twin_scene(twin, X_WO.q)
+    h, first = scene.model.time_step, float(t[0])
+    steps = step_count(float(t[-1]) - first, h)
+    start = resting_start(scene, X_WO)
+    motion = pusher_motion(trajectory, first, steps, h)
+    impulses = pusher_impulses(scene, twin_parameters(twin, scene), Pose(start.q[None], start.p[None]), motion)
+    return first + h * np.arange(steps + 1), impulses[:, 0] / h
+
+
+def pusher_impulses(
+    scene: Scene, parameters: Parameters, X_WO: Pose, motion: PusherMotion, *, num_threads: int | None = None
+) -> np.ndarray:
+    """Impulses of the object on the pusher in every step of W rollouts.
+
+    Args:
+        scene, parameters, X_WO, motion, num_threads: As for `scene.rollout_poses`.
+
+    Returns:
+        (T, W, 3) N s, world axes.
+
+    Raises:
+        StateError: Shapes do not fit.
+        SolverError: The physics found no solution.
+    """
+    start, V_WP = start_state(scene, parameters, X_WO, motion)
+    with torch.no_grad():
+        record = Stepper(scene.model, num_threads=num_threads).rollout(parameters, start, V_WP)
+    on_object = contact_impulses(scene.model, parameters, record, V_WP, num_threads=num_threads)
+    return -on_object[:, :, PAIR_PUSHER]

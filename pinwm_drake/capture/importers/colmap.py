@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import torch
 
+from pinwm_drake.capture.episode_tables import quote
 from pinwm_drake.capture.importers.similarity import Similarity
 from pinwm_drake.capture.importers.target import PosedImage, Scenery, write_scenery, write_static
 from pinwm_drake.capture.paths import is_file, is_folder, require_file
-from pinwm_drake.capture.tables import quote
 from pinwm_drake.documents import read_bytes, read_text
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import appearing

@@ -128,16 +128,15 @@ def _write_push(folder: Path, push: _Push) -> None:
 def _read_push(path: Path, pusher_height: float | None, camera: int | None) -> _Push:
     document = read_json(path)
     entries = _chosen(document["image_datas"], camera)
-    first = entries[min(entries)]
+    frames = sorted(entries)
+    first = entries[frames[0]]
     X_WC, intrinsics = _pose(first), _intrinsics(first)
-    images = []
-    for _, entry in sorted(entries.items()):
-        images.append(_masked(entry))
-        _require_still(entry, X_WC, intrinsics)
+    images = [_masked(entries[frame]) for frame in frames]
+    for frame in frames:
+        _require_still(entries[frame], X_WC, intrinsics)
     width, height = read_size(images[0])
     if abs(float(intrinsics[2])) > 10 * width or abs(float(intrinsics[3])) > 10 * height:
         raise first["intrinsic"].refusal("a principal point near the image")
-    frames = sorted(entries)
     start, goal = (_position(document[key], pusher_height) for key in ("ee_init_position", "ee_goal_position"))
     motion = trajectory(start, goal, frames[-1] + 1)
     return _Push(images, frames, Camera(width, height, intrinsics), X_WC, motion, _object_poses(document))
@@ -186,7 +185,6 @@ def _chosen(images: Entry, camera: int | None) -> dict[int, Entry]:
 
 
 def _masked(entry: Entry) -> Path:
-    """Path of the masked twin of an image."""
     match = _IMAGE.fullmatch(entry["file_path"].text())
     assert match is not None  # `_chosen` has refused other names
     path = entry.path.parent / f"{match[1]}m_{match[2]}_{match[3]}{match[4]}"

@@ -60,12 +60,7 @@ class PosedImage:
 
 
 def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
-    """Writes `capture.yaml`, and copies the meshes.
-
-    Args:
-        folder: The capture.
-        scenery: The scene to write.
-        X_WO: The object's pose; q (4,), p (3,) [m].
+    """Writes the `capture.yaml` of a folder, with the object at X_WO: q (4,), p (3,) [m]; and copies the meshes.
 
     Raises:
         InputError: A mesh is refused, or a file cannot be written.
@@ -76,17 +71,8 @@ def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
             load_mesh(path)
             meshes[role] = f"meshes/{role}{path.suffix.lower()}"
             copy_file(path, folder / meshes[role])
-    write_capture_yaml(
-        folder,
-        name=scenery.name,
-        mesh=meshes["object"],
-        mass=scenery.mass,
-        X_WO=X_WO,
-        pusher_mesh=meshes.get("pusher"),
-        pusher_shape=scenery.pusher_shape,
-        floor_height=scenery.floor_height,
-        gravity=scenery.gravity,
-    )
+    own = {"mesh": meshes["object"], "X_WO": X_WO, "pusher_mesh": meshes.get("pusher")}
+    write_capture_yaml(folder, **vars(scenery) | own)
 
 
 def copy_file(source: Path, target: Path) -> None:
