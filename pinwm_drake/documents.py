@@ -13,7 +13,7 @@ import yaml
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.validation import Problem, all_problems, place
+from pinwm_drake.validation import Problem, all_problems, first_problem, place
 
 LONGEST_TEXT = 1000  # characters: names and paths
 _LONGEST_QUOTE = 60  # characters of a value that a message repeats
@@ -26,11 +26,9 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
     """Plain YAML data; numbers such as 1e-3 are numbers (YAML 1.1 takes them for text)."""
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"),
-    list("-+.0123456789"),
-)
+# Tag, pattern and first characters of such numbers, for PyYAML's `add_implicit_resolver`.
+YAML_FLOAT = "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"), list("-+.0123456789")
+_Loader.add_implicit_resolver(*YAML_FLOAT)
 
 
 class Document(BaseModel):
@@ -75,7 +73,7 @@ class Entry:
         try:
             return model.model_validate(self.value)
         except ValidationError as error:
-            raise self._problem(all_problems(error, model)[0]) from error
+            raise self._problem(first_problem(error, model)) from error
 
     def problems(self, model: type[Document]) -> list[InputError]:
         """All problems that `read` finds, in the order of the model's fields."""

@@ -100,13 +100,7 @@ def require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:
 
 
 def require_seen(frame: Frame, X_CO: Pose, mask: np.ndarray, mesh: trimesh.Trimesh) -> None:
-    """Requires a camera to see the object, and not beside where the image shows it.
-
-    Args:
-        frame: The frame.
-        X_CO: Pose of the object in its camera: q (4,), p (3,) [m].
-        mask: (H, W) bool, where the image shows it.
-        mesh: The object, m, O.
+    """Requires a camera to see the object, with pose X_CO [m] in it, and not beside where the mask (H, W) shows it.
 
     Raises:
         InputError: The camera looks away from it, or the boxes around mesh and mask do not even overlap.

@@ -1,14 +1,13 @@
 """Writing of a twin's folder, whole or recognisably not."""
 
 import hashlib
-import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from pinwm_drake.documents import Entry, read_bytes
+from pinwm_drake.documents import YAML_FLOAT, Entry, read_bytes
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.rendering.ply import write_ply
 from pinwm_drake.twin.document import read_document, to_document
@@ -25,9 +24,7 @@ class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
         return True
 
 
-_Dumper.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"), list("-+.0123456789")
-)
+_Dumper.add_implicit_resolver(*YAML_FLOAT)
 
 
 def write_twin(folder: Path, twin: Twin) -> None:
@@ -64,10 +61,9 @@ def write_twin(folder: Path, twin: Twin) -> None:
         write_draws(folder / DRAWS_FILE, twin.draws)
         files[DRAWS_FILE] = read_bytes(folder / DRAWS_FILE)
     document["sha256"] = {name: hashlib.sha256(contents).hexdigest() for name, contents in sorted(files.items())}
+    form = {"sort_keys": False, "allow_unicode": True, "width": 110, "default_flow_style": None}
+    text = yaml.dump(document, Dumper=_Dumper, **form)
     with replacing(path) as temporary:
-        text = yaml.dump(
-            document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None
-        )
         temporary.write_text(text, encoding="utf-8")
 
 

@@ -11,14 +11,7 @@ import numpy as np
 
 from pinwm_drake.capture.checks.findings import Findings
 from pinwm_drake.capture.checks.motion import check_motion
-from pinwm_drake.capture.checks.pictures import (
-    Agreement,
-    check_area,
-    check_camera,
-    check_sharpness,
-    compare,
-    sharpness,
-)
+from pinwm_drake.capture.checks.pictures import Agreement, check_area, check_camera, check_sharpness, compare, sharpness
 from pinwm_drake.capture.checks.scene import Scene
 from pinwm_drake.capture.checks.static import in_picture, unseen
 from pinwm_drake.capture.episode_tables import (

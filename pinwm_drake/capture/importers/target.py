@@ -76,11 +76,7 @@ def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
 
 
 def copy_file(source: Path, target: Path) -> None:
-    """Copies a file; makes the folder of `target` if need be.
-
-    Raises:
-        InputError: The file cannot be read, or its copy not written.
-    """
+    """Copies a file, and makes the folder of `target` if need be; raises InputError where that fails."""
     require_file(source, "a file to copy")
     prepare_folder(target.parent)
     with replacing(target) as temporary:
