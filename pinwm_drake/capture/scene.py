@@ -114,7 +114,7 @@ class PoseDocument(Document):
 
 
 class ObjectDocument(Document):
-    """The key `object` of a `capture.yaml`; mass in kg."""
+    """Key `object` of a `capture.yaml`; mass in kg."""
 
     name: Text
     mesh: Text
@@ -138,19 +138,19 @@ class ShapeDocument(Document):
     length: Annotated[Number | None, AfterValidator(_length)] = Field(None, validate_default=True)
 
     def shape(self) -> PusherShape:
-        """The shape."""
+        """The shape that the keys describe."""
         return PusherShape(self.kind, self.radius, self.length or 0.0)
 
 
 class PusherDocument(Document):
-    """The key `pusher` of a document."""
+    """Key `pusher` of a document."""
 
     mesh: Text | None = None
     shape: ShapeDocument | None = None
 
 
 class FloorDocument(Document):
-    """The key `floor` of a document; m, z in the world."""
+    """Key `floor` of a document: height in the world, m."""
 
     height: Annotated[float, finite(-100.0, 100.0)]
 
@@ -173,7 +173,7 @@ class _ObjectOnly(HeadDocument):
 
 
 class CaptureDocument(HeadDocument, extra="forbid"):
-    """A `capture.yaml`."""
+    """Keys of a `capture.yaml`, as its readers take them; gravity in m/s^2."""
 
     gravity: Annotated[float, finite(*GRAVITIES)]
     object: ObjectDocument
