@@ -44,6 +44,9 @@ _Document = TypeVar("_Document", bound=Document)
 class Entry:
     """Entry of a document: a value with its file and its place.
 
+    A model reads a document of this project. Entries read those of others one by one, where keys stand in for one
+    another, bounds follow from other values, or a number is a matrix; a model takes more lines for that.
+
     Attributes:
         path: The file.
         place: Place in the file, as in `frames[2].fl_x`; empty for the whole document.
