@@ -2,6 +2,7 @@ import math
 from typing import Annotated, Literal
 
 import pytest
+from pydantic import Field
 
 from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, read_bytes, schema_version
 from pinwm_drake.errors import InputError
@@ -16,8 +17,8 @@ class Whole(Document):
     schema_version: int = schema_version(3)
     name: Text = "thing"
     pair: Annotated[tuple[Number, Number], FromList] = (0.0, 0.0)
-    parts: list[Part] = []
-    named: dict[str, Part] = {}
+    parts: list[Part] = Field(default_factory=list)
+    named: dict[str, Part] = Field(default_factory=dict)
     even: int = in_words("an even number", multiple_of=2, default=0)
 
 
