@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out
 
-.PHONY: demo test nightly lint bench setup clean
+.PHONY: demo test nightly lint bench matrix setup clean
 
 demo: $(VENV)/.installed
 	$(BIN)/pinwm demo --out $(OUT)/demo
@@ -25,6 +25,10 @@ lint: $(VENV)/.installed
 
 bench: $(VENV)/.installed-bench
 	$(BIN)/python -m benchmarks
+
+# Python 3.11 to 3.13, newest and oldest allowed versions: hours. `.ci/matrix PART ...` runs some of it.
+matrix: $(VENV)/.installed
+	.ci/matrix
 
 setup: $(VENV)/.installed
 

@@ -32,6 +32,7 @@ from pinwm_drake.errors import InputError
 PACKAGE_NAME = "pinwm_models"
 _ROOT = Path(__file__).resolve().parent
 _SCHEME, _POLICIES = "package://", "policies"
+SCENARIO_SUFFIX = ".scenario.yaml"
 
 OBJECT_NAMES = ("t_block", "large_t", "cube", "mug", "mug_handle")
 PUSHER_NAMES = ("sphere", "capsule", "cylinder")
@@ -76,6 +77,11 @@ def shipped_policies() -> list[str]:
     """Names of the policies that ship with pinwm_drake, sorted."""
     folder = _ROOT / _POLICIES
     return sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
+
+
+def shipped_scenarios() -> list[str]:
+    """Names of the scenarios that ship with pinwm_drake, such as "push_t", sorted."""
+    return sorted(path.name.removesuffix(SCENARIO_SUFFIX) for path in (_ROOT / "scenarios").glob(f"*{SCENARIO_SUFFIX}"))
 
 
 def policy_path(text: str) -> Path:

@@ -4,4 +4,4 @@ Importing this package loads nothing heavy: no torch, numba, pydrake or matplotl
 for example `from pinwm_drake.physics import Model`.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -49,6 +49,7 @@ def test_a_document_becomes_a_model(tmp_path):
         ({"parts": [{"kind": "a", "size": 3}]}, r"parts\[0\].size = 3; allowed: a finite number from 0 to 2"),
         ({"parts": [{"kind": "a", "Size": 3}]}, r'an unknown key "Size" under parts\[0\]; allowed: kind, size'),
         ({"named": {"x": 1}}, "named.x = 1; allowed: a mapping with keys"),
+        ({"named": {"x": {"kind": "c"}}}, 'named.x.kind = "c"; allowed: a, b'),
         ({"named": {1: {"kind": "a"}}}, "named = .*; allowed: a mapping whose keys are text"),
         ({"even": 3}, "even = 3; allowed: an even number"),
         ({2: 3}, "an unknown key 2; allowed: schema_version, name"),

@@ -15,6 +15,7 @@ import pinwm_drake
 from pinwm_drake.cli.align import align
 from pinwm_drake.cli.arm import arm
 from pinwm_drake.cli.capture import capture_app
+from pinwm_drake.cli.command import add_command
 from pinwm_drake.cli.control import control
 from pinwm_drake.cli.cousins import cousins
 from pinwm_drake.cli.crosscheck import crosscheck
@@ -32,6 +33,15 @@ from pinwm_drake.cli.simulate import simulate
 from pinwm_drake.cli.train import train
 from pinwm_drake.cli.view import view
 from pinwm_drake.errors import PinwmError
+from pinwm_drake.experiments.requests.control import ArmRequest, ControlRequest, ExportRequest
+from pinwm_drake.experiments.requests.twins import (
+    CousinsRequest,
+    ModelRequest,
+    NextPushRequest,
+    PredictRequest,
+    ReportRequest,
+    ViewRequest,
+)
 
 app = typer.Typer(
     name="pinwm",
@@ -45,24 +55,46 @@ app = typer.Typer(
 app.add_typer(demo_app)
 app.command(epilog="Example: pinwm align capture out/align; then: pinwm view out/align")(align)
 app.add_typer(capture_app, name="capture")
-app.command(epilog="Example: pinwm arm; then, in another terminal: pinwm control out/bundle --engine lcm --arm")(arm)
-app.command(epilog="Example: pinwm control out/bundle --simulate-arm --arm --meshcat")(control)
-app.command(epilog="Example: pinwm cousins out/twin -o out/cousins --from-intervals")(cousins)
+add_command(
+    app,
+    ArmRequest,
+    arm,
+    name="arm",
+    example="pinwm arm; then, in another terminal: pinwm control out/bundle --engine lcm --arm",
+)
+add_command(
+    app, ControlRequest, control, name="control", example="pinwm control out/bundle --simulate-arm --arm --meshcat"
+)
+add_command(
+    app, CousinsRequest, cousins, name="cousins", example="pinwm cousins out/twin -o out/cousins --from-intervals"
+)
 app.command(epilog="Example: pinwm crosscheck out/twin --truth capture/ground_truth.yaml -o out/check")(crosscheck)
 app.command(epilog="Example: pinwm evaluate out/policy --engine hydroelastic -o out/evaluation")(evaluate)
-app.command(epilog="Example: pinwm export runs/push/best out/bundle --max-speed 0.1")(export)
+add_command(app, ExportRequest, export, name="export", example="pinwm export runs/push/best out/bundle --max-speed 0.1")
 app.command(epilog="Example: pinwm identify capture out/twin; then: pinwm report out/twin")(identify)
-app.command(epilog="Example: pinwm model out/twin out/model")(model)
-app.command("next-push", epilog="Example: pinwm next-push out/twin -o out/next --low -0.3 -0.3 --high 0.3 0.3")(
-    next_push
+add_command(app, ModelRequest, model, name="model", example="pinwm model out/twin out/model")
+add_command(
+    app,
+    NextPushRequest,
+    next_push,
+    name="next-push",
+    example="pinwm next-push out/twin -o out/next --low -0.3 -0.3 --high 0.3 0.3",
 )
-app.command(epilog="Example: pinwm predict out/twin capture/episodes/0001 -o out/poses.csv")(predict)
+add_command(
+    app,
+    PredictRequest,
+    predict,
+    name="predict",
+    example="pinwm predict out/twin capture/episodes/0001 -o out/poses.csv",
+)
 app.command(epilog="Example: pinwm rehearse push_t --faults --moments 5 -o out/rehearsal")(rehearse)
-app.command(epilog="Example: pinwm report out/twin -o out/report.html")(report)
+add_command(app, ReportRequest, report, name="report", example="pinwm report out/twin -o out/report.html")
 app.command(epilog="Example: pinwm reproduce policies --task push --methods pin-wm,random --plan")(reproduce)
 app.command(epilog="Example: pinwm simulate push_t --engine hydroelastic --video out/push.mp4")(simulate)
 app.command(epilog="Example: pinwm train out/twin -o out/policy; then: pinwm evaluate out/policy")(train)
-app.command(epilog="Example: pinwm view out/align --html out/object.html --video out/object.mp4")(view)
+add_command(
+    app, ViewRequest, view, name="view", example="pinwm view out/align --html out/object.html --video out/object.mp4"
+)
 
 
 def _print_version(wanted: bool) -> None:

@@ -1,16 +1,13 @@
-"""`pinwm arm`: options, and lines of the state of a simulated arm."""
+"""`pinwm arm`: lines of the state of a simulated arm."""
 
 import logging
 import math
 import time
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from pinwm_drake.cli.console import say
-from pinwm_drake.cli.control import CONTACT, SCENE, URL, require_common
 from pinwm_drake.cli.stopping import stop_signals
-from pinwm_drake.errors import require
+from pinwm_drake.experiments.requests.control import ArmRequest
 
 if TYPE_CHECKING:
     from pydrake.systems.analysis import Simulator
@@ -22,24 +19,7 @@ _LOOK = 0.05  # s, between looks for a wish to stop
 _SLOW = 0.9  # pace, in units of real time, below which a line warns
 
 
-def arm(
-    bundle: Annotated[
-        str, typer.Argument(metavar="BUNDLE", help="Bundle that is to control it, which tells the size of images.")
-    ] = "push_t",
-    scene: Annotated[str | None, typer.Option(help=SCENE, show_default="that of the bundle's task and object")] = None,
-    image_size: Annotated[
-        int | None, typer.Option(help="px, of images, as the policy sees them.", show_default="the bundle's")
-    ] = None,
-    latency: Annotated[float, typer.Option(help="s, between an image's exposure and its arrival, 0 to 1.")] = 0.0,
-    contact: Annotated[str, typer.Option(help=CONTACT)] = "point",
-    duration: Annotated[float, typer.Option(help="s, 0.1 to 3600.")] = 60.0,
-    seed: Annotated[int, typer.Option(help="Of where object and pusher start, 0 or more.")] = 0,
-    lcm_url: Annotated[str | None, typer.Option(help=URL, show_default="that of the scenario")] = None,
-    meshcat: Annotated[bool, typer.Option("--meshcat", help="Show it in the browser, on this machine.")] = False,
-    port: Annotated[
-        int | None, typer.Option(help="Port of Meshcat to listen on.", show_default="first free from 7000")
-    ] = None,
-) -> None:
+def arm(request: ArmRequest) -> None:
     """Simulates an arm in real time for `pinwm control --engine lcm` in another terminal."""
     import numpy as np
     from pydrake.systems.analysis import Simulator
@@ -53,21 +33,19 @@ def arm(
     from pinwm_drake.systems.sdf.twin import contact_name
     from pinwm_drake.systems.view.meshcat import make_meshcat
 
-    require("--duration", duration, 0.1 <= duration <= 3600, "0.1 to 3600 s")
-    require("--image-size", image_size, image_size is None or 8 <= image_size <= 4096, "8 to 4096 px")
-    require("--latency", latency, 0.0 <= latency <= 1.0, "0 to 1 s")
-    require_common(contact, seed)
-    spec = read_bundle(bundle).spec
-    size = spec.camera.width if image_size is None else image_size
+    spec = read_bundle(request.bundle).spec
+    size = request.image_size or spec.camera.width
     logging.getLogger("drake").setLevel(logging.WARNING)
-    setup = with_url(environment_setup(load_setup(scene or usual_scene(spec)), EnvOptions(image_size=size)), lcm_url)
-    page = make_meshcat(port=port) if meshcat else None
+    setup = with_url(
+        environment_setup(load_setup(request.scene or usual_scene(spec)), EnvOptions(image_size=size)), request.lcm_url
+    )
+    page = make_meshcat(port=request.port) if request.meshcat else None
     lcm = make_lcm(setup.scenario.lcm)
-    driver = MakeArmDriver(setup, lcm, contact=contact_name(contact), latency=latency, meshcat=page)
+    driver = MakeArmDriver(setup, lcm, contact=contact_name(request.contact), latency=request.latency, meshcat=page)
     simulator = Simulator(driver)
     simulator.set_target_realtime_rate(1.0)
     context = simulator.get_mutable_context()
-    driver.SetPlace(context, driver.draw_place(np.random.default_rng(seed)))
+    driver.SetPlace(context, driver.draw_place(np.random.default_rng(request.seed)))
     simulator.Initialize()
     if page is not None:
         say(f"Meshcat is at {page.web_url()}")
@@ -75,9 +53,9 @@ def arm(
     began, due = time.perf_counter(), _EVERY
     with stop_signals() as stop:
         stop.defer()
-        while context.get_time() < duration - 1e-9 and not stop():
-            simulator.AdvanceTo(min(context.get_time() + _LOOK, duration))
-            if context.get_time() >= min(due, duration) - 1e-9:
+        while context.get_time() < request.duration - 1e-9 and not stop():
+            simulator.AdvanceTo(min(context.get_time() + _LOOK, request.duration))
+            if context.get_time() >= min(due, request.duration) - 1e-9:
                 say(_line(driver, simulator, began))
                 due += _EVERY
     say(f"ended by {stop()}" if stop() else "ended")

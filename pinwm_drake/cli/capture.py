@@ -2,7 +2,7 @@
 
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
@@ -10,7 +10,9 @@ from rich.markup import escape
 
 from pinwm_drake.cli.capture_import import import_app
 from pinwm_drake.cli.capture_simulate import simulate
+from pinwm_drake.cli.command import add_command
 from pinwm_drake.cli.console import say, stages_bar
+from pinwm_drake.experiments.requests.captures import CheckRequest, RefineRequest
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -21,46 +23,34 @@ if TYPE_CHECKING:
 _MOST = 8  # problems of one file that are shown
 _STYLES = {"error": "bold red", "warning": "yellow"}
 
-capture_app = typer.Typer(name="capture", help="Check, import, refine and simulate captures.", no_args_is_help=True)
 
-
-@capture_app.command(epilog="Example: pinwm capture check mycapture")
-def check(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The capture: a folder with capture.yaml.")],
-    every: Annotated[bool, typer.Option("--all", help="Show every problem, however many a file has.")] = False,
-) -> None:
+def check(request: CheckRequest) -> None:
     """Lists everything that is wrong with a capture; exits with 1 where something makes it unusable."""
     from pinwm_drake.capture.check import check_capture
 
-    console = Console()
+    console, folder = Console(), request.folder
     with console.status("checking") as status:
         result = check_capture(folder, lambda part: status.update(f"checking {escape(part)}"))
     if result.problems:
-        console.print(_table(folder, result, every))
+        console.print(_table(folder, result, request.every))
     console.print(f"{folder}: {_summary(result)}", style=_colour(result), highlight=False, markup=False, soft_wrap=True)
     if result.errors:
         raise SystemExit(1)
 
 
-@capture_app.command(epilog="Example: pinwm capture refine mycapture refined")
-def refine(
-    folder: Annotated[Path, typer.Argument(metavar="CAPTURE", help="The capture: a folder with capture.yaml.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the copy; it must not be there yet.")],
-) -> None:
-    """Copies a capture, its mesh fitted to the masks of the static views: for one that is a few millimetres wrong."""
+def refine(request: RefineRequest) -> None:
+    """Copies a capture and fits its mesh to the masks of the static views, where it is a few millimetres wrong."""
     from pinwm_drake.capture.refine import refine_capture
 
     with stages_bar() as show:
-        found = refine_capture(folder, out, progress=lambda share, loss: show("fitting", share, f"misfit {loss:.2g}"))
+        found = refine_capture(
+            request.folder, request.out, progress=lambda share, loss: show("fitting", share, f"misfit {loss:.2g}")
+        )
     say(
         f"masks differ by {100 * found.after:.1f} % of the object's pixels instead of {100 * found.before:.1f} %; "
         f"vertices moved by {1e3 * found.moved.mean():.1f} mm on average, {1e3 * found.moved.max():.1f} mm at most"
     )
-    say(f"wrote {out}")
-
-
-capture_app.add_typer(import_app)
-capture_app.command(epilog="Example: pinwm capture simulate mycapture --object mug --friction 0.2")(simulate)
+    say(f"wrote {request.out}")
 
 
 def _summary(result: "CheckResult") -> str:
@@ -117,3 +107,12 @@ def _colour(result: "CheckResult") -> str:
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" + ("" if number == 1 else "s")
+
+
+capture_app = typer.Typer(name="capture", help="Check, import, refine and simulate captures.", no_args_is_help=True)
+add_command(capture_app, CheckRequest, check, name="check", example="pinwm capture check mycapture")
+add_command(capture_app, RefineRequest, refine, name="refine", example="pinwm capture refine mycapture refined")
+capture_app.add_typer(import_app)
+capture_app.command("simulate", epilog="Example: pinwm capture simulate mycapture --object mug --friction 0.2")(
+    simulate
+)

@@ -1,4 +1,4 @@
-"""`pinwm control`: options, and lines of the state of a controlled station.
+"""`pinwm control`: lines of the state of a controlled station.
 
 Exit codes: 0 when it ended by itself (at the goal, after its last action, at the end of its time, or a dry run), 1 when
 an input was refused or a fault stopped the pusher, 130, 143 and 129 when Ctrl-C, SIGTERM or a closed terminal did.
@@ -7,13 +7,13 @@ an input was refused or a fault stopped the pusher, 130, 143 and 129 when Ctrl-C
 import logging
 import math
 import time
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
 from rich.console import Console
 
 from pinwm_drake.cli.stopping import Stop, stop_signals
-from pinwm_drake.errors import ParameterError, StateError, require
+from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.experiments.requests.control import ControlRequest
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
@@ -22,45 +22,11 @@ if TYPE_CHECKING:
     from pinwm_drake.systems.control.loop import ControlLoop, ControlRow
     from pinwm_drake.systems.scenario.setup import Setup
 
-SCENE = "A scenario that ships, a .scenario.yaml file, or the folder of a twin."
-URL = "Address of LCM: udpm://ADDRESS:PORT?ttl=0, which stays within this machine."
-CONTACT = "Of the simulated arm: hydroelastic, or point, which takes half the time."
 _EVERY = 0.5  # s, between lines
 _PATIENCE = 30.0  # s, for somebody to open the page
 
 
-def control(
-    bundle: Annotated[
-        str, typer.Argument(metavar="BUNDLE", help="Folder that `pinwm export` wrote, or the name of one that ships.")
-    ],
-    scene: Annotated[str | None, typer.Option(help=SCENE, show_default="that of the bundle's task and object")] = None,
-    engine: Annotated[
-        str, typer.Option(help="What is controlled: hydroelastic, point or twin, or a robot behind lcm.")
-    ] = "hydroelastic",
-    arm: Annotated[
-        bool, typer.Option("--arm/--dry-run", help="Move the pusher; or only show what the policy would do.")
-    ] = False,
-    simulate_arm: Annotated[
-        bool, typer.Option("--simulate-arm", help="Simulate an arm behind lcm in this process; needs no robot.")
-    ] = False,
-    contact: Annotated[str, typer.Option(help=CONTACT)] = "hydroelastic",
-    force: Annotated[
-        bool, typer.Option("--force", help="Control another object or pusher than the policy was trained with.")
-    ] = False,
-    goal: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(help="x [m], y [m] and yaw [rad] of the object, for a bundle that is told its goal."),
-    ] = None,
-    duration: Annotated[float, typer.Option(help="s, at most, 0.1 to 600; it ends at the goal.")] = 20.0,
-    seed: Annotated[int, typer.Option(help="Of where object and pusher start, 0 or more; not of a robot's.")] = 0,
-    lcm_url: Annotated[str | None, typer.Option(help=URL, show_default="that of the scenario")] = None,
-    meshcat: Annotated[
-        bool, typer.Option("--meshcat", help="Show it in the browser, on this machine, in real time.")
-    ] = False,
-    port: Annotated[
-        int | None, typer.Option(help="Port of Meshcat to listen on.", show_default="first free from 7000")
-    ] = None,
-) -> None:
+def control(request: ControlRequest) -> None:
     """Lets a bundle control a station: a simulation, or a robot over LCM. Without --arm nothing moves.
 
     Ctrl-C stops it, as do SIGTERM and a closed terminal: the robot is disarmed and sent zero, once.
@@ -75,58 +41,44 @@ def control(
         from pinwm_drake.systems.scenario.load import load_setup, with_url
         from pinwm_drake.systems.scenario.schema import MEMORY
         from pinwm_drake.systems.sdf.twin import contact_name
-        from pinwm_drake.systems.station.station import STATION_ENGINES
         from pinwm_drake.systems.view.meshcat import make_meshcat
 
-        engine = "lcm" if simulate_arm else engine
-        robot = engine == "lcm" and not simulate_arm
-        require("--engine", engine, engine in STATION_ENGINES, ", ".join(STATION_ENGINES))
-        require("--duration", duration, 0.1 <= duration <= 600, "0.1 to 600 s")
-        require_common(contact, seed)
-        require("--lcm-url", lcm_url, lcm_url is None or robot, "none, but for a robot behind lcm")
-        require("--meshcat", meshcat, not (meshcat and robot), "none for a robot, which can be looked at")
-        console = Console()
+        console, engine, armed = Console(), request.station_engine, request.arm
         logging.getLogger("drake").setLevel(logging.WARNING)
-        found = read_bundle(bundle)
-        found = found if goal is None else found.toward(goal)
+        found = read_bundle(request.bundle)
+        found = found if request.goal is None else found.toward(request.goal)
         setup = environment_setup(
-            load_setup(scene or usual_scene(found.spec)), EnvOptions(image_size=found.spec.camera.width)
+            load_setup(request.scene or usual_scene(found.spec)), EnvOptions(image_size=found.spec.camera.width)
         )
         if engine == "lcm":
-            setup = with_url(setup, MEMORY if simulate_arm else lcm_url)
+            setup = with_url(setup, MEMORY if request.simulate_arm else request.lcm_url)
         try:
             check_object(found.spec, setup)
         except ParameterError:
-            if not force:
+            if not request.force:
                 raise
-        page = make_meshcat(port=port) if meshcat else None
+        page = make_meshcat(port=request.port) if request.meshcat else None
         loop = ControlLoop(
             found,
             found.limits,
             setup,
             engine,
-            armed=arm,
-            simulate_arm=simulate_arm,
-            contact=contact_name(contact),
+            armed=armed,
+            simulate_arm=request.simulate_arm,
+            contact=contact_name(request.contact),
             meshcat=page,
         )
-        place = loop.draw_place(np.random.default_rng(seed))
+        place = loop.draw_place(np.random.default_rng(request.seed))
         if page is not None:
             loop.simulator.set_target_realtime_rate(1.0)
             _await_browser(console, page)
         loop.begin(place)
-        _announce(console, arm, simulate_arm, engine, setup, found.limits)
-        last = _run(console, loop, duration, stop, page)
+        _announce(console, armed, request.simulate_arm, engine, setup, found.limits)
+        last = _run(console, loop, request.duration, stop, page)
         # What could go wrong now is no danger to a robot.
-        _conclude(console, last, arm, duration, stop)
+        _conclude(console, last, armed, request.duration, stop)
         if page is not None and console.is_terminal and not stop():
             _keep(console, stop)
-
-
-def require_common(contact: str, seed: int) -> None:
-    """Checks the options that `pinwm control` and `pinwm arm` share."""
-    require("--contact", contact, contact in ("hydroelastic", "point"), "hydroelastic, point")
-    require("--seed", seed, 0 <= seed < 2**32, "0 to 4294967295")
 
 
 def _run(console: Console, loop: "ControlLoop", duration: float, stop: Stop, meshcat: "Meshcat | None") -> "ControlRow":

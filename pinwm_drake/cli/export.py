@@ -1,76 +1,26 @@
-"""`pinwm export`: options, and the contents of the bundle in a few lines."""
+"""`pinwm export`: the contents of the bundle in a few lines."""
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
-
-import typer
+from typing import TYPE_CHECKING
 
 from pinwm_drake.cli.console import say
+from pinwm_drake.experiments.requests.control import ExportRequest
 
 if TYPE_CHECKING:
     from pinwm_drake.learning.bundle import Bundle
 
-_Corner: TypeAlias = tuple[float, float, float] | None
-_LIMITS = "Limits"
 _CALLS = 100  # calls of the network that are timed
 
 
-def export(
-    policy: Annotated[
-        Path, typer.Argument(metavar="POLICY", help="Folder that `pinwm train` wrote; of images. Or an older bundle.")
-    ],
-    bundle: Annotated[Path, typer.Argument(metavar="BUNDLE", help="New or empty folder.")],
-    scene: Annotated[
-        str | None,
-        typer.Option(
-            help="Where the golden samples are seen: a scenario's name or path, or a twin's folder.",
-            show_default="that of the policy's task and object",
-        ),
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Of where these episodes start, 0 or more.")] = 0,
-    max_speed: Annotated[
-        float | None, typer.Option(help="m/s. Default: what the policy was trained with.", rich_help_panel=_LIMITS)
-    ] = None,
-    max_acceleration: Annotated[
-        float | None,
-        typer.Option(help="m/s^2. Default: from one way to the other in an action.", rich_help_panel=_LIMITS),
-    ] = None,
-    max_image_age: Annotated[
-        float | None, typer.Option(help="s. Default: the duration of two actions.", rich_help_panel=_LIMITS)
-    ] = None,
-    box_low: Annotated[
-        _Corner,
-        typer.Option(
-            metavar="X Y Z",
-            help="m, least coordinates of the pusher. Default: those of training, and 10 mm below its height.",
-            rich_help_panel=_LIMITS,
-        ),
-    ] = None,
-    box_high: Annotated[
-        _Corner,
-        typer.Option(
-            metavar="X Y Z",
-            help="m, largest coordinates. Default: those of training, and 10 mm above its height.",
-            rich_help_panel=_LIMITS,
-        ),
-    ] = None,
-) -> None:
-    """Makes a bundle of a policy: network in ONNX, contract, limits, golden samples; onnxruntime alone runs it.
-
-    A bundle of version 1 is written anew in version 2, with the same answers; --scene is the one that it was made for.
-    """
+def export(request: ExportRequest) -> None:
+    """Makes a bundle of a policy: network in ONNX, contract, limits, golden samples; onnxruntime alone runs it."""
     from pinwm_drake.experiments.golden_samples import export_bundle
 
-    limits = {
-        "max_speed": max_speed,
-        "max_acceleration": max_acceleration,
-        "max_image_age": max_image_age,
-        "box_low": box_low,
-        "box_high": box_high,
-    }
-    given = {name: value for name, value in limits.items() if value is not None}
-    for line in _described(export_bundle(policy, bundle, scene=scene, seed=seed, limits=given), bundle):
+    bundle = export_bundle(
+        request.policy, request.bundle, scene=request.scene, seed=request.seed, limits=request.limits
+    )
+    for line in _described(bundle, request.bundle):
         say(line)
 
 

@@ -1,56 +1,35 @@
-"""`pinwm next-push`: options, and what the push is expected to tell."""
+"""`pinwm next-push`: a bar, and what the push is expected to tell."""
 
 import math
-from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from pinwm_drake.cli.console import say, stages_bar
-from pinwm_drake.errors import require
-from pinwm_drake.files import prepare_folder
+from pinwm_drake.experiments.requests.twins import NextPushRequest
 
 
-def next_push(
-    twin: Annotated[Path, typer.Argument(metavar="TWIN", help="Folder that `pinwm identify` wrote.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for push.yaml, trajectory.csv and next_push.png.")],
-    low: Annotated[
-        tuple[float, float], typer.Option(help="Lowest x and y of the pusher, in m.", show_default="anywhere")
-    ] = (-math.inf, -math.inf),
-    high: Annotated[
-        tuple[float, float], typer.Option(help="Highest x and y of the pusher, in m.", show_default="anywhere")
-    ] = (math.inf, math.inf),
-    candidates: Annotated[int, typer.Option(help="How many random pushes are looked at.")] = 48,
-    draws: Annotated[int, typer.Option(help="Draws of the twin that each is rolled out with.")] = 32,
-    position: Annotated[float, typer.Option(help="Spread at rest that is good enough, in mm.")] = 2.0,
-    yaw: Annotated[float, typer.Option(help="Spread at rest that is good enough, in degrees.")] = 2.0,
-    seed: Annotated[int, typer.Option(help="Of the random pushes.")] = 0,
-) -> None:
+def next_push(request: NextPushRequest) -> None:
     """Proposes the push whose video would tell most about a twin, and says when none is needed any more.
 
     Film it, add it to the capture as an episode, and identify from all of them:
     pinwm identify CAPTURE TWIN --episode A --episode B.
     """
     from pinwm_drake.experiments.next_push import propose_push, write_proposal
+    from pinwm_drake.files import prepare_folder
     from pinwm_drake.twin.read import read_twin
 
-    require("--position", position, position > 0, "above 0 mm")
-    require("--yaw", yaw, yaw > 0, "above 0 degrees")
-    require("--low, --high", (low, high), all(a < b for a, b in zip(low, high, strict=True)), "low below high")
-    found = read_twin(twin)
+    found = read_twin(request.twin)
     with stages_bar(transient=True) as progress:
         proposal = propose_push(
             found,
-            low=low,
-            high=high,
-            number=candidates,
-            draws=draws,
-            tolerance=(1e-3 * position, math.radians(yaw)),
-            seed=seed,
+            low=request.low,
+            high=request.high,
+            number=request.candidates,
+            draws=request.draws,
+            tolerance=(1e-3 * request.position, math.radians(request.yaw)),
+            seed=request.seed,
             report=lambda share: progress("pushing", share, ""),
         )
-    prepare_folder(out)
-    files = write_proposal(out, found, proposal)
+    prepare_folder(request.out)
+    files = write_proposal(request.out, found, proposal)
     best, (mm, turn) = proposal.candidates[0], proposal.spread
     motion = best.motion
     angle = math.degrees(math.atan2(motion.direction_W[1], motion.direction_W[0]))

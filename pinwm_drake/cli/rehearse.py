@@ -8,7 +8,6 @@ from rich.console import Console
 from rich.table import Table
 
 from pinwm_drake.cli.console import progress_bar, say
-from pinwm_drake.cli.control import SCENE
 
 if TYPE_CHECKING:
     from pinwm_drake.experiments.rehearsal.run import Trial
@@ -21,7 +20,13 @@ def rehearse(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the results, new or empty.")] = Path(
         "out/rehearsal"
     ),
-    scene: Annotated[str | None, typer.Option(help=SCENE, show_default="that of the bundle's task and object")] = None,
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            help="A scenario that ships, a .scenario.yaml file, or the folder of a twin.",
+            show_default="that of the bundle's task and object",
+        ),
+    ] = None,
     goal: Annotated[
         tuple[float, float, float] | None,
         typer.Option(help="x [m], y [m] and yaw [rad] of the object, for a bundle that is told its goal."),

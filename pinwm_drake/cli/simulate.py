@@ -66,8 +66,9 @@ def simulate(
     ] = None,
 ) -> None:
     """Pushes an object in a station, whatever moves it: the learned twin, or Drake's contact models."""
+    from pinwm_drake.models import shipped_scenarios
     from pinwm_drake.systems.runs.session import Session, SessionOptions
-    from pinwm_drake.systems.scenario.load import load_setup, shipped_scenarios
+    from pinwm_drake.systems.scenario.load import load_setup
 
     options = SessionOptions(
         engine=engine,

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
+from pinwm_drake.demo.page import DemoPush
 from pinwm_drake.demo.policy import Performance
-from pinwm_drake.demo.result import DemoPush
 from pinwm_drake.demo.stages import Report
 from pinwm_drake.files import prepare_folder
+from pinwm_drake.report.page import Frame
+from pinwm_drake.report.style import evenly
 from pinwm_drake.report.video import write_video
-
-Frames = list[tuple[float, np.ndarray, str]]  # time [s], picture (height, width, 3) uint8 sRGB, words
 
 FOLDER = "films"
 _GAP = 4  # px, white, between two pictures
@@ -20,7 +20,7 @@ _MOST = 60  # frames of the policy's film
 
 def write_films(
     out: Path, pushes: Sequence[DemoPush], performances: Sequence[Performance], report: Report
-) -> dict[str, Frames]:
+) -> dict[str, list[Frame]]:
     """Draws the films and writes each as MP4.
 
     Args:
@@ -35,8 +35,8 @@ def write_films(
     Raises:
         InputError: A file cannot be written.
     """
-    films = {name: push_frames(push) for name, push in zip(("identified", "predicted"), pushes, strict=True)}
-    films["policy"] = policy_frames(performances, report)
+    films = {name: _push_frames(push) for name, push in zip(("identified", "predicted"), pushes, strict=True)}
+    films["policy"] = _policy_frames(performances, report)
     folder = prepare_folder(out / FOLDER)
     for name, frames in films.items():
         t = [frame[0] for frame in frames]
@@ -46,16 +46,22 @@ def write_films(
     return films
 
 
-def push_frames(push: DemoPush) -> Frames:
-    """Camera and twin side by side."""
-    return [(shot.t, _beside(shot.panels[:2]), _words(push, k)) for k, shot in enumerate(push.shots)]
+def _push_frames(push: DemoPush) -> list[Frame]:
+    """Camera and twin side by side, with the time and, where known, the distance from the truth."""
+    frames, errors = [], push.errors
+    for k, shot in enumerate(push.shots):
+        words = f"t = {shot.t:.2f} s"
+        if errors is not None and len(errors.t) == len(push.shots):
+            millimetres, degrees = 1e3 * errors.position[k], np.degrees(errors.rotation[k])
+            words += f"; {millimetres:.1f} mm and {degrees:.1f}° from the truth"
+        frames.append((shot.t, _beside(shot.panels[:2]), words))
+    return frames
 
 
-def policy_frames(performances: Sequence[Performance], report: Report) -> Frames:
+def _policy_frames(performances: Sequence[Performance], report: Report) -> list[Frame]:
     """The episodes side by side from their first action on; one that has ended stays as it is."""
-    last = max(performance.record.last for performance in performances)
-    steps = np.unique(np.linspace(0, last, min(last + 1, _MOST)).round()).astype(int).tolist()
     frames = []
+    steps = evenly(1 + max(performance.record.last for performance in performances), _MOST)
     for number, step in enumerate(steps):
         pictures = [performance.film.picture(performance.record, step) for performance in performances]
         words = "; ".join(_place(performance, step) for performance in performances)
@@ -66,23 +72,13 @@ def policy_frames(performances: Sequence[Performance], report: Report) -> Frames
 
 def _beside(pictures: Sequence[np.ndarray]) -> np.ndarray:
     """Pictures of one size side by side, of even width and height."""
-    height = pictures[0].shape[0] // 2 * 2
-    gap = np.full((height, _GAP, 3), 255, np.uint8)
-    parts = [part for picture in pictures for part in (picture[:height, : picture.shape[1] // 2 * 2], gap)]
-    return np.concatenate(parts[:-1], axis=1)
-
-
-def _words(push: DemoPush, k: int) -> str:
-    """The time and, where known, the distance from the truth."""
-    words, errors = f"t = {push.shots[k].t:.2f} s", push.errors
-    if errors is None or len(errors.t) != len(push.shots):
-        return words
-    return f"{words}; {1e3 * errors.position[k]:.1f} mm and {np.degrees(errors.rotation[k]):.1f}° from the truth"
+    height, width = (length // 2 * 2 for length in pictures[0].shape[:2])
+    parts = [np.pad(one[:height, :width], ((0, 0), (0, _GAP), (0, 0)), constant_values=255) for one in pictures]
+    return np.hstack(parts)[:, :-_GAP]
 
 
 def _place(performance: Performance, step: int) -> str:
     """The number of the action and the outcome, once there is one."""
     record = performance.record
-    action = min(step, record.last)
     ended = f", {record.result.outcome}" if step >= record.last else ""
-    return f"{performance.engine}: action {action}{ended}"
+    return f"{performance.engine}: action {min(step, record.last)}{ended}"

@@ -6,9 +6,10 @@ numba compiles on one core and keeps the result on disk beside the sources, wher
 import multiprocessing
 import signal
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
 
 import torch
 
@@ -22,75 +23,52 @@ from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.unknowns import Coordinates
 
 
-class KernelsAhead:
-    """A process that compiles, from the beginning of a `with` block to its end at most."""
+@contextmanager
+def compiling(capture: Path, options: IdentifyOptions) -> Iterator[Callable[[], Cost | None]]:
+    """Compiles in a second process, from the beginning of a `with` block to its end at most.
 
-    def __init__(self, capture: Path, options: IdentifyOptions) -> None:
-        """Prepares the process.
+    Args:
+        capture: The capture that will be identified.
+        options: Options of that identification.
 
-        Args:
-            capture: The capture that will be identified.
-            options: Of that identification.
-        """
-        # Spawned: a fork would copy the locks of threads that it does not copy.
-        context = multiprocessing.get_context("spawn")
-        self._receiver, self._sender = context.Pipe(duplex=False)
-        self._process = context.Process(target=_compile, args=(capture, options, self._sender), daemon=True)
+    Yields:
+        Function that waits for the process and returns what it took; None where it failed, and the identification
+        compiles for itself.
+    """
+    # Spawned: a fork would copy the locks of threads that it does not copy.
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_compile, args=(capture, options, sender), daemon=True)
+    process.start()
+    # With no other sender left, a process that dies is noticed.
+    sender.close()
 
-    def __enter__(self) -> "KernelsAhead":
-        """Starts the compiling process."""
-        self._process.start()
-        # With no other sender left, a process that dies is noticed.
-        self._sender.close()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Ends it, whether it is done or not."""
-        self._process.terminate()
-        self._process.join()
-        self._receiver.close()
-
-    def wait(self) -> Cost | None:
-        """Waits until it is done.
-
-        Returns:
-            What it took; None where it failed, and the identification compiles for itself.
-        """
+    def wait() -> Cost | None:
         try:
-            return Cost("compile the physics", *self._receiver.recv())
+            return Cost("compile the physics", *receiver.recv())
         except EOFError:
             return None
 
+    try:
+        yield wait
+    finally:
+        process.terminate()
+        process.join()
+        receiver.close()
+
 
 def _compile(folder: Path, options: IdentifyOptions, sender: Connection) -> None:
-    """Compiles in a process of its own; sends wall time and time of the cores [s]."""
+    """Calls every kernel that an identification needs, forward and backward; sends wall time and CPU time [s]."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the first process, which ends this one
     begun = time.perf_counter()
-    try:
-        compile_physics(folder, options)
-    except PinwmError:
-        return  # which the first process will meet too, and say
-    sender.send((time.perf_counter() - begun, cpu_seconds()))
-
-
-def compile_physics(folder: Path, options: IdentifyOptions) -> None:
-    """Calls every kernel of the physics that an identification needs, forward and backward, for a few steps.
-
-    Args:
-        folder: The capture.
-        options: Of the identification.
-
-    Raises:
-        PinwmError: The capture cannot be used.
-    """
     torch.set_num_threads(1)
-    capture = read_capture(folder)
-    episode, X_WO = read_episode(capture, capture.episode_names[0]), capture.object.X_WO
-    mass = capture.object.mass or 1.0
-    coordinates = Coordinates(options.free, {"mass": mass, **options.held})
-    guess = coordinates.draw(1, torch.Generator().manual_seed(options.seed)).requires_grad_()
-    forward = Forward(capture_scene(capture, options.time_step), episode, X_WO, mass, 1, chosen=torch.tensor([0, 1]))
-    poses, _ = forward.poses(coordinates.values(guess))
-    poses.p.sum().backward()
+    # The first process will meet an error too, and say it.
+    with suppress(PinwmError):
+        capture = read_capture(folder)
+        episode, X_WO = read_episode(capture, capture.episode_names[0]), capture.object.X_WO
+        mass, scene = capture.object.mass or 1.0, capture_scene(capture, options.time_step)
+        coordinates = Coordinates(options.free, {"mass": mass, **options.held})
+        guess = coordinates.draw(1, torch.Generator().manual_seed(options.seed)).requires_grad_()
+        poses, _ = Forward(scene, episode, X_WO, mass, 1, chosen=torch.tensor([0, 1])).poses(coordinates.values(guess))
+        poses.p.sum().backward()
+        sender.send((time.perf_counter() - begun, cpu_seconds()))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import torch
 
+from pinwm_drake.demo.options import DemoOptions
 from pinwm_drake.experiments.evaluation.contestant import read_contestant
 from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner
 from pinwm_drake.experiments.evaluation.request import EvaluateRequest
@@ -13,7 +14,6 @@ from pinwm_drake.experiments.evaluation.results import episode_film
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.film import EpisodeFilm
-from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.sdf.colours import coloured_mesh
 
 _HEIGHT = 320  # px, of the film
@@ -36,39 +36,35 @@ class Performance:
     horizon: float
 
 
-def run_policy(bundle: str, scene: str, engine: str, *, seed: int, max_steps: int | None = None) -> Performance:
-    """Lets a bundle's policy act in one episode.
+def run_policy(options: DemoOptions, scene: str, engine: str) -> Performance:
+    """Lets the policy act in one episode.
 
     Args:
-        bundle: The name of a policy that ships, or a folder.
+        options: The policy, and the seed and the longest length of the episode.
         scene: The name of a scenario that ships, or the folder of a twin.
         engine: "twin" or "hydroelastic".
-        seed: Of the start.
-        max_steps: Actions at most; None for the policy's own limit.
 
     Raises:
         PinwmError: The policy or the scene cannot be used.
     """
-    request = EvaluateRequest(bundle, scene=scene, engine=engine, episodes=1, seed=seed, max_steps=max_steps)
+    request = EvaluateRequest(
+        options.policy, scene=scene, engine=engine, episodes=1, seed=options.seed, max_steps=options.max_steps
+    )
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # torch's idle threads would take the cores from the physics
     try:
         runner = EpisodeRunner(read_contestant(request), request)
-        record = runner.run(seed)
+        record = runner.run(options.seed)
     finally:
         torch.set_num_threads(threads)
     env = runner.env
-    return Performance(engine, record, _film(env, engine), env.setup.period)
-
-
-def _film(env: TaskEnv, engine: str) -> EpisodeFilm:
-    """Draws the episode; the twin in the colours of its surfels."""
     if engine != "twin":
-        return episode_film(env, _HEIGHT)
+        return Performance(engine, record, episode_film(env, _HEIGHT), env.setup.period)
+    # The twin is drawn in the colours of its surfels.
     twin = env.setup.twin
     mesh, colours = coloured_mesh(load_mesh(twin.mesh_path), twin.surfels, "object.mtl")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "object.obj"
         path.write_text(mesh, encoding="utf-8")
         path.with_suffix(".mtl").write_text(colours, encoding="utf-8")
-        return episode_film(env, _HEIGHT, path)
+        return Performance(engine, record, episode_film(env, _HEIGHT, path), env.setup.period)

@@ -1,4 +1,4 @@
-"""A trained policy as a bundle, with golden samples from a scene in which it acts; older bundles as new ones."""
+"""A trained policy as a bundle, with golden samples from a scene in which it acts."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from pinwm_drake.errors import require
+from pinwm_drake.errors import InputError, require
 from pinwm_drake.files import appearing
 from pinwm_drake.learning.bundle import Bundle, is_bundle, read_bundle
 from pinwm_drake.learning.export import export_policy, require_exportable
 from pinwm_drake.learning.policy import Policy, read_policy
 from pinwm_drake.learning.safety import default_limits
-from pinwm_drake.learning.spec import PolicySpec, SceneSpec
-from pinwm_drake.learning.upgrade import taught_the_state, upgrade_bundle
 from pinwm_drake.systems.envs.policy_scene import scene_spec, spec_environment, usual_scene
 
 _EPISODES, _ACTIONS, _EVERY = 3, 13, 4
@@ -23,17 +21,16 @@ _EPISODES, _ACTIONS, _EVERY = 3, 13, 4
 def export_bundle(
     folder: Path, out: Path, *, scene: str | None = None, seed: int = 0, limits: Mapping[str, Any] | None = None
 ) -> Bundle:
-    """Writes the bundle of a policy, with golden samples that it sees in a scene; or a bundle of version 1 anew.
+    """Writes the bundle of a policy, with golden samples that it sees in a scene.
 
-    A bundle keeps its network's answers, golden samples and limits: see `upgrade_bundle`. The scene tells what it was
-    made for.
+    A policy that was not taught the state (`pinwm train --method ppo`) gives no estimate of it.
 
     Args:
-        folder: Folder of the policy, or of the bundle.
+        folder: Folder of the policy.
         out: Folder of the bundle, new or empty.
         scene: Scene of the golden samples: see `spec_environment`; None for `usual_scene` of the policy.
         seed: Seed of the first episode's start, 0 or more.
-        limits: Values of `SafetyLimits` in the place of the default ones or of the bundle's, by name.
+        limits: Values of `SafetyLimits` in the place of the default ones, by name.
 
     Returns:
         The bundle, as it was read back.
@@ -44,23 +41,20 @@ def export_bundle(
     """
     require("--seed", seed, seed >= 0, "0 or more")
     if is_bundle(folder):
-        spec = read_bundle(folder).spec
-        return upgrade_bundle(folder, out, _scene(spec, scene or usual_scene(spec)), limits)
+        raise InputError(folder, value="a bundle", allowed="a policy, as `pinwm train` wrote it")
     policy = read_policy(folder)
     require_exportable(policy)
-    scene = scene or usual_scene(policy.spec)
-    if policy.spec.scene is None:
-        policy = dataclasses.replace(policy, spec=dataclasses.replace(policy.spec, scene=_scene(policy.spec, scene)))
-    chosen = dataclasses.replace(default_limits(policy.spec), **(limits or {}))
+    spec, about = policy.spec, policy.provenance
+    scene = scene or usual_scene(spec)
+    if spec.scene is None:
+        there = scene_spec(spec_environment(spec, scene, "twin").setup, spec.camera)
+        policy = dataclasses.replace(policy, spec=dataclasses.replace(spec, scene=there))
+    chosen = dataclasses.replace(default_limits(spec), **(limits or {}))
+    taught = about.get("method") != "ppo" or bool(about.get("auxiliary", False))
     with appearing(out) as temporary:
-        samples, taught = seen_samples(policy, scene, seed), taught_the_state(policy.provenance)
+        samples = seen_samples(policy, scene, seed)
         export_policy(policy, temporary, limits=chosen, samples=samples, estimate=taught)
     return read_bundle(out)
-
-
-def _scene(spec: PolicySpec, scene: str) -> SceneSpec:
-    """Object, pusher and floor of a policy whose own specification does not tell them, by the scene that it is for."""
-    return scene_spec(spec_environment(spec, scene, "twin").setup, spec.camera)
 
 
 def seen_samples(policy: Policy, scene: str, seed: int) -> tuple[np.ndarray, ...]:

@@ -92,8 +92,11 @@ class StateActor(nn.Module):
         raise NotImplementedError
 
     def margin(self, state: Tensor) -> Tensor:
-        """Lead (B,) of the choice that the actions follow over the next one, the least among an action's components."""
-        raise NotImplementedError
+        """Lead (B,) of the choice that the actions follow over the next one, the least among an action's components.
+
+        It is infinite where the actions follow no choice.
+        """
+        return state.new_full((len(state),), torch.inf)
 
 
 class LevelActor(StateActor):
@@ -160,10 +163,6 @@ class DitherActor(StateActor):
             wanted = self.heading.action(self._parts(state)[0].tanh(), state)
         return mse_loss(self.heading.action(self._parts(found)[0].tanh(), found), wanted)
 
-    def margin(self, state: Tensor) -> Tensor:
-        """Infinity (B,): the actions follow no choice."""
-        return state.new_full((len(state),), torch.inf)
-
 
 class TanhActor(StateActor):
     """Network from the state to an action by numbers; hidden layers of ReLU, as SB3's SAC has them."""
@@ -181,10 +180,6 @@ class TanhActor(StateActor):
         with torch.no_grad():
             wanted = self(state)
         return mse_loss(self(found), wanted)
-
-    def margin(self, state: Tensor) -> Tensor:
-        """Infinity (B,): the actions follow no choice."""
-        return state.new_full((len(state),), torch.inf)
 
 
 _HEADS: Mapping[str, Callable[[Task, int, int], StateActor]] = {

@@ -11,7 +11,7 @@ Neither torch nor Stable-Baselines3 nor Drake is imported here.
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,11 +21,11 @@ import yaml
 
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import appearing
-from pinwm_drake.learning.contract import ESTIMATE, VERSIONS, difference, make_contract, version_1
+from pinwm_drake.learning.contract import ESTIMATE, SCHEMA_VERSION, difference, make_contract
 from pinwm_drake.learning.golden import ESTIMATE_TOLERANCE, TOLERANCE, Golden, deviation, estimate_deviation
 from pinwm_drake.learning.runtime import Network
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.learning.spec import PolicySpec, from_version_1, seen_parts
+from pinwm_drake.learning.spec import PolicySpec, seen_parts
 from pinwm_drake.models import policy_path
 
 ONNX_FILE, CONTRACT_FILE, GOLDEN_FILE, PROVENANCE_FILE = "policy.onnx", "contract.yaml", "golden.npz", "provenance.json"
@@ -40,7 +40,7 @@ class Bundle:
     Attributes:
         spec: Specification of the policy: its inputs and outputs, and its task.
         limits: Limits of the pusher's motion that a controller keeps, whatever the policy asks for.
-        contract: Contents of contract.yaml, as `make_contract` describes them; of version 1 too.
+        contract: Contents of contract.yaml, as `make_contract` describes them.
         provenance: Contents of provenance.json: time, versions, training, and the files' SHA-256.
         sha256: SHA-256 of the provenance, which holds those of the other files: it tells this bundle from all others.
         network: The network of policy.onnx.
@@ -85,13 +85,13 @@ class Bundle:
         Raises:
             StateError: A shape, or the image's type, is another, or no goal was given where one has to be.
         """
-        return self.network.run(image, p_WP, self._goal).astype(float)
+        return self.step(image, p_WP)[0]
 
     def step(self, image: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Translation d_W as by `act`, and the policy's estimate (state_size,) of the task's state.
 
-        The contract names the components of the estimate, and their units. It is None where the bundle gives none: it
-        is of version 1, or was not taught the state.
+        The contract names the components of the estimate, and their units. It is None where the policy was
+        not taught the state.
 
         Args:
             image: As for `act`.
@@ -100,7 +100,7 @@ class Bundle:
         Raises:
             StateError: A shape, or the image's type, is another.
         """
-        d_W, estimate = self.network.run_all(image, p_WP, self._goal)
+        d_W, estimate = self.network.run(image, p_WP, self._goal)
         return d_W.astype(float), None if estimate is None else estimate.astype(float)
 
     def predict(
@@ -125,7 +125,7 @@ class Bundle:
         told = self.network.goal_size and self.goal is None
         goal = seen_parts(observation, "goal")[0] if told else np.zeros((len(np.atleast_2d(p_WP)), 0))
         rows = zip(image.reshape(-1, *image.shape[-3:]), np.atleast_2d(p_WP), np.atleast_2d(goal), strict=True)
-        answers = [self.network.run(*one[:2], one[2] if told else self._goal) for one in rows]
+        answers = [self.network.run(*one[:2], one[2] if told else self._goal)[0] for one in rows]
         actions = np.array(answers).reshape(-1, self.spec.action_size) / self.spec.max_translation
         return (actions[0] if image.ndim == 3 else actions).astype(np.float32), None
 
@@ -160,12 +160,9 @@ def read_bundle(bundle: str | Path) -> Bundle:
             raise InputError(folder / name, value="a file that is not of the bundle", allowed=allowed)
     files = {name: _hashed(folder / name, provenance["files"][name]) for name in HASHED}
     spec, limits, contract = _contract(folder / CONTRACT_FILE, files[CONTRACT_FILE])
-    estimate = _estimates(contract)
-    golden = Golden.from_bytes(files[GOLDEN_FILE], folder / GOLDEN_FILE, spec, estimate=estimate)
-    expected = make_contract(spec, limits, golden.mask_pixels(), estimate=estimate)
-    if contract["schema_version"] == 1:
-        contract = expected
-    if (differs := difference(contract.get("mask"), expected["mask"], "mask")) is not None:
+    golden = Golden.from_bytes(files[GOLDEN_FILE], folder / GOLDEN_FILE, contract)
+    mask = make_contract(spec, limits, golden.mask_pixels())["mask"]
+    if (differs := difference(contract.get("mask"), mask, "mask")) is not None:
         name, found, wanted = differs
         allowed = f"{wanted}, which follows from {GOLDEN_FILE}"
         raise InputError(folder / CONTRACT_FILE, value=f"{name}: {found}", allowed=allowed)
@@ -210,7 +207,7 @@ def check_golden(path: Path, network: Network, golden: Golden) -> float:
     """
     answers = []
     for row, (image, p_WP, expected) in enumerate(zip(golden.images, golden.p_WP, golden.d_W, strict=True), 1):
-        answer, estimate = network.run_all(image, p_WP, None if golden.goal is None else golden.goal[row - 1])
+        answer, estimate = network.run(image, p_WP, None if golden.goal is None else golden.goal[row - 1])
         if not (gap := deviation(answer, expected)) <= TOLERANCE:
             value = f"{expected.tolist()} m, where {ONNX_FILE} answers {answer.tolist()} m, {gap:.2g} m off"
             raise InputError(path, row=row, value=value, allowed=f"{TOLERANCE:g} m between the two")
@@ -249,12 +246,23 @@ def _hashed(path: Path, sha256: str) -> bytes:
     return content
 
 
-def _provenance(path: Path) -> dict[str, Any]:
+def _document(path: Path, content: bytes, parse: Callable[[str], Any]) -> dict[str, Any]:
+    """A document of the present version."""
     try:
-        document = json.loads(_content(path).decode())
-    except ValueError as error:  # JSON's, or UTF-8's
+        document = parse(content.decode())
+    except (ValueError, yaml.YAMLError) as error:  # JSON's or UTF-8's, or YAML's
         raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
-    _check_version(path, document)
+    if not isinstance(document, dict):
+        raise InputError(path, value=f"a {type(document).__name__}", allowed=_AS_WRITTEN)
+    version = document.get("schema_version")
+    if version != SCHEMA_VERSION or isinstance(version, bool):
+        anew = "; export the bundle anew with the release 0.1" if version == 1 and version is not True else ""
+        raise InputError(path, value=f"schema_version {version}", allowed=f"schema_version {SCHEMA_VERSION}{anew}")
+    return document
+
+
+def _provenance(path: Path) -> dict[str, Any]:
+    document = _document(path, _content(path), json.loads)
     files = document.get("files")
     if not isinstance(files, dict) or set(files) != set(HASHED):
         given = sorted(files) if isinstance(files, dict) else files
@@ -266,14 +274,7 @@ def _provenance(path: Path) -> dict[str, Any]:
 
 
 def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dict[str, Any]]:
-    try:
-        document = yaml.safe_load(content.decode())
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
-    _check_version(path, document)
-    first = document["schema_version"] == 1
-    if first:
-        document = {**document, "spec": from_version_1(document.get("spec"))}
+    document = _document(path, content, yaml.safe_load)
     try:
         spec = PolicySpec.from_document(document.get("spec"))
         limits = SafetyLimits.from_document(document.get("safety"))
@@ -282,24 +283,9 @@ def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dic
     if spec.observes != "rgb":
         raise InputError(path, value=f"spec.observes: {spec.observes}", allowed="rgb; other policies have no bundle")
     # The mask follows from the golden samples, which follow from the specification: it is compared after them.
-    expected = make_contract(spec, limits, (), estimate=_estimates(document))
-    expected = version_1(expected) if first else {name: one for name, one in expected.items() if name != "mask"}
-    if (differs := difference({name: one for name, one in document.items() if name != "mask"}, expected)) is not None:
+    expected = make_contract(spec, limits, (), estimate=ESTIMATE in str(document.get("outputs")))
+    shown, expected = ({name: one for name, one in each.items() if name != "mask"} for each in (document, expected))
+    if (differs := difference(shown, expected)) is not None:
         name, found, wanted = differs
         raise InputError(path, value=f"{name}: {found}", allowed=f"{wanted}, which follows from spec and safety")
     return spec, limits, document
-
-
-def _estimates(contract: dict[str, Any]) -> bool:
-    """Flag: a contract of version 2, which may be wrong, has an estimate among its outputs."""
-    outputs = contract.get("outputs")
-    named = [entry.get("name") for entry in outputs if isinstance(entry, dict)] if isinstance(outputs, list) else []
-    return contract["schema_version"] > 1 and ESTIMATE in named
-
-
-def _check_version(path: Path, document: Any) -> None:
-    if not isinstance(document, dict):
-        raise InputError(path, value=f"a {type(document).__name__}", allowed=_AS_WRITTEN)
-    if (version := document.get("schema_version")) not in VERSIONS or isinstance(version, bool):
-        allowed = f"schema_version {' or '.join(map(str, VERSIONS))}"
-        raise InputError(path, value=f"schema_version {version}", allowed=allowed)

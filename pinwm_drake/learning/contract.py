@@ -10,12 +10,11 @@ from typing import Any
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.learning.spec import PolicySpec
 
-SCHEMA_VERSION, VERSIONS = 2, (1, 2)
+SCHEMA_VERSION = 2
 OPSET = 18
 IMAGE, POSITION, GOAL = "image", "pusher_position", "goal"
 TRANSLATION, ESTIMATE = "pusher_translation", "state_estimate"
 _PROSE = ("notes", "meaning")
-_LATER = ("period", "max_latency")  # entries of inputs and outputs that version 1 lacks
 
 
 def make_contract(
@@ -118,17 +117,6 @@ def make_contract(
         "safety": limits.to_document(),
         "spec": spec.to_document(),
     }
-
-
-def version_1(contract: dict[str, Any]) -> dict[str, Any]:
-    """The contract of version 1 of a network without an estimate, but for its `spec`: see `from_version_1`."""
-    entries = {
-        name: [{key: value for key, value in entry.items() if key not in _LATER} for entry in contract[name]]
-        for name in ("inputs", "outputs")
-    }
-    spec = {name: value for name, value in contract["spec"].items() if name != "scene"}
-    rest = {name: value for name, value in contract.items() if name != "mask"}
-    return rest | {"schema_version": 1, **entries, "spec": spec}
 
 
 def difference(found: Any, expected: Any, name: str = "") -> tuple[str, Any, Any] | None:

@@ -211,31 +211,18 @@ def golden_samples(
     action = policy.predict(seen)[0].astype(float)
     if not np.isfinite(action).all():
         raise ParameterError("policy: got actions that are not finite numbers; allowed: a policy that acts")
-    state = _states(policy, seen)
-    decided = _margin(policy, state) > _MARGIN
+    actor: Any = policy.actor
+    given = {name: torch.from_numpy(part) for name, part in seen.items()}
+    with torch.inference_mode():
+        states = actor.state(given["image"], given["pusher"], given.get("goal"))
+        decided = (actor.actor.margin(states) > _MARGIN).numpy()
+    state: np.ndarray = states.numpy()
     if not decided.any():
         raise ParameterError("policy: got one that is undecided in all samples; allowed: a policy that was trained")
     images, p_WP, action = images[decided], p_WP[decided], action[decided]
     d_W = spec.max_translation * action / np.maximum(np.linalg.norm(action, axis=1, keepdims=True), 1.0)
     told = state[decided] if estimate else None
     return Golden(images, p_WP, d_W.astype(np.float32), told, goal[decided] if size else None)
-
-
-def _states(policy: Policy, seen: dict[str, np.ndarray]) -> np.ndarray:
-    """The policy's estimates (n, state_size) float32 of the state."""
-    actor: Any = policy.actor
-    given = {name: torch.from_numpy(part) for name, part in seen.items()}
-    with torch.inference_mode():
-        states: np.ndarray = actor.state(given["image"], given["pusher"], given.get("goal")).numpy()
-    return states
-
-
-def _margin(policy: Policy, state: np.ndarray) -> np.ndarray:
-    """Lead (n,) of the policy's choices over the next ones, by states (n, state_size); see `StateActor.margin`."""
-    actor: Any = policy.actor
-    with torch.inference_mode():
-        margin: np.ndarray = actor.actor.margin(torch.from_numpy(state)).numpy()
-    return margin
 
 
 def onnx_bytes(policy: Policy, *, estimate: bool = True) -> bytes:

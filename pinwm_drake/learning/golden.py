@@ -2,14 +2,15 @@
 
 import io
 import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.learning.contract import ESTIMATE, GOAL, IMAGE, POSITION, TRANSLATION
-from pinwm_drake.learning.spec import PolicySpec
 
 TOLERANCE = 1e-5  # m, of each component of a translation
 # Of each component of an estimate, relative where it is more than 1: as TOLERANCE, for lengths in units of 0.1 m.
@@ -49,23 +50,19 @@ class Golden:
     def to_bytes(self) -> bytes:
         """Contents of a compressed npz file; most of an image is white."""
         file = io.BytesIO()
-        arrays = {IMAGE: self.images, POSITION: self.p_WP, TRANSLATION: self.d_W}
-        if self.estimate is not None:
-            arrays[ESTIMATE] = self.estimate
-        if self.goal is not None:
-            arrays[GOAL] = self.goal
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+        arrays = {IMAGE: self.images, POSITION: self.p_WP, TRANSLATION: self.d_W, ESTIMATE: self.estimate}
+        given = {name: array for name, array in (arrays | {GOAL: self.goal}).items() if array is not None}
+        np.savez_compressed(file, allow_pickle=False, **given)
         return file.getvalue()
 
     @classmethod
-    def from_bytes(cls, content: bytes, path: Path, spec: PolicySpec, *, estimate: bool = True) -> "Golden":
+    def from_bytes(cls, content: bytes, path: Path, contract: Mapping[str, Any]) -> "Golden":
         """Golden samples from the contents that `to_bytes` made.
 
         Args:
             content: Contents of the file.
             path: Path that messages name.
-            spec: Specification of the policy.
-            estimate: Flag: the policy gives its estimate of the state.
+            contract: Contract of the bundle, as `make_contract` gives it.
 
         Raises:
             InputError: It is no such file, or its arrays are not of the shapes and types of the contract.
@@ -75,12 +72,8 @@ class Golden:
                 arrays = {name: file[name] for name in file.files}
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
-        along = (np.float32, (spec.action_size,))
-        kinds = {IMAGE: (np.uint8, spec.image_shape), POSITION: along, TRANSLATION: along}
-        if estimate:
-            kinds[ESTIMATE] = (np.float32, (spec.task.state_size,))
-        if spec.task.goal_size:
-            kinds[GOAL] = (np.float32, (spec.task.goal_size,))
+        entries = (*contract["inputs"], *contract["outputs"])
+        kinds = {entry["name"]: (entry["dtype"], tuple(entry["shape"])) for entry in entries}
         if set(arrays) != set(kinds):
             raise InputError(path, value=f"arrays {sorted(arrays)}", allowed=f"arrays {sorted(kinds)}")
         number = len(arrays[IMAGE]) if arrays[IMAGE].ndim else 0
@@ -88,7 +81,7 @@ class Golden:
             array = arrays[name]
             if array.dtype != dtype or array.shape != (number, *shape) or number < 1:
                 given = f"{name} of {array.dtype} {array.shape}"
-                wanted = f"{np.dtype(dtype)} (n, {', '.join(map(str, shape))}), n of 1 or more, as the contract says"
+                wanted = f"{dtype} (n, {', '.join(map(str, shape))}), n of 1 or more, as the contract says"
                 raise InputError(path, value=given, allowed=wanted)
         return cls(arrays[IMAGE], arrays[POSITION], arrays[TRANSLATION], arrays.get(ESTIMATE), arrays.get(GOAL))
 

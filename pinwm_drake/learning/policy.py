@@ -1,7 +1,7 @@
 """A policy: a network with its specification, on disk as a folder of YAML and npz."""
 
 import hashlib
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from pinwm_drake.learning.spec import PolicySpec, seen_parts
 from pinwm_drake.learning.weights import device_of, set_weights, weights
 
 POLICY_FILE, WEIGHTS_FILE = "policy.yaml", "weights.npz"
-_VERSION, _VERSIONS = 2, (1, 2)
+_VERSION = 2
 _WEIGHTS_VERSION = 1
 
 
@@ -109,14 +109,13 @@ def write_document(path: Path, document: Mapping[str, Any]) -> None:
         temporary.write_text(yaml.safe_dump(dict(document), sort_keys=False, allow_unicode=True))
 
 
-def read_document(path: Path, versions: Collection[int], *, allowed: str, of_version: str) -> dict[str, Any]:
-    """Document that `write_document` wrote, with a schema_version that is known.
+def read_document(path: Path, version: int, allowed: str) -> dict[str, Any]:
+    """Document that `write_document` wrote.
 
     Args:
         path: File.
-        versions: The versions.
+        version: Its schema_version.
         allowed: Words on what the file should be, for messages.
-        of_version: Words on the versions, for messages.
 
     Raises:
         InputError: The file is missing, cannot be read, or is another document.
@@ -125,8 +124,8 @@ def read_document(path: Path, versions: Collection[int], *, allowed: str, of_ver
         document = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(path, value=error, allowed=allowed) from error
-    if not isinstance(document, dict) or document.get("schema_version") not in versions:
-        raise InputError(path, value="another document", allowed=of_version)
+    if not isinstance(document, dict) or document.get("schema_version") != version:
+        raise InputError(path, value="another document", allowed=f"{allowed}, with schema_version {version}")
     return document
 
 
@@ -137,12 +136,7 @@ def read_policy(folder: Path) -> Policy:
         InputError: A file is missing, cannot be read, or does not fit the other.
     """
     path = folder / POLICY_FILE
-    document = read_document(
-        path,
-        _VERSIONS,
-        allowed="policy.yaml that `pinwm train` wrote",
-        of_version=f"a policy with schema_version {' or '.join(map(str, _VERSIONS))}",
-    )
+    document = read_document(path, _VERSION, "policy.yaml that `pinwm train` wrote")
     try:
         spec = PolicySpec.from_document(document.get("spec"))
     except ParameterError as error:

@@ -63,8 +63,13 @@ class Network:
         """Number of components of the goal that the network is told; 0 where it is told none."""
         return self._shapes.get(GOAL, (0,))[0]
 
-    def run(self, image: np.ndarray, p_WP: np.ndarray, goal: np.ndarray | None = None) -> np.ndarray:
-        """Translation d_W (n,) float32 m, world, along the task's axes over the horizon; NaN where the position is NaN.
+    def run(
+        self, image: np.ndarray, p_WP: np.ndarray, goal: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Translation d_W (n,) m, world, along the task's axes over the horizon, and the estimate of the state.
+
+        Both are float32. The translation is NaN where the position is NaN; the estimate (state_size,) is None where
+        there is none.
 
         Args:
             image: (height, width, 3 k) uint8, RGB: the last k images, the oldest first.
@@ -74,28 +79,6 @@ class Network:
         Raises:
             StateError: A shape, or the image's type, is another.
         """
-        return self._answers(image, p_WP, goal, [TRANSLATION])[TRANSLATION]
-
-    def run_all(
-        self, image: np.ndarray, p_WP: np.ndarray, goal: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Translation d_W as by `run`, and the estimate of the state (state_size,) float32, None where there is none.
-
-        Args:
-            image: As for `run`.
-            p_WP: As for `run`.
-            goal: As for `run`.
-
-        Raises:
-            StateError: A shape, or the image's type, is another.
-        """
-        answers = self._answers(image, p_WP, goal, self._outputs)
-        return answers[TRANSLATION], answers.get(ESTIMATE)
-
-    def _answers(
-        self, image: np.ndarray, p_WP: np.ndarray, goal: np.ndarray | None, names: list[str]
-    ) -> dict[str, np.ndarray]:
-        """Some of the network's outputs, by name."""
         image, position = np.asarray(image), np.asarray(p_WP, np.float32)
         if image.dtype != np.uint8 or image.shape != self._shapes[IMAGE]:
             raise StateError(f"image: got {image.dtype} {image.shape}; allowed: uint8 {self._shapes[IMAGE]}")
@@ -108,7 +91,8 @@ class Network:
         if (shape := self._shapes.get(GOAL)) != (None if goal is None else inputs[GOAL].shape):
             given = "none" if goal is None else f"the shape {inputs[GOAL].shape}"
             raise StateError(f"goal: got {given}; allowed: {'none' if shape is None else shape}, as the contract says")
-        return dict(zip(names, self._session.run(names, inputs), strict=True))
+        answers = dict(zip(self._outputs, self._session.run(self._outputs, inputs), strict=True))
+        return answers[TRANSLATION], answers.get(ESTIMATE)
 
 
 def _listed(nodes: list[tuple[str, str, list[Any]]]) -> str:

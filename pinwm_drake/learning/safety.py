@@ -1,16 +1,19 @@
 """Limits of a controller's motion of the pusher: the part of a policy's contract that keeps a robot whole."""
 
-import math
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
+from pydantic_core import to_jsonable_python
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.validation import check_fields, from_document
 
 _UNITS = {"max_speed": "m/s", "max_acceleration": "m/s^2"}
-_CORNERS = ("box_low", "box_high")
+_Positive = Annotated[float, Field(gt=0, json_schema_extra={"allowed": "a finite number, more than 0"})]
+_Corner = Annotated[tuple[float, float, float], Field(json_schema_extra={"allowed": "three finite numbers, m"})]
 _COMMAND_AGE = 0.25  # s, two actions of 0.1 s and a half
 _HALF_HEIGHT = 0.01  # m, half the default box's size along axes that the task does not move
 
@@ -33,25 +36,18 @@ class SafetyLimits:
         ParameterError: A value is not finite, or not positive, or the box is empty.
     """
 
-    box_low: tuple[float, float, float]
-    box_high: tuple[float, float, float]
-    max_speed: float
-    max_acceleration: float
-    max_image_age: float
-    box_tolerance: float = 0.005
-    max_command_age: float = _COMMAND_AGE
-    max_lag: float = 0.03
+    box_low: _Corner
+    box_high: _Corner
+    max_speed: _Positive
+    max_acceleration: _Positive
+    max_image_age: _Positive
+    box_tolerance: _Positive = 0.005
+    max_command_age: _Positive = _COMMAND_AGE
+    max_lag: _Positive = 0.03
 
     def __post_init__(self) -> None:
         """Checks the values, and makes plain numbers of them."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name in _CORNERS:
-                object.__setattr__(self, field.name, _corner(field.name, value))
-            elif not _is_number(value) or not 0 < value < math.inf:
-                raise ParameterError(f"{field.name}: got {value!r}; allowed: a finite number, more than 0")
-            else:
-                object.__setattr__(self, field.name, float(value))
+        check_fields(self)
         if not all(low < high for low, high in zip(self.box_low, self.box_high, strict=True)):
             raise ParameterError(
                 f"box_low, box_high: got {list(self.box_low)}, {list(self.box_high)} m; allowed: low below high"
@@ -59,7 +55,8 @@ class SafetyLimits:
 
     def to_document(self) -> dict[str, Any]:
         """The limits as plain data, for YAML."""
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+        document: dict[str, Any] = to_jsonable_python(asdict(self))
+        return document
 
     def shortfall(self, robot: "SafetyLimits") -> str:
         """Shortfall of a robot with such limits, as "max_acceleration: 4 of 20 m/s^2"; "" for none."""
@@ -73,11 +70,7 @@ class SafetyLimits:
         Raises:
             ParameterError: A key is missing or unknown, or a value is out of range.
         """
-        names = [field.name for field in fields(cls)]
-        if not isinstance(document, dict) or set(document) != set(names):
-            given = sorted(map(str, document)) if isinstance(document, dict) else repr(document)
-            raise ParameterError(f"limits: got {given}; allowed: the keys {', '.join(names)}")
-        return cls(**document)
+        return from_document(cls, document, "limits")
 
 
 def default_limits(spec: PolicySpec) -> SafetyLimits:
@@ -94,24 +87,10 @@ def default_limits(spec: PolicySpec) -> SafetyLimits:
     low, high = still - _HALF_HEIGHT, still + _HALF_HEIGHT
     low[spec.task.axis_indices], high[spec.task.axis_indices] = spec.pusher_low, spec.pusher_high
     return SafetyLimits(
-        box_low=_corner("box_low", low),
-        box_high=_corner("box_high", high),
+        box_low=tuple(low),
+        box_high=tuple(high),
         max_speed=speed,
         max_acceleration=2 * speed / spec.horizon,
         max_image_age=2 * spec.horizon,
         max_command_age=max(_COMMAND_AGE, 2.5 * spec.horizon),
     )
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-
-
-def _corner(name: str, value: Any) -> tuple[float, float, float]:
-    """Three finite numbers, as a tuple."""
-    items = value.tolist() if isinstance(value, np.ndarray) else value
-    good = isinstance(items, list | tuple) and len(items) == 3
-    if not good or not all(_is_number(item) and math.isfinite(item) for item in items):
-        raise ParameterError(f"{name}: got {value!r}; allowed: three finite numbers, m")
-    x, y, z = (float(item) for item in items)
-    return (x, y, z)

@@ -13,26 +13,19 @@ def _font(size: int) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), size)
 
 
-def write_caption(image: np.ndarray, text: str) -> None:
-    """Writes one line into the lower left corner.
-
-    Args:
-        image: (height, width, 3) uint8, sRGB, changed in place.
-        text: The caption.
-    """
-    height = image.shape[0]
-    size = max(8, height // 27)
-    canvas = Image.fromarray(image)
-    ImageDraw.Draw(canvas).text((size, height - 2 * size), text, font=_font(size), fill=(45, 52, 64))
-    image[:] = np.asarray(canvas)
-
-
-def write_panel_captions(image: np.ndarray, texts: list[str]) -> None:
-    """Writes one line into the lower left corner of each of several panels side by side.
+def write_caption(image: np.ndarray, *texts: str) -> np.ndarray:
+    """Writes one line into the lower left corner of a picture, or of each of several panels side by side.
 
     Args:
         image: (height, width, 3) uint8, sRGB, changed in place; its width is a multiple of the number of panels.
         texts: The caption of each panel.
+
+    Returns:
+        The picture.
     """
+    height, size = image.shape[0], max(8, image.shape[0] // 27)
     for panel, text in zip(np.split(image, len(texts), axis=1), texts, strict=True):
-        write_caption(panel, text)
+        canvas = Image.fromarray(panel)
+        ImageDraw.Draw(canvas).text((size, height - 2 * size), text, font=_font(size), fill=(45, 52, 64))
+        panel[:] = np.asarray(canvas)
+    return image

@@ -1,7 +1,11 @@
 """Outline of a mesh seen from above."""
 
+from typing import Any
+
 import numpy as np
 import trimesh
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 
 _PIECES = 48  # of a line as long as a figure
 _ASIDE = 1e-3  # how far beside a line one looks for the figure, as a share of its size
@@ -46,6 +50,15 @@ def boundary(triangles: np.ndarray, segments: np.ndarray) -> np.ndarray:
     aside = _ASIDE * size * np.stack((-along[:, 1], along[:, 0]), axis=1) / length
     middle = cut.mean(axis=1)
     return cut[~(_inside(middle + aside, triangles) & _inside(middle - aside, triangles))]
+
+
+def draw_outline(axes: Axes, mesh: trimesh.Trimesh, R_WB: np.ndarray, p_WB: np.ndarray, **style: Any) -> None:
+    """Draws the boundary of a mesh [m] at the pose R_WB (3, 3), p_WB (3,) [m] from above, in millimetres.
+
+    The style is that of a `LineCollection`.
+    """
+    lines = 1e3 * (boundary(*silhouette(mesh, R_WB)) + p_WB[:2])
+    axes.add_collection(LineCollection(list(lines), **style))
 
 
 def _cut(segment: np.ndarray, longest: float) -> np.ndarray:

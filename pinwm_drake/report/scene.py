@@ -1,14 +1,17 @@
 """Pictures of rigid bodies on a floor: grid, soft shadow, paths and shaded meshes, seen by a fixed camera."""
 
+import warnings
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 import trimesh
 
 from pinwm_drake.report.camera import ViewCamera
-from pinwm_drake.report.raster import Surface, draw_triangles
 
+PLAIN = (0.75, 0.16, 0.10)  # linear RGB, of a mesh without colours
+_GAMMA = 2.2
 # Unit vector towards the light, world; the light is far away.
 _LIGHT_W = np.array([-0.38, -0.30, 0.875]) / np.linalg.norm([-0.38, -0.30, 0.875])
 _FLOOR = np.array([0.80, 0.82, 0.85])
@@ -51,6 +54,88 @@ class Actor:
         return self.corners_B @ R_WB.T + p_WB, self.normals_B @ R_WB.T
 
 
+def coloured_actors(path: Path) -> list[Actor]:
+    """The surfaces of a mesh file, one for each of its materials; of one colour where it has none.
+
+    Args:
+        path: The file, m, object frame.
+
+    Returns:
+        The surfaces.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        parts = trimesh.load_scene(path, process=False, group_material=True).geometry.values()
+    actors = []
+    for part in parts:
+        material = getattr(part.visual, "material", None)
+        colour = PLAIN
+        if material is not None and material.name and hasattr(material, "diffuse"):
+            red, green, blue = ((float(value) / 255.0) ** _GAMMA for value in material.diffuse[:3])
+            colour = (red, green, blue)
+        actors.append(Actor.from_mesh(part, colour, smooth=False))
+    return actors
+
+
+@dataclass
+class Surface:
+    """Buffers of the surface that each pixel shows: the nearest one so far.
+
+    Attributes:
+        inverse_depth: (height, width) [1/m], 0 where there is nothing.
+        normal: (height, width, 3), outward, world, not quite of unit length where it is interpolated.
+        colour: (height, width, 3), linear RGB in [0, 1].
+    """
+
+    inverse_depth: np.ndarray
+    normal: np.ndarray
+    colour: np.ndarray
+
+    @classmethod
+    def empty(cls, camera: ViewCamera) -> "Surface":
+        """Buffers in which nothing has been drawn."""
+        shape = (camera.height, camera.width)
+        return cls(np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32), np.zeros((*shape, 3), np.float32))
+
+
+def draw_triangles(
+    surface: Surface, camera: ViewCamera, corners_W: np.ndarray, normals_W: np.ndarray, colour: np.ndarray
+) -> None:
+    """Draws triangles where they are nearer than the surface in the buffers.
+
+    Args:
+        surface: The buffer, changed in place; of the camera's size.
+        camera: The view. All triangles lie in front of it.
+        corners_W: (n, 3, 3) [m], corners of each triangle, counter-clockwise seen from outside, world.
+        normals_W: (n, 3, 3), outward normal at each corner, world.
+        colour: (3,), linear RGB in [0, 1].
+    """
+    pixels, depths = camera.project(corners_W.reshape(-1, 3))
+    pixels, inverse = pixels.reshape(-1, 3, 2), (1 / depths).reshape(-1, 3)
+    a, b, c = pixels[:, 0], pixels[:, 1], pixels[:, 2]
+    # With y down a triangle that faces the camera runs clockwise: its doubled area is negative.
+    areas = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    size = np.array([camera.width, camera.height])
+    lows = np.clip(np.floor(pixels.min(axis=1)).astype(int), 0, size)
+    highs = np.clip(np.ceil(pixels.max(axis=1)).astype(int), 0, size)
+    for k in np.flatnonzero((areas < 0) & (lows < highs).all(axis=1)):
+        (x0, y0), (x1, y1) = lows[k], highs[k]
+        x, y = np.arange(x0, x1) + 0.5, (np.arange(y0, y1) + 0.5)[:, None]
+        weights = []
+        for i, j in ((1, 2), (2, 0)):
+            (px, py), (qx, qy) = pixels[k, i], pixels[k, j]
+            weights.append((((qx - px) * (y - py) - (qy - py) * (x - px)) / areas[k]).astype(np.float32))
+        weights.append(1 - weights[0] - weights[1])
+        depth = sum(weight * value for weight, value in zip(weights, inverse[k], strict=True))
+        window = np.s_[y0:y1, x0:x1]
+        shown = (weights[0] >= 0) & (weights[1] >= 0) & (weights[2] >= 0)
+        shown &= depth > surface.inverse_depth[window]
+        surface.inverse_depth[window][shown] = depth[shown]
+        mix = np.stack([weight[shown] for weight in weights], axis=-1)
+        surface.normal[window][shown] = mix @ normals_W[k].astype(np.float32)
+        surface.colour[window][shown] = colour
+
+
 class Stage:
     """Stage: a floor at one height, and the camera that looks at it."""
 
@@ -86,7 +171,10 @@ class Stage:
         placed = [(actor, *actor.at(R_WB, p_WB)) for actor, R_WB, p_WB in actors]
         image = self._empty * self._shadow([corners for _, corners, _ in placed])
         for points, colour in paths:
-            self._draw_path(image, points, colour)
+            if len(points) > 1:
+                on_floor = np.column_stack((points, np.full(len(points), self.floor_height)))
+                pixels = np.round(16 * self._large.project(on_floor)[0]).astype(np.int32)
+                cv2.polylines(image, [pixels], False, colour, 2 * _SUPERSAMPLING, cv2.LINE_AA, shift=4)
         surface = Surface.empty(self._large)
         for actor, corners_W, normals_W in placed:
             draw_triangles(surface, self._large, corners_W, normals_W, actor.colour)
@@ -108,14 +196,6 @@ class Stage:
                 cv2.fillConvexPoly(mask, triangle, 1.0, cv2.LINE_AA, shift=4)
         light = 1 - 0.5 * cv2.GaussianBlur(mask, (0, 0), self.camera.height / 110)
         return cv2.resize(light, (self._large.width, self._large.height))[..., None]
-
-    def _draw_path(self, image: np.ndarray, points: np.ndarray, colour: tuple[float, float, float]) -> None:
-        """Draws a line on the floor, under the actors that stand on it."""
-        if len(points) < 2:
-            return
-        on_floor = np.column_stack((points, np.full(len(points), self.floor_height)))
-        pixels = np.round(16 * self._large.project(on_floor)[0]).astype(np.int32)
-        cv2.polylines(image, [pixels], False, colour, 2 * _SUPERSAMPLING, cv2.LINE_AA, shift=4)
 
     def _shade(self, surface: Surface, covered: np.ndarray) -> np.ndarray:
         """Light on the covered pixels: sky from above, one lamp, and its highlight; (n, 3) linear RGB."""

@@ -1,17 +1,28 @@
-"""Style of the figures of a twin's report."""
+"""Style of the figures, and what several of them draw."""
 
 from collections.abc import Iterable
+from pathlib import Path
 
+import cv2
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from pinwm_drake.files import replacing
 
 TWIN, TRUTH, PUSHER, GREY, GRID = "#c8432f", "#1f2937", "#2f5d9e", "#8a8f98", "#e3e5e8"
 STARTS = ("#2f5d9e", "#c8432f", "#3b8f5a", "#b07d1a", "#7a4fa3", "#3a9aa8", "#a1505f", "#6b7280")
 
 
-def new_figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float, dpi: int = 96) -> Figure:
     """An empty figure; inches, of which a page shows 96 px each."""
-    return Figure(figsize=(width, height), dpi=96, layout="constrained")
+    return Figure(figsize=(width, height), dpi=dpi, layout="constrained")
+
+
+def save_figure(path: Path, figure: Figure) -> None:
+    """Writes a figure whole or not at all; the suffix names the format. Raises InputError where it cannot."""
+    with replacing(path) as temporary:
+        figure.savefig(temporary)
 
 
 def tidy(axes: Iterable[Axes]) -> None:
@@ -22,6 +33,45 @@ def tidy(axes: Iterable[Axes]) -> None:
         one.spines[["top", "right"]].set_visible(False)
 
 
+def label_plane(axes: Axes) -> None:
+    """Labels and limits of axes that show the world from above, in millimetres."""
+    axes.margins(0.05)
+    axes.autoscale_view()
+    axes.set(xlabel="x [mm]", ylabel="y [mm]")
+
+
+def show_picture(
+    axes: Axes, picture: np.ndarray, frame: str, *, linewidth: float = 0.8, interpolation: str = "auto"
+) -> None:
+    """Shows a picture without ticks, in a frame of one colour."""
+    axes.imshow(picture, interpolation=interpolation)
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set(color=frame, linewidth=linewidth)
+
+
 def start_colour(number: int) -> str:
     """The colour of a random start."""
     return STARTS[number % len(STARTS)]
+
+
+def evenly(number: int, most: int) -> list[int]:
+    """Some of the numbers 0 to `number - 1` at equal distances, the first and the last among them, `most` at most."""
+    return [int(k) for k in np.unique(np.linspace(0, number - 1, min(most, number)).round())]
+
+
+def box_around(shown: np.ndarray, share: float, pixels: int) -> tuple[slice, slice]:
+    """Rows and columns of the box around the pixels that are true, or of all, with a margin.
+
+    Args:
+        shown: (height, width) bool.
+        share: Margin, as a share of the box.
+        pixels: More margin [px].
+    """
+    x, y, width, height = cv2.boundingRect(shown.astype(np.uint8))
+    if not width:
+        height, width = shown.shape
+    margins = int(share * height) + pixels, int(share * width) + pixels
+    return (
+        slice(max(y - margins[0], 0), y + height + margins[0]),
+        slice(max(x - margins[1], 0), x + width + margins[1]),
+    )

@@ -26,7 +26,9 @@ def write_video(path: Path, frames: Iterable[np.ndarray], *, rate: float, size: 
         InputError: When the file cannot be written.
     """
     with replacing(path) as temporary:
-        writer = _open(temporary, rate, size)
+        # The first codec that this build of OpenCV has.
+        writers = (cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*codec), rate, size) for codec in _CODECS)
+        writer = next((writer for writer in writers if writer.isOpened()), None)
         if writer is None:
             raise InputError(path, allowed=f"a place where OpenCV can write MP4 ({', '.join(_CODECS)})")
         count = 0
@@ -36,24 +38,7 @@ def write_video(path: Path, frames: Iterable[np.ndarray], *, rate: float, size: 
                 count += 1
         finally:
             writer.release()
-        # OpenCV says nothing when the disk is full; the table of frames, written last, is missing then.
-        if count and _count_frames(temporary) != count:
+        # OpenCV says nothing when the disk is full; the table of frames, written last, is missing then, and no
+        # frame is counted in what cannot be read.
+        if count and int(cv2.VideoCapture(str(temporary)).get(cv2.CAP_PROP_FRAME_COUNT)) != count:
             raise InputError(path, value="a write that failed", allowed="a disk with enough space")
-
-
-def _count_frames(path: Path) -> int:
-    """Number of frames in a video by its header; 0 when it cannot be read."""
-    reader = cv2.VideoCapture(str(path))
-    try:
-        return int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
-    finally:
-        reader.release()
-
-
-def _open(path: Path, rate: float, size: tuple[int, int]) -> cv2.VideoWriter | None:
-    """Writer with the first codec that this build of OpenCV has, or None."""
-    for codec in _CODECS:
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate, size)
-        if writer.isOpened():
-            return writer
-    return None

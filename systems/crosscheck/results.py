@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.report.figures.crosscheck import Differences, PathFrom, crosscheck_figure
+from pinwm_drake.report.figures.crosscheck import Differences, crosscheck_figure
 from pinwm_drake.systems.crosscheck.crosscheck import CrossCheck, PushResult
 from pinwm_drake.systems.crosscheck.motion import MODES
 from pinwm_drake.systems.scenario.setup import Setup
@@ -54,7 +54,7 @@ def write_crosscheck(out: Path, setup: Setup, found: CrossCheck, title: str) -> 
         thresholds=(options.threshold_translation, options.threshold_rotation),
         mesh=load_mesh(setup.twin.mesh_path),
         worst=worst,
-        paths=[PathFrom(name, motion.t, motion.p_WO, motion.q_WO) for name, motion in push.motions.items()],
+        paths={name: (motion.p_WO, motion.q_WO) for name, motion in push.motions.items()},
         p_WP=push.motions["twin"].p_WP,
         title=title,
     )

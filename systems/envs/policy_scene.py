@@ -15,9 +15,10 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.learning.images.window import window_size
 from pinwm_drake.learning.spec import CameraSpec, ObjectSpec, Observes, PolicySpec, PusherSpec, SceneSpec
+from pinwm_drake.models import shipped_scenarios
 from pinwm_drake.systems.envs.env import TaskEnv, changed_options
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup, longest_translation
-from pinwm_drake.systems.scenario.load import Scene, load_setup, shipped_scenarios
+from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks.task import Task, default_scene
 

@@ -5,10 +5,9 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.report.actors import PLAIN, coloured_actors
 from pinwm_drake.report.camera import ViewCamera
-from pinwm_drake.report.captions import write_panel_captions
-from pinwm_drake.report.scene import Actor, Stage
+from pinwm_drake.report.captions import write_caption
+from pinwm_drake.report.scene import PLAIN, Actor, Stage, coloured_actors
 from pinwm_drake.systems.scenario.setup import Setup
 
 _HEIGHT = 480  # px, about, of the panels
@@ -62,5 +61,5 @@ class Film:
         larger = (self._scale * rgb.shape[1], self._scale * rgb.shape[0])
         seen = cv2.resize(rgb[..., :3], larger, interpolation=cv2.INTER_NEAREST)
         whole = np.concatenate([scene, seen], axis=1)
-        write_panel_captions(whole, [f"{self._engine}  t = {t:.2f} s", f"rgb, {rgb.shape[1]} x {rgb.shape[0]} px"])
+        write_caption(whole, f"{self._engine}  t = {t:.2f} s", f"rgb, {rgb.shape[1]} x {rgb.shape[0]} px")
         return np.ascontiguousarray(whole[: self.size[1], : self.size[0]])

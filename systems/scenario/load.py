@@ -12,7 +12,7 @@ import numpy as np
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.models import PACKAGE_NAME, model_names, object_model
+from pinwm_drake.models import PACKAGE_NAME, SCENARIO_SUFFIX, object_model, shipped_scenarios
 from pinwm_drake.systems.scenario.schema import LOCAL, MEMORY, Scenario, load_scenario
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import level_height
@@ -21,7 +21,7 @@ from pinwm_drake.twin.read import read_twin
 from pinwm_drake.twin.twin import Twin
 
 Scene: TypeAlias = Setup | Scenario | str | Path
-_FOLDER, _SUFFIX = "scenarios/", ".scenario.yaml"
+_FOLDER = "scenarios/"
 _USUAL = "push_t"  # the scene in which a twin without a scenario stands
 _LARGE = 1.2  # times as large as that scene's own object, from which on the camera is moved away
 
@@ -61,12 +61,6 @@ def load_setup(scene: Scene, *, twin: str | Path | None = None) -> Setup:
     return make_setup(scenario)
 
 
-def shipped_scenarios() -> list[str]:
-    """Names of the scenarios that ship with pinwm_drake, such as "push_t", sorted."""
-    names = (name for name in model_names() if name.startswith(_FOLDER) and name.endswith(_SUFFIX))
-    return [name.removeprefix(_FOLDER).removesuffix(_SUFFIX) for name in names]
-
-
 def scenario_path(text: str) -> str:
     """File or URL of a scenario that a user names, as `load_scenario` takes it.
 
@@ -77,7 +71,7 @@ def scenario_path(text: str) -> str:
         InputError: There is no such file, and none of that name.
     """
     if text in shipped_scenarios() and not Path(text).exists():
-        return f"package://{PACKAGE_NAME}/{_FOLDER}{text}{_SUFFIX}"
+        return f"package://{PACKAGE_NAME}/{_FOLDER}{text}{SCENARIO_SUFFIX}"
     if "://" not in text and not Path(text).exists():
         raise InputError(text, allowed=f"a file, a twin's folder, or one of {', '.join(shipped_scenarios())}")
     return text

@@ -1,41 +1,95 @@
 """Schema of `*.scenario.yaml`: object, pusher, camera, task and engine of a scene. SI units and radians throughout."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import getitem
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
-import yaml
-from pydrake.common.yaml import yaml_load_typed
+from pydantic import AfterValidator, ConfigDict, Field, PlainValidator, TypeAdapter, ValidationError, model_validator
 
-from pinwm_drake.capture.scene import PUSHER_KINDS
-from pinwm_drake.documents import read_yaml
-from pinwm_drake.errors import InputError
-from pinwm_drake.models import OBJECT_NAMES
-from pinwm_drake.systems.scenario.check import check_scenario
+from pinwm_drake.capture.scene import PusherKind
+from pinwm_drake.documents import LONGEST_TEXT, Entry, read_yaml
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.models import OBJECT_NAMES, resolve
+from pinwm_drake.tasks.task import task_from_document
+from pinwm_drake.validation import Refusal, first_problem, place
 
-ENGINES = ("twin", "hydroelastic", "point")
+Engine = Literal["twin", "hydroelastic", "point"]
+ENGINES = get_args(Engine)
 MEMORY, LOCAL = "memq://", "udpm://239.255.76.67:7667?ttl=0"
 
 
-def _quantity(default: object, low: float, high: float, unit: str) -> Any:
-    """Field of a number, or of a list of numbers, with bounds and unit for `check_scenario`."""
-    metadata = {"low": low, "high": high, "unit": unit}
-    if isinstance(default, list):
-        return field(default_factory=lambda: list(default), metadata={**metadata, "length": len(default)})
-    return field(default=default, metadata=metadata)
+def _quantity(low: float, high: float, unit: str = "1") -> Any:
+    """Bounds and unit of a number."""
+    allowed = f"a number from {low:g} to {high:g}" + ("" if unit == "1" else f" [{unit}]")
+    return Field(ge=low, le=high, strict=True, json_schema_extra={"allowed": allowed, "unit": unit})
 
 
-def _choice(default: object, allowed: tuple[str, ...]) -> Any:
-    return field(default=default, metadata={"allowed": allowed})
+def _count(low: int, high: int) -> Any:
+    """Bounds of a whole number."""
+    return Field(ge=low, le=high, strict=True, json_schema_extra={"allowed": f"a whole number from {low} to {high}"})
 
 
-def _seconds(default: float, low: float, high: float) -> Any:
-    return field(default=default, metadata={"low": low, "high": high, "unit": "s"})
+def _length(length: int) -> Any:
+    """Length of a list of numbers."""
+    allowed = f"{length} finite numbers"
+    return Field(min_length=length, max_length=length, strict=True, json_schema_extra={"allowed": allowed})
+
+
+def _list(*values: float) -> Any:
+    return field(default_factory=lambda: list(values))
+
+
+def _known(task: Any) -> Any:
+    try:
+        task_from_document(task)
+    except ParameterError as error:
+        raise ValueError(str(error)) from error
+    return task
+
+
+def _where(allowed: Callable[[Any], bool], words: str) -> AfterValidator:
+    """Validator of what bounds do not say."""
+
+    def check(value: Any) -> Any:
+        if not allowed(value):
+            raise ValueError(words)
+        return value
+
+    return AfterValidator(check)
+
+
+_Text = Annotated[
+    str,
+    _where(lambda text: bool(text.strip()) and text.isprintable(), "text"),
+    _where(lambda text: len(text) <= LONGEST_TEXT, f"text of at most {LONGEST_TEXT} characters"),
+]
+_Metres = Annotated[float, _quantity(-100.0, 100.0, "m")]
+_Radians = Annotated[float, _quantity(-2 * math.pi, 2 * math.pi, "rad")]
+_Share = Annotated[float, _quantity(-1.0, 1.0)]
+_Friction = Annotated[float, _quantity(0.0, 2.0)]
+_Pixels = Annotated[int, _count(8, 4096)]
+_Number = TypeVar("_Number")
+_Vector = Annotated[list[_Number], _length(3)]
+_Range = Annotated[
+    list[_Number], _length(2), _where(lambda ends: ends[0] <= ends[1], "[low, high] with low at most high")
+]
+_Quaternion = Annotated[
+    list[_Share],
+    _length(4),
+    _where(lambda q: abs(sum(value**2 for value in q) - 1) <= 1e-3, "a quaternion wxyz of unit norm"),
+]
+
+
+class _Checked:
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 @dataclass
-class Units:
+class Units(_Checked):
     """The units of the file: these and no others, written down so that nobody has to guess.
 
     Attributes:
@@ -45,14 +99,14 @@ class Units:
         angle: rad.
     """
 
-    length: str = _choice("m", ("m",))
-    mass: str = _choice("kg", ("kg",))
-    time: str = _choice("s", ("s",))
-    angle: str = _choice("rad", ("rad",))
+    length: Literal["m"] = "m"
+    mass: Literal["kg"] = "kg"
+    time: Literal["s"] = "s"
+    angle: Literal["rad"] = "rad"
 
 
 @dataclass
-class Theta:
+class Theta(_Checked):
     """The physical parameters of an object of uniform density.
 
     Attributes:
@@ -62,14 +116,14 @@ class Theta:
         restitution: Coefficient of restitution of both pairs.
     """
 
-    mass: float = _quantity(1.0, 1e-3, 100.0, "kg")
-    friction_floor: float = _quantity(0.03, 0.0, 2.0, "1")
-    friction_pusher: float = _quantity(0.03, 0.0, 2.0, "1")
-    restitution: float = _quantity(0.0, 0.0, 0.9, "1")
+    mass: Annotated[float, _quantity(1e-3, 100.0, "kg")] = 1.0
+    friction_floor: _Friction = 0.03
+    friction_pusher: _Friction = 0.03
+    restitution: Annotated[float, _quantity(0.0, 0.9)] = 0.0
 
 
 @dataclass
-class Shape:
+class Shape(_Checked):
     """The shape of a pusher, its axis along z; see `pinwm_drake.capture.scene.PusherShape`.
 
     Attributes:
@@ -78,13 +132,19 @@ class Shape:
         length: m, length of the straight part; 0 for a sphere.
     """
 
-    kind: str = _choice("sphere", PUSHER_KINDS)
-    radius: float = _quantity(0.01, 0.003, 0.05, "m")
-    length: float = _quantity(0.0, 0.0, 0.5, "m")
+    kind: PusherKind = "sphere"
+    radius: Annotated[float, _quantity(0.003, 0.05, "m")] = 0.01
+    length: Annotated[float, _quantity(0.0, 0.5, "m")] = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.kind == "sphere") != (self.length == 0):
+            raise Refusal("a length of 0 for a sphere, and above 0 for a capsule or a cylinder", "length")
+        return self
 
 
 @dataclass
-class Pusher:
+class Pusher(_Checked):
     """The pusher and the limits of its motion.
 
     Attributes:
@@ -97,15 +157,21 @@ class Pusher:
     """
 
     shape: Shape | None = None
-    max_speed: float = _quantity(1.0, 1e-3, 10.0, "m/s")
-    low: list[float] = _quantity([-1.0, -1.0, -1.0], -100.0, 100.0, "m")
-    high: list[float] = _quantity([1.0, 1.0, 1.0], -100.0, 100.0, "m")
-    period: float | None = _quantity(None, 1e-5, 1.0, "s")
-    horizon: float = _quantity(0.1, 1e-3, 10.0, "s")
+    max_speed: Annotated[float, _quantity(1e-3, 10.0, "m/s")] = 1.0
+    low: _Vector[_Metres] = _list(-1.0, -1.0, -1.0)
+    high: _Vector[_Metres] = _list(1.0, 1.0, 1.0)
+    period: Annotated[float | None, _quantity(1e-5, 1.0, "s")] = None
+    horizon: Annotated[float, _quantity(1e-3, 10.0, "s")] = 0.1
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not all(low < high for low, high in zip(self.low, self.high, strict=True)):
+            raise Refusal(f"below `high`, {self.high}, along every axis", "low")
+        return self
 
 
 @dataclass
-class Physics:
+class Physics(_Checked):
     """Settings of the twin's physics; null for those of the twin folder, or 1/240 s, 32 and patch.
 
     Attributes:
@@ -115,14 +181,14 @@ class Physics:
         steps_per_update: Number of steps of the physics in one update of the diagram's state.
     """
 
-    time_step: float | None = _quantity(None, 1e-5, 0.1, "s")
-    friction_directions: int | None = _quantity(None, 4, 64, "1")
-    support: str | None = _choice(None, ("corners", "patch"))
-    steps_per_update: int = _quantity(1, 1, 1000, "1")
+    time_step: Annotated[float | None, _quantity(1e-5, 0.1, "s")] = None
+    friction_directions: Annotated[int | None, _count(4, 64)] = None
+    support: Literal["corners", "patch"] | None = None
+    steps_per_update: Annotated[int, _count(1, 1000)] = 1
 
 
 @dataclass
-class Plant:
+class Plant(_Checked):
     """Settings of Drake's plants.
 
     Attributes:
@@ -130,12 +196,12 @@ class Plant:
         reference_speed: m/s, speed of approach at which a restitution above 0 is meant: Drake's depends on it.
     """
 
-    time_step: float | None = _quantity(None, 1e-6, 1e-2, "s")
-    reference_speed: float = _quantity(0.12, 1e-3, 10.0, "m/s")
+    time_step: Annotated[float | None, _quantity(1e-6, 1e-2, "s")] = None
+    reference_speed: Annotated[float, _quantity(1e-3, 10.0, "m/s")] = 0.12
 
 
 @dataclass
-class View:
+class View(_Checked):
     """The camera of the `rgb` port, which stands still and has the world's z upwards.
 
     Attributes:
@@ -146,15 +212,21 @@ class View:
         p_WT: (3,) m, world: point that it looks at.
     """
 
-    width: int = _quantity(128, 8, 4096, "px")
-    height: int = _quantity(128, 8, 4096, "px")
-    fov_y: float = _quantity(0.7, 0.02, 2.8, "rad")
-    p_WC: list[float] = _quantity([0.0, -0.45, 0.55], -100.0, 100.0, "m")
-    p_WT: list[float] = _quantity([0.0, 0.0, 0.0], -100.0, 100.0, "m")
+    width: _Pixels = 128
+    height: _Pixels = 128
+    fov_y: Annotated[float, _quantity(0.02, 2.8, "rad")] = 0.7
+    p_WC: _Vector[_Metres] = _list(0.0, -0.45, 0.55)
+    p_WT: _Vector[_Metres] = _list(0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.p_WC[:2] == self.p_WT[:2]:
+            raise Refusal("a point that is not right above or below `p_WC`", "p_WT")
+        return self
 
 
 @dataclass
-class Start:
+class Start(_Checked):
     """Places of object and pusher at the start; each range [low, high] is drawn from evenly.
 
     Attributes:
@@ -171,20 +243,20 @@ class Start:
         pusher_height: m, world: z of the pusher's middle.
     """
 
-    x: list[float] = _quantity([0.0, 0.0], -100.0, 100.0, "m")
-    y: list[float] = _quantity([0.0, 0.0], -100.0, 100.0, "m")
-    yaw: list[float] = _quantity([0.0, 0.0], -2 * math.pi, 2 * math.pi, "rad")
-    q_WO: list[float] = _quantity([1.0, 0.0, 0.0, 0.0], -1.0, 1.0, "1")
-    rolls: int = _quantity(1, 1, 3600, "1")
-    roll_axis: list[float] = _quantity([0.0, 0.0, 1.0], -1.0, 1.0, "1")
-    pusher_angle: list[float] = _quantity([-math.pi, math.pi], -2 * math.pi, 2 * math.pi, "rad")
-    pusher_from: str = _choice("world", ("world", "object"))
-    pusher_gap: list[float] = _quantity([0.005, 0.03], 0.0, 10.0, "m")
-    pusher_height: float = _quantity(0.025, -100.0, 100.0, "m")
+    x: _Range[_Metres] = _list(0.0, 0.0)
+    y: _Range[_Metres] = _list(0.0, 0.0)
+    yaw: _Range[_Radians] = _list(0.0, 0.0)
+    q_WO: _Quaternion = _list(1.0, 0.0, 0.0, 0.0)
+    rolls: Annotated[int, _count(1, 3600)] = 1
+    roll_axis: Annotated[_Vector[_Share], _where(any, "an axis that is not zero")] = _list(0.0, 0.0, 1.0)
+    pusher_angle: _Range[_Radians] = _list(-math.pi, math.pi)
+    pusher_from: Literal["world", "object"] = "world"
+    pusher_gap: _Range[Annotated[float, _quantity(0.0, 10.0, "m")]] = _list(0.005, 0.03)
+    pusher_height: _Metres = 0.025
 
 
 @dataclass
-class LcmLink:
+class LcmLink(_Checked):
     """The messages between a station with `engine="lcm"` and the driver of a robot.
 
         station ── command_channel ─► driver    lcmt_drake_signal (6), every `period`: v_WP [m/s], session, sequence,
@@ -215,17 +287,17 @@ class LcmLink:
             counts as unknown.
     """
 
-    url: str = MEMORY
-    command_channel: str = "PINWM_PUSHER_COMMAND"
-    state_channel: str = "PINWM_PUSHER_STATE"
-    image_channel: str = "PINWM_IMAGES"
-    period: float = _seconds(0.005, 1e-3, 0.1)
-    image_period: float = _seconds(0.05, 1e-3, 10.0)
-    timeout: float = _seconds(0.1, 1e-3, 10.0)
+    url: _Text = MEMORY
+    command_channel: _Text = "PINWM_PUSHER_COMMAND"
+    state_channel: _Text = "PINWM_PUSHER_STATE"
+    image_channel: _Text = "PINWM_IMAGES"
+    period: Annotated[float, _quantity(1e-3, 0.1, "s")] = 0.005
+    image_period: Annotated[float, _quantity(1e-3, 10.0, "s")] = 0.05
+    timeout: Annotated[float, _quantity(1e-3, 10.0, "s")] = 0.1
 
 
 @dataclass
-class Scenario:
+class Scenario(_Checked):
     """A scene: an object that a pusher moves on a floor in front of a camera, and a task.
 
     Attributes:
@@ -251,21 +323,54 @@ class Scenario:
     """
 
     units: Units = field(default_factory=Units)
-    name: str = "push"
-    object: str | None = _choice(None, OBJECT_NAMES)
-    twin: str | None = None
-    engine: str = _choice("twin", ENGINES)
+    name: _Text = "push"
+    object: Annotated[str, _where(OBJECT_NAMES.__contains__, ", ".join(OBJECT_NAMES))] | None = None
+    twin: _Text | None = None
+    engine: Engine = "twin"
     theta: Theta | None = None
-    task: dict[str, Any] = field(default_factory=lambda: {"name": "push"})
+    task: Annotated[dict[str, Any], PlainValidator(_known)] = field(default_factory=lambda: {"name": "push"})
     pusher: Pusher = field(default_factory=Pusher)
     physics: Physics = field(default_factory=Physics)
     plant: Plant = field(default_factory=Plant)
     camera: View = field(default_factory=View)
     start: Start = field(default_factory=Start)
-    gravity: float | None = _quantity(None, 1e-3, 1e3, "m/s^2")
+    gravity: Annotated[float | None, _quantity(1e-3, 1e3, "m/s^2")] = None
     lcm: LcmLink = field(default_factory=LcmLink)
-    num_worlds: int = _quantity(1, 1, 65536, "1")
-    seed: int = _quantity(0, 0, 2**63 - 1, "1")
+    num_worlds: Annotated[int, _count(1, 65536)] = 1
+    seed: Annotated[int, _count(0, 2**63 - 1)] = 0
+
+
+_SCENARIO = TypeAdapter(Scenario)
+
+
+def check_scenario(path: Path, document: Any) -> Scenario:
+    """Scenario of a document.
+
+    Args:
+        path: File that messages name.
+        document: The document, plain data.
+
+    Raises:
+        InputError: A key is unknown, or a value is of the wrong kind, in another unit or out of range; the message
+            names file and key.
+    """
+    try:
+        scenario = _SCENARIO.validate_python(document)
+    except ValidationError as error:
+        problem = first_problem(error, Scenario)
+        if problem.kind == "extra_forbidden":
+            owner = reduce(getitem, problem.location[:-1], document)
+            Entry(path, place(problem.location[:-1]), owner).only(*problem.allowed.split(", "))
+        entry = Entry(path, problem.place, problem.value)
+        if problem.kind in ("float_type", "finite_number") and problem.place.endswith("]"):
+            entry.number()
+        raise entry.refusal(problem.allowed) from None
+    if (scenario.object is None) == (scenario.twin is None):
+        found = "neither" if scenario.twin is None else "both"
+        raise InputError(path, value=found, allowed="either an object or a twin")
+    if scenario.twin is not None and scenario.theta is not None:
+        raise Entry(path, "theta", document["theta"]).refusal("null or nothing beside a twin, which has its own")
+    return scenario
 
 
 def load_scenario(path: Path | str) -> Scenario:
@@ -281,17 +386,9 @@ def load_scenario(path: Path | str) -> Scenario:
         InputError: The file cannot be read, a key is unknown, or a value is of the wrong kind, in another unit or
             out of range; the message names file and key.
     """
-    from pinwm_drake.models import resolve
-
     file = resolve(str(path))
     entry = read_yaml(file)
-    check_scenario(entry, Scenario)
-    # Numbers such as 1e-3, which YAML 1.1 takes for text, have become numbers in `read_yaml`. A task's own class has
-    # checked its entry, whose keys Drake's loader cannot know.
-    task = entry.value.pop("task", None)
-    scenario: Scenario = yaml_load_typed(schema=Scenario, data=yaml.safe_dump(entry.value))
-    if task is not None:
-        scenario.task = task
+    scenario = check_scenario(file, entry.value)
     if scenario.twin is not None:
         folder = file.parent / scenario.twin
         if not folder.is_dir():

@@ -4,22 +4,20 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import RenderEngineVtkParams
 from pydrake.math import RigidTransform
 
-from pinwm_drake.capture.scene import PusherGeometry, PusherKind, PusherShape
-from pinwm_drake.documents import Entry
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.models import object_model
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.systems.sampling import whole_multiple
-from pinwm_drake.systems.scenario.check import check_scenario
-from pinwm_drake.systems.scenario.schema import Scenario, Theta
+from pinwm_drake.systems.scenario.schema import Scenario, Theta, check_scenario
 from pinwm_drake.systems.scenario.viewpoints import look_at
 from pinwm_drake.tasks.task import Task, task_from_document
 from pinwm_drake.twin.read import read_twin
@@ -95,7 +93,7 @@ def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:
     """
     if twin is not None:
         scenario = dataclasses.replace(scenario, object=None, theta=None, twin=str(scenario.twin or twin.name))
-    check_scenario(Entry(Path(scenario.name), "", dataclasses.asdict(scenario)), Scenario)
+    check_scenario(Path(scenario.name), dataclasses.asdict(scenario))
     if twin is not None:
         visual_path = twin.mesh_path
     elif scenario.twin is not None:
@@ -171,5 +169,5 @@ def _with_settings(twin: Twin, scenario: Scenario) -> Twin:
         "gravity": scenario.gravity,
     }
     if shape is not None:
-        changes["pusher"] = PusherGeometry(None, PusherShape(cast(PusherKind, shape.kind), shape.radius, shape.length))
+        changes["pusher"] = PusherGeometry(None, PusherShape(shape.kind, shape.radius, shape.length))
     return dataclasses.replace(twin, **{name: value for name, value in changes.items() if value is not None})

@@ -9,7 +9,7 @@ import trimesh
 from PIL import Image
 
 from pinwm_drake.report.camera import ViewCamera
-from pinwm_drake.report.raster import Surface, draw_triangles
+from pinwm_drake.report.scene import Surface, draw_triangles
 
 SIDE = 0.06  # m
 HEIGHT = 0.5 * SIDE  # of the cube's centre above the floor, m

@@ -88,9 +88,9 @@ def test_the_arm_alone(pinwm):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--engine", "robot"], "--engine: got robot; allowed: twin, hydroelastic, point, lcm"),
+        (["--engine", "robot"], "--engine: got 'robot'; allowed: twin, hydroelastic, point, lcm"),
         (["--duration", "601"], "--duration: got 601.0; allowed: 0.1 to 600 s"),
-        (["--contact", "soft"], "--contact: got soft; allowed: hydroelastic, point"),
+        (["--contact", "soft"], "--contact: got 'soft'; allowed: hydroelastic, point"),
         (["--seed", "-1"], "--seed: got -1; allowed: 0 to"),
         (["--engine", "twin", "--lcm-url", "memq://"], "--lcm-url: got memq://; allowed: none, but for a robot"),
         (["--engine", "lcm", "--lcm-url", "udpm://239.255.76.67:7667?ttl=1"], "?ttl=0"),

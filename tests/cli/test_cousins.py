@@ -22,7 +22,7 @@ def test_cousins_are_written_with_their_sheet(pinwm, folder, tmp_path):
     options = ["--number", "3", "--delta", "0.2", "--seed", "5"]
     code, output, errors = pinwm("cousins", str(folder), "-o", str(out), *options)
     assert (code, errors) == (0, "")
-    assert sorted(path.name for path in out.iterdir()) == ["cousins.npz", "cousins.png"]
+    assert sorted(path.name for path in out.iterdir()) == ["cousins.config.yaml", "cousins.npz", "cousins.png"]
     twin = read_twin(folder)
     found, expected = read_cousins(out / "cousins.npz", twin), draw_cousins(twin, 3, 0.2, seed=5)
     assert [one.theta for one in found.members] == [one.theta for one in expected.members]
@@ -45,8 +45,8 @@ def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, tmp_path):
     for arguments, message in (
         ([str(folder), "--number", "0"], "--number: got 0; allowed: 1 to 200"),
         ([str(folder), "--number", "201"], "--number: got 201; allowed: 1 to 200"),
-        ([str(folder), "--delta", "1"], "delta: got 1.0; allowed: 0 or more, less than 1"),
-        ([str(folder), "--seed", "-1"], "seed: got -1; allowed: a whole number, 0 or more"),
+        ([str(folder), "--delta", "1"], "--delta: got 1.0; allowed: 0 or more, less than 1"),
+        ([str(folder), "--seed", "-1"], "--seed: got -1; allowed: 0 or more"),
         (
             [str(tmp_path)],
             f"{tmp_path / 'twin.yaml'}: got no such file; allowed: the twin that `pinwm identify` writes",

@@ -9,9 +9,9 @@ from pinwm_drake.experiments.golden_samples import export_bundle
 from pinwm_drake.learning.bundle import HASHED, PROVENANCE_FILE, read_bundle
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
 from pinwm_drake.learning.safety import default_limits
+from pinwm_drake.models import policy_path
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import policy_spec
-from tests.learning.bundles import as_version_1
 from tests.systems.stations import action_setup
 
 SIZE = 32
@@ -71,23 +71,6 @@ def without_window(policy: Policy, **changes) -> Policy:
     return Policy(dataclasses.replace(spec, **changes), make_actor(spec))
 
 
-def test_an_older_bundle_is_written_anew(pinwm, policy, tmp_path):
-    new, old = tmp_path / "new", tmp_path / "old"
-    write_policy(tmp_path / "policy", without_window(policy))
-    assert pinwm("export", str(tmp_path / "policy"), str(new))[0] == 0
-    code, output, errors = pinwm("export", str(as_version_1(new, old)), str(tmp_path / "again"))
-    assert (code, errors) == (0, "")
-    with np.load(new / "golden.npz") as golden:
-        kept = len(golden["image"])  # without samples in which a network that was not trained is undecided
-    assert kept > 8
-    assert output.splitlines()[1].startswith(f"{kept} golden samples")
-    first, again = read_bundle(new), read_bundle(tmp_path / "again")
-    assert again.contract == first.contract
-    assert again.spec.scene.object.name == "t_block"
-    code, _, errors = pinwm("export", str(new), str(tmp_path / "other"))
-    assert (code, errors.startswith(f"pinwm: {new}: got schema_version 2; allowed: a policy, or a bundle")) == (1, True)
-
-
 def test_a_policy_without_a_scene_gets_that_of_the_command(folder, policy, tmp_path):
     write_policy(tmp_path / "policy", without_window(policy, scene=None))
     assert export_bundle(tmp_path / "policy", tmp_path / "bundle").spec == without_window(policy).spec
@@ -111,6 +94,8 @@ def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, policy, tmp_path
         code, output, errors = pinwm("export", arguments[0], str(out), *arguments[1:])
         assert (code, output, errors.count("\n")) == (1, "", 1)
         assert errors.startswith(f"pinwm: {message}")
+    code, _, errors = pinwm("export", str(policy_path("push_t")), str(out))
+    assert (code, errors.endswith("push_t: got a bundle; allowed: a policy, as `pinwm train` wrote it\n")) == (1, True)
     assert not out.exists()
     out.mkdir()
     (out / "mine").write_text("")

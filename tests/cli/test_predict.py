@@ -57,7 +57,7 @@ def test_a_cube_is_where_the_pusher_puts_it(pinwm, folder, tmp_path):
     assert lines[0].startswith("cube, episode 0000: 5 frames in 0.40 s; moves by 3")
     assert lines[1].startswith("score against object_poses.csv (5 frames): position 0.")
     assert lines[2] == f"wrote {out}"
-    assert [path.name for path in out.parent.iterdir()] == ["poses.csv"]
+    assert sorted(path.name for path in out.parent.iterdir()) == ["poses.csv", "poses.predict.config.yaml"]
 
 
 def test_an_episode_without_truth_has_no_score(pinwm, folder, tmp_path):

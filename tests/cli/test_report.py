@@ -22,7 +22,7 @@ def test_a_report_is_written_beside_the_twin_and_elsewhere(pinwm, folder):
     code, output, errors = pinwm("report", str(folder / "twin"), "-o", str(folder / "new/a.html"))
     assert (code, errors) == (0, "")
     assert (folder / "new/a.html").read_bytes() == (folder / "twin/report.html").read_bytes()
-    assert [path.name for path in (folder / "new").iterdir()] == ["a.html"]
+    assert sorted(path.name for path in (folder / "new").iterdir()) == ["a.html", "a.report.config.yaml"]
 
 
 def test_a_twin_can_be_viewed(pinwm, folder):

@@ -36,7 +36,7 @@ def test_a_page_and_a_video_are_written(pinwm, splats, tmp_path):
     reader = cv2.VideoCapture(str(video))
     assert reader.get(cv2.CAP_PROP_FRAME_COUNT) == 6
     assert reader.get(cv2.CAP_PROP_FRAME_WIDTH) == 32
-    assert sorted(path.name for path in page.parent.iterdir()) == ["a.html", "a.mp4"]
+    assert sorted(path.name for path in page.parent.iterdir()) == ["a.html", "a.mp4", "a.view.config.yaml"]
 
 
 @pytest.mark.parametrize(

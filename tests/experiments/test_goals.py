@@ -55,7 +55,9 @@ def test_a_bundle_for_a_goal_has_it_for_that_of_its_task(bundle):
     assert aimed.spec.task.goal == GOAL
     assert aimed.spec.task.goal_size == 0
     p_WP = np.zeros(2)
-    np.testing.assert_array_equal(aimed.act(image, p_WP), bundle.network.run(image, p_WP, np.array(GOAL)).astype(float))
+    np.testing.assert_array_equal(
+        aimed.act(image, p_WP), bundle.network.run(image, p_WP, np.array(GOAL))[0].astype(float)
+    )
     assert not np.allclose(aimed.act(image, p_WP), bundle.toward((0.0, 0.0, 0.0)).act(image, p_WP), atol=1e-6)
     # The estimate is told from the goal: it is the same place in the world.
     far, near = (np.linalg.norm(one.step(image, p_WP)[1][9:11]) for one in (aimed, bundle.toward((0, 0, 0))))

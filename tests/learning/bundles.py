@@ -1,27 +1,20 @@
 """Untrained policies of images and their bundles, for tests."""
 
 import hashlib
-import io
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import pytest
 import torch
-import yaml
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.learning.bundle import (
-    CONTRACT_FILE,
-    GOLDEN_FILE,
-    ONNX_FILE,
     PROVENANCE_FILE,
     provenance_hash,
     read_bundle,
 )
-from pinwm_drake.learning.contract import ESTIMATE, make_contract, version_1
 from pinwm_drake.learning.export import export_policy
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.safety import default_limits
@@ -102,27 +95,3 @@ def refused(folder: Path, name: str | None) -> str:
     assert error.value.path == str(path)
     assert "; allowed: " in str(error.value)
     return str(error.value).removeprefix(str(path))
-
-
-def as_version_1(folder: Path, out: Path) -> Path:
-    """The bundle of a folder, as version 1 would have written it: without scene, estimate, mask and periods."""
-    bundle = read_bundle(folder)
-    out.mkdir()
-    model = onnx.load(folder / ONNX_FILE)
-    for part in (model.graph.output, model.graph.node):
-        (one,) = (each for each in part if ESTIMATE in ([each.name] if part is model.graph.output else each.output))
-        part.remove(one)
-    (out / ONNX_FILE).write_bytes(model.SerializeToString())
-    contract = version_1(make_contract(bundle.spec, bundle.limits, (), estimate=False))
-    spec = contract["spec"]
-    task = {name: spec["task"][name] for name in ("goal", "q_WO", "tolerance", "turn_tolerance")}
-    contract["spec"] = {name: value for name, value in spec.items() if name != "task"} | task
-    (out / CONTRACT_FILE).write_text(yaml.safe_dump(contract))
-    with np.load(folder / GOLDEN_FILE) as golden:
-        arrays = {name: golden[name] for name in golden.files if name != ESTIMATE}
-    content = io.BytesIO()
-    np.savez_compressed(content, **arrays)
-    (out / GOLDEN_FILE).write_bytes(content.getvalue())
-    (out / PROVENANCE_FILE).write_text(json.dumps(bundle.provenance))
-    rehash(out, schema_version=1)
-    return out

@@ -18,7 +18,6 @@ from tests.learning.bundles import (
     LONGEST,
     LOW,
     SCENE,
-    as_version_1,
     exported,
     image_spec,
     pictures,
@@ -71,19 +70,6 @@ def test_a_step_tells_the_policys_own_estimate_of_the_state(policy, bundle):
         assert (estimate.shape, estimate.dtype) == ((11,), float)
         assert estimate == pytest.approx(told, abs=1e-5)
     assert bundle.network.estimates
-
-
-def test_a_bundle_of_version_1_does_the_same_and_tells_no_estimate(folder, bundle, tmp_path):
-    old = read_bundle(as_version_1(folder, tmp_path / "old"))
-    assert old.provenance["schema_version"] == 1
-    assert (old.spec, old.limits) == (dataclasses.replace(SPEC, scene=None), bundle.limits)
-    assert old.contract["schema_version"] == 2
-    assert [entry["name"] for entry in old.contract["outputs"]] == ["pusher_translation"]
-    assert old.mask_pixels == bundle.mask_pixels
-    image, p_WP = (one[0] for one in pictures(SPEC, 1))
-    d_W, estimate = old.step(image, p_WP)
-    assert estimate is None
-    assert np.array_equal(d_W, bundle.act(image, p_WP))
 
 
 def test_the_scene_is_read_as_it_was_written(bundle):

@@ -69,13 +69,14 @@ def test_an_extra_file(folder):
     )
 
 
-@pytest.mark.parametrize("version", [3, "1", None, True])
+@pytest.mark.parametrize("version", [3, "1", None, True, 1])
 @pytest.mark.parametrize("name", [PROVENANCE_FILE, CONTRACT_FILE])
 def test_another_version(folder, name, version):
     rewrite(folder / name, lambda document: document.update(schema_version=version))
     if name == CONTRACT_FILE:
         rehash(folder)
-    assert refused(folder, name) == f": got schema_version {version}; allowed: schema_version 1 or 2"
+    anew = "; export the bundle anew with the release 0.1" if version == 1 and version is not True else ""
+    assert refused(folder, name) == f": got schema_version {version}; allowed: schema_version 2{anew}"
 
 
 def test_documents_that_are_none(folder):

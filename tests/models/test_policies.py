@@ -3,17 +3,13 @@ import math
 
 import numpy as np
 import pytest
-import yaml
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.learning.evaluation import evaluate
-from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.models import policy_path, shipped_policies
 from pinwm_drake.systems.envs.policy_scene import check_object, spec_environment
 from pinwm_drake.systems.scenario.load import load_setup
-from pinwm_drake.tasks.push import PushTask
-from tests.learning.bundles import as_version_1
 
 # SHA-256 of the golden arrays of the shipped policy as it was exported, in version 1; they stay as they are.
 GOLDEN = {
@@ -49,23 +45,6 @@ def test_the_golden_samples_are_those_of_version_1_and_so_are_the_answers():
     found = np.array([bundle.act(*one) for one in zip(images, p_WP, strict=True)])
     np.testing.assert_allclose(found, d_W, rtol=0, atol=1e-5)
     assert bundle.mask_pixels == (156, 195)
-
-
-def test_a_bundle_of_version_1_has_the_push_task_and_its_golden_answers(tmp_path):
-    folder = as_version_1(policy_path("push_t"), tmp_path / "bundle")
-    stored = yaml.safe_load((folder / "contract.yaml").read_text())
-    assert stored["schema_version"] == 1
-    bundle, spec = read_bundle(folder), stored["spec"]  # which compares the golden samples
-    assert "task" not in spec
-    assert bundle.spec.task == PushTask(
-        goal=tuple(spec["goal"]),
-        q_WO=tuple(spec["q_WO"]),
-        tolerance=spec["tolerance"],
-        turn_tolerance=spec["turn_tolerance"],
-    )
-    assert bundle.spec.pusher_low == tuple(spec["pusher_low"])
-    assert bundle.contract["schema_version"] == 2
-    assert PolicySpec.from_document(bundle.spec.to_document()) == bundle.spec
 
 
 def test_the_policys_estimate_is_where_the_object_is():

@@ -101,6 +101,8 @@ def test_wheel_holds_the_package_and_nothing_else(wheel):
     checkout = {
         f"{name}/{path.relative_to(folder).as_posix()}"
         for name, folder in folders.items()
-        for path in folder.rglob("*.py")
+        for pattern in ("*.py", "*.html")
+        for path in folder.rglob(pattern)
     }
+    assert "pinwm_drake/report/base.html" in checkout
     assert checkout <= set(names)

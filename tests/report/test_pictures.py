@@ -8,9 +8,7 @@ import trimesh
 from pinwm_drake.errors import InputError
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.captions import write_caption
-from pinwm_drake.report.figures.push import push_figure
-from pinwm_drake.report.raster import Surface, draw_triangles
-from pinwm_drake.report.scene import Actor, Stage
+from pinwm_drake.report.scene import Actor, Stage, Surface, draw_triangles
 from pinwm_drake.report.video import write_video
 
 RED, BLUE = (0.8, 0.05, 0.05), (0.05, 0.05, 0.8)
@@ -105,24 +103,3 @@ def test_a_video_can_be_read_back(tmp_path):
 def test_a_video_that_cannot_be_written_is_refused(tmp_path, capfd):
     with pytest.raises(InputError, match=r"a\.mp4"):
         write_video(tmp_path / "missing/a.mp4", iter([]), rate=30.0, size=(160, 90))
-
-
-def test_the_push_figure_is_drawn(tmp_path):
-    count = 30
-    times = np.linspace(0, 1, count)
-    path = np.column_stack((np.zeros(count), 0.2 * times, np.zeros(count)))
-    push_figure(
-        tmp_path / "push.png",
-        trimesh.creation.box((0.1, 0.1, 0.05)),
-        times=times,
-        R_WB=np.tile(np.eye(3), (count, 1, 1)),
-        p_WB=path,
-        yaw=times,
-        speed=np.full(count, 0.2),
-        p_WP=path - [0, 0.06, 0],
-        pusher_radius=0.01,
-        title="a push",
-    )
-    image = cv2.imread(str(tmp_path / "push.png"))
-    assert image.shape == (672, 1200, 3)
-    assert image.std() > 10

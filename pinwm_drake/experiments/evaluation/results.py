@@ -20,11 +20,11 @@ from pinwm_drake.files import replacing
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.learning.evaluation import Evaluation
 from pinwm_drake.provenance import timestamp, versions
-from pinwm_drake.report.actors import coloured_actors
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.film import EpisodeFilm
 from pinwm_drake.report.evaluation.report import EvaluationStory
+from pinwm_drake.report.scene import coloured_actors
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.scenario.load import load_setup
 

@@ -8,15 +8,9 @@ from matplotlib.figure import Figure
 
 from pinwm_drake.experiments.rehearsal.faults import kind_of
 from pinwm_drake.experiments.rehearsal.run import RehearseRequest, Trial, summary
-from pinwm_drake.files import replacing
-from pinwm_drake.report.embed import figure_uri
-from pinwm_drake.report.page import figure, fill_template, paragraph, section, table, text, tree
+from pinwm_drake.report.page import write_page
 
 REPORT_FILE = "report.html"
-_COLUMNS = (
-    *(("fault", "key"), ("what happens", "wide"), ("trials", "number"), ("stopped in time", "number")),
-    *(("median [s]", "number"), ("longest [s]", "number"), ("allowed [s]", "number"), ("reasons told", "wide")),
-)
 
 
 def write_rehearsal_report(path: Path, request: RehearseRequest, trials: list[Trial]) -> None:
@@ -27,45 +21,17 @@ def write_rehearsal_report(path: Path, request: RehearseRequest, trials: list[Tr
         request: The rehearsal.
         trials: Its trials, 1 or more.
     """
-    found = summary(trials)
-    good = sum(trial.good for trial in trials)
-    rows = [
-        [
-            text(name),
-            text(kind_of(name).words),
-            text(one["trials"]),
-            text(one["good"]),
-            *(f"{one[key]:.3f}" for key in ("median_to_zero", "longest_to_zero", "allowed")),
-            text("; ".join(one["reasons"])),
-        ]
-        for name, one in found["faults"].items()
-    ]
-    faults = section(
-        "Faults",
-        paragraph(
-            "Seconds from the fault to the last command that moves the robot. Allowed is the time after which it can "
-            "be known, and one action."
-        ),
-        figure(
-            figure_uri(_times_figure(trials)), "Seconds from each fault to zero on the wire; a cross where it is late"
-        ),
-        table(_COLUMNS, rows),
+    write_page(
+        path,
+        "experiments/rehearsal/report.html",
+        request=request,
+        trials=len(trials),
+        wrong=[trial for trial in trials if not trial.good],
+        found=summary(trials),
+        times=_times_figure(trials),
+        kind_of=kind_of,
+        asdict=asdict,
     )
-    wrong = [trial for trial in trials if not trial.good]
-    sections = [
-        faults if rows else "",
-        section("Normal work", tree(found["normal"])) if "normal" in found else "",
-        section("Not as they should be", *(tree(asdict(trial)) for trial in wrong[:50])),
-        section("Request", tree(asdict(request))),
-    ]
-    parts = {
-        "title": text(f"Rehearsal of {request.bundle}"),
-        "about": text(f"With a simulated arm over LCM, in real time, in the scene {request.scene or 'of the bundle'}"),
-        "notices": paragraph(f"{good} of {len(trials)} trials as they should be", "headline"),
-        "body": "\n".join(part for part in sections if part),
-    }
-    with replacing(path) as temporary:
-        temporary.write_text(fill_template(parts), encoding="utf-8")
 
 
 def _times_figure(trials: list[Trial]) -> Figure:

@@ -18,7 +18,6 @@ from pinwm_drake.paper.reproduce.systems import PIN_WM
 from pinwm_drake.paper.reproduce.tables.parameters import BESIDE, unknown
 from pinwm_drake.paper.reproduce.tables.table import MISSING, Results, Table
 from pinwm_drake.paper.reproduce.twins import IdentifiedCell, NoisyCaptureCell
-from pinwm_drake.report.figures.one_step import one_step_figure
 from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, new_figure, start_colour, tidy
 from pinwm_drake.twin.twin import THETA
 
@@ -58,12 +57,32 @@ def table_figures(table: Table, request: ReproduceRequest, results: Results) -> 
         figures[table.name] = noise_figure(steps) if noisy else error_figure(steps)
         curves = {_path(cell): found["curve"] for cell, found in steps.items() if found and found.get("curve")}
         if curves and not noisy:
-            figures[f"{table.name}-curve"] = one_step_figure(curves)
+            figures[f"{table.name}-curve"] = curve_figure(curves)
     if any(resting.values()):
         figures[f"{table.name}-at-rest"] = error_figure(resting)
     if any(twins.values()):
         figures[table.name] = parameter_figure(twins)
     return figures
+
+
+def curve_figure(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
+    """Figure of mean errors over the iterations of identifications.
+
+    Args:
+        curves: Points of each identification, by its name: `iteration`, and the `mean` of `translation` [m] and of
+            `rotation` [rad].
+    """
+    figure = new_figure(8, 3.0)
+    panels = figure.subplots(1, 2)
+    for axes, (part, scale, title) in zip(panels, _PARTS, strict=True):
+        for name, points in curves.items():
+            means = [scale * point[part]["mean"] for point in points]
+            axes.plot([point["iteration"] for point in points], means, marker=".", label=name)
+        axes.set_title(title, fontsize=9)
+        axes.set(xlabel="iteration", yscale="log")
+    panels[0].legend(frameon=False, fontsize=8)
+    tidy(panels)
+    return figure
 
 
 def success_figure(results: Mapping[EvaluationCell, Result | None]) -> Figure:

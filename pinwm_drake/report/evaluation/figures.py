@@ -70,20 +70,13 @@ def start_figure(records: Sequence[EpisodeRecord], q_WO: tuple[float, float, flo
         x, y, yaw = starts[outcomes == name].T
         if not len(x):
             continue
-        place.quiver(
-            *(1e3 * x, 1e3 * y, _ARROW * np.cos(yaw), _ARROW * np.sin(yaw)),
-            color=colour,
-            angles="xy",
-            scale_units="xy",
-            scale=1,
-            width=0.004,
-        )
+        arrows = (1e3 * x, 1e3 * y, _ARROW * np.cos(yaw), _ARROW * np.sin(yaw))
+        place.quiver(*arrows, color=colour, angles="xy", scale_units="xy", scale=1, width=0.004)
         place.plot(1e3 * x, 1e3 * y, "o", color=colour, markersize=4)
         turn.plot(np.degrees(yaw), steps[outcomes == name], "o", color=colour, markersize=4, label=name)
     place.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     place.margins(0.12)
-    turn.set(xlabel="yaw at the start [°]", ylabel="actions")
-    turn.set_ylim(0, None)
+    turn.set(xlabel="yaw at the start [°]", ylabel="actions", ylim=(0, None))
     turn.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=3)
     tidy([place, turn])
     return figure

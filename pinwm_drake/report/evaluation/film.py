@@ -1,21 +1,23 @@
 """Pictures of an evaluation's episodes: one episode after some actions, and many side by side as a film."""
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 
 import numpy as np
 import trimesh
+from matplotlib.colors import to_rgb
 
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.captions import write_caption
 from pinwm_drake.report.evaluation.episode import EpisodeRecord, rotation
+from pinwm_drake.report.evaluation.figures import OUTCOMES
 from pinwm_drake.report.outline import boundary, silhouette
 from pinwm_drake.report.scene import Actor, Stage
+from pinwm_drake.report.style import evenly
 from pinwm_drake.spatial.poses import Pose
 
 Lines = list[tuple[np.ndarray, tuple[float, float, float]]]
 _GOAL, _PUSHER = (0.02, 0.42, 0.10), (0.10, 0.25, 0.55)  # linear RGB
-_FRAMES = {"success": (59, 143, 90), "time limit": (200, 67, 47), "failure": (122, 79, 163)}
-_GOING = (255, 255, 255)
 _BORDER, _STAYS = 3, 8  # px, and pictures that the end of a film shows
 
 
@@ -75,8 +77,8 @@ class EpisodeFilm:
         image = self.picture(record, step)
         words = f"{result.seed}: {min(step, record.last)}"
         write_caption(image, f"{words} {result.outcome}" if ended else words)
-        b, colour = (_BORDER, _FRAMES[result.outcome]) if ended else (1, _GOING)
-        image[:b] = image[-b:] = image[:, :b] = image[:, -b:] = np.array(colour, np.uint8)
+        b, colour = (_BORDER, to_rgb(OUTCOMES[result.outcome])) if ended else (1, to_rgb("white"))
+        image[:b] = image[-b:] = image[:, :b] = image[:, -b:] = np.rint(255 * np.array(colour)).astype(np.uint8)
         return image
 
 
@@ -103,42 +105,28 @@ class FilmGrid:
         self._film, self._records = film, list(records)
         self._columns = min(columns, len(self._records))
         rows = -(-len(self._records) // self._columns)
-        width, height = self._columns * film.camera.width, rows * film.camera.height
-        self.size = (width // 2 * 2, height // 2 * 2)
+        self.size = (self._columns * film.camera.width // 2 * 2, rows * film.camera.height // 2 * 2)
         self.steps = max(record.last for record in self._records)
-        shown = np.linspace(0, self.steps, min(keep, self.steps + 1)).round()
-        self.kept = [int(step) for step in np.unique(shown)]
-        self._ended: dict[int, np.ndarray] = {}
+        self.kept = evenly(self.steps + 1, keep)
+        self._last = cache(lambda k: film.captioned(self._records[k], self.steps))
         self._drawn: dict[int, np.ndarray] = {}
 
     def picture(self, step: int) -> np.ndarray:
         """Picture of all episodes after some actions: (height, width, 3) uint8, sRGB."""
         if step in self._drawn:
             return self._drawn[step]
-        picture = self._draw(step)
+        tiles = [
+            self._film.captioned(record, step) if step < record.last else self._last(k)
+            for k, record in enumerate(self._records)
+        ]
+        tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % self._columns)
+        rows = [np.hstack(tiles[k : k + self._columns]) for k in range(0, len(tiles), self._columns)]
+        picture = np.ascontiguousarray(np.vstack(rows)[: self.size[1], : self.size[0]])
         if step in self.kept:
             self._drawn[step] = picture
         return picture
 
-    def _draw(self, step: int) -> np.ndarray:
-        tile, columns = self._film.camera, self._columns
-        rows = -(-len(self._records) // columns)
-        whole = np.full((rows * tile.height, columns * tile.width, 3), 255, np.uint8)
-        for k, record in enumerate(self._records):
-            y, x = k // columns * tile.height, k % columns * tile.width
-            whole[y : y + tile.height, x : x + tile.width] = self._tile(k, record, step)
-        return np.ascontiguousarray(whole[: self.size[1], : self.size[0]])
-
     def pictures(self) -> Iterator[np.ndarray]:
         """Pictures of the film: one for each action, and some more of the end."""
-        for step in range(self.steps + 1):
-            yield self.picture(step)
-        for _ in range(_STAYS):
-            yield self.picture(self.steps)
-
-    def _tile(self, k: int, record: EpisodeRecord, step: int) -> np.ndarray:
-        if step < record.last:
-            return self._film.captioned(record, step)
-        if k not in self._ended:
-            self._ended[k] = self._film.captioned(record, step)
-        return self._ended[k]
+        for step in range(self.steps + 1 + _STAYS):
+            yield self.picture(min(step, self.steps))

@@ -1,36 +1,22 @@
 """The report of an evaluation: one page that loads nothing from anywhere."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from pinwm_drake.files import replacing
-from pinwm_drake.learning.evaluation import EpisodeResult, Evaluation
-from pinwm_drake.report.embed import figure_uri, picture_uri
+from pinwm_drake.learning.evaluation import Evaluation
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.figures import start_figure, steps_figure, success_figure
 from pinwm_drake.report.evaluation.film import EpisodeFilm, FilmGrid
-from pinwm_drake.report.evaluation.film_strip import film_player
-from pinwm_drake.report.page import figure, fill_template, paragraph, section, table, text, tree
+from pinwm_drake.report.page import Frame, write_page
+from pinwm_drake.report.style import evenly
 
 _GOOD, _FAIR = 0.98, 0.8  # success rates of the verdict's colours
 _MOST_FAILED, _SLOWEST = 12, 4  # episodes in the gallery
 _STRIP, _MOST_FRAMES = 6, 30  # pictures of an episode, and of the film
-_COLUMNS = (
-    *(
-        ("seed", "number"),
-        ("outcome", "key"),
-        ("actions", "number"),
-        ("distance [mm]", "number"),
-        ("angle [°]", "number"),
-    ),
-    *(("start x [mm]", "number"), ("y [mm]", "number"), ("yaw [°]", "number"), ("", "wide")),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +71,26 @@ def write_evaluation_report(
     Raises:
         InputError: The file cannot be written.
     """
-    parts = {
-        "title": text(story.title),
-        "about": text(story.about),
-        "notices": "",
-        "body": "\n".join((_verdict(story.evaluation), *_sections(story, report))),
-    }
-    with replacing(path) as temporary:
-        temporary.write_text(fill_template(parts), encoding="utf-8")
+    evaluation = story.evaluation
+    failed = [record for record in story.records if not record.result.success]
+    slowest = sorted(story.records, key=lambda record: -record.result.steps)
+    rate = evaluation.success_rate
+    write_page(
+        path,
+        "report/evaluation/report.html",
+        story=story,
+        status="good" if rate >= _GOOD else "fair" if rate >= _FAIR else "poor",
+        headline=headline(evaluation),
+        details=details(evaluation),
+        success=success_figure(evaluation, story.max_steps),
+        steps=steps_figure(evaluation, story.max_steps),
+        starts=start_figure(story.records, story.q_WO),
+        failed=len(failed),
+        gallery=failed[:_MOST_FAILED] or slowest[:_SLOWEST],
+        strip=partial(_strip, story.film),
+        film=list(_film(story, report)),
+        degrees=math.degrees,
+    )
 
 
 def headline(evaluation: Evaluation) -> str:
@@ -128,103 +126,23 @@ def details(evaluation: Evaluation) -> list[str]:
     return lines
 
 
-def _verdict(evaluation: Evaluation) -> str:
-    rate = evaluation.success_rate
-    status = "good" if rate >= _GOOD else "fair" if rate >= _FAIR else "poor"
-    lines = "".join(f"<li>{text(line)}</li>" for line in details(evaluation))
-    return f'<div class="verdict {status}"><p>{text(headline(evaluation))}</p><ul>{lines}</ul></div>'
-
-
-def _sections(story: EvaluationStory, report: Callable[[float], None]) -> list[str]:
-    evaluation, steps = story.evaluation, story.max_steps
-    curve, histogram = success_figure(evaluation, steps), steps_figure(evaluation, steps)
-    starts = start_figure(story.records, story.q_WO)
-    return [
-        section(
-            "How soon",
-            figure(figure_uri(curve), "Share of the episodes that had succeeded after so many actions."),
-            figure(figure_uri(histogram), "Actions that episodes took."),
-        ),
-        section(
-            "From where",
-            figure(
-                figure_uri(starts), "Where the object began, with the direction of its x axis, and what came of it."
-            ),
-        ),
-        _gallery(story),
-        section("The first episodes", *_film(story, report)),
-        section("Episodes", table(_COLUMNS, [_row(record, story.q_WO) for record in story.records])),
-        section("Settings", tree(story.settings)),
-        section("Provenance", tree(story.provenance)),
-    ]
-
-
-def _film(story: EvaluationStory, report: Callable[[float], None]) -> list[str]:
-    grid, pictures = story.grid, []
+def _film(story: EvaluationStory, report: Callable[[float], None]) -> Iterator[Frame]:
+    grid = story.grid
     for number, step in enumerate(grid.kept):
-        words = f"after {step} actions, {step * story.horizon:.1f} s"
-        pictures.append((step * story.horizon, grid.picture(step), words))
+        t = step * story.horizon
+        yield t, grid.picture(step), f"after {step} actions, {t:.1f} s"
         report((number + 1) / len(grid.kept))
-    words = "Seed and number of the action; the goal's outline is green. A frame says how an episode ended. The video "
-    words += "beside this page has every action."
-    return [film_player(pictures), paragraph(words)]
 
 
-def _gallery(story: EvaluationStory) -> str:
-    """Strips of the episodes that failed, or of the slowest ones where none did."""
-    failed = [record for record in story.records if not record.result.success]
-    if failed:
-        chosen, title = failed[:_MOST_FAILED], "Episodes that failed"
-        more = len(failed) - len(chosen)
-        words = f"The first {len(chosen)} of {len(failed)}; the table has the others." if more else ""
-    else:
-        chosen = sorted(story.records, key=lambda record: -record.result.steps)[:_SLOWEST]
-        title, words = "The slowest episodes", "None failed."
-    parts = [paragraph(words)] if words else []
-    for record in chosen:
-        parts.append(f"<h3>{text(_words(record.result))}</h3>")
-        parts.append(_strip(story.film, record))
-    return section(title, *parts)
-
-
-def _strip(film: EpisodeFilm, record: EpisodeRecord) -> str:
+def _strip(film: EpisodeFilm, record: EpisodeRecord) -> dict[str, list[Any]]:
     """Strip of the scene at a few times and, where the policy sees images, of those below."""
     chosen = record.at.tolist() if len(record.at) else strip_steps(record.last)
-    cells = ["<span></span>", *(f"<span>{step} actions</span>" for step in chosen), "<span>scene</span>"]
-    cells += [_image(film.picture(record, step), f"scene after {step} actions") for step in chosen]
+    rows = [[(film.picture(record, step), f"scene after {step} actions") for step in chosen]]
     if len(record.at):
-        cells.append("<span>policy's<br>image</span>")
-        cells += [_image(view, f"image after {step} actions") for view, step in zip(record.views, chosen, strict=True)]
-    columns = f"grid-template-columns: auto repeat({len(chosen)}, minmax(0, 1fr))"
-    return f'<div class="strips" style="{columns}">{"".join(cells)}</div>'
+        rows.append([(view, f"image after {step} actions") for view, step in zip(record.views, chosen, strict=True)])
+    return {"rows": rows, "heads": [f"{step} actions" for step in chosen]}
 
 
 def strip_steps(last: int) -> list[int]:
     """Numbers of actions, 0 to `last`, after which the pictures of a strip are taken."""
-    return [int(step) for step in np.unique(np.linspace(0, last, _STRIP).round())]
-
-
-def _image(picture: np.ndarray, words: str) -> str:
-    return f'<img src="{picture_uri(picture)}" alt="{text(words)}">'
-
-
-def _words(result: EpisodeResult) -> str:
-    words = f"seed {result.seed}: {result.outcome} after {result.steps} actions"
-    where = f"{1e3 * result.distance:.1f} mm and {math.degrees(result.angle):.1f}° from the goal"
-    return f"{words}, {where}" + (f" ({result.failure})" if result.failure else "")
-
-
-def _row(record: EpisodeRecord, q_WO: tuple[float, float, float, float]) -> list[str]:
-    result, (x, y, yaw) = record.result, record.start(q_WO)
-    kind = "yes" if result.success else "no"
-    return [
-        str(result.seed),
-        f'<span class="{kind}">{text(result.outcome)}</span>',
-        str(result.steps),
-        f"{1e3 * result.distance:.1f}",
-        f"{math.degrees(result.angle):.1f}",
-        f"{1e3 * x:.1f}",
-        f"{1e3 * y:.1f}",
-        f"{math.degrees(yaw):.1f}",
-        text(result.failure),
-    ]
+    return evenly(last + 1, _STRIP)

@@ -5,14 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pinwm_drake.files import replacing
+from pinwm_drake.report.style import GREY, GRID, PUSHER, TWIN, box_around, new_figure, save_figure, show_picture
 
 DIFFERENCE_GAIN = 4
-_LOSS, _FITTED, _HELD_OUT = "#8a8f98", "#2f5d9e", "#c8432f"
 _MARGIN = 0.08  # of the object's box in the strips
 
 
@@ -55,62 +52,32 @@ def align_figure(
     Raises:
         InputError: The file cannot be written.
     """
-    figure = Figure(figsize=(12, max(4.5, 0.6 + 2.1 * len(strips))), dpi=120, layout="constrained")
+    figure = new_figure(12, max(4.5, 0.6 + 2.1 * len(strips)), dpi=120)
     figure.suptitle(title, fontsize=11)
-    halves = np.asarray(figure.subfigures(1, 2, width_ratios=[1, 1.6]))
-    curves, quality = halves[0].subplots(2, 1, sharex=True)
-    _draw_loss(curves, loss, window)
-    for name, values in psnr:
-        held_out = name == "held out"
-        marker = "." if held_out or len(values) == 1 else ""
-        quality.plot(
-            *values.T, color=_HELD_OUT if held_out else _FITTED, marker=marker, zorder=2 + held_out, label=name
-        )
-    quality.set_ylabel("PSNR [dB]")
-    quality.set_xlabel("iteration")
-    quality.legend(frameon=False, fontsize=8)
-    for axes in (curves, quality):
-        axes.grid(color="#e3e5e8")
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    pictures = halves[1].subplots(len(strips), 3, squeeze=False)
-    for row, strip in zip(pictures, strips, strict=True):
-        _draw_strip(row, strip)
-    for axes, name in zip(pictures[0], ("target", "rendered", f"difference × {DIFFERENCE_GAIN}"), strict=True):
-        axes.set_title(name, fontsize=9)
-    with replacing(path) as temporary:
-        figure.savefig(temporary)
-
-
-def _draw_loss(axes: Axes, loss: np.ndarray, window: int) -> None:
-    """Draws the loss of each iteration, faint, and its running mean; the axis is logarithmic."""
-    axes.plot(*loss.T, color=_LOSS, linewidth=0.5, alpha=0.5)
+    left, right = np.asarray(figure.subfigures(1, 2, width_ratios=[1, 1.6]))
+    curve, quality = left.subplots(2, 1, sharex=True)
+    curve.plot(*loss.T, color=GREY, linewidth=0.5, alpha=0.5)
     if len(loss) >= window:
         smooth = np.convolve(loss[:, 1], np.full(window, 1 / window), mode="valid")
-        axes.plot(loss[window - 1 :, 0], smooth, color=_LOSS, linewidth=1.5)
-    if (loss[:, 1] > 0).all():
-        axes.set_yscale("log")
-    axes.set_ylabel("loss")
-
-
-def _draw_strip(row: np.ndarray, strip: Strip) -> None:
-    """Draws target, rendering and difference of one view, cut to the part that shows something."""
-    difference = np.clip(DIFFERENCE_GAIN * np.abs(strip.rendered - strip.target), 0, 1)
-    window = _window(np.minimum(strip.target, strip.rendered).min(axis=-1) < 1)
-    for axes, picture in zip(row, (strip.target, strip.rendered, difference), strict=True):
-        axes.imshow(np.clip(picture[window], 0, 1), interpolation="nearest")
-        axes.set_xticks([])
-        axes.set_yticks([])
-        axes.spines[:].set_color("#c9ccd1")
-    row[0].set_ylabel(f"{strip.name}\n{strip.psnr:.1f} dB", fontsize=8)
-
-
-def _window(shown: np.ndarray) -> tuple[slice, slice]:
-    """Rows and columns of the box around the pixels that are true, with a margin."""
-    slices = []
-    for axis in (1, 0):
-        places = np.flatnonzero(shown.any(axis=axis))
-        first, last = (places[0], places[-1]) if len(places) else (0, shown.shape[1 - axis] - 1)
-        margin = int(_MARGIN * (last - first + 1)) + 1
-        slices.append(slice(max(first - margin, 0), last + 1 + margin))
-    return slices[0], slices[1]
+        curve.plot(loss[window - 1 :, 0], smooth, color=GREY, linewidth=1.5)
+    curve.set(ylabel="loss", yscale="log" if (loss[:, 1] > 0).all() else "linear")
+    for name, values in psnr:
+        held_out = name == "held out"
+        marker, colour = "." if held_out or len(values) == 1 else "", TWIN if held_out else PUSHER
+        quality.plot(*values.T, color=colour, marker=marker, zorder=2 + held_out, label=name)
+    quality.set(xlabel="iteration", ylabel="PSNR [dB]")
+    quality.legend(frameon=False, fontsize=8)
+    for axes in (curve, quality):
+        axes.grid(color=GRID)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    pictures = right.subplots(len(strips), 3, squeeze=False)
+    for row, strip in zip(pictures, strips, strict=True):
+        difference = DIFFERENCE_GAIN * np.abs(strip.rendered - strip.target)
+        box = box_around(np.minimum(strip.target, strip.rendered).min(axis=-1) < 1, _MARGIN, 1)
+        for axes, picture in zip(row, (strip.target, strip.rendered, difference), strict=True):
+            show_picture(axes, np.clip(picture[box], 0, 1), "#c9ccd1", interpolation="nearest")
+        row[0].set_ylabel(f"{strip.name}\n{strip.psnr:.1f} dB", fontsize=8)
+    for axes, name in zip(pictures[0], ("target", "rendered", f"difference × {DIFFERENCE_GAIN}"), strict=True):
+        axes.set_title(name, fontsize=9)
+    save_figure(path, figure)

@@ -8,11 +8,10 @@ import torch
 from matplotlib.axes import Axes
 
 from pinwm_drake.cousins.cousin import Cousins
-from pinwm_drake.files import replacing
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.orbit import AZIMUTH, ELEVATION, Orbit, square_camera
-from pinwm_drake.report.style import GREY, TRUTH, TWIN, new_figure
+from pinwm_drake.report.style import GREY, TRUTH, TWIN, box_around, new_figure, save_figure, show_picture
 from pinwm_drake.report.surfels.turntable import to_bytes
 
 _SIZE = 320  # px, of a picture before it is cropped
@@ -47,7 +46,8 @@ def cousin_figure(path: Path, cousins: Cousins) -> None:
         InputError: The file cannot be written.
         RenderingError: The twin has no surfels.
     """
-    twin, number, keys = cousins.draw.twin, len(cousins) + 1, _varied(cousins)
+    twin, number, ranges = cousins.draw.twin, len(cousins) + 1, cousins.draw.ranges
+    keys = [key for key, one in ranges.items() if one.low < one.high] or list(ranges)
     values = {key: estimate.value for key, estimate in twin.theta.items()}
     pictures = _pictures(twin.surfels, [twin.surfels.sh, *(cousin.sh for cousin in cousins.members)])
     height, width = pictures[0].shape[:2]
@@ -63,14 +63,7 @@ def cousin_figure(path: Path, cousins: Cousins) -> None:
         _draw(one, picture, f"cousin {cousin.number}", words, TRUTH)
     for one in axes[number:]:
         one.set_axis_off()
-    with replacing(path) as temporary:
-        figure.savefig(temporary)
-
-
-def _varied(cousins: Cousins) -> list[str]:
-    """Names of the parameters whose ranges are more than a point; all of them where none is."""
-    keys = [key for key, one in cousins.draw.ranges.items() if one.low < one.high]
-    return keys or list(cousins.draw.ranges)
+    save_figure(path, figure)
 
 
 def _title(cousins: Cousins) -> str:
@@ -92,19 +85,9 @@ def _pictures(surfels: Surfels, colours: Sequence[torch.Tensor]) -> list[torch.T
         shown = Surfels(surfels.p_OS, surfels.q_OS, surfels.log_scale, surfels.logit_opacity, sh)
         with torch.no_grad():
             image = render(shown, camera, X_CO, full=False)
-        window = window or _window(image.alpha[0])
+        window = window or box_around(image.alpha[0].numpy() > 0.0, 0.0, _MARGIN)
         found.append(image.color[0][window].clamp(0.0, 1.0))
     return [torch.cat([picture, 0.5 + _LOUDER * (picture - found[0])]) for picture in found]
-
-
-def _window(alpha: torch.Tensor) -> tuple[slice, slice]:
-    """Rows and columns of the box around the object, with a margin."""
-    ends = []
-    for axis in (1, 0):
-        seen = torch.nonzero(alpha.amax(axis) > 0.0).ravel()
-        low, high = (int(seen[0]), int(seen[-1])) if len(seen) else (0, _SIZE)
-        ends.append(slice(max(low - _MARGIN, 0), high + _MARGIN))
-    return ends[0], ends[1]
 
 
 def _text(key: str, value: float, twin: float | None) -> str:
@@ -115,11 +98,6 @@ def _text(key: str, value: float, twin: float | None) -> str:
 
 
 def _draw(axes: Axes, picture: torch.Tensor, title: str, lines: Sequence[str], colour: str) -> None:
-    axes.imshow(to_bytes(picture))
-    axes.set_xticks([])
-    axes.set_yticks([])
-    for spine in axes.spines.values():
-        spine.set_color(GREY)
-        spine.set_linewidth(0.5)
+    show_picture(axes, to_bytes(picture), GREY, linewidth=0.5)
     axes.set_title(title, fontsize=8, color=colour)
     axes.set_xlabel("\n".join(lines), fontsize=6.5, color=TRUTH, linespacing=1.25)

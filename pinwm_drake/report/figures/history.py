@@ -25,24 +25,20 @@ def loss_figure(history: History) -> Figure:
     if len(finite) and finite.min() > 0:
         axes.set_yscale("log")
     _mark_stages(axes, history, named=True)
-    axes.set_xlabel("iteration")
-    axes.set_ylabel("loss")
+    axes.set(xlabel="iteration", ylabel="loss")
     if 0 < len(history.starts()) <= 12:
         axes.legend(frameon=False, fontsize=8, ncol=4)
     tidy([axes])
     return figure
 
 
-def theta_figure(
-    history: History, final: dict[str, Estimate], truth: dict[str, float], units: dict[str, str]
-) -> Figure:
+def theta_figure(history: History, final: dict[str, Estimate], truth: dict[str, float]) -> Figure:
     """Figure of each fitted parameter over the iterations, with the twin's value, its interval, and the truth.
 
     Args:
         history: History of the optimiser.
         final: The twin's estimates, by name.
         truth: True values of the parameters, by name, where known.
-        units: Units of the parameters, by name, where known.
     """
     rows = math.ceil(len(history.names) / _COLUMNS)
     figure = new_figure(9, 0.3 + 2.1 * rows)
@@ -52,7 +48,7 @@ def theta_figure(
             axes.plot(history.iteration[at], history.theta[at, column], **_line(history, number, at))
         _draw_result(axes, final.get(name), truth.get(name), history.theta[:, column])
         _mark_stages(axes, history, named=False)
-        unit = units.get(name, THETA.get(name, ""))
+        unit = final[name].unit if name in final else THETA.get(name, "")
         axes.set_title(name + (f" [{unit}]" if unit not in ("", "1") else ""), fontsize=9)
         axes.tick_params(labelsize=8, labelbottom=True)
     for axes in panels[len(history.names) :]:
@@ -64,13 +60,8 @@ def theta_figure(
 
 def _line(history: History, number: int, rows: np.ndarray) -> dict[str, Any]:
     """Style of the line of a start; one evaluation is a point."""
-    return {
-        "color": start_colour(number),
-        "linewidth": 1.3,
-        "alpha": 0.85,
-        "marker": "o" if len(rows) == 1 else "",
-        "markersize": 4,
-    }
+    marker = "o" if len(rows) == 1 else ""
+    return {"color": start_colour(number), "linewidth": 1.3, "alpha": 0.85, "marker": marker, "markersize": 4}
 
 
 def _draw_result(axes: Axes, final: Estimate | None, truth: float | None, values: np.ndarray) -> None:
@@ -96,9 +87,5 @@ def _mark_stages(axes: Axes, history: History, *, named: bool) -> None:
     for at, name in stages:
         axes.axvline(at, color=GREY, linewidth=0.8, linestyle=":")
         if named:
-            place: dict[str, Any] = {
-                "xy": (at, 1.0),
-                "xycoords": ("data", "axes fraction"),
-                "textcoords": "offset points",
-            }
-            axes.annotate(f"stage {name}", xytext=(2, 2), fontsize=7, color=GREY, **place)
+            place: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+            axes.annotate(f"stage {name}", (at, 1.0), (2, 2), fontsize=7, color=GREY, **place)

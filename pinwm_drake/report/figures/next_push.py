@@ -5,12 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 
-from pinwm_drake.files import replacing
-from pinwm_drake.report.outline import boundary, silhouette
-from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, new_figure, tidy
+from pinwm_drake.report.outline import draw_outline
+from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, new_figure, save_figure, tidy
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
@@ -51,28 +48,20 @@ def next_push_figure(path: Path, shown: PushPicture) -> None:
     """
     figure = new_figure(10.0, 4.6)
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-
-    def add_outline(R_WO: np.ndarray, p_WO: np.ndarray, colour: str, width: float, opacity: float) -> None:
-        lines = 1e3 * (boundary(*silhouette(shown.mesh, R_WO)) + p_WO[:2])
-        left.add_collection(LineCollection(list(lines), colors=colour, lw=width, alpha=opacity))
-
-    add_outline(quaternion_to_matrix(shown.X_WO.q).numpy(), shown.X_WO.p.numpy(), TRUTH, 1.5, 1.0)
-    turns = quaternion_to_matrix(shown.X_WO_after.q[:_SHOWN]).numpy()
-    for R_WO, p_WO in zip(turns, shown.X_WO_after.p[:_SHOWN].numpy(), strict=True):
-        add_outline(R_WO, p_WO, TWIN, 0.6, 0.35)
-    for k in range(len(shown.starts) - 1, -1, -1):
-        _arrow(left, 1e3 * shown.starts[k], 1e3 * shown.ends[k], GREY if k else PUSHER, 0.6 if k else 2.5)
+    after = quaternion_to_matrix(shown.X_WO_after.q[:_SHOWN]).numpy()
+    outlines = [(quaternion_to_matrix(shown.X_WO.q).numpy(), shown.X_WO.p.numpy(), TRUTH, 1.5, 1.0)]
+    outlines += [(R_WO, p_WO, TWIN, 0.6, 0.35) for R_WO, p_WO in zip(after, shown.X_WO_after.p.numpy(), strict=False)]
+    for R_WO, p_WO, colour, width, opacity in outlines:
+        draw_outline(left, shown.mesh, R_WO, p_WO, colors=colour, lw=width, alpha=opacity)
+    for k, (start, end) in reversed(list(enumerate(zip(1e3 * shown.starts, 1e3 * shown.ends, strict=True)))):
+        colour, width = (GREY, 0.6) if k else (PUSHER, 2.5)
+        arrow = {"arrowstyle": "->", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0}
+        left.annotate("", tuple(end), tuple(start), arrowprops=arrow)
+        left.plot(*np.array([start, end]).T, alpha=0.0)
     left.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title="the push, and where the twin's draws have it end")
     left.autoscale_view()
     right.scatter(1e3 * shown.spreads, shown.informations, s=14, color=GREY)
     right.scatter(1e3 * shown.spreads[:1], shown.informations[:1], s=50, color=PUSHER)
     right.set(xlabel="spread at rest [mm]", ylabel="expected information [nats]", title="all that were looked at")
     tidy([left, right])
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png")
-
-
-def _arrow(axes: Axes, start: np.ndarray, end: np.ndarray, colour: str, width: float) -> None:
-    arrow = {"arrowstyle": "->", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0}
-    axes.annotate("", (end[0], end[1]), (start[0], start[1]), arrowprops=arrow)
-    axes.plot(*np.array([start, end]).T, alpha=0.0)
+    save_figure(path, figure)

@@ -1,17 +1,15 @@
 """Figures of the object's motion: over time, from above, and its error against the truth."""
 
-from typing import Any
-
 import numpy as np
 import trimesh
 from matplotlib import colormaps
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
-from pinwm_drake.report.outline import boundary, silhouette
-from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, new_figure, tidy
+from pinwm_drake.report.outline import draw_outline, silhouette
+from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, evenly, label_plane, new_figure, tidy
 from pinwm_drake.report.twin.score import PoseErrors
 from pinwm_drake.twin.predict import TWO_SIDED, Spread
 
@@ -28,21 +26,19 @@ def motion_figure(
     """Figure of x, y and yaw of the object over time, in a band of 95 % where a spread is known, and of the pusher."""
     figure = new_figure(9, 5.6)
     panels = figure.subplots(3, 1, sharex=True)
-    for axis, axes in enumerate(panels[:2]):
-        if pusher is not None:
+    known = _curves(truth) if truth is not None else []
+    sigmas = [] if spread is None else [1e3 * spread.x, 1e3 * spread.y, np.degrees(spread.yaw)]
+    for k, (axes, values) in enumerate(zip(panels, _curves(poses), strict=True)):
+        if pusher is not None and k < 2:
             shown = (pusher.t >= poses.t[0]) & (pusher.t <= poses.t[-1])
-            axes.plot(pusher.t[shown], 1e3 * pusher.p_WP[shown, axis], color=PUSHER, linewidth=1, label="pusher")
-        axes.set_ylabel(f"{'xy'[axis]} [mm]")
-    for axes, values, known in zip(panels, _curves(poses), _curves(truth) if truth else (None,) * 3, strict=True):
+            axes.plot(pusher.t[shown], 1e3 * pusher.p_WP[shown, k], color=PUSHER, linewidth=1, label="pusher")
         axes.plot(poses.t, values, color=TWIN, linewidth=1.6, marker=".", markersize=4, label="twin")
         if truth is not None:
-            axes.plot(truth.t, known, "o", color=TRUTH, markersize=3.5, fillstyle="none", label=_TRUTH_LABEL)
-    if spread is not None:
-        sigmas = (1e3 * spread.x, 1e3 * spread.y, np.degrees(spread.yaw))
-        for axes, values, sigma in zip(panels, _curves(poses), sigmas, strict=True):
-            band = (values - TWO_SIDED * sigma, values + TWO_SIDED * sigma)
+            axes.plot(truth.t, known[k], "o", color=TRUTH, markersize=3.5, fillstyle="none", label=_TRUTH_LABEL)
+        if sigmas:
+            band = (values - TWO_SIDED * sigmas[k], values + TWO_SIDED * sigmas[k])
             axes.fill_between(poses.t, *band, color=TWIN, alpha=0.18, linewidth=0, label="95 %")
-    panels[2].set_ylabel("yaw [°]")
+        axes.set_ylabel(("x [mm]", "y [mm]", "yaw [°]")[k])
     panels[2].set_xlabel("time [s]")
     panels[0].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), ncol=4)
     tidy(panels)
@@ -59,33 +55,30 @@ def top_figure(
     """Figure of outlines from above at equal times, dark at the end, with the paths; truth as dashed outlines."""
     figure = new_figure(6.4, 5.6)
     axes = figure.subplots()
-    chosen = np.unique(np.linspace(0, len(poses.t) - 1, _OUTLINES).round().astype(int))
-    for k in chosen:
-        share = float(k / max(len(poses.t) - 1, 1))
+    for k in evenly(len(poses.t), _OUTLINES):
+        share = k / max(len(poses.t) - 1, 1)
         colour = colormaps["Oranges"](0.25 + 0.55 * share)
-        triangles, outline = _placed(mesh, poses.q_WO[k], poses.p_WO[k])
+        R_WO, p_WO = _matrices(poses.q_WO[k]), poses.p_WO[k]
+        triangles = 1e3 * (silhouette(mesh, R_WO)[0] + p_WO[:2])
         axes.add_collection(PolyCollection(list(triangles), facecolor=colour, edgecolor="none", alpha=0.4))
-        axes.add_collection(LineCollection(list(outline), colors=[colour], linewidths=1.4))
+        draw_outline(axes, mesh, R_WO, p_WO, colors=[colour], linewidths=1.4)
         if pusher is not None:
             near = int(np.abs(pusher.t - poses.t[k]).argmin())
-            _, outline = _placed(pusher_mesh, pusher.q_WP[near], pusher.p_WP[near])
-            axes.add_collection(LineCollection(list(outline), colors=[PUSHER], linewidths=1, alpha=0.3 + 0.6 * share))
+            R_WP, p_WP, alpha = _matrices(pusher.q_WP[near]), pusher.p_WP[near], 0.3 + 0.6 * share
+            draw_outline(axes, pusher_mesh, R_WP, p_WP, colors=[PUSHER], linewidths=1, alpha=alpha)
         if truth is not None:
             row = int(np.abs(truth.t - poses.t[k]).argmin())
-            _, outline = _placed(mesh, truth.q_WO[row], truth.p_WO[row])
-            axes.add_collection(LineCollection(list(outline), colors=[TRUTH], linewidths=0.9, linestyles=":"))
+            R_WO, p_WO = _matrices(truth.q_WO[row]), truth.p_WO[row]
+            draw_outline(axes, mesh, R_WO, p_WO, colors=[TRUTH], linewidths=0.9, linestyles=":")
     axes.plot(*(1e3 * poses.p_WO[:, :2].T), color=TWIN, linewidth=1.5, label="origin of the object, twin")
     if truth is not None:
-        style: dict[str, Any] = {"color": TRUTH, "markersize": 3.5, "fillstyle": "none"}
-        axes.plot(*(1e3 * truth.p_WO[:, :2].T), "o", label=_TRUTH_LABEL, **style)
+        x, y = 1e3 * truth.p_WO[:, :2].T
+        axes.plot(x, y, "o", label=_TRUTH_LABEL, color=TRUTH, markersize=3.5, fillstyle="none")
     if pusher is not None:
         shown = (pusher.t >= poses.t[0]) & (pusher.t <= poses.t[-1])
         axes.plot(*(1e3 * pusher.p_WP[shown, :2].T), color=PUSHER, linewidth=1, linestyle="--", label="pusher")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.05)
-    axes.autoscale_view()
-    axes.set_xlabel("x [mm]")
-    axes.set_ylabel("y [mm]")
+    label_plane(axes)
     axes.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), ncol=2)
     tidy([axes])
     return figure
@@ -102,21 +95,18 @@ def error_figure(errors: PoseErrors) -> Figure:
         axes.plot(errors.t, values, color=TWIN, marker=".", markersize=4)
         axes.axhline(values.mean(), color=GREY, linewidth=1, linestyle="--")
         axes.set_title(f"mean {values.mean():.2f}{unit}, largest {values.max():.2f}{unit}", fontsize=9)
-        axes.set_ylim(0, max(1.15 * values.max(), 1e-3))
-        axes.set_ylabel(f"{label} [{unit.strip()}]")
-        axes.set_xlabel("time [s]")
+        top = max(1.15 * values.max(), 1e-3)
+        axes.set(xlabel="time [s]", ylabel=f"{label} [{unit.strip()}]", ylim=(0, top))
     tidy(panels)
     return figure
 
 
 def _curves(poses: ObjectPoses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Curves of x and y [mm], and of yaw [deg] without jumps."""
-    matrices = Rotation.from_quat(poses.q_WO, scalar_first=True).as_matrix()
-    yaw = np.unwrap(np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0]))
+    R_WO = _matrices(poses.q_WO)
+    yaw = np.unwrap(np.arctan2(R_WO[:, 1, 0], R_WO[:, 0, 0]))
     return 1e3 * poses.p_WO[:, 0], 1e3 * poses.p_WO[:, 1], np.degrees(yaw)
 
 
-def _placed(mesh: trimesh.Trimesh, q: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Silhouette of a mesh at a pose, from above [mm]."""
-    triangles, outline = silhouette(mesh, Rotation.from_quat(q, scalar_first=True).as_matrix())
-    return 1e3 * (triangles + p[:2]), 1e3 * (boundary(triangles, outline) + p[:2])
+def _matrices(q: np.ndarray) -> np.ndarray:
+    return Rotation.from_quat(q, scalar_first=True).as_matrix()

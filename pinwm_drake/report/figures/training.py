@@ -7,21 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.files import replacing
-from pinwm_drake.report.style import new_figure, tidy
+from pinwm_drake.report.style import new_figure, save_figure, tidy
 
 _COLUMNS = ("steps", "success", "length", "loss", "seconds")
 
 
-def training_figure(path: Path, stages: Mapping[str, Path]) -> Path:
+def training_figure(path: Path, stages: Mapping[str, Path]) -> None:
     """Draws success, number of actions and loss of each stage, one after the other.
 
     Args:
         path: File of the figure.
         stages: `history.csv` of each, by name, in their order.
-
-    Returns:
-        The path.
 
     Raises:
         InputError: A table cannot be read, or the picture cannot be written.
@@ -42,9 +38,7 @@ def training_figure(path: Path, stages: Mapping[str, Path]) -> Path:
     panels[2].set_yscale("log")
     panels[0].legend(frameon=False, fontsize=8)
     tidy(panels)
-    with replacing(path) as temporary:
-        figure.savefig(temporary)
-    return path
+    save_figure(path, figure)
 
 
 def _read(table: Path) -> dict[str, np.ndarray]:

@@ -136,37 +136,17 @@ def _draw(path: Path, views: list[View], result: FitResult, title: str) -> None:
     history, shown = result.history, result.psnr_test or result.psnr_train
     # One point for each time that all views were seen.
     epoch = len(result.psnr_train)
-    count = max(len(history.psnr) // epoch, 1)
-    psnr = [(part[0], part[1].mean()) for part in _epochs(history.iteration, history.psnr, count)]
-    curves = [("fitted", np.array(psnr))]
+    parts = [np.array_split(values, max(len(history.psnr) // epoch, 1)) for values in (history.iteration, history.psnr)]
+    curves = [("fitted", np.array([(iteration[-1], psnr.mean()) for iteration, psnr in zip(*parts, strict=True)]))]
     if len(history.test_psnr):
         curves.append(("held out", np.stack((history.test_iteration, history.test_psnr), axis=-1)))
-    align_figure(
-        path,
-        loss=np.stack((history.iteration, history.loss), axis=-1),
-        window=epoch,
-        psnr=curves,
-        strips=[_strip(view, result, shown[view.name]) for view in views if view.name in shown][:_STRIPS],
-        title=f"{title}; {_words(result)}",
-    )
-
-
-def _epochs(iteration: np.ndarray, psnr: np.ndarray, count: int) -> list[tuple[int, np.ndarray]]:
-    """Last iteration and PSNR values of each of `count` parts."""
-    numbers, values = np.array_split(iteration, count), np.array_split(psnr, count)
-    return [(int(part[-1]), value) for part, value in zip(numbers, values, strict=True)]
-
-
-def _words(result: FitResult) -> str:
     kinds = (("fitted", result.psnr_train), ("held-out", result.psnr_test))
-    parts = [
-        f"{np.mean(list(values.values())):.2f} dB on {len(values)} {kind} views" for kind, values in kinds if values
-    ]
-    return ", ".join(parts)
-
-
-def _strip(view: View, result: FitResult, psnr: float) -> Strip:
-    """One view as it is and as it is rendered."""
-    with torch.no_grad():
-        color = render(result.surfels, view.camera.shifted(result.camera_offset), view.X_CO, full=False).color[0]
-    return Strip(Path(view.name).name, view.image.numpy(), color.numpy(), psnr)
+    words = [f"{_mean(values):.2f} dB on {len(values)} {kind} views" for kind, values in kinds if values]
+    strips = []
+    for view in [view for view in views if view.name in shown][:_STRIPS]:
+        with torch.no_grad():
+            color = render(result.surfels, view.camera.shifted(result.camera_offset), view.X_CO, full=False).color[0]
+        strips.append(Strip(Path(view.name).name, view.image.numpy(), color.numpy(), shown[view.name]))
+    loss = np.stack((history.iteration, history.loss), axis=-1)
+    title = f"{title}; {', '.join(words)}"
+    align_figure(path, loss=loss, window=epoch, psnr=curves, strips=strips, title=title)

@@ -11,6 +11,7 @@ import signal
 import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -112,15 +113,8 @@ class _Bridge(ZMQWebSocketBridge):  # type: ignore[misc]  # meshcat has no types
 
     def make_app(self) -> tornado.web.Application:
         """Web application that listens on the server's address; the base class gives it the port only."""
-        app, host = super().make_app(), self.host
-
-        class LocalApplication(type(app)):  # type: ignore[misc]
-            """Web application of meshcat that listens on `host`."""
-
-            def listen(self, port: int, address: str | None = None, **options: Any) -> Any:
-                return super().listen(port, address or host, **options)
-
-        app.__class__ = LocalApplication
+        app = super().make_app()
+        app.listen = partial(app.listen, address=self.host)
         return app
 
 

@@ -57,15 +57,7 @@ def write_turntable(
     up: np.ndarray | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> None:
-    """Films one turn.
-
-    Args:
-        path: An .mp4 file; its folder exists.
-        surfels: The object; one set of colours.
-        size: Width and height [px], even.
-        num_frames: Pictures of the turn.
-        up: (3,), the axis that it turns about, object frame; None for z.
-        report: Called with the share of the frames that are done.
+    """Films one turn: writes the frames of `turntable`, of an even size, to an .mp4 file whose folder exists.
 
     Raises:
         InputError: The file cannot be written.

@@ -1,15 +1,183 @@
-"""Small pictures of an episode for a page or a film: camera, twin and difference side by side."""
+"""Pictures of an episode: its images beside renderings of the surfels at given poses, and their difference."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import torch
+import trimesh
 from PIL import Image
 
-from pinwm_drake.capture.episodes import Episode, ObjectPoses
-from pinwm_drake.report.evaluation.pictures import Cast, Picture, draw_frame, window_of
+from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode_image
+from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.rendering.camera import Camera, zoomed
+from pinwm_drake.rendering.render import render
+from pinwm_drake.rendering.silhouette import silhouette
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.report.style import evenly
+from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
+from pinwm_drake.twin.origin import of_push, time_offset
+from pinwm_drake.twin.twin import Twin
 
 PANELS = ("camera", "twin", "difference")
+_COVERED = 0.5  # alpha from which on a pixel of a rendering shows the object
+_NEAR = 1e-3  # m; a mesh closer to the camera, or behind it, is not drawn
+_MARGIN = 0.06  # of the window in which the object moves
+_LOOKED_AT = 6  # frames in which the object is looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Cast:
+    """Bodies to draw, and corrections of camera and clock.
+
+    Attributes:
+        mesh: The object's surface, m, frame O.
+        surfels: Appearance of the object, frame O.
+        pusher: The pusher's surface, m, frame P.
+        camera_offset: Offset to add to cx and cy [px].
+        time_offset: Offset to add to a frame's time for that of the pusher [s].
+        outline: Factor by which the object is larger in the images than its surfels are.
+        view: By how much the camera shows the object aside of where it is, world [m].
+    """
+
+    mesh: trimesh.Trimesh
+    surfels: Surfels
+    pusher: trimesh.Trimesh
+    camera_offset: tuple[float, float]
+    time_offset: float = 0.0
+    outline: float = 1.0
+    view: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @staticmethod
+    def of(twin: Twin, push: int | None) -> "Cast":
+        """Cast of a twin; raises InputError where a mesh cannot be used.
+
+        Args:
+            twin: The twin.
+            push: Number of the identified push that the episode is, whose clock was estimated; None for another.
+        """
+        outline = of_push(twin, "outline", push or 0, 1.0)
+        x, y, z = (of_push(twin, f"view_{axis}", push or 0, 0.0) for axis in "xyz")
+        return Cast(
+            mesh=load_mesh(twin.mesh_path),
+            surfels=twin.surfels,
+            pusher=pusher_surface(twin.pusher),
+            camera_offset=twin.camera_offset,
+            time_offset=time_offset(twin, push),
+            outline=outline if outline > 0 else 1.0,
+            view=(0.0, 0.0, 0.0) if push is None else (x, y, z),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Picture of one frame, as it is and as it is rendered.
+
+    Attributes:
+        t: s.
+        image: (height, width, 3) float32 in [0, 1], sRGB, white where the object is not.
+        mask: (height, width) bool, true where the image shows the object.
+        rendered: Rendering of the surfels, in the form of `image`.
+        covered: Pixels of the rendered surfels, in the form of `mask`.
+        hidden: (height, width) bool: the pusher is there, and the image shows no object.
+    """
+
+    t: float
+    image: np.ndarray
+    mask: np.ndarray
+    rendered: np.ndarray
+    covered: np.ndarray
+    hidden: np.ndarray
+
+    def shown_difference(self) -> np.ndarray:
+        """Difference (height, width, 3) of the two in [0, 1], on white; light blue where the pusher hides."""
+        shown = 1.0 - np.abs(self.rendered - self.image)
+        shown[self.hidden] = (0.80, 0.88, 0.97)
+        return shown
+
+    def overlap(self) -> float:
+        """Intersection over union of the two outlines, without what the pusher hides; 1 where both are empty."""
+        covered = self.covered & ~self.hidden
+        union = int((self.mask | covered).sum())
+        return float((self.mask & covered).sum() / union) if union else 1.0
+
+
+def draw_frame(episode: Episode, k: int, poses: ObjectPoses, cast: Cast) -> Picture:
+    """Frame k of an episode and its rendering.
+
+    Args:
+        episode: The episode.
+        k: Number of the frame.
+        poses: Poses of the object; row k is that of the frame.
+        cast: Object, pusher and corrections.
+
+    Returns:
+        Both pictures, in the size of the camera.
+
+    Raises:
+        InputError: The image cannot be used.
+    """
+    image, mask = read_episode_image(episode.folder, episode.file_names[k], episode.camera)
+    camera = episode.camera.shifted(cast.camera_offset)
+    X_CW = inverse(episode.X_WC)
+    X_WO = Pose(torch.from_numpy(poses.q_WO[k].copy()), torch.from_numpy(poses.p_WO[k] + cast.view))
+    with torch.no_grad():
+        rendering = render(cast.surfels, _zoomed(camera, mask, cast.outline), compose(X_CW, X_WO), full=False)
+    X_WP = episode.pusher_pose(float(episode.t[k]) + cast.time_offset)
+    pusher = silhouette(cast.pusher, camera, compose(X_CW, X_WP))
+    return Picture(
+        t=float(episode.t[k]),
+        image=image,
+        mask=mask,
+        rendered=rendering.color[0].clamp(0, 1).numpy(),
+        covered=rendering.alpha[0].numpy() > _COVERED,
+        hidden=np.zeros_like(mask) if pusher is None else pusher & ~mask,
+    )
+
+
+def _zoomed(camera: Camera, mask: np.ndarray, outline: float) -> Camera:
+    """The camera to which the object appears `outline` times as large about its middle in the image."""
+    rows, columns = np.nonzero(mask)
+    middle = [columns.mean() + 0.5, rows.mean() + 0.5] if len(rows) else [0.5 * camera.width, 0.5 * camera.height]
+    scale, about = (torch.tensor(value, dtype=torch.float64) for value in (outline, middle))
+    return Camera(camera.width, camera.height, zoomed(camera.intrinsics, scale, about))
+
+
+def window_of(episode: Episode, poses: ObjectPoses, mesh: trimesh.Trimesh) -> tuple[slice, slice]:
+    """The box of pixels in which the object moves, as posed and as seen, with a margin.
+
+    Args:
+        episode: The episode; a few of its images are looked at.
+        poses: Poses of the object.
+        mesh: Surface of the object, m, frame O.
+
+    Returns:
+        Rows and columns; all of them where the poses lead behind the camera.
+
+    Raises:
+        InputError: An image cannot be used.
+    """
+    X_WO = Pose(torch.from_numpy(poses.q_WO)[:, None], torch.from_numpy(poses.p_WO)[:, None])
+    X_CO = compose(inverse(episode.X_WC), X_WO)
+    corners = transform(X_CO, torch.from_numpy(np.array(mesh.vertices))[None]).reshape(-1, 3).numpy()
+    size = np.array([episode.camera.width, episode.camera.height])
+    everything = slice(0, int(size[1])), slice(0, int(size[0]))
+    if corners[:, 2].min() < _NEAR:
+        return everything
+    fx, fy, cx, cy = episode.camera.intrinsics.tolist()
+    points = [corners[:, :2] / corners[:, 2:] * [fx, fy] + [cx, cy]]
+    for k in evenly(len(episode.t), _LOOKED_AT):
+        _, mask = read_episode_image(episode.folder, episode.file_names[k], episode.camera)
+        points.append(np.argwhere(mask)[:, ::-1] + 0.5)
+    pixels = np.concatenate(points)
+    low, high = np.maximum(pixels.min(axis=0), 0), np.minimum(pixels.max(axis=0), size)
+    margin = _MARGIN * (high - low).max() + 2
+    low, high = np.floor(np.maximum(low - margin, 0)), np.ceil(np.minimum(high + margin, size))
+    if (high - low).min() < 1:
+        return everything
+    (left, top), (right, bottom) = low.astype(int).tolist(), high.astype(int).tolist()
+    return slice(top, bottom), slice(left, right)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,20 +227,17 @@ def draw_shots(
         InputError: An image cannot be used.
     """
     window = window_of(episode, poses, cast.mesh)
-    chosen = np.unique(np.linspace(0, len(episode.t) - 1, min(most, len(episode.t))).round().astype(int))
-    shots = []
-    for number, k in enumerate(chosen.tolist()):
+    chosen, shots = evenly(len(episode.t), most), []
+    for k in chosen:
         picture = draw_frame(episode, k, poses, cast)
-        shots.append(_shot(picture, window, size))
-        report((number + 1) / len(chosen))
+        either = picture.mask | (picture.covered & ~picture.hidden)
+        difference = float(np.abs(picture.image - picture.rendered)[either].mean()) if either.any() else 0.0
+        camera, twin, shown = (
+            _shrunk(part[window], size) for part in (picture.image, picture.rendered, picture.shown_difference())
+        )
+        shots.append(Shot(picture.t, picture.overlap(), difference, (camera, twin, shown)))
+        report(len(shots) / len(chosen))
     return shots
-
-
-def _shot(picture: Picture, window: tuple[slice, slice], size: int) -> Shot:
-    either = picture.mask | (picture.covered & ~picture.hidden)
-    difference = float(np.abs(picture.image - picture.rendered)[either].mean()) if either.any() else 0.0
-    panels = [_shrunk(part[window], size) for part in (picture.image, picture.rendered, picture.shown_difference())]
-    return Shot(picture.t, picture.overlap(), difference, (panels[0], panels[1], panels[2]))
 
 
 def _shrunk(picture: np.ndarray, size: int) -> np.ndarray:

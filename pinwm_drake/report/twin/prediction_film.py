@@ -1,14 +1,13 @@
 """The film of a prediction: camera, twin and difference side by side."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
-from pinwm_drake.report.captions import write_panel_captions
-from pinwm_drake.report.evaluation.pictures import Cast
-from pinwm_drake.report.twin.comparison_frames import PANELS, Shot, draw_shots
+from pinwm_drake.report.captions import write_caption
+from pinwm_drake.report.twin.comparison_frames import PANELS, Cast, draw_shots
 from pinwm_drake.report.video import write_video
 from pinwm_drake.twin.predict import TWO_SIDED, Spread
 from pinwm_drake.twin.twin import Twin
@@ -46,15 +45,10 @@ def write_prediction_film(
     seconds = float(episode.t[-1] - episode.t[0])
     rate = float(np.clip((len(episode.t) - 1) / seconds if seconds > 0 else _RATES[0], *_RATES))
     height, width = shots[0].joined().shape[:2]
-    write_video(path, _frames(shots, spread), rate=rate, size=(width, height))
-
-
-def _frames(shots: list[Shot], spread: Spread | None) -> Iterator[np.ndarray]:
-    for k, shot in enumerate(shots):
-        frame = shot.joined().copy()
-        twin = PANELS[1]
-        if spread is not None:
-            position, yaw = (TWO_SIDED * float(values[k]) for values in (spread.position, spread.yaw))
-            twin += f"  +-{1e3 * position:.1f} mm, {np.degrees(yaw):.1f} deg (95 %)"
-        write_panel_captions(frame, [f"{PANELS[0]}  t = {shot.t:.2f} s", twin, *PANELS[2:]])
-        yield frame
+    captions = [[f"{PANELS[0]}  t = {shot.t:.2f} s", *PANELS[1:]] for shot in shots]
+    if spread is not None:
+        for caption, position, yaw in zip(captions, spread.position, spread.yaw, strict=True):
+            sides = 1e3 * TWO_SIDED * float(position), np.degrees(TWO_SIDED * float(yaw))
+            caption[1] += "  +-{:.1f} mm, {:.1f} deg (95 %)".format(*sides)
+    frames = (write_caption(shot.joined(), *caption) for shot, caption in zip(shots, captions, strict=True))
+    write_video(path, frames, rate=rate, size=(width, height))

@@ -9,8 +9,12 @@ from pinwm_drake.report.twin.comparison_frames import Shot
 from pinwm_drake.report.twin.score import PoseErrors
 from pinwm_drake.twin.twin import Twin
 
-# Intersection over union of the outlines in image and rendering, on average over the frames.
-_GOOD, _FAIR = 0.95, 0.85
+# By the intersection over union of the outlines in image and rendering, on average over the frames.
+_GRADES = (
+    (0.95, "good", "The twin reproduces the video"),
+    (0.85, "fair", "The twin follows the video roughly"),
+    (-np.inf, "poor", "The twin does not reproduce the video"),
+)
 _CLOSE = 0.05  # relative, of final losses that count as the same
 
 
@@ -42,46 +46,23 @@ def judge(twin: Twin, shots: list[Shot], errors: PoseErrors | None, history: His
     lines = []
     if shots:
         overlap = np.array([shot.overlap for shot in shots])
-        status, headline = _grade(float(overlap.mean()))
-        worst = int(overlap.argmin())
-        colour = float(np.mean([shot.difference for shot in shots]))
+        status, headline = next(words for least, *words in _GRADES if overlap.mean() >= least)
+        worst, colour = int(overlap.argmin()), np.mean([shot.difference for shot in shots])
         lines.append(
-            f"Outlines of image and rendering overlap by {_percent(overlap.mean())} on average, "
-            f"{_percent(overlap[worst])} in the worst frame (t = {shots[worst].t:.2f} s); "
-            f"colours differ by {_percent(colour)} on average."
+            f"Outlines of image and rendering overlap by {100 * overlap.mean():.1f} % on average, "
+            f"{100 * overlap[worst]:.1f} % in the worst frame (t = {shots[worst].t:.2f} s); "
+            f"colours differ by {100 * colour:.1f} % on average."
         )
     if errors is not None:
         lines.append(f"Against ground truth, which was never fitted: {errors.words()} ({len(errors.t)} frames).")
     known = [name for name, estimate in twin.theta.items() if estimate.identifiable]
     others = [name for name in twin.theta if name not in known]
-    lines.append(f"The data determine {_listed(known)}; they do not determine {_listed(others)}.")
-    if history is not None:
-        lines += _agreement(history)
+    known_words, other_words = (", ".join(names) or "none of the parameters" for names in (known, others))
+    lines.append(f"The data determine {known_words}; they do not determine {other_words}.")
+    final = np.array([history.loss[rows[-1]] for _, rows in history.starts()] if history is not None else [])
+    if np.isfinite(final).any():
+        best = float(np.nanmin(final))
+        close = int((final <= best + _CLOSE * abs(best)).sum())
+        starts = "1 random start" if len(final) == 1 else f"{len(final)} random starts"
+        lines.append(f"{starts}; the best ends at a loss of {best:.4g}, and {close} within {_CLOSE:.0%} of it.")
     return Verdict(status, headline, lines)
-
-
-def _grade(overlap: float) -> tuple[str, str]:
-    if overlap >= _GOOD:
-        return "good", "The twin reproduces the video"
-    if overlap >= _FAIR:
-        return "fair", "The twin follows the video roughly"
-    return "poor", "The twin does not reproduce the video"
-
-
-def _agreement(history: History) -> list[str]:
-    """Number of random starts that ended at the same loss, in a sentence; empty without a history."""
-    final = np.array([history.loss[rows[-1]] for _, rows in history.starts()])
-    if not len(final) or not np.isfinite(final).any():
-        return []
-    best = float(np.nanmin(final))
-    close = int((final <= best + _CLOSE * abs(best)).sum())
-    starts = "1 random start" if len(final) == 1 else f"{len(final)} random starts"
-    return [f"{starts}; the best ends at a loss of {best:.4g}, and {close} within {_CLOSE:.0%} of it."]
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names) if names else "none of the parameters"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %"

@@ -3,10 +3,13 @@ import math
 import re
 
 import cv2
+import numpy as np
 import pytest
+import trimesh
 
+from pinwm_drake.demo.push.figure import push_figure
 from pinwm_drake.demo.push.options import PUSHER_SHAPES, PushOptions
-from pinwm_drake.demo.push.scene import simulate_push
+from pinwm_drake.demo.push.scene import PushRecord, simulate_push
 
 
 @pytest.mark.parametrize(
@@ -96,3 +99,16 @@ def test_options_set_the_records():
     options = make_options(seconds=1.0, time_step=0.001)
     assert options.steps_per_record == 17  # 1 / (60 · 0.001) = 16.7
     assert options.records == 59  # 1 / 0.017 = 58.8
+
+
+def test_the_push_figure_is_drawn(tmp_path):
+    count = 30
+    times = np.linspace(0, 1, count)
+    path = np.column_stack((np.zeros(count), 0.2 * times, np.zeros(count)))
+    q_WB = np.column_stack((np.cos(times / 2), np.zeros((count, 2)), np.sin(times / 2)))
+    V_WB = np.tile([0.0, 0.0, 1.0, 0.0, 0.2, 0.0], (count, 1))
+    record = PushRecord(times, q_WB, path, V_WB, path - [0, 0.06, 0], ())
+    push_figure(tmp_path / "push.png", trimesh.creation.box((0.1, 0.1, 0.05)), record, "a push")
+    image = cv2.imread(str(tmp_path / "push.png"))
+    assert image.shape == (672, 1200, 3)
+    assert image.std() > 10

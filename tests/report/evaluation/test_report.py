@@ -1,3 +1,5 @@
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -73,6 +75,15 @@ def test_the_page_tells_what_failed(film, tmp_path):
     assert "policy's image" in read.text
     assert "a <policy>" in read.text
     assert all(url.startswith("data:") for url in read.urls)
+
+
+def test_names_are_text_and_not_html(film, tmp_path):
+    nasty = '</h1><script>alert("1")</script>{{ title }}'
+    told = dataclasses.replace(story(film, [record(0)]), title=nasty, about=nasty, settings={nasty: nasty})
+    write_evaluation_report(tmp_path / "report.html", told)
+    read = Page((tmp_path / "report.html").read_text())
+    assert read.text.count(nasty) == 5  # the title twice
+    assert [script for script in read.scripts if "alert" in script] == []
 
 
 def test_without_failures_it_shows_the_slowest(film, tmp_path):

@@ -6,7 +6,7 @@ import pytest
 import trimesh
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.report.figures.crosscheck import Differences, PathFrom, crosscheck_figure
+from pinwm_drake.report.figures.crosscheck import Differences, crosscheck_figure
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.05))
 
@@ -24,7 +24,7 @@ def draw(path, translations, *, thresholds=(0.003, 0.035)):
         thresholds=thresholds,
         mesh=BOX,
         worst=1,
-        paths=[PathFrom("twin", t, ways, unturned), PathFrom("point", t, ways, turned)],
+        paths={"twin": (ways, unturned), "point": (ways, turned)},
         p_WP=ways,
         title="a push",
     )

@@ -9,20 +9,18 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import torch
+from jinja2 import UndefinedError
 from PIL import Image
 
 from pinwm_drake.capture.episodes import ObjectPoses, read_episode
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.identification.history import read_history
-from pinwm_drake.report.embed import figure_uri
-from pinwm_drake.report.evaluation.pictures import Cast, draw_frame, window_of
 from pinwm_drake.report.figures.history import loss_figure, theta_figure
 from pinwm_drake.report.outline import boundary
-from pinwm_drake.report.page import fill_template, tree
-from pinwm_drake.report.twin.comparison_frames import draw_shots
+from pinwm_drake.report.page import data_uri, templates
+from pinwm_drake.report.twin.comparison_frames import Cast, draw_frame, draw_shots, window_of
 from pinwm_drake.report.twin.data import read_ground_truth, read_story
-from pinwm_drake.report.twin.estimates_table import estimates_table
 from pinwm_drake.report.twin.report import write_twin_report
 from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.spatial.rotations import quaternion_exp
@@ -30,6 +28,7 @@ from pinwm_drake.twin.twin import Estimate
 from tests.report.samples import move, moved, write_history, write_identified, write_push
 from tests.twin.samples import estimates
 
+MACROS = templates.get_template("report/macros.html").module
 VOID = {"meta", "br", "img", "input", "link"}
 
 
@@ -256,8 +255,8 @@ def test_a_short_or_diverged_history_can_be_drawn(tmp_path, rows):
         start=np.zeros(rows, int),
     )
     history = read_history(tmp_path / "history.npz")
-    figures = [loss_figure(history), theta_figure(history, estimates(), {"friction_floor": 0.1}, {})]
-    assert [figure_uri(figure)[:19] for figure in figures] == ["data:image/svg+xml;"] * 2
+    figures = [loss_figure(history), theta_figure(history, estimates(), {"friction_floor": 0.1})]
+    assert [data_uri(figure)[:19] for figure in figures] == ["data:image/svg+xml;"] * 2
 
 
 def test_errors_of_poses():
@@ -324,7 +323,7 @@ def test_ground_truth_has_the_names_of_a_twin(tmp_path):
 
 def test_numbers_have_the_digits_that_their_intervals_leave():
     def row(*estimate) -> str:
-        return Page(estimates_table({"x": Estimate(*estimate)}, {})).text.split("note ")[1]
+        return Page(MACROS.estimates({"x": Estimate(*estimate)}, {})).text.split("note ")[1]
 
     assert row(0.0302134, (0.0291, 0.0313), True, "1") == "x 0.0302 0.0291 to 0.0313 yes"
     assert row(0.030213456, (0.030213, 0.030214), True, "kg") == "x 0.0302135 0.0302130 to 0.0302140 kg yes"
@@ -333,8 +332,11 @@ def test_numbers_have_the_digits_that_their_intervals_leave():
 
 
 def test_pieces_of_a_page():
-    assert Page(tree({"a": [1, 2.5], "b": {"c": None, "d": True}, "e": [], "f": [{"g": 1}]})).text == (
+    assert Page(MACROS.tree({"a": [1, 2.5], "b": {"c": None, "d": True}, "e": [], "f": [{"g": 1}]})).text == (
         "a 1, 2.5 b c none d yes e none f 0 g 1"
     )
-    page = fill_template({"title": "{{body}}", "about": "", "notices": "", "body": "marzipan"})
-    assert page.count("marzipan") == 1
+    page = templates.get_template("report/base.html").render(title="{{ marzipan }}", about="<b>", marzipan="bread")
+    assert "<h1>{{ marzipan }}</h1>" in page
+    assert '<p class="about">&lt;b&gt;</p>' in page
+    with pytest.raises(UndefinedError, match="'about' is undefined"):
+        templates.get_template("report/base.html").render(title="")

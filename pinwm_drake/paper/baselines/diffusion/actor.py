@@ -172,8 +172,7 @@ def read_actor(folder: Path) -> DiffusionActor:
     """
     require_diffusers()
     path, allowed = folder / ACTOR_FILE, "what `write_actor` wrote"
-    of_version = f"{allowed}, with schema_version {_VERSION}"
-    document = read_document(path, [_VERSION], allowed=allowed, of_version=of_version)
+    document = read_document(path, _VERSION, allowed)
     arrays = read_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, "diffusion policy")
     if arrays is None:
         raise InputError(folder / WEIGHTS_FILE, value="no such file", allowed=f"the weights beside {ACTOR_FILE}")

@@ -132,10 +132,9 @@ def read_dreamer(folder: Path) -> DreamerPolicy:
         InputError: A file is missing, cannot be read, or does not fit the other.
     """
     path = folder / DREAMER_FILE
-    of_version = f"a policy with schema_version {_VERSION}"
-    document = read_document(path, [_VERSION], allowed="a policy of Dreamer V2", of_version=of_version)
+    document = read_document(path, _VERSION, "a policy of Dreamer V2")
     if set(document) != set(_KEYS):
-        raise InputError(path, value="another document", allowed=of_version)
+        raise InputError(path, value="another document", allowed=f"a policy with schema_version {_VERSION}")
     try:
         spec = PolicySpec.from_document(document["spec"])
         policy = make_policy(spec, NetworkOptions(**document["networks"]))

@@ -1,0 +1,30 @@
+"""A minute of everything: a twin is loaded, stepped with gradients, rendered and moved in a station; a policy acts."""
+
+import platform
+
+import torch
+
+import pinwm_drake as pw
+from pinwm_drake.models import policy_path
+
+
+def main() -> None:
+    """Runs the parts one after the other; an exception ends it."""
+    from pydrake.systems.analysis import Simulator
+
+    station = pw.make_station("push_t", engine="twin")
+    simulator = Simulator(station)
+    station.GetInputPort("pusher_velocity_W").FixValue(simulator.get_mutable_context(), [-0.1, 0.0, 0.0])
+    simulator.AdvanceTo(0.2)
+    image = station.GetOutputPort("rgb").Eval(simulator.get_context()).data
+    assert image.shape[2] == 4
+    assert image[..., 3].any(), "the object is not in the image"
+
+    bundle = pw.read_bundle(policy_path("push_t"))
+    evaluation = pw.evaluate(pw.EvaluateRequest("push_t", engine="point", episodes=1, max_steps=3), "smoke-evaluation")
+    assert evaluation.episodes == 1
+    print(f"smoke: Python {platform.python_version()}, torch {torch.__version__}, bundle {bundle.sha256[:8]}: all ran")  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()

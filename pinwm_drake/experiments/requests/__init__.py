@@ -1,0 +1,1 @@
+"""Requests of the commands, each declared once; light modules that load neither torch nor pydrake."""

@@ -1,0 +1,160 @@
+"""Requests of the commands of `pinwm capture` that read, import and refine captures."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from pinwm_drake.errors import ParameterError, require
+from pinwm_drake.request import DATA, FLATTEN, LAB, argument, option, request
+
+if TYPE_CHECKING:
+    from pinwm_drake.capture.importers.similarity import Similarity
+    from pinwm_drake.capture.importers.target import Scenery
+    from pinwm_drake.capture.scene import PusherShape
+    from pinwm_drake.spatial.poses import Pose
+
+_Folder = Annotated[Path, argument("Capture: a folder with capture.yaml.", "CAPTURE", completes="capture")]
+_Out = Annotated[Path, argument("Folder of the new capture, new or empty.", "OUT", result="beside")]
+
+
+@request
+class CheckRequest:
+    """Request of a check: what `pinwm capture check` does."""
+
+    folder: _Folder
+    every: Annotated[bool, option("Show every problem, however many a file has.", "--all")] = False
+
+
+@request
+class RefineRequest:
+    """Request of a refinement: what `pinwm capture refine` does."""
+
+    folder: _Folder
+    out: Annotated[Path, argument("Folder of the copy; it must not be there yet.", "OUT", result="beside")]
+
+
+@request
+class SceneryOptions:
+    """Options on object, pusher, floor and gravity, which every importer has."""
+
+    mesh: Annotated[Path, option("Mesh of the object, in m, object frame O.")]
+    name: Annotated[str, option("Name of the object.", group=DATA)] = "object"
+    pose: Annotated[
+        str | None,
+        option('Pose of the object in the capture\'s world, "x y z qw qx qy qz", in m.', group=DATA),
+    ] = None
+    mass: Annotated[
+        float | None, option("Mass of the object.", group=DATA, unit="kg", ge=1e-6, le=1e4, default="not measured")
+    ] = None
+    pusher_mesh: Annotated[Path | None, option("Mesh of the pusher, in m, pusher frame P.", group=DATA)] = None
+    pusher_shape: Annotated[
+        str | None,
+        option('Shape of the pusher: "sphere R", "capsule R LENGTH" or "cylinder R LENGTH", in m.', group=DATA),
+    ] = None
+    floor: Annotated[float, option("Height of the floor.", group=LAB, unit="m", ge=-100, le=100)] = 0.0
+    gravity: Annotated[float, option("Gravity.", group=LAB, unit="m/s^2", ge=1e-3, le=1e3)] = 9.8
+
+    def read(self) -> "Scenery":
+        """Scenery that the options describe; raises ParameterError where a text is no pose or shape."""
+        from pinwm_drake.capture.importers.target import Scenery
+
+        shape = None if self.pusher_shape is None else _shape(self.pusher_shape)
+        X_WO = None if self.pose is None else _pose(self.pose)
+        return Scenery(self.name, self.mesh, X_WO, self.mass, self.pusher_mesh, shape, self.floor, self.gravity)
+
+
+@request
+class WorldOptions:
+    """Options on a source whose world has axes and units of its own."""
+
+    transform: Annotated[
+        Path | None,
+        option("YAML or JSON file with the 4 x 4 similarity from the source's world to the capture's.", group=LAB),
+    ] = None
+    scale: Annotated[float, option("Length of a unit of the source's world.", group=LAB, unit="m", ge=1e-6, le=1e6)] = (
+        1.0
+    )
+
+    def read(self) -> "Similarity":
+        """Similarity from the source's world to the capture's; raises InputError where its file cannot be read."""
+        from pinwm_drake.capture.importers.similarity import read_similarity, scaled_world
+
+        return scaled_world(self.scale) if self.transform is None else read_similarity(self.transform, self.scale)
+
+
+@request
+class NerfstudioRequest:
+    """Request of an import: what `pinwm capture import nerfstudio` does."""
+
+    source: Annotated[Path, argument("Folder with transforms.json, or that file.", "SRC")]
+    out: _Out
+    scenery: Annotated[SceneryOptions, FLATTEN]
+    world: Annotated[WorldOptions, FLATTEN] = WorldOptions()
+
+
+@request
+class ColmapRequest:
+    """Request of an import: what `pinwm capture import colmap` does."""
+
+    source: Annotated[Path, argument("COLMAP model, text or binary, or a folder with it in sparse/0.", "SRC")]
+    out: _Out
+    scenery: Annotated[SceneryOptions, FLATTEN]
+    images: Annotated[Path | None, option("Folder of the images.", default="SRC/images", group=DATA)] = None
+    masks: Annotated[
+        Path | None, option("Folder of masks NAME.png.", group=DATA, default="alpha or white background")
+    ] = None
+    world: Annotated[WorldOptions, FLATTEN] = WorldOptions()
+
+
+@request
+class PinwmRequest:
+    """Request of an import: what `pinwm capture import pinwm` does."""
+
+    source: Annotated[Path, argument("Folder with dynamic_train0.json.", "SRC")]
+    out: _Out
+    scenery: Annotated[SceneryOptions, FLATTEN]
+    pusher_height: Annotated[
+        float | None, option("Height of the pusher.", group=LAB, unit="m", ge=-100, le=100, default="that of the data")
+    ] = None
+    camera: Annotated[int | None, option("Number of the pushes' camera.", group=DATA, default="the lowest")] = None
+    static: Annotated[
+        Path | None, option("File of the static views.", group=DATA, default="SRC/transforms_train.json")
+    ] = None
+
+    def __post_init__(self) -> None:
+        """Checks that there is a pusher."""
+        known = self.scenery.pusher_mesh is not None or self.scenery.pusher_shape is not None
+        require("--pusher-mesh", "none", known, "a mesh, or a --pusher-shape")
+
+
+def _pose(text: str) -> "Pose":
+    import numpy as np
+    import torch
+
+    from pinwm_drake.spatial.poses import Pose
+
+    values = np.array(_numbers(text))
+    if len(values) == 7 and abs(norm := float(np.linalg.norm(values[3:]))) - 1 < 1e-3 and norm > 1 - 1e-3:
+        return Pose(torch.from_numpy(values[3:] / norm), torch.from_numpy(values[:3].copy()))
+    raise ParameterError(f'--pose: got "{text}"; allowed: seven numbers "x y z qw qx qy qz", with a unit quaternion')
+
+
+def _shape(text: str) -> "PusherShape":
+    from pinwm_drake.capture.scene import PUSHER_KINDS, PusherShape
+
+    kind, _, rest = text.strip().partition(" ")
+    sizes = _numbers(rest)
+    if kind in PUSHER_KINDS and len(sizes) == (1 if kind == "sphere" else 2) and all(1e-4 <= x <= 5.0 for x in sizes):
+        return PusherShape(kind, *sizes)
+    raise ParameterError(
+        f'--pusher-shape: got "{text}"; allowed: "sphere R", "capsule R LENGTH" or "cylinder R LENGTH", 0.0001 to 5 m'
+    )
+
+
+def _numbers(text: str) -> list[float]:
+    """Finite numbers in a text, with spaces or commas between them; an empty list where it has something else."""
+    try:
+        values = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        return []
+    return values if all(math.isfinite(value) for value in values) else []

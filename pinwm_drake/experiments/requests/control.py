@@ -1,0 +1,147 @@
+"""Requests of commands that run a policy's bundle: export, control, arm and rehearse."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pinwm_drake.errors import require
+from pinwm_drake.request import ADVANCED, BUDGET, DATA, LAB, argument, option, request
+
+StationEngine = Literal["twin", "hydroelastic", "point", "lcm"]
+Contact = Literal["hydroelastic", "point"]
+Bundle = Annotated[
+    str, argument("Folder that `pinwm export` wrote, or the name of a bundle that ships.", "BUNDLE", completes="bundle")
+]
+_SCENE = option(
+    "Scenario that ships, a .scenario.yaml file, or the folder of a twin.",
+    group=DATA,
+    default="the bundle's",
+    completes="scene",
+)
+Scene = Annotated[str | None, _SCENE]
+GoalPose = Annotated[
+    tuple[float, float, float] | None,
+    option("Goal of the object, x [m], y [m] and yaw [rad], for a bundle that takes one.", metavar="X Y YAW"),
+]
+LcmUrl = Annotated[
+    str | None,
+    option("Address of LCM. udpm://ADDRESS:PORT?ttl=0 stays on this machine.", group=LAB, default="the scenario's"),
+]
+Port = Annotated[int | None, option("Port of Meshcat.", group=LAB, ge=1024, le=65535, default="first free from 7000")]
+Seed = Annotated[int, option("Seed of the start of object and pusher.", group=ADVANCED, ge=0, le=2**32 - 1)]
+_Corner = tuple[float, float, float] | None
+
+
+@request
+class ExportRequest:
+    """Request of a bundle: what `pinwm export` does."""
+
+    policy: Annotated[
+        Path, argument("Folder of a policy of images that `pinwm train` wrote.", "POLICY", completes="policy")
+    ]
+    bundle: Annotated[Path, argument("Folder of the bundle, new or empty.", "BUNDLE", result="beside")]
+    scene: Annotated[
+        str | None,
+        option(
+            "Scene of the golden samples: a scenario, or a twin's folder.",
+            group=DATA,
+            default="the policy's",
+            completes="scene",
+        ),
+    ] = None
+    max_speed: Annotated[
+        float | None, option("Speed limit of the pusher.", group=LAB, unit="m/s", default="as in training")
+    ] = None
+    max_acceleration: Annotated[
+        float | None,
+        option("Acceleration limit of the pusher.", group=LAB, unit="m/s^2", default="a turn-around within an action"),
+    ] = None
+    max_image_age: Annotated[
+        float | None,
+        option("Age of an image beyond which the robot stops.", group=LAB, unit="s", default="two actions"),
+    ] = None
+    box_low: Annotated[
+        _Corner,
+        option(
+            "Lower corner of the pusher's box, in m.",
+            group=LAB,
+            metavar="X Y Z",
+            default="that of training, 10 mm lower",
+        ),
+    ] = None
+    box_high: Annotated[
+        _Corner,
+        option(
+            "Upper corner of the pusher's box, in m.",
+            group=LAB,
+            metavar="X Y Z",
+            default="that of training, 10 mm higher",
+        ),
+    ] = None
+    seed: Annotated[int, option("Seed of the golden samples' episodes.", group=ADVANCED, ge=0)] = 0
+
+    @property
+    def limits(self) -> dict[str, Any]:
+        """Safety limits that are given, by name."""
+        names = ("max_speed", "max_acceleration", "max_image_age", "box_low", "box_high")
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+
+@request
+class ControlRequest:
+    """Request of a controlled run: what `pinwm control` does."""
+
+    bundle: Bundle
+    arm: Annotated[
+        bool, option("Move the pusher. A dry run only shows what the policy would do.", "--arm/--dry-run")
+    ] = False
+    engine: Annotated[StationEngine, option("Engine or robot that is controlled. lcm is a robot.")] = "hydroelastic"
+    simulate_arm: Annotated[bool, option("Simulate an arm behind LCM in this process; no robot is needed.")] = False
+    goal: GoalPose = None
+    force: Annotated[bool, option("Control another object or pusher than the policy was trained with.")] = False
+    scene: Scene = None
+    duration: Annotated[
+        float, option("Longest duration; the run ends at the goal.", group=BUDGET, unit="s", ge=0.1, le=600)
+    ] = 20.0
+    contact: Annotated[Contact, option("Contact model of the simulated arm. point takes half the time.", group=LAB)] = (
+        "hydroelastic"
+    )
+    lcm_url: LcmUrl = None
+    meshcat: Annotated[bool, option("Show the run in a browser on this machine, in real time.", group=LAB)] = False
+    port: Port = None
+    seed: Seed = 0
+
+    def __post_init__(self) -> None:
+        """Checks options that exclude each other."""
+        robot = self.engine == "lcm" and not self.simulate_arm
+        require("--lcm-url", self.lcm_url, self.lcm_url is None or robot, "none, but for a robot behind lcm")
+        require("--meshcat", self.meshcat, not (self.meshcat and robot), "none for a robot, which can be looked at")
+
+    @property
+    def station_engine(self) -> StationEngine:
+        """Engine of the station: "lcm" for a simulated arm as well."""
+        return "lcm" if self.simulate_arm else self.engine
+
+
+@request
+class ArmRequest:
+    """Request of a simulated arm: what `pinwm arm` does."""
+
+    bundle: Annotated[
+        str, argument("Bundle that is to control the arm; it tells the size of images.", "BUNDLE", completes="bundle")
+    ] = "push_t"
+    scene: Scene = None
+    image_size: Annotated[
+        int | None,
+        option(
+            "Side of the images that the policy sees.", group=DATA, unit="px", ge=8, le=4096, default="the bundle's"
+        ),
+    ] = None
+    duration: Annotated[float, option("Duration.", group=BUDGET, unit="s", ge=0.1, le=3600)] = 60.0
+    latency: Annotated[
+        float, option("Time from an image's exposure to its arrival.", group=LAB, unit="s", ge=0, le=1)
+    ] = 0.0
+    contact: Annotated[Contact, option("Contact model of the arm. point takes half the time.", group=LAB)] = "point"
+    lcm_url: LcmUrl = None
+    meshcat: Annotated[bool, option("Show the arm in a browser on this machine.", group=LAB)] = False
+    port: Port = None
+    seed: Seed = 0

@@ -1,0 +1,104 @@
+"""The request of a training: what `pinwm train` does."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pinwm_drake.errors import require
+from pinwm_drake.request import ADVANCED, BUDGET, DATA, LAB, argument, option, request
+
+_PI = {"le": math.pi + 1e-9, "allowed": "0 to pi"}
+
+
+@request
+class TrainRequest:
+    """Request of a training.
+
+    Raises:
+        ParameterError: An option is out of range, or does not go with another one.
+    """
+
+    scene: Annotated[str, argument("Folder of a twin, or a scenario such as push_t.", "TWIN", completes="twin")]
+    out: Annotated[Path, option("Folder of run and policy.", "--out", "-o", result="inside")]
+    task: Annotated[str | None, option("Task to learn, such as flip.", default="the scene's")] = None
+    goals: Annotated[Literal["fixed", "random"], option("Goal of an episode.")] = "fixed"
+    goal_reach: Annotated[float, option("Reach of random goals in x and y.", unit="m", ge=0)] = 0.1
+    goal_turn: Annotated[float, option("Largest turn of a random goal.", unit="rad", ge=0, default="π", **_PI)] = (
+        math.pi
+    )
+    tolerance: Annotated[
+        float | None, option("Largest distance from the goal in a success.", unit="m", default="the task's")
+    ] = None
+    turn_tolerance: Annotated[
+        float | None, option("Largest angle from the goal in a success.", unit="rad", default="the task's")
+    ] = None
+    in_scene: Annotated[
+        str | None,
+        option(
+            "Scenario that the twin's object is put into.", "--scene", group=DATA, default="its own", completes="scene"
+        ),
+    ] = None
+    delta: Annotated[float, option("Half-width of the cousins; 0 for the twin alone.", group=DATA, ge=0, lt=1)] = 0.1
+    from_intervals: Annotated[bool, option("Draw identified parameters from the posterior.", group=DATA)] = False
+    teacher: Annotated[
+        Path | None, option("State policy to distil.", group=DATA, default="a new one", completes="policy")
+    ] = None
+    method: Annotated[
+        Literal["distil", "ppo", "state"],
+        option("Teacher and student, PPO from images, or the teacher alone.", group=BUDGET),
+    ] = "distil"
+    minutes: Annotated[float | None, option("Time budget of the training.", group=BUDGET, unit="min", gt=0)] = None
+    target: Annotated[float | None, option("Success rate to stop at.", group=BUDGET, gt=0, le=1)] = None
+    worlds: Annotated[int, option("Number of parallel worlds.", group=BUDGET, ge=1)] = 64
+    steps: Annotated[
+        int | None, option("RL steps of all worlds together.", group=BUDGET, ge=1, default="by method")
+    ] = None
+    episodes: Annotated[int | None, option("Episodes of an evaluation.", group=BUDGET, ge=1, default="by method")] = (
+        None
+    )
+    threads: Annotated[int | None, option("Threads of torch.", group=BUDGET, ge=1, default="one a core")] = None
+    resume: Annotated[bool, option("Continue an interrupted run.", group=BUDGET)] = False
+    yaw: Annotated[
+        float | None,
+        option("Largest turn of the object at the start.", group=LAB, unit="rad", ge=0, default="π/2", **_PI),
+    ] = None
+    max_translation: Annotated[
+        float | None, option("Longest way of the pusher in an action.", group=LAB, unit="m", default="the task's")
+    ] = None
+    latency: Annotated[
+        tuple[float, float],
+        option("Least and most delay of an action.", group=LAB, unit="s", allowed="0 or more, the least first"),
+    ] = (0.0, 0.0)
+    as_filmed: Annotated[bool, option("Use the camera pose of the twin's video.", group=LAB)] = False
+    mask_error: Annotated[float, option("Error of outlines in the images.", group=LAB, unit="px", ge=0, le=1)] = 0.0
+    image_size: Annotated[int, option("Side of the policy's images.", group=LAB, unit="px", ge=1)] = 64
+    frames: Annotated[int, option("Number of images that the policy sees.", group=LAB, ge=1)] = 3
+    algorithm: Annotated[
+        Literal["sac", "ppo"] | None,
+        option("RL algorithm for the state teacher.", group=ADVANCED, default="the task's"),
+    ] = None
+    round_steps: Annotated[
+        int | None, option("RL steps between evaluations.", group=ADVANCED, ge=1, default="by method")
+    ] = None
+    rounds: Annotated[int | None, option("Rounds of the student.", group=ADVANCED, ge=1, default="as needed")] = None
+    images: Annotated[int | None, option("Images of a student's round.", group=ADVANCED, ge=1, default="as needed")] = (
+        None
+    )
+    updates: Annotated[
+        int | None, option("Updates of a student's round.", group=ADVANCED, ge=1, default="as needed")
+    ] = None
+    shift: Annotated[int | None, option("Random shift of the student's images.", group=ADVANCED, unit="px")] = None
+    history: Annotated[int, option("Past actions seen; 0 where a bundle is wanted.", group=ADVANCED, ge=0)] = 0
+    auxiliary: Annotated[bool, option("Teach PPO the state as well.", group=ADVANCED)] = True
+    device: Annotated[str, option("Device of the networks: cpu or cuda.", group=ADVANCED)] = "cpu"
+    seed: Annotated[int, option("Seed of networks, worlds and cousins.", group=ADVANCED, ge=0)] = 0
+
+    def __post_init__(self) -> None:
+        """Checks options that depend on each other."""
+        least, most = self.latency
+        require("--latency", f"{least} to {most}", 0.0 <= least <= most, "0 or more, the least first")
+        learned = self.mask_error == 0.0 or self.method == "distil"
+        require("--mask-error", f"{self.mask_error} with method {self.method}", learned, "with method distil")
+        require("--no-auxiliary", f"method {self.method}", self.auxiliary or self.method == "ppo", "with method ppo")
+        with_teacher = self.teacher is None or self.method == "distil"
+        require("--teacher", f"one for method {self.method}", with_teacher, "with method distil")
