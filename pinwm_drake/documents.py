@@ -44,8 +44,7 @@ _Document = TypeVar("_Document", bound=Document)
 class Entry:
     """Entry of a document: a value with its file and its place.
 
-    A model reads a document of this project. Entries read those of others one by one, where keys stand in for one
-    another, bounds follow from other values, or a number is a matrix; a model takes more lines for that.
+    Files of others are read by entries: their keys stand in for one another, and matrices make a model longer.
 
     Attributes:
         path: The file.

@@ -49,9 +49,8 @@ def read_views(path: Path, X_WO: Pose | None = None, *, mesh: trimesh.Trimesh | 
         InputError: A file is missing or unreadable, a size does not fit, a pose is not rigid, a camera is
             inside the object, or an image does not show the object where its camera has it.
     """
-    file = path / TRANSFORMS if is_folder(path) else path
-    X_WO = identity() if X_WO is None else X_WO
-    return [_read_view(frame, X_WO, mesh) for frame in read_transforms(file)]
+    frames = read_transforms(path / TRANSFORMS if is_folder(path) else path)
+    return [_read_view(frame, X_WO or identity(), mesh) for frame in frames]
 
 
 def _read_view(frame: Frame, X_WO: Pose, mesh: trimesh.Trimesh | None) -> View:
