@@ -7,12 +7,14 @@ import reprlib
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import yaml
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.validation import Problem, all_problems, first_problem, place
 
 LONGEST_TEXT = 1000  # characters: names and paths
 ROUND_CONE = "the friction cone is round"  # why `friction_directions` has no effect
@@ -26,16 +28,25 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
     """Plain YAML data; numbers such as 1e-3 are numbers (YAML 1.1 takes them for text)."""
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"),
-    list("-+.0123456789"),
-)
+# Tag, pattern and first characters of such numbers, for PyYAML's `add_implicit_resolver`.
+YAML_FLOAT = "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"), list("-+.0123456789")
+_Loader.add_implicit_resolver(*YAML_FLOAT)
+
+
+class Document(BaseModel):
+    """Base of the models of documents: no other keys, no conversion of types, no NaN."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+_Document = TypeVar("_Document", bound=Document)
 
 
 @dataclass(frozen=True)
 class Entry:
     """Entry of a document: a value with its file and its place.
+
+    Files of others are read by entries: their keys stand in for one another, and matrices make a model longer.
 
     Attributes:
         path: The file.
@@ -54,9 +65,44 @@ class Entry:
             allowed: Values that would have been accepted, in words.
             found: The finding, in words; None for the value itself.
         """
-        if found is None:
-            found = _quoted(self.value)
+        found = _quoted(self.value) if found is None else found
         return InputError(self.path, value=f"{self.place} = {found}" if self.place else found, allowed=allowed)
+
+    def read(self, model: type[_Document]) -> _Document:
+        """The value as a model has it.
+
+        Raises:
+            InputError: A key is missing or unknown, or a value is not allowed; the message names its place.
+        """
+        try:
+            return model.model_validate(self.value)
+        except ValidationError as error:
+            raise self._problem(first_problem(error, model)) from error
+
+    def problems(self, model: type[Document]) -> list[InputError]:
+        """All problems that `read` finds, in the order of the model's fields."""
+        try:
+            model.model_validate(self.value)
+        except ValidationError as error:
+            return [self._problem(problem) for problem in all_problems(error, model)]
+        return []
+
+    def _problem(self, problem: Problem) -> InputError:
+        if problem.kind == "extra_forbidden":
+            name, where = _quoted(problem.location[-1]), self._below(problem.location[:-1])
+            found = f"an unknown key {name}{f' under {where}' if where else ''}"
+            return InputError(self.path, value=found, allowed=problem.allowed)
+        where, value = self._below(problem.location), self.value
+        try:
+            for part in problem.location:
+                value = value[part]
+        except KeyError:
+            allowed = f"a value under {where}" if problem.kind == "missing" else problem.allowed
+            return InputError(self.path, value=f"no {where}", allowed=allowed)
+        return Entry(self.path, where, value).refusal(problem.allowed)
+
+    def _below(self, location: tuple[str | int, ...]) -> str:
+        return place((self.place, *location) if self.place else location)
 
     def find(self, key: str) -> "Entry | None":
         """The entry under a key, or None where there is none.
@@ -128,11 +174,12 @@ class Entry:
         Raises:
             InputError: This entry is something else.
         """
-        if not isinstance(self.value, str) or not self.value.strip() or not self.value.isprintable():
+        if not isinstance(self.value, str):
             raise self.refusal("text")
-        if len(self.value) > LONGEST_TEXT:
-            raise self.refusal(f"text of at most {LONGEST_TEXT} characters")
-        return self.value
+        try:
+            return _text(self.value)
+        except ValueError as error:
+            raise self.refusal(str(error)) from error
 
     def number(self, low: float = -math.inf, high: float = math.inf) -> float:
         """A finite number from `low` to `high`.
@@ -142,8 +189,7 @@ class Entry:
         """
         value = _number(self.value)
         if value is None or not low <= value <= high:
-            bounds = "" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}"
-            raise self.refusal(f"a finite number{bounds}")
+            raise self.refusal(_allowed(low, high))
         return value
 
     def integer(self, low: int, high: int) -> int:
@@ -184,6 +230,39 @@ def warn_without_effect(where: object, key: str, reason: str) -> None:
         warnings.warn(f"{where}: {key} has no effect: {reason}; delete it", FutureWarning, stacklevel=2)
 
 
+def _allowed(low: float, high: float) -> str:
+    return "a finite number" + ("" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}")
+
+
+def in_words(allowed: str, **bounds: Any) -> Any:
+    """Field with pydantic's bounds; a message says what is allowed in these words."""
+    return Field(json_schema_extra={"allowed": allowed}, **bounds)
+
+
+def finite(low: float = -math.inf, high: float = math.inf) -> Any:
+    """Field of a finite number from `low` to `high`."""
+    return in_words(_allowed(low, high), ge=low, le=high)
+
+
+def schema_version(number: int) -> Any:
+    """Field of the version of a document, a whole number; no Literal, as True is 1."""
+    return in_words(f"{number}, the version that this release reads", ge=number, le=number)
+
+
+def _text(text: str) -> str:
+    if not text.strip() or not text.isprintable():
+        raise ValueError("text")
+    if len(text) > LONGEST_TEXT:
+        raise ValueError(f"text of at most {LONGEST_TEXT} characters")
+    return text
+
+
+Text = Annotated[str, AfterValidator(_text)]  # not empty, printable
+Number = Annotated[float, finite()]
+# YAML and JSON have lists where Python has tuples.
+FromList = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
+
+
 def read_json(path: Path) -> Entry:
     """Reads a JSON file as a document.
 
@@ -214,6 +293,18 @@ def read_yaml(path: Path) -> Entry:
         raise InputError(path, row=mark.line + 1 if mark else None, value=problem, allowed="YAML") from error
     except Exception as error:  # a text that its tag or its form does not fit: KeyError, AttributeError, ValueError ...
         raise InputError(path, value=f"{type(error).__name__}: {error}", allowed="YAML") from error
+
+
+def read_bytes(path: Path) -> bytes:
+    """The contents of a file.
+
+    Raises:
+        InputError: It is missing or unreadable.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
 
 
 def read_text(path: Path) -> str:

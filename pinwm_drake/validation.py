@@ -180,9 +180,7 @@ def _plain(annotation: Any) -> tuple[Any, bool, list[Any]]:
     while True:
         if get_origin(annotation) is Annotated:
             annotation, *more = get_args(annotation)
-            metadata += [
-                inner for one in more for inner in (one, *(one.metadata if isinstance(one, FieldInfo) else ()))
-            ]
+            metadata += [inner for one in more for inner in (one, *getattr(one, "metadata", ()))]
         elif get_origin(annotation) in (Union, types.UnionType):
             parts = [part for part in get_args(annotation) if part is not types.NoneType]
             optional, annotation = optional or len(parts) < len(get_args(annotation)), parts[0]
@@ -198,6 +196,8 @@ def _find(model: Any, location: Sequence[str | int]) -> tuple[FieldInfo | None, 
         if isinstance(part, int):
             inner = [one for one in get_args(model) if one is not Ellipsis]
             model = inner[min(part, len(inner) - 1)] if inner else Any
+        elif get_origin(model) is dict:
+            field, model = None, get_args(model)[1]
         elif part in fields_of(model):
             field = fields_of(model)[part]
             model = field.annotation

@@ -8,9 +8,8 @@ from pinwm_drake.capture.checks.episode import check_episode
 from pinwm_drake.capture.checks.findings import Findings, Problem
 from pinwm_drake.capture.checks.scene import check_scene
 from pinwm_drake.capture.checks.static import check_static
-from pinwm_drake.capture.objects import CAPTURE_FILE
 from pinwm_drake.capture.paths import is_folder
-from pinwm_drake.capture.scene import EPISODES
+from pinwm_drake.capture.scene import CAPTURE_FILE, EPISODES
 from pinwm_drake.errors import InputError
 
 
@@ -61,7 +60,5 @@ def check_capture(folder: Path, progress: Callable[[str], None] = lambda part: N
     views = check_static(scene, findings, progress)
     if not scene.episode_names:
         findings.warn(folder / EPISODES, "no episode", "one push or more, to identify a twin")
-    images = {}
-    for name in scene.episode_names:
-        images[name] = check_episode(name, scene, findings, progress)
+    images = {name: check_episode(name, scene, findings, progress) for name in scene.episode_names}
     return CheckResult(findings.problems, views, images)

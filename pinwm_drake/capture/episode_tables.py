@@ -1,28 +1,158 @@
-"""Tables of an episode: times of its images, poses of the pusher and poses of the object."""
+"""Tables of an episode: times of its images, poses of the pusher and of the object.
 
+Every problem of a table names file, line, column and value.
+"""
+
+import csv
+import io
+import math
 import os
+import re
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from pinwm_drake.capture.objects import FARTHEST
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.refusals import Refuse, attempt, raise_it
-from pinwm_drake.capture.tables import Table, read_table
-from pinwm_drake.documents import LONGEST_TEXT
+from pinwm_drake.capture.scene import FARTHEST, UNIT_NORM
+from pinwm_drake.documents import LONGEST_TEXT, read_text
+from pinwm_drake.errors import InputError
 
 FRAMES_FILE, TRAJECTORY_FILE, POSES_FILE = "frames.csv", "trajectory.csv", "object_poses.csv"
 FRAME_COLUMNS = ("frame", "file_path", "t")
-POSITION, QUATERNION, VELOCITY, FORCE = (
-    ("px", "py", "pz"),
-    ("qw", "qx", "qy", "qz"),
-    ("vx", "vy", "vz"),
-    ("fx", "fy", "fz"),
-)
+POSITION, QUATERNION = ("px", "py", "pz"), ("qw", "qx", "qy", "qz")
+VELOCITY, FORCE = ("vx", "vy", "vz"), ("fx", "fy", "fz")
 # How far a frame may be outside the pusher's log [s]: times printed with six decimals.
 _ROUNDING = 1.5e-6
 _FASTEST, _STRONGEST = 1e3, 1e6  # m/s, N
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+_LATEST = 1e11  # s; seconds since 1970 are well below
+_LONGEST_QUOTE = 60  # characters of a value that a message repeats
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Table of a CSV file, its cells as text.
+
+    Attributes:
+        path: The file.
+        lines: The line of each row, counted from 1, the header's being 1.
+        cells: The texts of each column, by its name.
+        refuse: Receives each problem.
+    """
+
+    path: Path
+    lines: list[int]
+    cells: dict[str, list[str]]
+    refuse: Refuse = raise_it
+
+    def refusal(self, row: int, column: str, allowed: str, found: str | None = None) -> InputError:
+        """Error of one cell, its row counted from 0 without the header; `found` stands for its text, in words."""
+        found = quote(self.cells[column][row]) if found is None else found
+        return InputError(self.path, row=self.lines[row], value=f"{column} = {found}", allowed=allowed)
+
+    def numbers(self, columns: tuple[str, ...], bound: float = math.inf) -> np.ndarray:
+        """Values of columns of finite numbers.
+
+        Args:
+            columns: Names of the columns.
+            bound: The largest magnitude, in the unit of the columns.
+
+        Returns:
+            (rows, len(columns)) float64 in the unit of the file; NaN where a problem was only noted.
+
+        Raises:
+            InputError: A cell is no finite number of at most that magnitude.
+        """
+        allowed = "a finite number" + ("" if math.isinf(bound) else f" from {-bound:g} to {bound:g}")
+        values = np.full((len(self.lines), len(columns)), np.nan)
+        for row in range(len(self.lines)):
+            for k, column in enumerate(columns):
+                text = self.cells[column][row].strip()
+                value = float(text) if _NUMBER.fullmatch(text) else math.nan
+                if abs(value) <= bound and math.isfinite(value):
+                    values[row, k] = value
+                else:
+                    self.refuse(self.refusal(row, column, allowed))
+        return values
+
+    def times(self) -> np.ndarray:
+        """Times (rows,) [s] of column t, each later than the one before.
+
+        Raises:
+            InputError: A cell is no finite number, or not later than the one above it.
+        """
+        times = self.numbers(("t",), _LATEST)[:, 0]
+        for row in (np.nonzero(np.diff(times) <= 0)[0] + 1).tolist():
+            same = "the time of the row before again" if times[row] == times[row - 1] else "an earlier time"
+            allowed = f"a time after {times[row - 1]:.9g} s, that of the row before ({same})"
+            self.refuse(self.refusal(row, "t", allowed))
+        return times
+
+    def quaternions(self) -> np.ndarray:
+        """Unit quaternions, w first: (rows, 4), normalised to rounding.
+
+        Raises:
+            InputError: A cell is no finite number, or a norm is not 1.
+        """
+        values = self.numbers(QUATERNION)
+        with np.errstate(over="ignore"):
+            norms = np.linalg.norm(values, axis=-1, keepdims=True)
+        for row in np.nonzero(np.abs(norms[:, 0] - 1) > UNIT_NORM)[0].tolist():
+            found = (
+                f"({', '.join(quote(self.cells[column][row]) for column in QUATERNION)}), of norm {norms[row, 0]:.6g}"
+            )
+            self.refuse(self.refusal(row, "qw, qx, qy, qz", "a quaternion (w, x, y, z) of norm 1", found))
+        return values / np.where(norms > 0, norms, 1)
+
+
+def read_table(
+    path: Path, columns: tuple[str, ...], optional: tuple[str, ...] = (), refuse: Refuse = raise_it
+) -> Table:
+    """Reads a CSV file with a header.
+
+    Args:
+        path: The file.
+        columns: The columns that it has to have.
+        optional: Columns that it may have besides, all of them or none.
+        refuse: Receives the problems of the table's rows and cells.
+
+    Returns:
+        The table, with one row or more, columns in any order.
+
+    Raises:
+        InputError: The file cannot be read, has other columns, or no rows; the message names the line. A row
+            with another number of cells goes to `refuse`.
+    """
+    allowed = f"columns {','.join(columns)}" + (f" and, if measured, {','.join(optional)}" if optional else "")
+    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
+    try:
+        header = [name.strip() for name in next(reader, [])]
+        rows = [(reader.line_num, cells) for cells in reader]
+    except csv.Error as error:
+        raise InputError(path, row=reader.line_num, value=str(error), allowed="comma-separated values") from error
+    while rows and not rows[-1][1]:
+        rows.pop()  # empty lines at the end
+    if sorted(header) not in (sorted(columns), sorted((*columns, *optional))):
+        raise InputError(path, row=1, value=quote(",".join(header)), allowed=allowed)
+    if not rows:
+        raise InputError(path, value="no row below the header", allowed="one row or more")
+    for line, cells in rows:
+        if len(cells) != len(header):
+            refuse(InputError(path, row=line, value=f"{len(cells)} cells", allowed=f"{len(header)}, as in the header"))
+    whole = [(line, cells) for line, cells in rows if len(cells) == len(header)]
+    if not whole:
+        raise InputError(path, value="no row that is whole", allowed="one row or more")
+    lines = [line for line, _ in whole]
+    return Table(path, lines, {name: [cells[k] for _, cells in whole] for k, name in enumerate(header)}, refuse)
+
+
+def quote(text: str) -> str:
+    """Quotation of a text in a message: printable, and cut where it is long."""
+    text = text if len(text) <= _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "..."
+    return text if text.isprintable() and text else ascii(text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,40 +191,22 @@ class ObjectPoses:
 
 
 def read_trajectory(folder: Path, refuse: Refuse = raise_it) -> PusherTrajectory:
-    """The pusher's log from `trajectory.csv`.
-
-    Args:
-        folder: Folder of the episode.
-        refuse: Receives the problems of rows and cells; where it does not raise, NaN takes their place.
-
-    Raises:
-        InputError: The table cannot be used; see `episodes.read_episode`.
-    """
+    """The pusher's log from `trajectory.csv` in the folder of an episode, with the errors of `read_pose_table`."""
     columns = ("t", *POSITION, *QUATERNION, *VELOCITY)
     table = read_table(folder / TRAJECTORY_FILE, columns, FORCE, refuse)
     return PusherTrajectory(
         t=table.times(),
         p_WP=table.numbers(POSITION, FARTHEST),
-        q_WP=table.quaternions(QUATERNION),
+        q_WP=table.quaternions(),
         v_WP=table.numbers(VELOCITY, _FASTEST),
         force_W=table.numbers(FORCE, _STRONGEST) if FORCE[0] in table.cells else None,
     )
 
 
 def read_object_poses(folder: Path, refuse: Refuse = raise_it) -> ObjectPoses | None:
-    """The object's poses from `object_poses.csv`; None where there is no such file.
-
-    Args:
-        folder: Folder of the episode.
-        refuse: Receives problems, as for `read_trajectory`.
-
-    Raises:
-        InputError: The table cannot be used; see `episodes.read_episode`.
-    """
+    """The object's poses from `object_poses.csv`, as `read_pose_table`; None where there is no such file."""
     path = folder / POSES_FILE
-    if not os.path.lexists(path):
-        return None
-    return read_pose_table(path, refuse)
+    return read_pose_table(path, refuse) if os.path.lexists(path) else None
 
 
 def read_pose_table(path: Path, refuse: Refuse = raise_it) -> ObjectPoses:
@@ -102,13 +214,13 @@ def read_pose_table(path: Path, refuse: Refuse = raise_it) -> ObjectPoses:
 
     Args:
         path: The file.
-        refuse: Receives problems, as for `read_trajectory`.
+        refuse: Receives the problems of rows and cells; where it does not raise, NaN takes their place.
 
     Raises:
         InputError: The table cannot be used; see `episodes.read_episode`.
     """
     table = read_table(path, ("t", *POSITION, *QUATERNION), refuse=refuse)
-    return ObjectPoses(table.times(), table.numbers(POSITION, FARTHEST), table.quaternions(QUATERNION))
+    return ObjectPoses(table.times(), table.numbers(POSITION, FARTHEST), table.quaternions())
 
 
 def read_frame_table(
@@ -119,14 +231,14 @@ def read_frame_table(
     Args:
         folder: Folder of the episode.
         trajectory_t: (m,) [s], the times of the pusher's log; None leaves the comparison out.
-        refuse: Receives problems, as for `read_trajectory`.
+        refuse: Receives problems, as for `read_pose_table`.
 
     Raises:
         InputError: The table cannot be used, or an image is missing; see `episodes.read_episode`.
     """
     table = read_table(folder / FRAMES_FILE, FRAME_COLUMNS, refuse=refuse)
     t = table.times()
-    frame_numbers(table)
+    _require_numbers(table)
     names = [text.strip() for text in table.cells["file_path"]]
     seen: dict[str, int] = {}
     for row, name in enumerate(names):
@@ -136,7 +248,8 @@ def read_frame_table(
         if not name or not name.isprintable() or len(name) > LONGEST_TEXT:
             refuse(table.refusal(row, "file_path", "the name of an image file"))
         else:
-            _require_image(table, row, folder / name)
+            wanted = f"the image file of {table.path}, row {table.lines[row]}"
+            attempt(partial(require_file, folder / name, wanted), refuse)
     if trajectory_t is not None:
         start, end = float(np.min(trajectory_t)), float(np.max(trajectory_t))
         for row in np.nonzero((t < start - _ROUNDING) | (t > end + _ROUNDING))[0].tolist():
@@ -144,17 +257,8 @@ def read_frame_table(
     return names, t
 
 
-def _require_image(table: Table, row: int, path: Path) -> None:
-    """Refuses a row whose image is missing."""
-    attempt(lambda: require_file(path, f"the image file of {table.path}, row {table.lines[row]}"), table.refuse)
-
-
-def frame_numbers(table: Table) -> np.ndarray:
-    """Column `frame` of `frames.csv`: (n,) float64, whole and increasing.
-
-    Raises:
-        InputError: A cell is something else.
-    """
+def _require_numbers(table: Table) -> None:
+    """Requires column `frame` of `frames.csv` to be whole and increasing."""
     values = table.numbers(("frame",), 1e9)[:, 0]
     for row, value in enumerate(values.tolist()):
         before = values[row - 1] if row else -1.0
@@ -163,4 +267,3 @@ def frame_numbers(table: Table) -> np.ndarray:
         if value != np.floor(value) or value <= before:
             allowed = "a whole number, larger than the one in the row before" if row else "a whole number from 0"
             table.refuse(table.refusal(row, "frame", allowed))
-    return values

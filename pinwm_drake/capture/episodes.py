@@ -6,16 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from pinwm_drake.capture.episode_tables import (
-    ObjectPoses,
-    PusherTrajectory,
-    read_frame_table,
-    read_object_poses,
-    read_trajectory,
-)
-from pinwm_drake.capture.images import read_image, size_of
+from pinwm_drake.capture.episode_tables import ObjectPoses as ObjectPoses
+from pinwm_drake.capture.episode_tables import PusherTrajectory as PusherTrajectory
+from pinwm_drake.capture.episode_tables import read_frame_table, read_object_poses, read_trajectory
+from pinwm_drake.capture.images import read_image, require_size
 from pinwm_drake.capture.scene import EPISODES, Capture, read_capture
 from pinwm_drake.capture.static_views import find_mask
 from pinwm_drake.capture.transforms import read_camera, read_pose
@@ -23,17 +18,6 @@ from pinwm_drake.documents import read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
-
-__all__ = [
-    "Episode",
-    "ObjectPoses",
-    "PusherTrajectory",
-    "View",
-    "pose_at",
-    "read_episode",
-    "read_episode_folder",
-    "read_frames",
-]
 
 CAMERA_FILE, CAMERAS = "camera.json", "cameras"
 
@@ -60,27 +44,16 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Episode:
+class Episode(View):
     """One push of the object, seen by a camera that stands still, and maybe by others.
 
     Attributes:
-        name: Name of its folder.
-        folder: `episodes/<name>` of the capture.
-        camera: Size and intrinsics (4,).
-        X_WC: Pose of the camera in the world, OpenCV axes; q (4,), p (3,) [m].
-        file_names: The n images, as written in `frames.csv`: paths that count from `folder`.
-        t: (n,) [s], when they were taken; the clock is that of the trajectory.
+        name: Name of its folder, `episodes/<name>` of the capture.
         trajectory: Poses of the pusher, from the first image to the last or longer.
         object_poses: Poses of the object; to score, never to fit. None where they are not known.
         others: Further cameras, `cameras/<name>` of the folder, in the order of their names.
     """
 
-    name: str
-    folder: Path
-    camera: Camera
-    X_WC: Pose
-    file_names: list[str]
-    t: np.ndarray
     trajectory: PusherTrajectory
     object_poses: ObjectPoses | None
     others: tuple[View, ...] = ()
@@ -116,10 +89,8 @@ def pose_at(t: np.ndarray, p: np.ndarray, q: np.ndarray, time: float) -> Pose:
     after = min(k + 1, len(t) - 1)
     share = 0.0 if after == k else float(np.clip((time - t[k]) / (t[after] - t[k]), 0.0, 1.0))
     turned = q[after] if q[k] @ q[after] >= 0 else -q[after]
-    mixed = (1 - share) * q[k] + share * turned
-    return Pose(
-        torch.from_numpy(mixed / np.linalg.norm(mixed)), torch.from_numpy((1 - share) * p[k] + share * p[after])
-    )
+    mixed, p_k = (1 - share) * q[k] + share * turned, (1 - share) * p[k] + share * p[after]
+    return Pose(torch.from_numpy(mixed / np.linalg.norm(mixed)), torch.from_numpy(p_k))
 
 
 def read_episode(capture: Capture, name: str) -> Episode:
@@ -141,17 +112,12 @@ def read_episode(capture: Capture, name: str) -> Episode:
     if name not in capture.episode_names:
         allowed = ", ".join(capture.episode_names) or "a capture with episodes"
         raise InputError(capture.folder / EPISODES, value=f"no episode {name!a}", allowed=allowed)
-    camera, X_WC = read_fixed_camera(folder)
     trajectory = read_trajectory(folder)
-    file_names, t = read_frame_table(folder, trajectory.t)
-    others = tuple(_read_view(path, trajectory.t) for path in sorted((folder / CAMERAS).glob("*")) if path.is_dir())
-    return Episode(name, folder, camera, X_WC, file_names, t, trajectory, read_object_poses(folder), others)
-
-
-def _read_view(folder: Path, trajectory: np.ndarray) -> View:
-    """A further camera of an episode, from its folder; `trajectory` has the times of the pusher's log."""
-    camera, X_WC = read_fixed_camera(folder)
-    return View(folder.name, folder, camera, X_WC, *read_frame_table(folder, trajectory))
+    folders = (folder, *sorted(path for path in (folder / CAMERAS).glob("*") if path.is_dir()))
+    own, *others = (
+        View(path.name, path, *read_fixed_camera(path), *read_frame_table(path, trajectory.t)) for path in folders
+    )
+    return Episode(**vars(own), trajectory=trajectory, object_poses=read_object_poses(folder), others=tuple(others))
 
 
 def read_episode_folder(folder: Path) -> tuple[Capture, Episode]:
@@ -173,31 +139,19 @@ def read_episode_folder(folder: Path) -> tuple[Capture, Episode]:
     return capture, read_episode(capture, whole.name)
 
 
-def read_frames(episode: Episode) -> tuple[Tensor, Tensor]:
-    """The images of an episode.
-
-    Args:
-        episode: The episode.
+def read_episode_image(folder: Path, name: str, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """One image of an episode.
 
     Returns:
-        (n, H, W, 3) float32, sRGB in [0, 1], white where the object is not; and (n, H, W) bool, true on the
-        object; nowhere true for an image that does not show it.
+        (H, W, 3) float32, sRGB in [0, 1], white where the object is not; and (H, W) bool, true on the object; nowhere
+        true for an image that does not show it.
 
     Raises:
-        InputError: An image or a mask is missing, unreadable or of another size than the camera's.
+        InputError: The image or its mask is missing, unreadable or of another size than the camera's.
     """
-    pictures = [read_episode_image(episode.folder, name, episode.camera) for name in episode.file_names]
-    images, masks = zip(*pictures, strict=True)
-    return torch.from_numpy(np.stack(images)), torch.from_numpy(np.stack(masks))
-
-
-def read_episode_image(folder: Path, name: str, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """One image of an episode: (H, W, 3) float32 and (H, W) bool, as in `read_frames`, with its errors."""
     path = folder / name
     image, mask = read_image(path, find_mask(folder, path), may_be_empty=True)
-    if mask.shape != (camera.height, camera.width):
-        allowed = f"{camera.width} x {camera.height} px, as {folder / CAMERA_FILE} says"
-        raise InputError(path, value=size_of(mask), allowed=allowed)
+    require_size(path, mask, camera, f"as {folder / CAMERA_FILE} says")
     return image, mask
 
 

@@ -8,8 +8,9 @@ from PIL import Image, UnidentifiedImageError
 
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.errors import InputError
+from pinwm_drake.rendering.camera import Camera
 
-_GREY, _COLOUR, _WITH_ALPHA = ("1", "L"), ("RGB", "P"), ("RGBA", "LA", "PA")
+_MODES = ("1", "L", "RGB", "P", "RGBA", "LA", "PA")  # 8 bits a channel, or less
 
 
 def read_image(
@@ -33,16 +34,15 @@ def read_image(
         InputError: A file is missing, truncated or of another kind, the mask has another size, no pixel shows
             the object, or nothing tells the object from its background.
     """
-    pixels = _read(path, (*_GREY, *_COLOUR, *_WITH_ALPHA), "RGBA")
+    pixels = _read(path, "RGBA")
     if mask_path is not None:
-        mask = _read(mask_path, (*_GREY, *_COLOUR, *_WITH_ALPHA), "L") >= 128
+        mask = _read(mask_path, "L") >= 128
         if mask.shape != pixels.shape[:2]:
             raise InputError(mask_path, value=size_of(mask), allowed=f"{size_of(pixels)}, the size of {path}")
         alpha = mask.astype(np.float32)
     elif (opaque := pixels[..., 3].min() == 255) and pixels[..., :3].min(axis=-1).max() < 255:
-        raise InputError(
-            path, value="no white pixel", allowed="a white background, an alpha channel, or a mask in masks/"
-        )
+        allowed = "a white background, an alpha channel, or a mask in masks/"
+        raise InputError(path, value="no white pixel", allowed=allowed)
     else:
         mask = pixels[..., :3].min(axis=-1) < 255 if opaque else pixels[..., 3] > 0
         alpha = pixels[..., 3].astype(np.float32) / np.float32(255)
@@ -60,18 +60,18 @@ def read_size(path: Path) -> tuple[int, int]:
     Raises:
         InputError: It is missing, truncated or of another kind.
     """
-    pixels = _read(path, (*_GREY, *_COLOUR, *_WITH_ALPHA), "L")
+    pixels = _read(path, "L")
     return pixels.shape[1], pixels.shape[0]
 
 
-def _read(path: Path, modes: tuple[str, ...], mode: str) -> np.ndarray:
+def _read(path: Path, mode: str) -> np.ndarray:
     """The pixels of a file converted to a mode: (height, width) or (height, width, channels) uint8."""
     require_file(path, "an image file")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(path) as image:
-                if image.mode not in modes:
+                if image.mode not in _MODES:
                     raise InputError(path, value=f"mode {image.mode}", allowed="8 bits a channel, grey or RGB")
                 return np.asarray(image.convert(mode))
     except UnidentifiedImageError as error:
@@ -87,3 +87,9 @@ def _read(path: Path, modes: tuple[str, ...], mode: str) -> np.ndarray:
 def size_of(image: np.ndarray) -> str:
     """Width and height of an image, in words."""
     return f"{image.shape[1]} x {image.shape[0]} px"
+
+
+def require_size(path: Path, mask: np.ndarray, camera: Camera, why: str) -> None:
+    """Requires an image, by its mask (H, W), to have the size of its camera; raises InputError that says why."""
+    if mask.shape != (camera.height, camera.width):
+        raise InputError(path, value=size_of(mask), allowed=f"{camera.width} x {camera.height} px, {why}")

@@ -25,14 +25,11 @@ def pusher_surface(pusher: PusherGeometry, *, sections: int = 48) -> trimesh.Tri
         InputError: The mesh is refused; see `load_mesh`.
         GeometryError: There is neither.
     """
-    if pusher.shape is not None:
-        return _shape_surface(pusher.shape, sections)
-    if pusher.mesh_path is None:
-        raise GeometryError("pusher: got neither a mesh nor a shape; allowed: one of the two")
-    return load_mesh(pusher.mesh_path)
-
-
-def _shape_surface(shape: PusherShape, sections: int) -> trimesh.Trimesh:
+    shape = pusher.shape
+    if shape is None:
+        if pusher.mesh_path is None:
+            raise GeometryError("pusher: got neither a mesh nor a shape; allowed: one of the two")
+        return load_mesh(pusher.mesh_path)
     if shape.kind == "sphere":
         subdivisions = 3 if sections > 24 else 2 if sections > 12 else 1
         return trimesh.creation.icosphere(subdivisions=subdivisions, radius=shape.radius)

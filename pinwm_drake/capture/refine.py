@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinwm_drake.capture.objects import read_capture_object
+from pinwm_drake.capture.scene import read_capture_object
 from pinwm_drake.capture.static_views import read_views
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import appearing

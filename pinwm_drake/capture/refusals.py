@@ -14,13 +14,12 @@ def raise_it(error: PinwmError) -> NoReturn:
     raise error
 
 
-def attempt(work: Callable[[], _Result], refuse: Refuse) -> _Result | None:
-    """Result of `work`, or None where it was refused and `refuse` did not raise.
+def ignore(error: PinwmError) -> None:
+    """Does nothing about an error, which something else tells."""
 
-    Args:
-        work: Function that reads something; may raise a PinwmError.
-        refuse: Receives that error.
-    """
+
+def attempt(work: Callable[[], _Result], refuse: Refuse) -> _Result | None:
+    """Result of `work`, or None where it raised a PinwmError and `refuse`, which receives that, did not."""
     try:
         return work()
     except PinwmError as error:
@@ -29,15 +28,10 @@ def attempt(work: Callable[[], _Result], refuse: Refuse) -> _Result | None:
 
 
 def passes(work: Callable[[], None], refuse: Refuse) -> bool:
-    """Flag: `work`, a check, found nothing to refuse.
+    """Flag: `work`, a check, found nothing to refuse; `refuse` receives its PinwmError."""
 
-    Args:
-        work: Function that checks something; may raise a PinwmError.
-        refuse: Receives that error.
-    """
-    try:
+    def done() -> bool:
         work()
-    except PinwmError as error:
-        refuse(error)
-        return False
-    return True
+        return True
+
+    return attempt(done, refuse) or False

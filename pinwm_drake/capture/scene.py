@@ -2,19 +2,44 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, get_args
 
-from pinwm_drake.capture.objects import CAPTURE_FILE, CaptureObject, read_object, require_version
+import numpy as np
+import torch
+from pydantic import AfterValidator, Field, ValidationInfo
+
 from pinwm_drake.capture.paths import require_file
-from pinwm_drake.documents import Entry, read_yaml
+from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, read_yaml, schema_version
 from pinwm_drake.errors import InputError
+from pinwm_drake.spatial.poses import Pose
 
+SCHEMA_VERSION = 1
+CAPTURE_FILE = "capture.yaml"
 EPISODES = "episodes"
+UNITS = {"length": "m", "angle": "rad", "time": "s"}
+FARTHEST = 1e3  # m; anything beyond this on an axis is taken for a mistake
+UNIT_NORM = 1e-5  # how far a quaternion may be from unit norm: that of one printed with six digits
 PusherKind = Literal["sphere", "capsule", "cylinder"]
-PUSHER_KINDS = ("sphere", "capsule", "cylinder")
+PUSHER_KINDS: tuple[PusherKind, ...] = get_args(PusherKind)
+GRAVITIES = (1e-3, 1e3)  # m/s^2
 _SIZES = (1e-4, 5.0)  # m, of a pusher
-_HEIGHTS = (-100.0, 100.0)  # m, of a floor
-_GRAVITIES = (1e-3, 1e3)  # m/s^2
+
+
+@dataclass(frozen=True, eq=False)
+class CaptureObject:
+    """The object that a capture shows.
+
+    Attributes:
+        name: Name of the object.
+        mesh_path: File of its mesh, metres, object frame O.
+        X_WO: Pose of the object in the world in the static views and at the start of an episode; q (4,), p (3,) [m].
+        mass: kg; None where it was not measured.
+    """
+
+    name: str
+    mesh_path: Path
+    X_WO: Pose
+    mass: float | None = None
 
 
 @dataclass(frozen=True)
@@ -66,6 +91,106 @@ class Capture:
     episode_names: list[str]
 
 
+def _unit(q: tuple[float, ...]) -> tuple[float, ...]:
+    with np.errstate(over="ignore"):
+        norm = float(np.linalg.norm(q))
+    if abs(norm - 1) > UNIT_NORM:
+        raise ValueError(f"a quaternion (w, x, y, z) of norm 1, not of norm {norm:.6g}")
+    return tuple(part / norm for part in q)
+
+
+_Coordinate = Annotated[float, in_words(f"a position within {FARTHEST:g} m of the origin", ge=-FARTHEST, le=FARTHEST)]
+
+
+class PoseDocument(Document):
+    """Pose in a document, from its keys p [m] and q (wxyz)."""
+
+    p: Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], FromList]
+    q: Annotated[tuple[Number, Number, Number, Number], FromList, AfterValidator(_unit)]
+
+    def pose(self) -> Pose:
+        """The pose, its quaternion normalised: q (4,), p (3,) [m]."""
+        return Pose(torch.tensor(self.q, dtype=torch.float64), torch.tensor(self.p, dtype=torch.float64))
+
+
+class ObjectDocument(Document):
+    """Key `object` of a `capture.yaml`; mass in kg."""
+
+    name: Text
+    mesh: Text
+    mass: Annotated[float, finite(1e-6, 1e4)] | None = None
+    X_WO: PoseDocument
+
+
+def _length(length: float | None, shape: ValidationInfo) -> float | None:
+    if shape.data.get("kind") == "sphere" and length:
+        raise ValueError("0 or none, for a sphere")
+    if shape.data.get("kind", "sphere") != "sphere" and not _SIZES[0] <= (length or 0.0) <= _SIZES[1]:
+        raise ValueError(f"a finite number from {_SIZES[0]:g} to {_SIZES[1]:g}")
+    return length
+
+
+class ShapeDocument(Document):
+    """Shape of a pusher, m."""
+
+    kind: PusherKind
+    radius: Annotated[float, finite(*_SIZES)]
+    length: Annotated[Number | None, AfterValidator(_length)] = Field(None, validate_default=True)
+
+    def shape(self) -> PusherShape:
+        """The shape that the keys describe."""
+        return PusherShape(self.kind, self.radius, self.length or 0.0)
+
+
+class PusherDocument(Document):
+    """Key `pusher` of a document."""
+
+    mesh: Text | None = None
+    shape: ShapeDocument | None = None
+
+
+class FloorDocument(Document):
+    """Key `floor` of a document: height in the world, m."""
+
+    height: Annotated[float, finite(-100.0, 100.0)]
+
+
+class _Units(Document):
+    length: Literal["m"] = "m"
+    angle: Literal["rad"] = "rad"
+    time: Literal["s"] = "s"
+
+
+class HeadDocument(Document, extra="ignore"):
+    """Keys of a `capture.yaml` that tell how to read the others."""
+
+    schema_version: int = schema_version(SCHEMA_VERSION)
+    units: _Units = _Units()
+
+
+class _ObjectOnly(HeadDocument):
+    object: ObjectDocument
+
+
+class CaptureDocument(HeadDocument, extra="forbid"):
+    """Keys of a `capture.yaml`, as its readers take them; gravity in m/s^2."""
+
+    gravity: Annotated[float, finite(*GRAVITIES)]
+    object: ObjectDocument
+    pusher: PusherDocument
+    floor: FloorDocument
+
+
+def read_capture_object(folder: Path) -> CaptureObject:
+    """Reads the object of a capture from its `capture.yaml`; keys beside that are not needed.
+
+    Raises:
+        InputError: As for `read_capture`.
+    """
+    document = read_yaml(folder / CAPTURE_FILE)
+    return _object(folder, document.read(_ObjectOnly).object)
+
+
 def read_capture(folder: Path) -> Capture:
     """Reads `capture.yaml`, and the names of the episodes.
 
@@ -80,72 +205,30 @@ def read_capture(folder: Path) -> Capture:
             missing or unknown, a number is not finite or out of range, a quaternion is not of unit norm, the
             pusher is of an unknown shape, or a mesh that it names is missing.
     """
-    document = read_yaml(folder / CAPTURE_FILE)
-    require_version(document)
-    document.only("schema_version", "units", "gravity", "object", "pusher", "floor")
-    about = read_object(document["object"])
-    names = episode_names(folder)
-    pusher = read_pusher(document["pusher"], required=bool(names))
-    return Capture(folder, about, pusher, read_floor(document["floor"]), read_gravity(document["gravity"]), names)
+    entry = read_yaml(folder / CAPTURE_FILE)
+    document = entry.read(CaptureDocument)
+    about, names = _object(folder, document.object), episode_names(folder)
+    pusher = pusher_geometry(entry["pusher"], document.pusher, required=bool(names))
+    return Capture(folder, about, pusher, document.floor.height, document.gravity, names)
 
 
-def read_floor(floor: Entry) -> float:
-    """Height of the floor [m] from the key `floor`.
-
-    Raises:
-        InputError: It is missing, or out of range.
-    """
-    floor.only("height")
-    return floor["height"].number(*_HEIGHTS)
+def _object(folder: Path, about: ObjectDocument) -> CaptureObject:
+    return CaptureObject(about.name, object_mesh(folder, about.mesh), about.X_WO.pose(), about.mass)
 
 
-def read_gravity(gravity: Entry) -> float:
-    """Gravity [m/s^2] from the key `gravity`.
-
-    Raises:
-        InputError: It is not finite, or out of range.
-    """
-    return gravity.number(*_GRAVITIES)
+def object_mesh(folder: Path, name: str) -> Path:
+    """File of the object's mesh; raises InputError where it is missing."""
+    return require_file(folder / name, f"the mesh that {CAPTURE_FILE} names")
 
 
-def read_pusher(pusher: Entry, *, required: bool) -> PusherGeometry:
-    """The pusher from the key `pusher`.
-
-    Args:
-        pusher: The entry.
-        required: Whether there has to be a mesh or a shape.
-
-    Raises:
-        InputError: A key is unknown, the shape is of an unknown kind or out of range, the mesh is missing, or
-            there is neither.
-    """
-    pusher.only("mesh", "shape")
-    mesh, shape = pusher.find("mesh"), pusher.find("shape")
-    mesh_path = None if mesh is None or mesh.value is None else pusher.path.parent / mesh.text()
-    about = None if shape is None or shape.value is None else read_shape(shape)
-    if required and mesh_path is None and about is None:
-        raise pusher.refusal("a mesh or a shape")
+def pusher_geometry(entry: Entry, pusher: PusherDocument, *, required: bool) -> PusherGeometry:
+    """The pusher of a capture; raises InputError where it is required but has neither mesh nor shape, or no file."""
+    mesh_path = None if pusher.mesh is None else entry.path.parent / pusher.mesh
+    if required and mesh_path is None and pusher.shape is None:
+        raise entry.refusal("a mesh or a shape")
     if required and mesh_path is not None:
         require_file(mesh_path, f"the pusher's mesh that {CAPTURE_FILE} names")
-    return PusherGeometry(mesh_path, about)
-
-
-def read_shape(shape: Entry) -> PusherShape:
-    """Shape of a pusher from the entry `shape`.
-
-    Raises:
-        InputError: Its kind is unknown, or a size is missing or out of range.
-    """
-    shape.only("kind", "radius", "length")
-    kind = shape["kind"]
-    if kind.value not in PUSHER_KINDS:
-        raise kind.refusal(", ".join(PUSHER_KINDS))
-    radius, length = shape["radius"].number(*_SIZES), shape.find("length")
-    if kind.value == "sphere":
-        if length is not None and length.value is not None and length.number() != 0:
-            raise length.refusal("0 or none, for a sphere")
-        return PusherShape("sphere", radius)
-    return PusherShape(kind.value, radius, shape["length"].number(*_SIZES))
+    return PusherGeometry(mesh_path, None if pusher.shape is None else pusher.shape.shape())
 
 
 def episode_names(folder: Path) -> list[str]:

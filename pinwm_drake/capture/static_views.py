@@ -1,14 +1,15 @@
 """Posed images of an object at rest, as surfels are fitted to them."""
 
+import glob
 from pathlib import Path
 
 import numpy as np
 import torch
 import trimesh
 
-from pinwm_drake.capture.images import read_image, size_of
-from pinwm_drake.capture.objects import CAPTURE_FILE, read_capture_object
+from pinwm_drake.capture.images import read_image, require_size
 from pinwm_drake.capture.paths import is_file, is_folder
+from pinwm_drake.capture.scene import CAPTURE_FILE, read_capture_object
 from pinwm_drake.capture.transforms import Frame, read_transforms
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh
@@ -24,18 +25,7 @@ def is_capture(folder: Path) -> bool:
 
 
 def read_static_views(folder: Path) -> list[View]:
-    """Reads the static views of a capture.
-
-    Args:
-        folder: The capture: `capture.yaml`, `static/transforms.json`, images and, optionally, masks.
-
-    Returns:
-        The views, in the order of the file.
-
-    Raises:
-        InputError: Anything in these files is missing or wrong; see `read_capture_object`, `load_mesh` and
-            `read_views`.
-    """
+    """Static views of a capture, in the order of its file; raises InputError as `read_views` and `read_capture`."""
     about = read_capture_object(folder)
     return read_views(folder / "static", about.X_WO, mesh=load_mesh(about.mesh_path))
 
@@ -59,22 +49,18 @@ def read_views(path: Path, X_WO: Pose | None = None, *, mesh: trimesh.Trimesh | 
         InputError: A file is missing or unreadable, a size does not fit, a pose is not rigid, a camera is
             inside the object, or an image does not show the object where its camera has it.
     """
-    file = path / TRANSFORMS if is_folder(path) else path
-    frames = read_transforms(file)
-    X_WO = identity() if X_WO is None else X_WO
-    return [_read_view(frame, X_WO, mesh) for frame in frames]
+    frames = read_transforms(path / TRANSFORMS if is_folder(path) else path)
+    return [_read_view(frame, X_WO or identity(), mesh) for frame in frames]
 
 
 def _read_view(frame: Frame, X_WO: Pose, mesh: trimesh.Trimesh | None) -> View:
-    """The view of one frame, checked; raises InputError as `read_views` does."""
     X_CO = compose(inverse(frame.X_WC), X_WO)
     if mesh is not None:
         require_outside(frame, X_CO, mesh)
     image, mask = read_frame_image(frame)
-    view = View(frame.file_path, frame.camera, X_CO, torch.from_numpy(image), torch.from_numpy(mask))
     if mesh is not None:
         require_seen(frame, X_CO, mask, mesh)
-    return view
+    return View(frame.file_path, frame.camera, X_CO, torch.from_numpy(image), torch.from_numpy(mask))
 
 
 def read_frame_image(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
@@ -84,25 +70,12 @@ def read_frame_image(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
         InputError: Image or mask is missing or unreadable, of another size than the camera's, or shows nothing.
     """
     image, mask = read_image(frame.image_path, frame.mask_path or find_mask(frame.entry.path.parent, frame.image_path))
-    if mask.shape != (frame.camera.height, frame.camera.width):
-        raise InputError(
-            frame.image_path,
-            value=size_of(mask),
-            allowed=f"{frame.camera.width} x {frame.camera.height} px, as {frame.entry.path} says "
-            f"({frame.entry.place})",
-        )
+    require_size(frame.image_path, mask, frame.camera, f"as {frame.entry.path} says ({frame.entry.place})")
     return image, mask
 
 
 def find_mask(folder: Path, image_path: Path) -> Path | None:
-    """Path of the mask of an image.
-
-    Args:
-        folder: Folder in which `masks` may be.
-        image_path: The image; its mask has its name up to the suffix.
-
-    Returns:
-        Its file in `masks`; None where there is no such folder.
+    """Path of the mask of an image, with its name up to the suffix; None where `folder` has no folder `masks`.
 
     Raises:
         InputError: There is such a folder, but the mask is not in it.
@@ -110,30 +83,15 @@ def find_mask(folder: Path, image_path: Path) -> Path | None:
     masks = folder / "masks"
     if not is_folder(masks):
         return None
-    found = sorted(masks.glob(f"{_escape(image_path.stem)}.*"))
+    found = sorted(masks.glob(f"{glob.escape(image_path.stem)}.*"))
     if not found:
-        raise InputError(
-            masks, value=f"no mask {image_path.stem}.*", allowed="a mask for each image, or no such folder"
-        )
+        allowed = "a mask for each image, or no such folder"
+        raise InputError(masks, value=f"no mask {image_path.stem}.*", allowed=allowed)
     return found[0]
 
 
-def _escape(name: str) -> str:
-    """Pattern for glob that takes a name literally."""
-    return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in name)
-
-
 def require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:
-    """Requires the camera of a frame to be outside the object.
-
-    Args:
-        frame: The frame.
-        X_CO: Pose of the object in its camera: q (4,), p (3,) [m].
-        mesh: The object, m, O.
-
-    Raises:
-        InputError: It is inside.
-    """
+    """Requires a camera to be outside the object, which has pose X_CO [m] in it; raises InputError otherwise."""
     p_OC = inverse(X_CO).p.numpy()
     if winding_number(mesh, p_OC) > 0.5:
         found = f"a camera inside the object, at {(np.round(p_OC, 4) + 0.0).tolist()} m from its origin"
@@ -141,13 +99,7 @@ def require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:
 
 
 def require_seen(frame: Frame, X_CO: Pose, mask: np.ndarray, mesh: trimesh.Trimesh) -> None:
-    """Requires the camera of a frame to see the object, and not beside where the image shows it.
-
-    Args:
-        frame: The frame.
-        X_CO: Pose of the object in its camera: q (4,), p (3,) [m].
-        mask: (H, W) bool, where the image shows it.
-        mesh: The object, m, O.
+    """Requires a camera to see the object, with pose X_CO [m] in it, and not beside where the mask (H, W) shows it.
 
     Raises:
         InputError: The camera looks away from it, or the boxes around mesh and mask do not even overlap.

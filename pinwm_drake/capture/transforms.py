@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pinwm_drake.capture.objects import FARTHEST
 from pinwm_drake.capture.refusals import Refuse, raise_it
+from pinwm_drake.capture.scene import FARTHEST
 from pinwm_drake.documents import Entry, read_json
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
@@ -46,15 +46,12 @@ class Frame:
 
 
 def read_transforms(path: Path) -> list[Frame]:
-    """Reads the frames of a `transforms.json`.
+    """Reads the frames of a `transforms.json`, in its order.
 
     Intrinsics of a frame replace those of the file.
 
     Args:
         path: The file. Image paths count from its folder.
-
-    Returns:
-        Its frames, in its order.
 
     Raises:
         InputError: A key is missing, a number is not finite or out of range, a camera model is another than
@@ -67,15 +64,7 @@ def read_transforms(path: Path) -> list[Frame]:
 
 
 def require_different(frames: list[Frame], refuse: Refuse = raise_it) -> None:
-    """Requires each frame to have an image of its own.
-
-    Args:
-        frames: The frames.
-        refuse: Receives each problem.
-
-    Raises:
-        InputError: An image is listed twice.
-    """
+    """Requires each frame to have an image of its own; `refuse` receives each problem, an InputError."""
     seen: dict[Path, str] = {}
     for frame in frames:
         other = seen.setdefault(frame.image_path, frame.entry.place)
@@ -105,24 +94,28 @@ def read_camera(document: Entry, frame: Entry) -> Camera:
         InputError: A key is missing or out of range, or the camera is not a pinhole without distortion.
     """
 
-    def find(key: str) -> Entry | None:
-        return frame.find(key) or document.find(key)
+    # By `Entry`: a frame's keys stand in for the file's, and the bounds of cx and cy are those of w and h.
+    def find(key: str) -> Entry:
+        return frame.find(key) or document[key]
 
-    def number(key: str, low: float, high: float) -> float:
-        return (find(key) or document[key]).number(low, high)
-
-    model = find("camera_model")
+    model = frame.find("camera_model") or document.find("camera_model")
     if model is not None and model.text() not in _MODELS:
         raise model.refusal(" or ".join(_MODELS) + " without distortion")
     for key in _DISTORTIONS:
-        distortion = find(key)
+        distortion = frame.find(key) or document.find(key)
         if distortion is not None and distortion.number() != 0:
             raise distortion.refusal("0: undistort the images first")
-    width = (find("w") or document["w"]).integer(1, _MAX_SIZE)
-    height = (find("h") or document["h"]).integer(1, _MAX_SIZE)
-    focal = [number(key, 1e-3, 1e9) for key in ("fl_x", "fl_y")]
-    centre = [number("cx", -10.0 * width, 10.0 * width), number("cy", -10.0 * height, 10.0 * height)]
-    return Camera(width, height, torch.tensor([*focal, *centre], dtype=torch.float64))
+    width, height = (find(key).integer(1, _MAX_SIZE) for key in ("w", "h"))
+    bounds = {"fl_x": (1e-3, 1e9), "fl_y": (1e-3, 1e9), "cx": (-10.0 * width, 10.0 * width)}
+    bounds["cy"] = -10.0 * height, 10.0 * height
+    intrinsics = [find(key).number(*allowed) for key, allowed in bounds.items()]
+    return Camera(width, height, torch.tensor(intrinsics, dtype=torch.float64))
+
+
+def require_last_row(entry: Entry, matrix: np.ndarray) -> None:
+    """Requires the last row of a transform (4, 4) to be 0, 0, 0, 1; raises InputError otherwise."""
+    if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
+        raise entry.refusal("a matrix whose last row is 0, 0, 0, 1", f"last row {matrix[3].tolist()}")
 
 
 def read_pose(entry: Entry) -> Pose:
@@ -135,24 +128,18 @@ def read_pose(entry: Entry) -> Pose:
 
 
 def opencv_pose(entry: Entry, matrix: np.ndarray) -> Pose:
-    """A camera's pose in OpenCV axes from its matrix (4, 4) [m] in OpenGL axes.
-
-    Args:
-        entry: Entry of the matrix.
-        matrix: Finite numbers.
+    """A camera's pose in OpenCV axes from the finite matrix (4, 4) [m] of an entry, in OpenGL axes.
 
     Raises:
         InputError: It is not a rigid transform, or is a kilometre away.
     """
     rotation = matrix[:3, :3]
-    if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
-        raise entry.refusal("a matrix whose last row is 0, 0, 0, 1", f"last row {matrix[3].tolist()}")
+    require_last_row(entry, matrix)
     with np.errstate(over="ignore", invalid="ignore"):
         error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
     if not error <= _ORTHONORMAL:  # NaN too
-        raise entry.refusal(
-            f"a rigid transform: axes orthonormal to {_ORTHONORMAL:g}", f"a matrix with axes {error:.2g} off"
-        )
+        allowed = f"a rigid transform: axes orthonormal to {_ORTHONORMAL:g}"
+        raise entry.refusal(allowed, f"a matrix with axes {error:.2g} off")
     if np.linalg.det(rotation) < 0:
         raise entry.refusal("a rotation with determinant +1", "a reflection, determinant -1")
     if np.abs(matrix[:3, 3]).max() > FARTHEST:

@@ -22,8 +22,7 @@ from pinwm_drake.capture.episode_tables import (
     PusherTrajectory,
 )
 from pinwm_drake.capture.episodes import CAMERA_FILE
-from pinwm_drake.capture.objects import CAPTURE_FILE, SCHEMA_VERSION, UNITS
-from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.capture.scene import CAPTURE_FILE, SCHEMA_VERSION, UNITS, PusherShape
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose, pose_to_matrix
@@ -57,7 +56,7 @@ def write_capture_yaml(
     Raises:
         InputError: The file cannot be written.
     """
-    shape: dict[str, Any] | None = None
+    shape = None
     if pusher_shape is not None:
         shape = {"kind": pusher_shape.kind, "radius": float(pusher_shape.radius), "length": float(pusher_shape.length)}
     document = {
@@ -68,7 +67,7 @@ def write_capture_yaml(
             "name": name,
             "mesh": mesh,
             "mass": None if mass is None else float(mass),
-            "X_WO": {"p": _floats(X_WO.p), "q": _floats(X_WO.q)},
+            "X_WO": {"p": X_WO.p.tolist(), "q": X_WO.q.tolist()},
         },
         "pusher": {"mesh": pusher_mesh, "shape": shape},
         "floor": {"height": float(floor_height)},
@@ -78,25 +77,17 @@ def write_capture_yaml(
 
 
 def write_transforms(path: Path, camera: Camera, frames: list[tuple[str, Pose]]) -> None:
-    """Writes a `transforms.json` of nerfstudio, with poses in OpenGL's axes.
-
-    Args:
-        path: The file; its folder is made if need be.
-        camera: Camera of all frames; intrinsics (4,).
-        frames: Path of each image from the folder of the file, and X_WC (OpenCV axes), q (4,), p (3,) [m].
-
-    Raises:
-        InputError: The file cannot be written.
-    """
+    """Writes a `transforms.json` for images of one camera; see `write_posed_images`."""
     write_posed_images(path, [(name, camera, X_WC) for name, X_WC in frames])
 
 
 def write_posed_images(path: Path, frames: list[tuple[str, Camera, Pose]]) -> None:
-    """Writes a `transforms.json` of nerfstudio for images whose cameras may differ.
+    """Writes a `transforms.json` of nerfstudio, with poses in OpenGL's axes.
 
     Args:
         path: The file; its folder is made if need be.
-        frames: Path of each image from the folder of the file, its camera with intrinsics (4,), and X_WC.
+        frames: Path of each image from the folder of the file, its camera with intrinsics (4,), and its pose X_WC
+            (OpenCV axes), q (4,), p (3,) [m].
 
     Raises:
         InputError: The file cannot be written.
@@ -133,10 +124,8 @@ def write_episode_tables(
     Raises:
         InputError: A file cannot be written.
     """
-    prepare_folder(folder)
-    _write_text(
-        folder / CAMERA_FILE, json.dumps({**_intrinsics(camera), "transform_matrix": _opengl(X_WC)}, indent=1) + "\n"
-    )
+    posed = {**_intrinsics(camera), "transform_matrix": _opengl(X_WC)}
+    _write_text(prepare_folder(folder) / CAMERA_FILE, json.dumps(posed, indent=1) + "\n")
     rows = [[k, name, float(time)] for k, (name, time) in enumerate(zip(file_names, t, strict=True))]
     _write_table(folder / FRAMES_FILE, FRAME_COLUMNS, rows)
     write_trajectory(folder / TRAJECTORY_FILE, trajectory)
@@ -169,25 +158,13 @@ def write_pose_table(path: Path, poses: ObjectPoses) -> None:
 
 
 def _intrinsics(camera: Camera) -> dict[str, Any]:
-    focal_x, focal_y, centre_x, centre_y = camera.intrinsics.tolist()
-    return {
-        "camera_model": "PINHOLE",
-        "w": camera.width,
-        "h": camera.height,
-        "fl_x": focal_x,
-        "fl_y": focal_y,
-        "cx": centre_x,
-        "cy": centre_y,
-    }
+    numbers = zip(("fl_x", "fl_y", "cx", "cy"), camera.intrinsics.tolist(), strict=True)
+    return {"camera_model": "PINHOLE", "w": camera.width, "h": camera.height, **dict(numbers)}
 
 
 def _opengl(X_WC: Pose) -> list[list[float]]:
     """The matrix of a pose, from OpenCV's axes (x right, y down, z forward) to OpenGL's."""
     return (pose_to_matrix(X_WC).numpy() @ np.diag([1.0, -1.0, -1.0, 1.0]) + 0.0).tolist()
-
-
-def _floats(values: Any) -> list[float]:
-    return [float(value) for value in values]
 
 
 def _write_table(path: Path, columns: tuple[str, ...], rows: list[list[Any]]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from pinwm_drake.capture.objects import CAPTURE_FILE, read_capture_object
+from pinwm_drake.capture.scene import CAPTURE_FILE, read_capture_object
 from pinwm_drake.capture.static_views import is_capture, read_views
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.experiments.progress import Progress, silent

@@ -22,7 +22,7 @@ from pinwm_drake.scene import (
 )
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
-from pinwm_drake.twin.forces import pusher_impulses
+from pinwm_drake.twin.rollout import pusher_impulses
 
 # Half the difference quotient's step by which a shift in time turns into velocities [s].
 _TIME_STEP = 1e-3

@@ -27,8 +27,8 @@ from pinwm_drake.scene import Scene, make_scene, resting_height
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 from pinwm_drake.twin.assembly import assemble_twin
+from pinwm_drake.twin.document import to_plain
 from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
-from pinwm_drake.twin.plain_data import to_plain
 from pinwm_drake.twin.twin import Twin
 
 # Options that a continued search may have otherwise; threads count with the number that is used.

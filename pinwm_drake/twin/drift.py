@@ -27,8 +27,8 @@ def way(X_WO: Pose, times: Tensor, radius: float) -> Tensor:
 
     Args:
         X_WO: q (..., n, 4), p (..., n, 3), m.
-        times: (n,), of the poses, s; in any order.
-        radius: Of the object, m.
+        times: Times of the poses (n,) [s], in any order.
+        radius: Radius of the object, m.
     """
     order = torch.argsort(times)
     q, p = X_WO.q[..., order, :], X_WO.p[..., order, :]
@@ -42,8 +42,8 @@ def drift(radius: float, walk: float) -> Tensor:
     """Standard deviations (6,) of rotation vector [rad] and position [m], world axes, after a way of one metre.
 
     Args:
-        radius: Of the object, m.
-        walk: That of a position in the floor's plane, m.
+        radius: Radius of the object, m.
+        walk: Standard deviation of a position in the floor's plane, m.
     """
     share = torch.tensor([OUT_OF_PLANE, OUT_OF_PLANE, 1.0, 1.0, 1.0, OUT_OF_PLANE], dtype=torch.float64)
     return walk * share * per_radius(radius)

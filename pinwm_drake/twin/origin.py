@@ -1,7 +1,7 @@
 """Origin of a twin: the episodes that it was identified from, and how they start."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from pinwm_drake.capture.episode_tables import POSES_FILE
 from pinwm_drake.capture.episodes import Episode
 from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
 from pinwm_drake.capture.scene import Capture
-from pinwm_drake.errors import InputError
+from pinwm_drake.documents import read_bytes
 from pinwm_drake.spatial.poses import Pose, compose
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
 from pinwm_drake.twin.twin import Twin
@@ -76,23 +76,17 @@ def hash_capture(folder: Path, episodes: Sequence[str]) -> str:
     Raises:
         InputError: A file cannot be read.
     """
+    parts = ("meshes", "static", *(f"episodes/{episode}" for episode in episodes))
+    files = [folder / "capture.yaml"]
+    for path in (path for part in parts for path in (folder / part).rglob("*")):
+        hidden = any(name.startswith(".") for name in path.relative_to(folder).parts)
+        if path.is_file() and not hidden and path.name not in _LEFT_OUT:
+            files.append(path)
     digest = hashlib.sha256()
-    for path in sorted(_files(folder, episodes)):
-        try:
-            contents = hashlib.sha256(path.read_bytes()).hexdigest()
-        except OSError as error:
-            raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+    for path in sorted(files):
+        contents = hashlib.sha256(read_bytes(path)).hexdigest()
         digest.update(f"{path.relative_to(folder).as_posix()}\n{contents}\n".encode("utf-8", "surrogateescape"))
     return digest.hexdigest()
-
-
-def _files(folder: Path, episodes: Sequence[str]) -> Iterator[Path]:
-    yield folder / "capture.yaml"
-    for part in ("meshes", "static", *(f"episodes/{episode}" for episode in episodes)):
-        for path in (folder / part).rglob("*"):
-            hidden = any(name.startswith(".") for name in path.relative_to(folder).parts)
-            if path.is_file() and not hidden and path.name not in _LEFT_OUT:
-                yield path
 
 
 def identified_push(twin: Twin, capture: Capture, episode: Episode) -> int | None:
@@ -164,22 +158,12 @@ def start_pose(twin: Twin, capture: Capture, push: int | None) -> Pose:
 
 
 def time_offset(twin: Twin, push: int | None) -> float:
-    """Delay of an episode's frames against the robot's clock [s]; 0 where it is not known.
-
-    Args:
-        twin: The twin.
-        push: Number of the identified push; None for another one.
-    """
+    """Delay of the frames of an identified push against the robot's clock [s]; 0 where it is not known."""
     return 0.0 if push is None else of_push(twin, "time_offset", push, 0.0)
 
 
 def in_push(twin: Twin, push: int | None) -> Twin:
-    """The twin with the frictions that it had in one of its own pushes, by `grip_floor` and `grip_pusher`.
-
-    Args:
-        twin: The twin.
-        push: Number of the identified push; None for another one, which is the twin as it is.
-    """
+    """The twin with the frictions of an identified push, by `grip_floor` and `grip_pusher`; as it is for None."""
     if push is None:
         return twin
     factors = {f"friction_{one}": of_push(twin, f"grip_{one}", push, 1.0) for one in ("floor", "pusher")}

@@ -1,15 +1,13 @@
 """Predictions of a twin for the pusher's log of an episode, of its own capture or of another one."""
 
-import hashlib
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import torch
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
 from pinwm_drake.capture.scene import Capture, PusherGeometry
-from pinwm_drake.errors import InputError
+from pinwm_drake.documents import read_bytes
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
@@ -20,7 +18,6 @@ from pinwm_drake.twin.twin import Twin
 
 # Differences that are taken for rounding: of gravity [m/s^2], and of a floor on which the object was said to rest [m].
 _SAME_GRAVITY, _SAME_FLOOR = 1e-3, 1e-3
-_WORLDS = 64  # draws of a spread
 TWO_SIDED = 1.96  # standard deviations within which are 95 % of a normal distribution
 
 
@@ -67,13 +64,7 @@ class Spread:
 
 
 def predict_spread(
-    twin: Twin,
-    capture: Capture,
-    episode: Episode,
-    push: int | None,
-    *,
-    start: Pose | None = None,
-    number: int = _WORLDS,
+    twin: Twin, capture: Capture, episode: Episode, push: int | None, *, start: Pose | None = None, number: int = 64
 ) -> Spread | None:
     """Spread of `predict_poses`: of the physics by the twin's draws, and of what no physics of the twin's could tell.
 
@@ -89,10 +80,9 @@ def predict_spread(
     """
     if twin.draws is None:
         return None
-    start, late = start or start_pose(twin, capture, push), time_offset(twin, push)
-    rows = twin.draws.rows(number)
-    placed = _in_place_of(in_push(twin, push), capture)
-    return spread_of(rollout_draws(placed, start, episode.trajectory, episode.t + late, rows), episode.t, twin)
+    start, t = start or start_pose(twin, capture, push), episode.t + time_offset(twin, push)
+    placed, rows = _in_place_of(in_push(twin, push), capture), twin.draws.rows(number)
+    return spread_of(rollout_draws(placed, start, episode.trajectory, t, rows), episode.t, twin)
 
 
 def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin) -> Spread:
@@ -108,15 +98,13 @@ def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin) -> Spread:
 
 def mismatches(twin: Twin, capture: Capture) -> list[str]:
     """Differences of a capture's scene from that of the twin, in words."""
-    found = []
-    if _digest(twin.mesh_path) != _digest(capture.object.mesh_path):
+    found, of_twin, of_capture = [], twin.gravity, capture.gravity
+    if read_bytes(twin.mesh_path) != read_bytes(capture.object.mesh_path):
         found.append(f"the twin's mesh is another one than {capture.object.mesh_path}; the twin's is used")
     if not _same_pusher(twin.pusher, capture.pusher):
         found.append(f"the twin's pusher is another one than that of {capture.folder}; the twin's is used")
-    if abs(twin.gravity - capture.gravity) > _SAME_GRAVITY:
-        found.append(
-            f"gravity is {twin.gravity:g} m/s² in the twin; the {capture.gravity:g} m/s² of the capture are used"
-        )
+    if abs(of_twin - of_capture) > _SAME_GRAVITY:
+        found.append(f"gravity is {of_twin:g} m/s² in the twin; the {of_capture:g} m/s² of the capture are used")
     ours, theirs = 1e3 * (twin.floor_height - _lift(twin)), 1e3 * capture.floor_height
     if abs(ours - theirs) > 1e3 * _SAME_FLOOR:
         found.append(f"the floor is {ours:.1f} mm high in the twin; the {theirs:.1f} mm of the capture are used")
@@ -139,11 +127,4 @@ def _same_pusher(twin: PusherGeometry, capture: PusherGeometry) -> bool:
         return twin.shape == capture.shape
     if twin.mesh_path is None or capture.mesh_path is None:
         return twin.mesh_path == capture.mesh_path
-    return _digest(twin.mesh_path) == _digest(capture.mesh_path)
-
-
-def _digest(path: Path) -> str:
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+    return read_bytes(twin.mesh_path) == read_bytes(capture.mesh_path)

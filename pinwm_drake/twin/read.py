@@ -2,16 +2,18 @@
 
 import hashlib
 import re
+import zipfile
 from pathlib import Path, PurePosixPath
+
+import numpy as np
 
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.scene import PusherGeometry
-from pinwm_drake.documents import Entry, read_yaml
+from pinwm_drake.documents import Entry, read_bytes, read_yaml
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.twin.document import read_document
-from pinwm_drake.twin.draws import read_draws
-from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Twin
+from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Draws, Twin
 
 
 def read_twin(folder: Path) -> Twin:
@@ -32,21 +34,28 @@ def read_twin(folder: Path) -> Twin:
         raise InputError(folder, value="no such folder", allowed="a twin, as `pinwm identify` writes it")
     entry = read_yaml(require_file(folder / TWIN_FILE, "the twin that `pinwm identify` writes"))
     document = read_document(entry)
-    paths = {SURFELS_FILE: folder / SURFELS_FILE, document.mesh.text(): _locate(folder, document.mesh)}
-    pusher = document.pusher_mesh
+    paths = {SURFELS_FILE: folder / SURFELS_FILE, document.mesh: _locate(folder, entry["mesh"])}
+    pusher, shape = document.pusher.mesh, document.pusher.shape
     if pusher is not None:
-        paths[pusher.text()] = _locate(folder, pusher)
-    hashes = entry["sha256"]
-    has_draws = isinstance(hashes.value, dict) and DRAWS_FILE in hashes.value
+        paths[pusher] = _locate(folder, entry["pusher"]["mesh"])
+    has_draws = isinstance(document.sha256, dict) and DRAWS_FILE in document.sha256
     if has_draws:
         paths[DRAWS_FILE] = folder / DRAWS_FILE
-    _check_hashes(paths, hashes)
+    _check_hashes(paths, entry["sha256"])
+    theta, nuisance = document.estimates()
     return Twin(
-        mesh_path=paths[document.mesh.text()],
-        pusher=PusherGeometry(None if pusher is None else paths[pusher.text()], document.pusher_shape),
+        name=document.name,
+        mesh_path=paths[document.mesh],
+        pusher=PusherGeometry(None if pusher is None else paths[pusher], None if shape is None else shape.shape()),
+        gravity=document.gravity,
+        floor_height=document.floor.height,
+        **document.physics.model_dump(),
+        theta=theta,
+        nuisance=nuisance,
+        camera_offset=document.camera_offset,
         surfels=read_ply(folder / SURFELS_FILE),
+        provenance=document.provenance,
         draws=read_draws(folder / DRAWS_FILE) if has_draws else None,
-        **document.values,
     )
 
 
@@ -54,17 +63,13 @@ def _locate(folder: Path, entry: Entry) -> Path:
     """The file of a name in the folder; raises InputError where it leads out of it."""
     name = PurePosixPath(entry.text())
     inside = not name.is_absolute() and ".." not in name.parts and "\\" not in entry.text()
-    if not inside or not _is_below(folder / name, folder):
+    try:  # symbolic links followed
+        inside = inside and (folder / name).resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # links that go round in circles
+        inside = False
+    if not inside:
         raise entry.refusal("a file in the folder of the twin, named from there")
     return require_file(folder / name, f"the file that {entry.path.name} names under {entry.place}")
-
-
-def _is_below(path: Path, folder: Path) -> bool:
-    """Flag: a path stays in a folder, symbolic links followed."""
-    try:
-        return path.resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError):  # links that go round in circles
-        return False
 
 
 def _check_hashes(paths: dict[str, Path], hashes: Entry) -> None:
@@ -75,13 +80,29 @@ def _check_hashes(paths: dict[str, Path], hashes: Entry) -> None:
         if not re.fullmatch("[0-9a-f]{64}", expected):
             raise hashes[name].refusal("64 hexadecimal digits")
         require_file(path, f"the file that {hashes.path.name} names under sha256")
-        try:
-            found = hashlib.sha256(path.read_bytes()).hexdigest()
-        except OSError as error:
-            raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+        found = hashlib.sha256(read_bytes(path)).hexdigest()
         if found != expected:
-            raise InputError(
-                path,
-                value=f"SHA-256 {found[:12]}...",
-                allowed=f"{expected[:12]}..., as twin.yaml has it; the file was changed, or is of another run",
-            )
+            allowed = f"{expected[:12]}..., as twin.yaml has it; the file was changed, or is of another run"
+            raise InputError(path, value=f"SHA-256 {found[:12]}...", allowed=allowed)
+
+
+def read_draws(path: Path) -> Draws:
+    """Reads the draws of a twin.
+
+    Raises:
+        InputError: The file is missing, unreadable, or its arrays are no table of finite numbers with a name for each
+            column.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            names, values = file["names"], file["values"]
+    except (OSError, ValueError, TypeError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        found = f"unreadable contents ({error})"
+        raise InputError(path, value=found, allowed="names and values, no pickles") from error
+    if values.ndim != 2 or names.shape != values.shape[1:] or not len(values) or values.dtype.kind != "f":
+        raise InputError(path, value=f"names {names.shape}, values {values.shape}", allowed="(p,) and (N, p), N > 0")
+    wrong = np.argwhere(~np.isfinite(values))
+    if len(wrong):
+        row, column = wrong[0]
+        raise InputError(path, value=f"{values[row, column]} in row {row} of {names[column]}", allowed="finite numbers")
+    return Draws([str(name) for name in names], values)

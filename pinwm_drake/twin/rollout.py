@@ -8,8 +8,12 @@ import torch
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.errors import SolverError
+from pinwm_drake.physics.impulses import contact_impulses
 from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.scene import (
+    PAIR_PUSHER,
+    PusherMotion,
     Scene,
     make_scene,
     pusher_motion,
@@ -17,6 +21,7 @@ from pinwm_drake.scene import (
     rollout_poses,
     scaled_inertia,
     scene_parameters,
+    start_state,
     step_count,
 )
 from pinwm_drake.spatial.poses import Pose
@@ -28,9 +33,8 @@ _RESTS = 5e-3
 # Where the contacts of a step have no solution that the solvers find, smaller steps meet others.
 _HALVINGS = 4
 # Nuisances that have a part in the physics, and their values without effect.
-NO_EFFECT = {f"{name}_{axis}": value for name, value in (("center", 0.0), ("support", 1.0)) for axis in "xyz"} | {
-    "contact_offset": 0.0
-}
+NO_EFFECT = {f"center_{axis}": 0.0 for axis in "xyz"} | {f"support_{axis}": 1.0 for axis in "xyz"}
+NO_EFFECT |= {"contact_offset": 0.0}
 
 
 def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
@@ -53,7 +57,7 @@ def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
 def twin_parameters(twin: Twin, scene: Scene) -> Parameters:
     """Parameters of one world. Products of inertia are those of the mesh, scaled like the moments."""
     estimates = twin.theta | twin.nuisance
-    return physical_parameters({name: [estimate.value] for name, estimate in estimates.items()}, scene)
+    return _physical_parameters({name: [estimate.value] for name, estimate in estimates.items()}, scene)
 
 
 def drawn_parameters(twin: Twin, scene: Scene, rows: np.ndarray, *, anew: bool = True) -> Parameters:
@@ -70,17 +74,11 @@ def drawn_parameters(twin: Twin, scene: Scene, rows: np.ndarray, *, anew: bool =
     for name, factor in grips(rows).items():
         if anew and name in drawn:
             drawn[name] = (np.asarray(drawn[name]) * factor).tolist()
-    return physical_parameters(known | drawn, scene)
+    return _physical_parameters(known | drawn, scene)
 
 
-def physical_parameters(values: Mapping[str, Sequence[float]], scene: Scene) -> Parameters:
-    """Parameters of W worlds.
-
-    Args:
-        values: W values for each of `THETA`, and for those nuisances that have a part in the physics; one that is
-            missing has no effect.
-        scene: Scene of the object.
-    """
+def _physical_parameters(values: Mapping[str, Sequence[float]], scene: Scene) -> Parameters:
+    """Parameters of W worlds by W values for each of `THETA` and the nuisances; a missing one has no effect."""
     theta = {name: [plain] * len(values["mass"]) for name, plain in NO_EFFECT.items()} | dict(values)
     tensors = {name: torch.tensor(value, dtype=torch.float64) for name, value in theta.items()}
     solid = torch.as_tensor(scene.model.bodies[0].inertia, dtype=torch.float64).diagonal()
@@ -107,10 +105,12 @@ def rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray)
         InputError: A mesh cannot be used.
         SolverError: The physics found no solution, at the twin's time step nor at smaller ones.
     """
-    steps = (twin.time_step / 2**halving for halving in range(_HALVINGS))
-    for step in steps:
+    t = np.asarray(t, float)
+    for halving in range(_HALVINGS):
         try:
-            return _rollout(replace(twin, time_step=step), X_WO, trajectory, np.asarray(t, float))
+            scene = twin_scene(replace(twin, time_step=twin.time_step / 2**halving), X_WO.q)
+            found = rollout_worlds(scene, twin_parameters(twin, scene), X_WO, trajectory, t)
+            return ObjectPoses(t=t, p_WO=found.p[:, 0].numpy(), q_WO=found.q[:, 0].numpy())
         except SolverError as error:
             failure = error
     raise failure
@@ -120,10 +120,7 @@ def rollout_draws(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.nd
     """Poses of the object along a motion of the pusher, by draws from the posterior of a twin.
 
     Args:
-        twin: Geometry, and draws; the same W times without draws.
-        X_WO: Pose at t[0], as for `rollout`.
-        trajectory: Motion of the pusher.
-        t: (n,) [s], not decreasing.
+        twin, X_WO, trajectory, t: As for `rollout`; without draws, all W are the same.
         rows: (W,), rows of the draws.
 
     Returns:
@@ -137,13 +134,6 @@ def rollout_draws(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.nd
     return rollout_worlds(scene, drawn_parameters(twin, scene, rows), X_WO, trajectory, np.asarray(t, float))
 
 
-def _rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> ObjectPoses:
-    """Rollout at the twin's own time step; arguments as for `rollout`."""
-    scene = twin_scene(twin, X_WO.q)
-    found = rollout_worlds(scene, twin_parameters(twin, scene), X_WO, trajectory, t)
-    return ObjectPoses(t=t, p_WO=found.p[:, 0].numpy(), q_WO=found.q[:, 0].numpy())
-
-
 def rollout_worlds(
     scene: Scene, parameters: Parameters, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray
 ) -> Pose:
@@ -151,10 +141,8 @@ def rollout_worlds(
 
     Args:
         scene: Physics.
-        parameters: Of W worlds.
-        X_WO: Pose at t[0], as for `rollout`.
-        trajectory: Motion of the pusher.
-        t: (n,) [s], not decreasing.
+        parameters: Parameters of W worlds.
+        X_WO, trajectory, t: As for `rollout`.
 
     Returns:
         q (n, W, 4), p (n, W, 3) [m].
@@ -176,3 +164,49 @@ def resting_start(scene: Scene, X_WO: Pose) -> Pose:
     if abs(float(p_WO[2]) - rest) < _RESTS:
         p_WO[2] = rest
     return Pose(X_WO.q, p_WO)
+
+
+def pusher_force(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Force that the object exerts on the pusher, as a sensor in the pusher's stem reads it.
+
+    Args:
+        twin, X_WO, trajectory: As for `rollout`; the forces of the trajectory are not used.
+        t: (n,) [s], not decreasing; the force is told from its first to its last.
+
+    Returns:
+        Times (T + 1,) [s] at which the steps of the physics begin and end, and the mean force in each step (T, 3) [N],
+        world axes.
+
+    Raises:
+        InputError: A mesh cannot be used.
+        SolverError: The physics found no solution.
+    """
+    scene = twin_scene(twin, X_WO.q)
+    h, first = scene.model.time_step, float(t[0])
+    steps = step_count(float(t[-1]) - first, h)
+    start = resting_start(scene, X_WO)
+    motion = pusher_motion(trajectory, first, steps, h)
+    impulses = pusher_impulses(scene, twin_parameters(twin, scene), Pose(start.q[None], start.p[None]), motion)
+    return first + h * np.arange(steps + 1), impulses[:, 0] / h
+
+
+def pusher_impulses(
+    scene: Scene, parameters: Parameters, X_WO: Pose, motion: PusherMotion, *, num_threads: int | None = None
+) -> np.ndarray:
+    """Impulses of the object on the pusher in every step of W rollouts.
+
+    Args:
+        scene, parameters, X_WO, motion, num_threads: As for `scene.rollout_poses`.
+
+    Returns:
+        (T, W, 3) N s, world axes.
+
+    Raises:
+        StateError: Shapes do not fit.
+        SolverError: The physics found no solution.
+    """
+    start, V_WP = start_state(scene, parameters, X_WO, motion)
+    with torch.no_grad():
+        record = Stepper(scene.model, num_threads=num_threads).rollout(parameters, start, V_WP)
+    on_object = contact_impulses(scene.model, parameters, record, V_WP, num_threads=num_threads)
+    return -on_object[:, :, PAIR_PUSHER]

@@ -1,19 +1,17 @@
 """Writing of a twin's folder, whole or recognisably not."""
 
 import hashlib
-import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
-from pinwm_drake.documents import Entry
-from pinwm_drake.errors import InputError
+from pinwm_drake.documents import YAML_FLOAT, Entry, read_bytes
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.rendering.ply import write_ply
 from pinwm_drake.twin.document import read_document, to_document
-from pinwm_drake.twin.draws import write_draws
-from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Twin
+from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Draws, Twin
 
 _MESHES = "meshes"
 
@@ -26,9 +24,7 @@ class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
         return True
 
 
-_Dumper.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"), list("-+.0123456789")
-)
+_Dumper.add_implicit_resolver(*YAML_FLOAT)
 
 
 def write_twin(folder: Path, twin: Twin) -> None:
@@ -46,11 +42,11 @@ def write_twin(folder: Path, twin: Twin) -> None:
         RenderingError: The surfels are not usable.
     """
     mesh, pusher, pusher_path = f"{_MESHES}/object{twin.mesh_path.suffix.lower()}", None, twin.pusher.mesh_path
-    files = {mesh: _read(twin.mesh_path)}
+    files = {mesh: read_bytes(twin.mesh_path)}
     # A capture may name a mesh that is not there where the pusher has a shape.
     if pusher_path is not None and (twin.pusher.shape is None or pusher_path.is_file()):
         pusher = f"{_MESHES}/pusher{pusher_path.suffix.lower()}"
-        files[pusher] = _read(pusher_path)
+        files[pusher] = read_bytes(pusher_path)
     document = to_document(twin, mesh, pusher)
     path = folder / TWIN_FILE
     read_document(Entry(path, "", document))
@@ -60,20 +56,22 @@ def write_twin(folder: Path, twin: Twin) -> None:
     for name, contents in files.items():
         with replacing(folder / name) as temporary:
             temporary.write_bytes(contents)
-    files[SURFELS_FILE] = _read(folder / SURFELS_FILE)
+    files[SURFELS_FILE] = read_bytes(folder / SURFELS_FILE)
     if twin.draws is not None:
         write_draws(folder / DRAWS_FILE, twin.draws)
-        files[DRAWS_FILE] = _read(folder / DRAWS_FILE)
+        files[DRAWS_FILE] = read_bytes(folder / DRAWS_FILE)
     document["sha256"] = {name: hashlib.sha256(contents).hexdigest() for name, contents in sorted(files.items())}
+    form = {"sort_keys": False, "allow_unicode": True, "width": 110, "default_flow_style": None}
+    text = yaml.dump(document, Dumper=_Dumper, **form)
     with replacing(path) as temporary:
-        text = yaml.dump(
-            document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None
-        )
         temporary.write_text(text, encoding="utf-8")
 
 
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+def write_draws(path: Path, draws: Draws) -> None:
+    """Writes the draws of a twin.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    with replacing(path) as temporary:
+        np.savez(temporary, allow_pickle=False, names=np.array(draws.names), values=draws.values)

@@ -9,8 +9,7 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.capture.episode_tables import read_object_poses
-from pinwm_drake.capture.objects import CAPTURE_FILE
-from pinwm_drake.capture.scene import EPISODES, read_capture
+from pinwm_drake.capture.scene import CAPTURE_FILE, EPISODES, read_capture
 from pinwm_drake.capture.write import write_episode_tables
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.spatial.poses import Pose

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
+from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory, read_episode_image
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables
 from pinwm_drake.rendering.camera import Camera
@@ -76,3 +76,9 @@ def write_pushed_cube(folder: Path) -> Path:
     for name, p_WO in zip(names, poses().p_WO, strict=True):
         Image.fromarray(picture(view, float(p_WO[0]))).save(episode / name)
     return folder
+
+
+def read_frames(episode):
+    """Images (n, H, W, 3) and masks (n, H, W) of an episode."""
+    pictures = [read_episode_image(episode.folder, name, episode.camera) for name in episode.file_names]
+    return tuple(torch.from_numpy(np.stack(parts)) for parts in zip(*pictures, strict=True))

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pinwm_drake.capture.importers.colmap import import_colmap
-from pinwm_drake.capture.importers.colmap_model import read_model
+from pinwm_drake.capture.importers.colmap import import_colmap, read_model
 from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
 from pinwm_drake.capture.importers.target import Scenery
 from pinwm_drake.capture.static_views import read_static_views, read_views

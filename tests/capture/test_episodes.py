@@ -5,10 +5,10 @@ import pytest
 import torch
 from PIL import Image
 
-from pinwm_drake.capture.episodes import pose_at, read_episode, read_episode_folder, read_frames
+from pinwm_drake.capture.episodes import pose_at, read_episode, read_episode_folder
 from pinwm_drake.capture.scene import read_capture
 from pinwm_drake.errors import InputError
-from tests.capture.pushed_cube import FRAMES, SIZE, poses, times, trajectory
+from tests.capture.pushed_cube import FRAMES, SIZE, poses, read_frames, times, trajectory
 
 
 def lines_of(folder, name):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pinwm_drake.capture.check import check_capture
-from pinwm_drake.capture.episodes import read_episode, read_frames
+from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.importers.colmap import import_colmap
 from pinwm_drake.capture.importers.nerfstudio import import_nerfstudio
 from pinwm_drake.capture.importers.pinwm import import_pinwm
@@ -18,6 +18,7 @@ from pinwm_drake.capture.static_views import read_static_views
 from pinwm_drake.errors import PinwmError
 from tests.capture.cube import write_mesh, write_views
 from tests.capture.mutations import mutate
+from tests.capture.pushed_cube import read_frames
 from tests.capture.test_colmap import model_of, write_binary, write_text
 from tests.capture.test_pinwm import GOAL, START, write_like_theirs
 

@@ -6,8 +6,7 @@ import pytest
 
 from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.episodes import read_episode
-from pinwm_drake.capture.importers.pinwm import import_pinwm
-from pinwm_drake.capture.importers.pinwm_push import RATE, trajectory
+from pinwm_drake.capture.importers.pinwm import RATE, import_pinwm, trajectory
 from pinwm_drake.capture.importers.target import Scenery
 from pinwm_drake.capture.scene import PusherShape, read_capture
 from pinwm_drake.capture.static_views import read_static_views

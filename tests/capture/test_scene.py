@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 import yaml
 
-from pinwm_drake.capture.objects import read_capture_object
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.capture.scene import PusherGeometry, PusherShape, read_capture
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape, read_capture, read_capture_object
 from pinwm_drake.errors import GeometryError, InputError
 from tests.capture.cube import HEIGHT, write_mesh
 from tests.capture.pushed_cube import RADIUS

@@ -9,7 +9,7 @@ import torch
 import trimesh
 from PIL import Image
 
-from pinwm_drake.capture.objects import read_capture_object
+from pinwm_drake.capture.scene import read_capture_object
 from pinwm_drake.capture.static_views import read_static_views, read_views, winding_number
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh

@@ -16,7 +16,7 @@ from pinwm_drake.rendering.ply import write_ply
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import PusherMotion, Scene, make_scene, pusher_motion, resting_height, rollout_poses
 from pinwm_drake.spatial.poses import Pose, compose, inverse
-from pinwm_drake.twin.forces import pusher_impulses
+from pinwm_drake.twin.rollout import pusher_impulses
 from tests.rendering.boxes import look_at
 from tests.report.samples import picture
 

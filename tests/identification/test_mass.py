@@ -7,7 +7,7 @@ import torch
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.identification.mass import MassScale, fit_mass_scale, with_mass
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin.forces import pusher_force
+from pinwm_drake.twin.rollout import pusher_force
 from pinwm_drake.twin.twin import Draws
 from tests.capture.cube import SIDE
 from tests.report.samples import log

@@ -9,12 +9,11 @@ import torch
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp
-from pinwm_drake.twin.draws import read_draws, write_draws
 from pinwm_drake.twin.drift import DRIFT, WALKS, drift, typical_walk, way
 from pinwm_drake.twin.predict import spread_of
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import read_draws, read_twin
 from pinwm_drake.twin.twin import DRAWS_FILE, Draws
-from pinwm_drake.twin.write import write_twin
+from pinwm_drake.twin.write import write_draws, write_twin
 from tests.twin.samples import cube_twin
 
 

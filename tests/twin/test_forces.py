@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin.forces import pusher_force
+from pinwm_drake.twin.rollout import pusher_force
 from tests.capture.cube import SIDE
 from tests.report.samples import log
 from tests.twin.samples import MASS, cube_twin, estimates, weighing

@@ -28,7 +28,6 @@ class Findings:
     """
 
     def __init__(self, folder: Path) -> None:
-        """Collection without problems; `folder` is the capture."""
         self.problems: list[Problem] = []
         self._folder = folder
         self._seen: set[str] = set()
@@ -38,20 +37,8 @@ class Findings:
         self._note("error", error)
 
     def warn(self, path: Path, found: str, expected: str, row: int | None = None) -> None:
-        """Notes a warning, once.
-
-        Args:
-            path: The file or folder.
-            found: The finding, in words.
-            expected: A better state of the file, in words.
-            row: The line in it.
-        """
+        """Notes a warning, once: what was found in a file or folder, and a better state of it, in words."""
         self._note("warning", InputError(path, row=row, value=found, allowed=expected))
-
-    @property
-    def errors(self) -> int:
-        """Number of errors noted so far."""
-        return sum(problem.severity == "error" for problem in self.problems)
 
     def _note(self, severity: Literal["error", "warning"], error: PinwmError) -> None:
         if str(error) not in self._seen:

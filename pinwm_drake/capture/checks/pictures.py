@@ -1,4 +1,4 @@
-"""Checks of single images: sharpness, and agreement of the mesh's outline with the mask."""
+"""Checks of single images: intrinsics, sharpness, and agreement of the mesh's outline with the mask."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,10 +7,13 @@ import cv2
 import numpy as np
 
 from pinwm_drake.capture.checks.findings import Findings
+from pinwm_drake.rendering.camera import Camera
 
 _FEWEST = 250  # px; an object seen in fewer says little
 _SHARE = 0.35  # of the median sharpness; below it an image counts as blurred
 _BLURRED = 0.08  # 1/px^2, of a blur of some 2.5 px
+_OFF_CENTRE = 0.25  # of the image's size, from its middle to the principal point
+_STRETCH = 0.05  # between the two focal lengths
 _INSIDE = 2  # px from the outline, where sharpness is measured
 _FEW_INSIDE = 100  # px, too few to measure it
 _TOLERANCE = 1.5, 0.003  # px, or the share of the width: how far outlines may be apart
@@ -53,21 +56,18 @@ def compare(outline: np.ndarray, mask: np.ndarray, ignored: np.ndarray | None = 
     Returns:
         The agreement; None where too little is left to compare.
     """
-    width = max(_TOLERANCE[0], _TOLERANCE[1] * mask.shape[1])
-    counts = ~_band(outline, width)
-    if ignored is not None:
-        counts &= ~ignored
-    union, both = counts & (outline | mask), counts & outline & mask
-    if union.sum() < _FEW_INSIDE or not outline.any() or not mask.any():
-        return None
     visible = np.ones_like(mask) if ignored is None else ~ignored
     one, other = outline & visible, mask & visible
-    if not one.any() or not other.any():
+    width = round(max(_TOLERANCE[0], _TOLERANCE[1] * mask.shape[1]))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * width + 1,) * 2)
+    pixels = outline.astype(np.uint8)
+    counts = cv2.dilate(pixels, kernel) == cv2.erode(pixels, kernel)
+    union = int((counts & (one | other)).sum())
+    if union < _FEW_INSIDE or not one.any() or not other.any():
         return None
-    shift = _middle(other) - _middle(one)
-    return Agreement(
-        float(both.sum() / union.sum()), float(other.sum() / one.sum()), (float(shift[0]), float(shift[1]))
-    )
+    y, x = np.argwhere(other).mean(axis=0) - np.argwhere(one).mean(axis=0)
+    iou, area_ratio = float((counts & one & other).sum() / union), float(other.sum() / one.sum())
+    return Agreement(iou, area_ratio, (float(x), float(y)))
 
 
 def sharpness(image: np.ndarray, mask: np.ndarray) -> float | None:
@@ -82,8 +82,7 @@ def sharpness(image: np.ndarray, mask: np.ndarray) -> float | None:
         pixel, 0.5 after a Gaussian blur of 1 px, 0.13 after 2 px, 0.03 after 4 px. None where the mask is too
         small or the object of one colour.
     """
-    size = 2 * _INSIDE + 1
-    inside = cv2.erode(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    inside = cv2.erode(mask.astype(np.uint8), np.ones((2 * _INSIDE + 1,) * 2, np.uint8)) > 0
     if inside.sum() < _FEW_INSIDE:
         return None
     grey = cv2.cvtColor(np.ascontiguousarray(image, np.float32), cv2.COLOR_RGB2GRAY)
@@ -93,13 +92,7 @@ def sharpness(image: np.ndarray, mask: np.ndarray) -> float | None:
 
 
 def check_sharpness(folder: Path, values: list[tuple[Path, float | None]], findings: Findings) -> None:
-    """Warns of images far less sharp than the others, and of images that are all blurred.
-
-    Args:
-        folder: Folder of the images.
-        values: File and sharpness of each image.
-        findings: Receives the problems.
-    """
+    """Warns of images far less sharp than the others, and of images that are all blurred; `values` by file."""
     known = [value for _, value in values if value is not None]
     if len(known) < 4:
         return
@@ -118,19 +111,12 @@ def check_area(path: Path, mask: np.ndarray, findings: Findings) -> None:
         findings.warn(path, f"an object of {mask.sum()} px", f"{_FEWEST} px or more of the object")
 
 
-def dilated(mask: np.ndarray, distance: int) -> np.ndarray:
-    """Mask (H, W) grown by some pixels."""
-    size = 2 * distance + 1
-    return cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-
-
-def _band(outline: np.ndarray, width: float) -> np.ndarray:
-    """The pixels within some distance [px] of the edge of a mask."""
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(width) + 1,) * 2)
-    pixels = outline.astype(np.uint8)
-    return cv2.dilate(pixels, kernel) != cv2.erode(pixels, kernel)
-
-
-def _middle(mask: np.ndarray) -> np.ndarray:
-    rows, columns = np.nonzero(mask)
-    return np.array([columns.mean(), rows.mean()])
+def check_camera(path: Path, camera: Camera, findings: Findings) -> None:
+    """Warns of intrinsics in a file that may belong to images of another size."""
+    fx, fy, cx, cy = camera.intrinsics.tolist()
+    width, height = camera.width, camera.height
+    if abs(cx / width - 0.5) > _OFF_CENTRE or abs(cy / height - 0.5) > _OFF_CENTRE:
+        found = f"cx, cy = {cx:.6g}, {cy:.6g} in images of {width} x {height} px"
+        findings.warn(path, found, "a principal point near their middle; do the intrinsics belong to another size?")
+    if abs(fx / fy - 1) > _STRETCH:
+        findings.warn(path, f"fl_x, fl_y = {fx:.6g}, {fy:.6g}", "focal lengths that differ by 5 % at most")

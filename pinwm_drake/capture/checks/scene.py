@@ -7,17 +7,20 @@ import numpy as np
 import trimesh
 
 from pinwm_drake.capture.checks.findings import Findings
-from pinwm_drake.capture.objects import (
-    CAPTURE_FILE,
-    read_mass,
-    read_mesh_path,
-    read_object,
-    read_pose,
-    require_version,
-)
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.capture.refusals import attempt, passes
-from pinwm_drake.capture.scene import PusherGeometry, episode_names, read_floor, read_gravity, read_pusher
+from pinwm_drake.capture.refusals import attempt, ignore
+from pinwm_drake.capture.scene import (
+    CAPTURE_FILE,
+    GRAVITIES,
+    CaptureDocument,
+    FloorDocument,
+    HeadDocument,
+    PoseDocument,
+    PusherDocument,
+    episode_names,
+    object_mesh,
+    pusher_geometry,
+)
 from pinwm_drake.documents import Entry, read_yaml
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.spatial.poses import Pose
@@ -26,7 +29,6 @@ from pinwm_drake.spatial.rotations import quaternion_to_matrix
 _GRAVITY = (9.75, 9.85)  # m/s^2; on the ground it is 9.76 to 9.83
 _LARGE = 1.0  # m; objects on a table are smaller
 _SUNK = 0.005  # m, between the object's lowest point and the floor
-_KEYS = ("schema_version", "units", "gravity", "object", "pusher", "floor")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,25 +53,19 @@ class Scene:
 
 
 def check_scene(folder: Path, findings: Findings) -> Scene:
-    """Checks `capture.yaml`, key by key, and the meshes.
-
-    Args:
-        folder: The capture.
-        findings: Receives the problems.
-
-    Returns:
-        What could be read.
-    """
+    """Checks `capture.yaml`, key by key, and the meshes; returns what could be read."""
     names = attempt(lambda: episode_names(folder), findings.error) or []
     document = attempt(lambda: read_yaml(folder / CAPTURE_FILE), findings.error)
-    if document is None or not passes(lambda: require_version(document), findings.error):
+    if document is None or attempt(lambda: document.read(HeadDocument), findings.error) is None:
         return Scene(folder, None, None, None, None, names)
-    passes(lambda: document.only(*_KEYS), findings.error)
-    mesh, X_WO = _check_object(document, findings)
-    geometry = attempt(lambda: read_pusher(document["pusher"], required=bool(names)), findings.error)
-    pusher = None if geometry is None or not names else _check_pusher(geometry, findings)
-    floor_height = attempt(lambda: read_floor(document["floor"]), findings.error)
-    gravity = attempt(lambda: read_gravity(document["gravity"]), findings.error)
+    for problem in document.problems(CaptureDocument):
+        findings.error(problem)
+    # The parts that are right serve further checks.
+    mesh = _check_mesh(folder, document, findings)
+    X_WO = attempt(lambda: document["object"]["X_WO"].read(PoseDocument).pose(), ignore)
+    pusher = _check_pusher(document, findings) if names else None
+    floor_height = attempt(lambda: document["floor"].read(FloorDocument).height, ignore)
+    gravity = attempt(lambda: document["gravity"].number(*GRAVITIES), ignore)
     if gravity is not None and not _GRAVITY[0] <= gravity <= _GRAVITY[1]:
         findings.warn(folder / CAPTURE_FILE, f"gravity = {gravity:g}", "9.8 m/s^2, on the ground")
     if mesh is not None and X_WO is not None and floor_height is not None:
@@ -77,26 +73,27 @@ def check_scene(folder: Path, findings: Findings) -> Scene:
     return Scene(folder, mesh, X_WO, pusher, floor_height, names)
 
 
-def _check_object(document: Entry, findings: Findings) -> tuple[trimesh.Trimesh | None, Pose | None]:
-    about = attempt(lambda: document["object"], findings.error)
-    if about is None:
-        return None, None
-    X_WO = attempt(lambda: read_pose(about["X_WO"]), findings.error)
-    attempt(lambda: read_mass(about), findings.error)
-    path = attempt(lambda: read_mesh_path(about), findings.error)
-    attempt(lambda: read_object(about), findings.error)
+def _check_mesh(folder: Path, document: Entry, findings: Findings) -> trimesh.Trimesh | None:
+    name = attempt(lambda: document["object"]["mesh"].text(), ignore)
+    path = None if name is None else attempt(lambda: object_mesh(folder, name), findings.error)
     mesh = None if path is None else attempt(lambda: load_mesh(path), findings.error)
     if mesh is not None and path is not None:
         extent = float(np.ptp(mesh.vertices, axis=0).max())
         if extent > _LARGE:
             findings.warn(path, f"an extent of {extent:.3g} m", "metres; is it in another unit?")
-    return mesh, X_WO
+    return mesh
 
 
-def _check_pusher(geometry: PusherGeometry, findings: Findings) -> trimesh.Trimesh | None:
+def _check_pusher(document: Entry, findings: Findings) -> trimesh.Trimesh | None:
     """The pusher's surface; its mesh is checked too where a shape takes its place."""
-    if geometry.mesh_path is not None and geometry.shape is not None:
-        path = geometry.mesh_path
+    about = attempt(lambda: document["pusher"].read(PusherDocument), ignore)
+    if about is None:
+        return None
+    geometry = attempt(lambda: pusher_geometry(document["pusher"], about, required=True), findings.error)
+    if geometry is None:
+        return None
+    path = geometry.mesh_path
+    if path is not None and geometry.shape is not None:
         attempt(lambda: load_mesh(path), findings.error)
     return attempt(lambda: pusher_surface(geometry), findings.error)
 

@@ -1,15 +1,15 @@
 """Checks of the static views: each by itself, and how they surround the object."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
 import trimesh
 
-from pinwm_drake.capture.checks.camera import check_camera
 from pinwm_drake.capture.checks.findings import Findings
-from pinwm_drake.capture.checks.pictures import check_area, check_sharpness, compare, sharpness
+from pinwm_drake.capture.checks.pictures import check_area, check_camera, check_sharpness, compare, sharpness
 from pinwm_drake.capture.checks.scene import Scene
 from pinwm_drake.capture.refusals import attempt, passes
 from pinwm_drake.capture.static_views import TRANSFORMS, read_frame_image, require_outside, require_seen
@@ -29,22 +29,13 @@ _DOWN = -0.7  # z of normals that face the floor
 
 
 def check_static(scene: Scene, findings: Findings, progress: Callable[[str], None]) -> int:
-    """Checks the static views in `static/`.
-
-    Args:
-        scene: The parts of the capture that have been read so far.
-        findings: Receives the problems.
-        progress: Is told what comes next.
-
-    Returns:
-        Number of views.
-    """
+    """Checks the static views in `static/` and returns their number; `progress` is told what comes next."""
     path = scene.folder / "static" / TRANSFORMS
     document = attempt(lambda: read_json(path), findings.error)
     entries = None if document is None else attempt(lambda: document["frames"].items(), findings.error)
     if document is None or entries is None:
         return 0
-    read = (_read(document, entry, findings) for entry in entries)
+    read = (attempt(partial(read_frame, document, entry), findings.error) for entry in entries)
     frames = [frame for frame in read if frame is not None]
     require_different(frames, findings.error)
     sharp: list[tuple[Path, float | None]] = []
@@ -58,10 +49,6 @@ def check_static(scene: Scene, findings: Findings, progress: Callable[[str], Non
     return len(entries)
 
 
-def _read(document: Entry, entry: Entry, findings: Findings) -> Frame | None:
-    return attempt(lambda: read_frame(document, entry), findings.error)
-
-
 def _check_view(frame: Frame, scene: Scene, findings: Findings, sharp: list[tuple[Path, float | None]]) -> None:
     """Checks one view, and adds its sharpness to the list."""
     picture = attempt(lambda: read_frame_image(frame), findings.error)
@@ -71,21 +58,20 @@ def _check_view(frame: Frame, scene: Scene, findings: Findings, sharp: list[tupl
         passes(lambda: require_outside(frame, X_CO, mesh), findings.error)
         if not in_picture(mesh, frame.camera, X_CO):
             findings.error(unseen(frame.entry["transform_matrix"]))
-        elif picture is not None:
-            _check_overlap(frame, mesh, X_CO, picture[1], findings)
+        elif picture is not None and passes(lambda: require_seen(frame, X_CO, picture[1], mesh), findings.error):
+            outline = silhouette(mesh, frame.camera, X_CO)
+            agreement = None if outline is None else compare(outline, picture[1])
+            if agreement is not None and agreement.poor:
+                found = f"{frame.entry.place}: mask against projected mesh: {agreement.words()}"
+                expected = "outlines that agree; check scale, calibration, poses and object.X_WO"
+                findings.warn(frame.image_path, found, expected)
     if picture is not None:
         check_area(frame.image_path, picture[1], findings)
         sharp.append((frame.image_path, sharpness(*picture)))
 
 
 def in_picture(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> bool:
-    """Flag: a camera may see an object, as a part is in front, and the box around it and the image overlap.
-
-    Args:
-        mesh: m, frame O.
-        camera: Camera with intrinsics (4,).
-        X_CO: Pose of O in the camera: q (4,), p (3,) [m].
-    """
+    """Flag: a camera may see an object [m, O], as a part is in front, and the box around it and the image overlap."""
     pixels, depths = (values.numpy() for values in project(camera, X_CO, torch.from_numpy(np.array(mesh.vertices))))
     if (depths <= 0).any():
         return not (depths <= 0).all()
@@ -95,16 +81,6 @@ def in_picture(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> bool:
 def unseen(entry: Entry) -> InputError:
     """The error of a camera that does not see the object, by the entry of its matrix."""
     return entry.refusal("a pose in OpenGL axes that sees the object", "a camera that does not see the object")
-
-
-def _check_overlap(frame: Frame, mesh: trimesh.Trimesh, X_CO: Pose, mask: np.ndarray, findings: Findings) -> None:
-    if not passes(lambda: require_seen(frame, X_CO, mask, mesh), findings.error):
-        return
-    outline = silhouette(mesh, frame.camera, X_CO)
-    agreement = None if outline is None else compare(outline, mask)
-    if agreement is not None and agreement.poor:
-        found = f"{frame.entry.place}: mask against projected mesh: {agreement.words()}"
-        findings.warn(frame.image_path, found, "outlines that agree; check scale, calibration, poses and object.X_WO")
 
 
 def _check_surroundings(path: Path, frames: list[Frame], mesh: trimesh.Trimesh, X_WO: Pose, findings: Findings) -> None:

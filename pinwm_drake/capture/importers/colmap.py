@@ -1,18 +1,56 @@
-"""COLMAP's sparse models, with their images."""
+"""Import of COLMAP's sparse models, text or binary, with their images.
 
+COLMAP gives the world in the camera's axes (x right, y down, z forward), X_CS; it becomes X_SC here. Its pixel
+(0, 0) covers the square from 0 to 1, as ours does.
+
+pycolmap 4.2 was tried in place of this reader. It needs `points3D` too, names neither file nor line of an error, reads
+some truncated and damaged files without one, and takes 135 MB.
+"""
+
+import math
+import struct
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from pinwm_drake.capture.importers.colmap_model import ModelImage, read_model
+import numpy as np
+import torch
+
+from pinwm_drake.capture.episode_tables import quote
 from pinwm_drake.capture.importers.similarity import Similarity
-from pinwm_drake.capture.importers.target import Scenery, write_scenery
-from pinwm_drake.capture.importers.views import PosedImage, write_static
+from pinwm_drake.capture.importers.target import PosedImage, Scenery, write_scenery, write_static
 from pinwm_drake.capture.paths import is_file, is_folder, require_file
+from pinwm_drake.documents import read_bytes, read_text
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import appearing
-from pinwm_drake.spatial.poses import identity
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.spatial.poses import Pose, identity, inverse
 
 _MODEL_FOLDERS = ("", "sparse/0", "sparse", "0")
 _MODEL_FILES = ("images.bin", "images.txt")
+# Names and numbers of parameters of COLMAP's camera models, by the number that its binary files have.
+_MODELS = (
+    *(("SIMPLE_PINHOLE", 3), ("PINHOLE", 4), ("SIMPLE_RADIAL", 4), ("RADIAL", 5), ("OPENCV", 8), ("OPENCV_FISHEYE", 8)),
+    *(("FULL_OPENCV", 12), ("FOV", 5), ("SIMPLE_RADIAL_FISHEYE", 4), ("RADIAL_FISHEYE", 5), ("THIN_PRISM_FISHEYE", 12)),
+)
+_PINHOLES = dict(_MODELS[:2])
+_UNIT_NORM = 1e-3
+_FARTHEST = 1e9
+
+
+@dataclass(frozen=True, eq=False)
+class ModelImage:
+    """One image of a model.
+
+    Attributes:
+        name: Path of its file from the folder of the images.
+        camera: Size and intrinsics (4,).
+        X_SC: Pose of the camera in the model's world S; q (4,), p (3,) in its unit.
+    """
+
+    name: str
+    camera: Camera
+    X_SC: Pose
 
 
 def import_colmap(
@@ -74,3 +112,148 @@ def _posed(image: ModelImage, images: Path, masks: Path | None) -> PosedImage:
         if mask is None:
             raise InputError(names[0], value="no such file", allowed=f"the mask of {image.name}")
     return PosedImage(path, mask, image.camera, image.X_SC)
+
+
+def read_model(folder: Path) -> list[ModelImage]:
+    """Reads a COLMAP model.
+
+    Args:
+        folder: Folder with `cameras.bin` and `images.bin`, or else `cameras.txt` and `images.txt`.
+
+    Returns:
+        Its images, by name.
+
+    Raises:
+        InputError: A file is missing, truncated or wrong, or a camera is neither PINHOLE nor SIMPLE_PINHOLE.
+    """
+    if is_file(folder / "images.bin") and is_file(folder / "cameras.bin"):
+        path = folder / "images.bin"
+        images = _read_binary_images(path, _read_binary_cameras(folder / "cameras.bin"))
+    else:
+        path = folder / "images.txt"
+        images = _read_text_images(path, _read_text_cameras(folder / "cameras.txt"))
+    if not images:
+        raise InputError(path, value="no image", allowed="a model with one image or more")
+    return sorted(images, key=lambda image: image.name)
+
+
+def _read_text_cameras(path: Path) -> dict[int, Camera]:
+    cameras: dict[int, Camera] = {}
+    for row, line in enumerate(read_text(path).splitlines(), start=1):
+        cells = line.split()
+        if not cells or cells[0].startswith("#"):
+            continue
+        number, *values = _numbers(path, row, cells[:1] + cells[2:])
+        if len(cells) < 4:
+            raise InputError(path, row=row, value=quote(line), allowed="CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
+        if int(number) in cameras:
+            raise InputError(path, row=row, value=f"camera {int(number)} again", allowed="each camera once")
+        cameras[int(number)] = _camera(path, row, cells[1], values)
+    return cameras
+
+
+def _read_text_images(path: Path, cameras: dict[int, Camera]) -> list[ModelImage]:
+    images = []
+    expected = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points"
+    lines = iter(enumerate(read_text(path).splitlines(), start=1))
+    for row, line in lines:
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        cells = line.split(maxsplit=9)
+        if len(cells) < 10:
+            raise InputError(path, row=row, value=quote(line), allowed=expected)
+        values = _numbers(path, row, cells[1:9])
+        images.append(_image(path, row, cells[9].strip(), int(values[7]), values[:7], cameras))
+        next(lines, None)  # its points, of which there may be none
+    return images
+
+
+class _Binary:
+    """Bytes of a file, little-endian and without padding, and the place up to which they have been read."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = require_file(path, "a binary file")
+        self.data, self.at = read_bytes(path), 0
+
+    def take(self, code: str, row: int | None = None) -> tuple[Any, ...]:
+        """Takes the next values, by their `struct` format; raises InputError where the file ends before."""
+        size = struct.calcsize(f"<{code}")
+        if self.at + size > len(self.data):
+            found = f"a file that ends after {len(self.data)} bytes"
+            raise InputError(self.path, row=row, value=found, allowed="a whole file (the row is the record's number)")
+        self.at += size
+        return struct.unpack_from(f"<{code}", self.data, self.at - size)
+
+    def count(self, row: int | None = None) -> int:
+        """Number of the records that follow; no more than there are bytes."""
+        return min(int(self.take("Q", row)[0]), len(self.data) + 1)
+
+
+def _read_binary_cameras(path: Path) -> dict[int, Camera]:
+    data, cameras = _Binary(path), {}
+    for row in range(1, data.count() + 1):
+        number, model, width, height = data.take("iiQQ", row)
+        if not 0 <= model < len(_MODELS):
+            raise InputError(path, row=row, value=f"camera model {model}", allowed="PINHOLE or SIMPLE_PINHOLE")
+        name, count = _MODELS[model]
+        cameras[number] = _camera(path, row, name, [width, height, *data.take(f"{count}d", row)])
+    return cameras
+
+
+def _read_binary_images(path: Path, cameras: dict[int, Camera]) -> list[ModelImage]:
+    data, images = _Binary(path), []
+    for row in range(1, data.count() + 1):
+        _, *values, camera = data.take("i7di", row)
+        end = data.data.find(b"\0", data.at)
+        length = (len(data.data) if end < 0 else end) - data.at
+        name = data.take(f"{length}sx", row)[0].decode("utf-8", errors="backslashreplace")
+        data.take(f"{24 * data.count(row)}x", row)  # its points
+        images.append(_image(path, row, name, camera, values, cameras))
+    return images
+
+
+def _numbers(path: Path, row: int, cells: list[str]) -> list[float]:
+    values = []
+    for cell in cells:
+        try:
+            values.append(float(cell))
+        except ValueError:
+            values.append(math.nan)
+        if not abs(values[-1]) <= _FARTHEST:
+            raise InputError(path, row=row, value=quote(cell), allowed="a finite number")
+    return values
+
+
+def _camera(path: Path, row: int, model: str, values: list[float]) -> Camera:
+    """A camera from its width, height and parameters."""
+    if model not in _PINHOLES:
+        hint = "PINHOLE or SIMPLE_PINHOLE: undistort the images first (colmap image_undistorter)"
+        raise InputError(path, row=row, value=f"camera model {quote(model)}", allowed=hint)
+    width, height, *parameters = values
+    if len(parameters) != _PINHOLES[model]:
+        allowed = f"{_PINHOLES[model]} parameters for {model}"
+        raise InputError(path, row=row, value=f"{len(parameters)} parameters", allowed=allowed)
+    focal, centre = parameters[:-2], parameters[-2:]
+    bounds = [("width", width, 1.0, 16384.0), ("height", height, 1.0, 16384.0)]
+    bounds += [("focal length", value, 1e-3, _FARTHEST) for value in focal]
+    bounds += [("principal point", value, -1e6, 1e6) for value in centre]
+    for name, value, low, high in bounds:
+        if not low <= value <= high or (low == 1.0 and value != int(value)):
+            raise InputError(path, row=row, value=f"{name} {value:g} px", allowed="a camera of 1 to 16384 px")
+    return Camera(int(width), int(height), torch.tensor([focal[0], focal[-1], *centre], dtype=torch.float64))
+
+
+def _image(path: Path, row: int, name: str, camera: int, pose: list[float], cameras: dict[int, Camera]) -> ModelImage:
+    """An image from the number of its camera and q, t of X_CS."""
+    if camera not in cameras:
+        raise InputError(path, row=row, value=f"camera {camera}", allowed="a camera of the model")
+    if not name or not name.isprintable():
+        raise InputError(path, row=row, value=f"image {name!a}", allowed="the name of an image file")
+    values = np.array(pose, float)
+    finite = bool((np.abs(values) <= _FARTHEST).all())  # false for NaN too
+    norm = float(np.linalg.norm(values[:4])) if finite else np.nan
+    if not abs(norm - 1) <= _UNIT_NORM:
+        found = f"pose {np.round(values, 6).tolist()}"
+        raise InputError(path, row=row, value=found, allowed="QW QX QY QZ of norm 1, and finite TX TY TZ")
+    X_CS = Pose(torch.from_numpy(values[:4] / norm), torch.from_numpy(values[4:]))
+    return ModelImage(name, cameras[camera], inverse(X_CS))

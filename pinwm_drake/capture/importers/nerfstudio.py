@@ -6,8 +6,7 @@ from typing import Any
 
 from pinwm_drake.capture.images import read_size
 from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
-from pinwm_drake.capture.importers.target import Scenery, write_scenery
-from pinwm_drake.capture.importers.views import PosedImage, write_static
+from pinwm_drake.capture.importers.target import PosedImage, Scenery, write_scenery, write_static
 from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.static_views import TRANSFORMS, find_mask
 from pinwm_drake.capture.transforms import Frame, read_frame, require_different
@@ -41,28 +40,13 @@ def import_nerfstudio(source: Path, out: Path, scenery: Scenery, similarity: Sim
 
 
 def read_posed_images(path: Path) -> list[PosedImage]:
-    """Reads a `transforms.json` of nerfstudio or NeRF.
-
-    Args:
-        path: The file.
-
-    Returns:
-        Its images, in its order.
-
-    Raises:
-        InputError: See `read_transforms`.
-    """
+    """Images of a `transforms.json` of nerfstudio or NeRF, in its order; raises InputError as `read_transforms`."""
     document = read_json(path)
     frames = [_read(document, entry) for entry in document["frames"].items()]
     require_different(frames)
+    masks = [frame.mask_path or find_mask(path.parent, frame.image_path) for frame in frames]
     return [
-        PosedImage(
-            frame.image_path,
-            frame.mask_path or find_mask(path.parent, frame.image_path),
-            frame.camera,
-            frame.X_WC,
-        )
-        for frame in frames
+        PosedImage(frame.image_path, mask, frame.camera, frame.X_WC) for frame, mask in zip(frames, masks, strict=True)
     ]
 
 

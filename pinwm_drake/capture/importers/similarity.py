@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from pinwm_drake.capture.transforms import require_last_row
 from pinwm_drake.documents import read_yaml
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import matrix_to_quaternion, quaternion_to_matrix
@@ -48,17 +49,13 @@ def read_similarity(path: Path, scale: float = 1.0) -> Similarity:
             the source's, metres.
         scale: m for each unit of the source, besides that of the matrix.
 
-    Returns:
-        The similarity.
-
     Raises:
         InputError: The file cannot be read, or the matrix is no rotation times a positive scale.
     """
     document = read_yaml(path)
     entry = document if isinstance(document.value, list) else document["matrix"]
     matrix = entry.numbers(4, 4)
-    if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
-        raise entry.refusal("a matrix whose last row is 0, 0, 0, 1", f"last row {matrix[3].tolist()}")
+    require_last_row(entry, matrix)
     with np.errstate(over="ignore", invalid="ignore"):
         own = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     if not _SCALES[0] <= own <= _SCALES[1]:

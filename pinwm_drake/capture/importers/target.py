@@ -1,14 +1,18 @@
-"""The capture that an importer writes: its scene, and files copied into it."""
+"""The capture that an importer writes: its scene, its static views, and files copied into it."""
 
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from pinwm_drake.capture.images import read_image, require_size
+from pinwm_drake.capture.importers.similarity import Similarity
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.scene import PusherShape
-from pinwm_drake.capture.write import write_capture_yaml
+from pinwm_drake.capture.write import write_capture_yaml, write_posed_images
+from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
 
 
@@ -38,43 +42,68 @@ class Scenery:
     gravity: float = 9.8
 
 
-def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
-    """Writes `capture.yaml`, and copies the meshes.
+@dataclass(frozen=True, eq=False)
+class PosedImage:
+    """Posed image of others, with its camera.
 
-    Args:
-        folder: The capture.
-        scenery: The scene to write.
-        X_WO: The object's pose; q (4,), p (3,) [m].
+    Attributes:
+        path: The image.
+        mask_path: The image of its mask, or None.
+        camera: Size and intrinsics (4,).
+        X_SC: Pose of the camera in the world S of the source, OpenCV axes; q (4,), p (3,) in the unit of S.
+    """
+
+    path: Path
+    mask_path: Path | None
+    camera: Camera
+    X_SC: Pose
+
+
+def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
+    """Writes the `capture.yaml` of a folder, with the object at X_WO: q (4,), p (3,) [m]; and copies the meshes.
 
     Raises:
         InputError: A mesh is refused, or a file cannot be written.
     """
-    meshes: dict[str, str | None] = {"object": None, "pusher": None}
+    meshes: dict[str, str] = {}
     for role, path in (("object", scenery.mesh), ("pusher", scenery.pusher_mesh)):
         if path is not None:
             load_mesh(path)
             meshes[role] = f"meshes/{role}{path.suffix.lower()}"
-            copy_file(path, folder / str(meshes[role]))
-    write_capture_yaml(
-        folder,
-        name=scenery.name,
-        mesh=str(meshes["object"]),
-        mass=scenery.mass,
-        X_WO=X_WO,
-        pusher_mesh=meshes["pusher"],
-        pusher_shape=scenery.pusher_shape,
-        floor_height=scenery.floor_height,
-        gravity=scenery.gravity,
-    )
+            copy_file(path, folder / meshes[role])
+    own = {"mesh": meshes["object"], "X_WO": X_WO, "pusher_mesh": meshes.get("pusher")}
+    write_capture_yaml(folder, **vars(scenery) | own)
 
 
 def copy_file(source: Path, target: Path) -> None:
-    """Copies a file; makes the folder of `target` if need be.
-
-    Raises:
-        InputError: The file cannot be read, or its copy not written.
-    """
+    """Copies a file, and makes the folder of `target` if need be; raises InputError where that fails."""
     require_file(source, "a file to copy")
     prepare_folder(target.parent)
     with replacing(target) as temporary:
         shutil.copyfile(source, temporary)
+
+
+def write_static(folder: Path, images: list[PosedImage], similarity: Similarity) -> None:
+    """Copies images and masks to `static/` and writes its `transforms.json`.
+
+    Args:
+        folder: The capture.
+        images: All with masks, or none.
+        similarity: Similarity from their world to that of the capture.
+
+    Raises:
+        InputError: An image is refused or of another size than its camera's, some have a mask and some not, or
+            a file cannot be written.
+    """
+    frames: list[tuple[str, Camera, Pose]] = []
+    masked = [image for image in images if image.mask_path is not None]
+    for k, image in enumerate(images):
+        if masked and image.mask_path is None:
+            raise InputError(image.path, value="no mask", allowed="a mask for each image, or none at all")
+        require_size(image.path, read_image(image.path, image.mask_path)[1], image.camera, "as its camera has")
+        name = f"images/{k:05}{image.path.suffix.lower()}"
+        copy_file(image.path, folder / "static" / name)
+        if image.mask_path is not None:
+            copy_file(image.mask_path, folder / f"static/masks/{k:05}{image.mask_path.suffix.lower()}")
+        frames.append((name, image.camera, similarity.pose(image.X_SC)))
+    write_posed_images(folder / "static/transforms.json", frames)

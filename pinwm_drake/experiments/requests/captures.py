@@ -145,7 +145,7 @@ def _shape(text: str) -> "PusherShape":
     kind, _, rest = text.strip().partition(" ")
     sizes = _numbers(rest)
     if kind in PUSHER_KINDS and len(sizes) == (1 if kind == "sphere" else 2) and all(1e-4 <= x <= 5.0 for x in sizes):
-        return PusherShape(kind, *sizes)  # type: ignore[arg-type]  # one of PUSHER_KINDS
+        return PusherShape(kind, *sizes)
     raise ParameterError(
         f'--pusher-shape: got "{text}"; allowed: "sphere R", "capsule R LENGTH" or "cylinder R LENGTH", 0.0001 to 5 m'
     )

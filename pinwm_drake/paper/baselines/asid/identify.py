@@ -29,8 +29,8 @@ from pinwm_drake.scene import Scene, resting_height
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.threads import available
 from pinwm_drake.twin.assembly import assemble_twin
+from pinwm_drake.twin.document import to_plain
 from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
-from pinwm_drake.twin.plain_data import to_plain
 from pinwm_drake.twin.rollout import NO_EFFECT
 from pinwm_drake.twin.twin import THETA, Estimate, Twin
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pinwm_drake.capture.tables import read_table
+from pinwm_drake.capture.episode_tables import read_table
 from pinwm_drake.errors import InputError
 
 COLUMNS = ("t", "qw", "qx", "qy", "qz")

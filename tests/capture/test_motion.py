@@ -3,7 +3,7 @@ import pytest
 import torch
 import trimesh
 
-from pinwm_drake.capture.checks.touch import approach
+from pinwm_drake.capture.checks.motion import approach
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp
