@@ -20,7 +20,7 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.alignment import align, read_source
 from pinwm_drake.experiments.twins import twin_from_capture
 from pinwm_drake.files import prepare_folder
-from pinwm_drake.rendering.fit_result import FitResult
+from pinwm_drake.rendering.fitting import FitResult
 from pinwm_drake.rendering.views import View
 from pinwm_drake.report.evaluation.pictures import Cast
 from pinwm_drake.report.twin.comparison_frames import draw_shots

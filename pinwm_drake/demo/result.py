@@ -7,7 +7,7 @@ from pinwm_drake.capture.scene import Capture
 from pinwm_drake.demo.options import DemoOptions
 from pinwm_drake.demo.policy import Performance
 from pinwm_drake.demo.stages import Cost
-from pinwm_drake.rendering.fit_result import FitResult
+from pinwm_drake.rendering.fitting import FitResult
 from pinwm_drake.rendering.views import View
 from pinwm_drake.report.twin.comparison_frames import Shot
 from pinwm_drake.report.twin.score import PoseErrors
