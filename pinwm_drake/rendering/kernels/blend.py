@@ -10,12 +10,9 @@ import numpy as np
 from pinwm_drake.jit import kernel
 from pinwm_drake.rendering import reference
 from pinwm_drake.rendering.kernels import columns as col
-from pinwm_drake.rendering.kernels.columns import PIXELS, TILE
+from pinwm_drake.rendering.kernels.columns import HALF, LEAST_ALPHA, NEAR, ONE, PIXELS, TILE, ZERO
 
-ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-NEAR = np.float32(reference.NEAR)
-LEAST_ALPHA, MOST_ALPHA = np.float32(reference.LEAST_ALPHA), np.float32(reference.MOST_ALPHA)
-LEAST_TRANSMITTANCE = np.float32(reference.LEAST_TRANSMITTANCE)
+MOST_ALPHA, LEAST_TRANSMITTANCE = np.float32(reference.MOST_ALPHA), np.float32(reference.LEAST_TRANSMITTANCE)
 
 # exp(-rho / 2) = p(rho)^16 with p(rho) = exp(-rho / 32), a polynomial on [0, 12], where rho stays when it counts.
 # Its relative error is 2e-7 there, p's being a least-squares fit of degree 5.

@@ -13,22 +13,15 @@ import numpy as np
 from pinwm_drake.jit import kernel
 from pinwm_drake.rendering.kernels import columns as col
 from pinwm_drake.rendering.kernels.blend import (
-    HALF,
-    LEAST_ALPHA,
     LEAST_TRANSMITTANCE,
     MOST_ALPHA,
-    NEAR,
-    ONE,
     PATIENCE,
-    ZERO,
     falloff,
     opaque,
     pairs_of_rows,
     reach,
 )
-from pinwm_drake.rendering.kernels.columns import PIXELS, TILE
-
-TWO = np.float32(2.0)
+from pinwm_drake.rendering.kernels.columns import HALF, LEAST_ALPHA, NEAR, ONE, PIXELS, TILE, TWO, ZERO
 
 # Channels of a tile's work array: what is left of transmittance and of g . pixel, g, and where
 # the pixel's centre is.

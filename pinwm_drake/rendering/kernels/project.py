@@ -11,12 +11,9 @@ import numpy as np
 from pinwm_drake.jit import kernel
 from pinwm_drake.rendering import reference
 from pinwm_drake.rendering.kernels import columns as col
-from pinwm_drake.rendering.kernels.columns import TILE
+from pinwm_drake.rendering.kernels.columns import FOUR, HALF, LEAST_ALPHA, NEAR, ONE, TILE, TWO, ZERO
 from pinwm_drake.rendering.kernels.harmonics import MOST_BASIS, Y0, fill_basis
 
-ZERO, HALF, ONE, TWO, FOUR = (np.float32(value) for value in (0.0, 0.5, 1.0, 2.0, 4.0))
-NEAR = np.float32(reference.NEAR)
-LEAST_ALPHA = np.float32(reference.LEAST_ALPHA)
 # From the borders of a box to the centres of the pixels inside, px; a little wider, for rounding.
 INSET, OUTSET = np.float32(0.5 + 1e-3), np.float32(0.5 - 1e-3)
 # A plane whose image has less area than this part of its squared size is seen edge-on: only its disc counts.

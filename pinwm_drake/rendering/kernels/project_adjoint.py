@@ -4,17 +4,9 @@ import math
 
 from pinwm_drake.jit import kernel
 from pinwm_drake.rendering.kernels import columns as col
+from pinwm_drake.rendering.kernels.columns import ONE, TWO, ZERO
 from pinwm_drake.rendering.kernels.harmonics import basis_gradient, fill_basis
-from pinwm_drake.rendering.kernels.project import (
-    EDGE_ON,
-    ONE,
-    TWO,
-    ZERO,
-    exponential,
-    rotation_columns,
-    turn,
-    turn_back,
-)
+from pinwm_drake.rendering.kernels.project import EDGE_ON, exponential, rotation_columns, turn, turn_back
 
 
 @kernel
