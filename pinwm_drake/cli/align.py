@@ -68,7 +68,7 @@ def show_align(source: Path, out: Path, *, mesh: Path | None, options: "FitOptio
     from rich.console import Console
 
     from pinwm_drake.experiments.alignment import align
-    from pinwm_drake.rendering.checkpoint import FILE as CHECKPOINT_FILE
+    from pinwm_drake.rendering.fitting import CHECKPOINT_FILE
     from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, FILES, read_registration
     from pinwm_drake.spatial.rotations import quaternion_log
 

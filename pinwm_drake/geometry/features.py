@@ -28,6 +28,7 @@ separated surfaces and in terms of radii instead of curvatures, so that vertices
 
 import math
 
+from pinwm_drake.geometry.vectors import cross, dot, rotate
 from pinwm_drake.jit import internal_kernel
 
 POINT = 0
@@ -43,32 +44,28 @@ _LEAST_TURN = 1.0e-6
 
 
 @internal_kernel
-def _rotate(R, x, y, z):
-    return (
-        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
-        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
-        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
-    )
+def _across(x, y, z, u):
+    """Unit vector of the part of a vector across the unit vector u."""
+    k = dot(x, y, z, *u)
+    x, y, z = x - k * u[0], y - k * u[1], z - k * u[2]
+    k = 1.0 / math.sqrt(x * x + y * y + z * z + _TINY)
+    return k * x, k * y, k * z
 
 
 @internal_kernel
-def _nearest_circle_to_line(c, u, radius, p, d):
+def nearest_circle_to_line(c, u, radius, p, d):
     """Point of a circle (centre c, axis u) where the distance to the line (p, d) is stationary.
 
     Newton's method in the circle's angle, started at the circle point nearest to p. Returns the radial unit vector.
     """
-    wx, wy, wz = p[0] - c[0], p[1] - c[1], p[2] - c[2]
-    k = wx * u[0] + wy * u[1] + wz * u[2]
-    ex, ey, ez = wx - k * u[0], wy - k * u[1], wz - k * u[2]
-    s = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez + _TINY)
-    ex, ey, ez = ex * s, ey * s, ez * s
+    ex, ey, ez = _across(p[0] - c[0], p[1] - c[1], p[2] - c[2], u)
     for _ in range(_NEWTON_STEPS):
-        tx, ty, tz = u[1] * ez - u[2] * ey, u[2] * ex - u[0] * ez, u[0] * ey - u[1] * ex
+        tx, ty, tz = cross(*u, ex, ey, ez)
         # w: from the line's point to the circle's point, without its part along the line.
         wx, wy, wz = c[0] + radius * ex - p[0], c[1] + radius * ey - p[1], c[2] + radius * ez - p[2]
-        k = wx * d[0] + wy * d[1] + wz * d[2]
+        k = dot(wx, wy, wz, *d)
         wx, wy, wz = wx - k * d[0], wy - k * d[1], wz - k * d[2]
-        td = tx * d[0] + ty * d[1] + tz * d[2]
+        td = dot(tx, ty, tz, *d)
         residual = wx * tx + wy * ty + wz * tz
         slope = radius * (1.0 - td * td) - (wx * ex + wy * ey + wz * ez)
         if slope == 0.0:
@@ -83,25 +80,14 @@ def _nearest_circle_to_line(c, u, radius, p, d):
 
 
 @internal_kernel
-def _rim_point(c, u, radius, other_type, p, d, n, toward):
-    """Witness point of a rim (centre c, axis u) against another feature (p, d).
-
-    `toward` is +1 when the other body lies along +n of the rim's body (rim on B), -1 when along -n (rim on A);
-    it matters for a plane only. Returns the point.
-    """
+def _rim_point(c, u, radius, other_type, p, d):
+    """Witness point of a rim (centre c, axis u) against another feature (p, d)."""
     if other_type == PLANE:
-        k = n[0] * u[0] + n[1] * u[1] + n[2] * u[2]
-        ex, ey, ez = toward * (n[0] - k * u[0]), toward * (n[1] - k * u[1]), toward * (n[2] - k * u[2])
-        s = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez + _TINY)
-        ex, ey, ez = ex * s, ey * s, ez * s
+        ex, ey, ez = _across(-d[0], -d[1], -d[2], u)
     elif other_type == POINT:
-        wx, wy, wz = p[0] - c[0], p[1] - c[1], p[2] - c[2]
-        k = wx * u[0] + wy * u[1] + wz * u[2]
-        ex, ey, ez = wx - k * u[0], wy - k * u[1], wz - k * u[2]
-        s = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez + _TINY)
-        ex, ey, ez = ex * s, ey * s, ez * s
+        ex, ey, ez = _across(p[0] - c[0], p[1] - c[1], p[2] - c[2], u)
     else:
-        ex, ey, ez = _nearest_circle_to_line(c, u, radius, p, d)
+        ex, ey, ez = nearest_circle_to_line(c, u, radius, p, d)
     return (c[0] + radius * ex, c[1] + radius * ey, c[2] + radius * ez)
 
 
@@ -109,9 +95,9 @@ def _rim_point(c, u, radius, other_type, p, d, n, toward):
 def _through_rim(p, d, c, u, radius):
     """Point of the line (p, d) nearest to p that is on the cylinder of a radius about the axis (c, u)."""
     yx, yy, yz = p[0] - c[0], p[1] - c[1], p[2] - c[2]
-    k = yx * u[0] + yy * u[1] + yz * u[2]
+    k = dot(yx, yy, yz, *u)
     yx, yy, yz = yx - k * u[0], yy - k * u[1], yz - k * u[2]
-    k = d[0] * u[0] + d[1] * u[1] + d[2] * u[2]
+    k = dot(*d, *u)
     ex, ey, ez = d[0] - k * u[0], d[1] - k * u[1], d[2] - k * u[2]
     a = ex * ex + ey * ey + ez * ez
     b = yx * ex + yy * ey + yz * ez
@@ -139,54 +125,39 @@ def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
     """
     type_A, type_B = int(row[0]), int(row[8])
     r_A, r_B = row[7], row[15]
-    x, y, z = _rotate(R_A, row[1], row[2], row[3])
+    x, y, z = rotate(R_A, row[1], row[2], row[3])
     pA = (x + p_A[0], y + p_A[1], z + p_A[2])
-    x, y, z = _rotate(R_B, row[9], row[10], row[11])
+    x, y, z = rotate(R_B, row[9], row[10], row[11])
     pB = (x + p_B[0], y + p_B[1], z + p_B[2])
-    uA = _rotate(R_A, row[4], row[5], row[6])
-    uB = _rotate(R_B, row[12], row[13], row[14])
+    uA = rotate(R_A, row[4], row[5], row[6])
+    uB = rotate(R_B, row[12], row[13], row[14])
     ra, rb = r_A, r_B
 
-    if type_B == PLANE:
-        nx, ny, nz = uB
-        if type_A == LINE:
-            pA = _through_rim(pA, uA, pB, uB, r_B)
-        if type_A == CIRCLE:
-            pA = _rim_point(pA, uA, r_A, PLANE, pB, uB, uB, -1.0)
-            ra = 0.0
-        gap = nx * (pA[0] - pB[0]) + ny * (pA[1] - pB[1]) + nz * (pA[2] - pB[2]) - ra
-        n[0], n[1], n[2] = nx, ny, nz
-        a[0], a[1], a[2] = pA[0] - ra * nx, pA[1] - ra * ny, pA[2] - ra * nz
-        b[0], b[1], b[2] = a[0] - gap * nx, a[1] - gap * ny, a[2] - gap * nz
-        return gap
-    if type_A == PLANE:
-        nx, ny, nz = -uA[0], -uA[1], -uA[2]
-        if type_B == LINE:
-            pB = _through_rim(pB, uB, pA, uA, r_A)
-        if type_B == CIRCLE:
-            pB = _rim_point(pB, uB, r_B, PLANE, pA, uA, (nx, ny, nz), 1.0)
-            rb = 0.0
-        gap = nx * (pA[0] - pB[0]) + ny * (pA[1] - pB[1]) + nz * (pA[2] - pB[2]) - rb
-        n[0], n[1], n[2] = nx, ny, nz
-        b[0], b[1], b[2] = pB[0] + rb * nx, pB[1] + rb * ny, pB[2] + rb * nz
-        a[0], a[1], a[2] = b[0] + gap * nx, b[1] + gap * ny, b[2] + gap * nz
+    if type_A == PLANE or type_B == PLANE:
+        # A plane (p, u), with the radius of its disc, against the other feature (q, d), rounded with r.
+        on_B = type_B == PLANE
+        p, u, disc = (pB, uB, r_B) if on_B else (pA, uA, r_A)
+        kind, q, d, r = (type_A, pA, uA, r_A) if on_B else (type_B, pB, uB, r_B)
+        if kind == LINE:
+            q = _through_rim(q, d, p, u, disc)
+        if kind == CIRCLE:
+            q = _rim_point(q, d, r, PLANE, p, u)
+            r = 0.0
+        gap = dot(*u, q[0] - p[0], q[1] - p[1], q[2] - p[2]) - r
+        near, far, sign = (a, b, 1.0) if on_B else (b, a, -1.0)
+        for i in range(3):
+            n[i], near[i] = sign * u[i], q[i] - r * u[i]
+            far[i] = near[i] - gap * u[i]
         return gap
 
     if type_A == LINE and type_B == LINE:
-        cx, cy, cz = (
-            uA[1] * uB[2] - uA[2] * uB[1],
-            uA[2] * uB[0] - uA[0] * uB[2],
-            uA[0] * uB[1] - uA[1] * uB[0],
-        )
+        cx, cy, cz = cross(*uA, *uB)
         s2 = cx * cx + cy * cy + cz * cz + _TINY
         s = 1.0 / math.sqrt(s2)
         nx, ny, nz = cx * s, cy * s, cz * s
         wx, wy, wz = pA[0] - pB[0], pA[1] - pB[1], pA[2] - pB[2]
-        c = uA[0] * uB[0] + uA[1] * uB[1] + uA[2] * uB[2]
-        wA = wx * uA[0] + wy * uA[1] + wz * uA[2]
-        wB = wx * uB[0] + wy * uB[1] + wz * uB[2]
-        along_A = (c * wB - wA) / s2
-        distance = nx * wx + ny * wy + nz * wz
+        along_A = (dot(*uA, *uB) * dot(wx, wy, wz, *uB) - dot(wx, wy, wz, *uA)) / s2
+        distance = dot(nx, ny, nz, wx, wy, wz)
         ax, ay, az = pA[0] + along_A * uA[0], pA[1] + along_A * uA[1], pA[2] + along_A * uA[2]
         n[0], n[1], n[2] = nx, ny, nz
         a[0], a[1], a[2] = ax - ra * nx, ay - ra * ny, az - ra * nz
@@ -199,18 +170,16 @@ def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
         on_A = type_A == CIRCLE
         centre, axis, radius = (pA, uA, r_A) if on_A else (pB, uB, r_B)
         p, d, r = (pB, uB, r_B) if on_A else (pA, uA, r_A)
-        q = _rim_point(centre, axis, radius, LINE, p, d, axis, 1.0)
+        q = _rim_point(centre, axis, radius, LINE, p, d)
         ex, ey, ez = (q[0] - centre[0]) / radius, (q[1] - centre[1]) / radius, (q[2] - centre[2]) / radius
-        tx, ty, tz = axis[1] * ez - axis[2] * ey, axis[2] * ex - axis[0] * ez, axis[0] * ey - axis[1] * ex
-        cx, cy, cz = ty * d[2] - tz * d[1], tz * d[0] - tx * d[2], tx * d[1] - ty * d[0]
+        cx, cy, cz = cross(*cross(*axis, ex, ey, ez), *d)
         s = 1.0 / math.sqrt(cx * cx + cy * cy + cz * cz + _TINY)
         # Out of the cylinder a normal of its rim points between the radius and the axis.
         ox, oy, oz = ex + axis[0], ey + axis[1], ez + axis[2]
         if (cx * ox + cy * oy + cz * oz) * (-1.0 if on_A else 1.0) < 0.0:
             s = -s
         nx, ny, nz = cx * s, cy * s, cz * s
-        wx, wy, wz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-        distance = nx * wx + ny * wy + nz * wz
+        distance = dot(nx, ny, nz, q[0] - p[0], q[1] - p[1], q[2] - p[2])
         n[0], n[1], n[2] = nx, ny, nz
         if on_A:
             gap = distance - r
@@ -224,18 +193,18 @@ def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
 
     # The remaining pairs have at least one point: the normal is along the difference of the nearest core points.
     if type_A == CIRCLE:
-        pA = _rim_point(pA, uA, r_A, POINT, pB, uB, uB, 1.0)
+        pA = _rim_point(pA, uA, r_A, POINT, pB, uB)
         ra = 0.0
     elif type_B == CIRCLE:
-        pB = _rim_point(pB, uB, r_B, POINT, pA, uA, uA, 1.0)
+        pB = _rim_point(pB, uB, r_B, POINT, pA, uA)
         rb = 0.0
     dx, dy, dz = pA[0] - pB[0], pA[1] - pB[1], pA[2] - pB[2]
     if type_A == LINE:
-        k = dx * uA[0] + dy * uA[1] + dz * uA[2]
+        k = dot(dx, dy, dz, *uA)
         dx, dy, dz = dx - k * uA[0], dy - k * uA[1], dz - k * uA[2]
         pA = (pB[0] + dx, pB[1] + dy, pB[2] + dz)
     elif type_B == LINE:
-        k = dx * uB[0] + dy * uB[1] + dz * uB[2]
+        k = dot(dx, dy, dz, *uB)
         dx, dy, dz = dx - k * uB[0], dy - k * uB[1], dz - k * uB[2]
     distance = math.sqrt(dx * dx + dy * dy + dz * dz + _TINY)
     nx, ny, nz = dx / distance, dy / distance, dz / distance
@@ -259,7 +228,7 @@ def tangents(nx, ny, nz):
     else:
         s = 1.0 / math.sqrt(ny * ny + nz * nz)
         t1x, t1y, t1z = 0.0, -nz * s, ny * s
-    return t1x, t1y, t1z, ny * t1z - nz * t1y, nz * t1x - nx * t1z, nx * t1y - ny * t1x
+    return t1x, t1y, t1z, *cross(nx, ny, nz, t1x, t1y, t1z)
 
 
 @internal_kernel
@@ -269,9 +238,7 @@ def tangents_adjoint(nx, ny, nz, t1, t1bar, t2bar):
     b1x = t1bar[0] + t2bar[1] * nz - t2bar[2] * ny
     b1y = t1bar[1] + t2bar[2] * nx - t2bar[0] * nz
     b1z = t1bar[2] + t2bar[0] * ny - t2bar[1] * nx
-    gx = t1[1] * t2bar[2] - t1[2] * t2bar[1]
-    gy = t1[2] * t2bar[0] - t1[0] * t2bar[2]
-    gz = t1[0] * t2bar[1] - t1[1] * t2bar[0]
+    gx, gy, gz = cross(t1[0], t1[1], t1[2], t2bar[0], t2bar[1], t2bar[2])
     # t1 = e x n / |e x n|
     k = b1x * t1[0] + b1y * t1[1] + b1z * t1[2]
     b1x, b1y, b1z = b1x - k * t1[0], b1y - k * t1[1], b1z - k * t1[2]
@@ -295,7 +262,7 @@ def _radii(kind, outward, ux, uy, uz, r, ex, ey, ez, t1, t2):
     Returns its finite part (r11, r12, r22), and for a line its direction (w1, w2), along which the surface is flat.
     A plane, flat in both directions, is left to the caller.
     """
-    w1, w2 = ux * t1[0] + uy * t1[1] + uz * t1[2], ux * t2[0] + uy * t2[1] + uz * t2[2]
+    w1, w2 = dot(ux, uy, uz, *t1), dot(ux, uy, uz, *t2)
     if kind == LINE:
         # Across its direction a line is rounded with r.
         return r * w2 * w2, -r * w1 * w2, r * w1 * w1, w1, w2
@@ -303,16 +270,11 @@ def _radii(kind, outward, ux, uy, uz, r, ex, ey, ez, t1, t2):
         # Along the rim's tangent the outward normal turns by cos(alpha) / r per metre; across, it turns freely.
         s = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez + _TINY)
         ex, ey, ez = ex * s, ey * s, ez * s
-        nx, ny, nz = (
-            t1[1] * t2[2] - t1[2] * t2[1],
-            t1[2] * t2[0] - t1[0] * t2[2],
-            t1[0] * t2[1] - t1[1] * t2[0],
-        )
         # A normal along the axis does not turn at all; the bound keeps what cancels within rounding.
-        turn = outward * (nx * ex + ny * ey + nz * ez)
+        turn = outward * dot(*cross(*t1, *t2), ex, ey, ez)
         k = r / (turn if abs(turn) > _LEAST_TURN else _LEAST_TURN)
-        ux, uy, uz = uy * ez - uz * ey, uz * ex - ux * ez, ux * ey - uy * ex
-        w1, w2 = ux * t1[0] + uy * t1[1] + uz * t1[2], ux * t2[0] + uy * t2[1] + uz * t2[2]
+        ux, uy, uz = cross(ux, uy, uz, ex, ey, ez)
+        w1, w2 = dot(ux, uy, uz, *t1), dot(ux, uy, uz, *t2)
         return k * w1 * w1, k * w1 * w2, k * w2 * w2, 0.0, 0.0
     return r, 0.0, r, 0.0, 0.0
 
@@ -325,23 +287,16 @@ def _crossing_adjoint(d, x, r, p_L, R_P, p_P, plane, sign, phi, nbar, cbar, phib
     with s the velocity of the line's material in P, by -(e . s) / (e . d), and the gap by u . s plus what it slides.
     `sign` is +1 where the row's normal is the plane's u.
     """
-    u = _rotate(R_P, plane[4], plane[5], plane[6])
-    cx, cy, cz = _rotate(R_P, plane[1], plane[2], plane[3])
-    ex, ey, ez = x[0] - p_P[0] - cx, x[1] - p_P[1] - cy, x[2] - p_P[2] - cz
-    k = ex * u[0] + ey * u[1] + ez * u[2]
-    ex, ey, ez = ex - k * u[0], ey - k * u[1], ez - k * u[2]
-    k = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez + _TINY)
-    ex, ey, ez = k * ex, k * ey, k * ez
-    ed = ex * d[0] + ey * d[1] + ez * d[2]
-    slope = (u[0] * d[0] + u[1] * d[1] + u[2] * d[2]) / ed
+    u = rotate(R_P, plane[4], plane[5], plane[6])
+    cx, cy, cz = rotate(R_P, plane[1], plane[2], plane[3])
+    ex, ey, ez = _across(x[0] - p_P[0] - cx, x[1] - p_P[1] - cy, x[2] - p_P[2] - cz, u)
+    ed = dot(ex, ey, ez, *d)
+    slope = dot(*u, *d) / ed
     # The contact point is x - (r + phi / 2) u.
-    g = phibar - 0.5 * (cbar[0] * u[0] + cbar[1] * u[1] + cbar[2] * u[2])
-    k = (cbar[0] * d[0] + cbar[1] * d[1] + cbar[2] * d[2]) / ed
-    sx, sy, sz = (
-        g * (u[0] - slope * ex) - k * ex,
-        g * (u[1] - slope * ey) - k * ey,
-        g * (u[2] - slope * ez) - k * ez,
-    )
+    g = phibar - 0.5 * dot(cbar[0], cbar[1], cbar[2], *u)
+    k = dot(cbar[0], cbar[1], cbar[2], *d) / ed
+    sx, sy = g * (u[0] - slope * ex) - k * ex, g * (u[1] - slope * ey) - k * ey
+    sz = g * (u[2] - slope * ez) - k * ez
     fx, fy, fz = cbar[0] + sx, cbar[1] + sy, cbar[2] + sz
     lx, ly, lz = x[0] - p_L[0], x[1] - p_L[1], x[2] - p_L[2]
     twist_L[0] += ly * fz - lz * fy
@@ -377,23 +332,23 @@ def contact_adjoint(row, R_A, p_A, R_B, p_B, n, a, b, phi, nbar, cbar, phibar, t
     """
     kind_A, kind_B = int(row[0]), int(row[8])
     if kind_A == LINE and kind_B == PLANE:
-        d, x = _rotate(R_A, row[4], row[5], row[6]), (a[0] + row[7] * n[0], a[1] + row[7] * n[1], a[2] + row[7] * n[2])
+        d, x = rotate(R_A, row[4], row[5], row[6]), (a[0] + row[7] * n[0], a[1] + row[7] * n[1], a[2] + row[7] * n[2])
         _crossing_adjoint(d, x, row[7], p_A, R_B, p_B, row[8:16], 1.0, phi, nbar, cbar, phibar, twist_A, twist_B)
         return
     if kind_A == PLANE and kind_B == LINE:
-        d = _rotate(R_B, row[12], row[13], row[14])
+        d = rotate(R_B, row[12], row[13], row[14])
         x = (b[0] - row[15] * n[0], b[1] - row[15] * n[1], b[2] - row[15] * n[2])
         _crossing_adjoint(d, x, row[15], p_B, R_A, p_A, row[0:8], -1.0, phi, nbar, cbar, phibar, twist_B, twist_A)
         return
     t1x, t1y, t1z, t2x, t2y, t2z = tangents(n[0], n[1], n[2])
     t1, t2 = (t1x, t1y, t1z), (t2x, t2y, t2z)
-    ux, uy, uz = _rotate(R_A, row[4], row[5], row[6])
-    px, py, pz = _rotate(R_A, row[1], row[2], row[3])
+    ux, uy, uz = rotate(R_A, row[4], row[5], row[6])
+    px, py, pz = rotate(R_A, row[1], row[2], row[3])
     A11, A12, A22, u1, u2 = _radii(
         kind_A, -1.0, ux, uy, uz, row[7], a[0] - p_A[0] - px, a[1] - p_A[1] - py, a[2] - p_A[2] - pz, t1, t2
     )
-    ux, uy, uz = _rotate(R_B, row[12], row[13], row[14])
-    px, py, pz = _rotate(R_B, row[9], row[10], row[11])
+    ux, uy, uz = rotate(R_B, row[12], row[13], row[14])
+    px, py, pz = rotate(R_B, row[9], row[10], row[11])
     B11, B12, B22, w1, w2 = _radii(
         kind_B, 1.0, ux, uy, uz, row[15], b[0] - p_B[0] - px, b[1] - p_B[1] - py, b[2] - p_B[2] - pz, t1, t2
     )

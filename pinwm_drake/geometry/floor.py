@@ -4,10 +4,9 @@ import math
 
 from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
 from pinwm_drake.geometry.pieces import ANYHOW, CYLINDER, IF_FLAT, MAX_FLOOR_POINTS, UNLESS_FLAT
-from pinwm_drake.geometry.rows import dot, norm, write_part, xyz
+from pinwm_drake.geometry.rows import write_part
+from pinwm_drake.geometry.vectors import dot, norm, xyz
 from pinwm_drake.jit import internal_kernel, large_internal_kernel
-
-_POINT, _PLANE, _CIRCLE = float(POINT), float(PLANE), float(CIRCLE)
 
 _DIRECTIONS = 8
 _DIRECTION_COS = tuple(math.cos(2.0 * math.pi * k / _DIRECTIONS) for k in range(_DIRECTIONS))
@@ -125,8 +124,8 @@ def _append_point(table, i, spread, floor_height, rows, count):
     if count >= rows.shape[0]:
         return count
     x, y, z = spread_point(table, i, spread)
-    write_part(rows, count, 0, _POINT, x, y, z, float(i), 0.0, 0.0, table.floor_points[i, 3])
-    write_part(rows, count, 8, _PLANE, 0.0, 0.0, floor_height, 0.0, 0.0, 1.0, 0.0)
+    write_part(rows, count, 0, POINT, x, y, z, float(i), 0.0, 0.0, table.floor_points[i, 3])
+    write_part(rows, count, 8, PLANE, 0.0, 0.0, floor_height, 0.0, 0.0, 1.0, 0.0)
     return count + 1
 
 
@@ -193,7 +192,7 @@ def _append_rims(table, piece, ux, uy, uz, lift, floor_height, margin, rows, cou
         if dot(ux, uy, uz, x, y, z) + lift - radius * tilt < margin and count < rows.shape[0]:
             # The axis of a rim points out of the cylinder.
             sign = 2.0 * end - 1.0
-            write_part(rows, count, 0, _CIRCLE, x, y, z, sign * ax, sign * ay, sign * az, radius)
-            write_part(rows, count, 8, _PLANE, 0.0, 0.0, floor_height, 0.0, 0.0, 1.0, 0.0)
+            write_part(rows, count, 0, CIRCLE, x, y, z, sign * ax, sign * ay, sign * az, radius)
+            write_part(rows, count, 8, PLANE, 0.0, 0.0, floor_height, 0.0, 0.0, 1.0, 0.0)
             count += 1
     return count

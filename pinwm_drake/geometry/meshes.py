@@ -1,4 +1,4 @@
-"""Triangle meshes: reading them with checks, their mass properties, and recentring."""
+"""Triangle meshes: reading them with checks, and their mass properties."""
 
 import io
 import os
@@ -121,24 +121,6 @@ def mass_properties(
 def half_diagonal(mesh: trimesh.Trimesh) -> float:
     """Half the diagonal of a mesh's box along its axes [m]: by how much a turn moves its rim, at the most."""
     return 0.5 * float(np.linalg.norm(mesh.extents))
-
-
-def recentre(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, np.ndarray]:
-    """Moves a mesh so that the origin of its frame is its centre of mass.
-
-    Args:
-        mesh: Watertight, faces turned outwards, m.
-
-    Returns:
-        The moved copy, and (3,) where its centre of mass was before, m.
-
-    Raises:
-        GeometryError: A mesh without volume.
-    """
-    p_com = mass_properties(mesh, density=1.0).p_com
-    moved = mesh.copy()
-    moved.apply_translation(-p_com)
-    return moved, p_com
 
 
 def _load_parts(path: Path) -> list[trimesh.Trimesh]:

@@ -1,21 +1,10 @@
-"""Writing of feature rows, whose layout `features` describes, and the small vector algebra around it (numba).
-
-Vectors are triples of scalars here: numba then keeps them in registers, where a small array would be
-allocated.
-"""
+"""Writing of feature rows, whose layout `features` describes (numba)."""
 
 import math
 
 from pinwm_drake.geometry.features import LINE, PLANE, POINT
+from pinwm_drake.geometry.vectors import cross, dot, line_parameters, norm, transform, xyz
 from pinwm_drake.jit import internal_kernel
-
-# As numbers of a row. An integer constant as an argument would make numba compile the callee for that very
-# value.
-_POINT, _LINE, _PLANE = float(POINT), float(LINE), float(PLANE)
-
-# Lines whose directions have a cross product below this are parallel: the normal of such a pair is not
-# defined.
-PARALLEL_SINE = 1.0e-3
 
 
 @internal_kernel
@@ -42,97 +31,18 @@ def write_part(rows, count, column, kind, px, py, pz, ux, uy, uz, radius):
 
 
 @internal_kernel
-def dot(ax, ay, az, bx, by, bz):
-    """Scalar product of two vectors."""
-    return ax * bx + ay * by + az * bz
-
-
-@internal_kernel
-def cross(ax, ay, az, bx, by, bz):
-    """Vector product of two vectors."""
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-
-
-@internal_kernel
-def norm(x, y, z):
-    """Length of a vector."""
-    return math.sqrt(x * x + y * y + z * z)
-
-
-@internal_kernel
-def rotate_back(R, x, y, z):
-    """Vector turned back: R' v for a matrix R (3, 3)."""
-    return (
-        R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
-        R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
-        R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
-    )
-
-
-@internal_kernel
-def transform(X, x, y, z):
-    """Transformed point X p, with a pose as twelve scalars: rotation by rows, then position."""
-    return (
-        X[0] * x + X[1] * y + X[2] * z + X[9],
-        X[3] * x + X[4] * y + X[5] * z + X[10],
-        X[6] * x + X[7] * y + X[8] * z + X[11],
-    )
-
-
-@internal_kernel
-def turn(X, x, y, z):
-    """Vector turned by a pose: R v, the pose as for `transform`."""
-    return X[0] * x + X[1] * y + X[2] * z, X[3] * x + X[4] * y + X[5] * z, X[6] * x + X[7] * y + X[8] * z
-
-
-@internal_kernel
-def turn_back(X, x, y, z):
-    """Vector turned back by a pose: R' v, the pose as for `transform`."""
-    return X[0] * x + X[3] * y + X[6] * z, X[1] * x + X[4] * y + X[7] * z, X[2] * x + X[5] * y + X[8] * z
-
-
-@internal_kernel
-def relative_pose(R_WA, p_WA, R_WB, p_WB):
-    """Relative pose X_BA as twelve scalars, from the poses of A and B in W."""
-    px, py, pz = rotate_back(R_WB, p_WA[0] - p_WB[0], p_WA[1] - p_WB[1], p_WA[2] - p_WB[2])
-    xx, yx, zx = rotate_back(R_WB, R_WA[0, 0], R_WA[1, 0], R_WA[2, 0])
-    xy, yy, zy = rotate_back(R_WB, R_WA[0, 1], R_WA[1, 1], R_WA[2, 1])
-    xz, yz, zz = rotate_back(R_WB, R_WA[0, 2], R_WA[1, 2], R_WA[2, 2])
-    return xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz
-
-
-@internal_kernel
-def inverse_pose(X):
-    """Inverse pose: X_AB from X_BA, both as twelve scalars."""
-    px, py, pz = turn_back(X, -X[9], -X[10], -X[11])
-    return X[0], X[3], X[6], X[1], X[4], X[7], X[2], X[5], X[8], px, py, pz
-
-
-@internal_kernel
-def xyz(table, i):
-    """The first three numbers of a row of one of the table's arrays: a point, direction or normal."""
-    return table[i, 0], table[i, 1], table[i, 2]
-
-
-@internal_kernel
-def height(table, i, x, y, z):
-    """Height [m] of a point over row i of `planes` or `sides`."""
-    return table[i, 0] * x + table[i, 1] * y + table[i, 2] * z - table[i, 3]
-
-
-@internal_kernel
 def write_face(table, face, rows, count, column):
     """Writes the plane of a face."""
     x, y, z = xyz(table.vertices, table.corners[table.faces[face], 0])
     nx, ny, nz = xyz(table.planes, face)
-    write_part(rows, count, column, _PLANE, x, y, z, nx, ny, nz, 0.0)
+    write_part(rows, count, column, PLANE, x, y, z, nx, ny, nz, 0.0)
 
 
 @internal_kernel
 def write_vertex(table, v, rows, count, column):
     """Writes a vertex of a hull, the centre of a sphere or an end of a capsule."""
     x, y, z = xyz(table.vertices, v)
-    write_part(rows, count, column, _POINT, x, y, z, 0.0, 0.0, 0.0, table.vertices[v, 3])
+    write_part(rows, count, column, POINT, x, y, z, 0.0, 0.0, 0.0, table.vertices[v, 3])
 
 
 @internal_kernel
@@ -148,18 +58,7 @@ def write_line(table, v, w, t, sign, rows, count, column):
     ux, uy, uz = ux / length, uy / length, uz / length
     x, y, z = x + t * ux, y + t * uy, z + t * uz
     ux, uy, uz = sign * ux, sign * uy, sign * uz
-    write_part(rows, count, column, _LINE, x, y, z, ux, uy, uz, table.vertices[v, 3])
-
-
-@internal_kernel
-def line_parameters(ux, uy, uz, vx, vy, vz, wx, wy, wz):
-    """Nearest points of lines p + s u and q + t v that are not parallel, with w = p - q; s and t in metres.
-
-    Source: C. Ericson, Real-Time Collision Detection, section 5.1.8, with unit directions.
-    """
-    b, c, f = dot(ux, uy, uz, vx, vy, vz), dot(ux, uy, uz, wx, wy, wz), dot(vx, vy, vz, wx, wy, wz)
-    s = (b * f - c) / (1.0 - b * b)
-    return s, b * s + f
+    write_part(rows, count, column, LINE, x, y, z, ux, uy, uz, table.vertices[v, 3])
 
 
 @internal_kernel

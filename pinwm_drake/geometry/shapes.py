@@ -43,9 +43,7 @@ def capsule(radius: float, length: float, X_BG: Pose | None = None) -> ConvexPie
     Raises:
         GeometryError: A radius or length that is not positive, or a pose that is not one.
     """
-    _positive("radius of a capsule", radius)
-    _positive("length of a capsule", length)
-    return ConvexPiece(CAPSULE, _segment(length, X_BG), float(radius))
+    return _stick(CAPSULE, "capsule", radius, length, X_BG)
 
 
 def cylinder(radius: float, length: float, X_BG: Pose | None = None) -> ConvexPiece:
@@ -62,9 +60,7 @@ def cylinder(radius: float, length: float, X_BG: Pose | None = None) -> ConvexPi
     Raises:
         GeometryError: A radius or length that is not positive, or a pose that is not one.
     """
-    _positive("radius of a cylinder", radius)
-    _positive("length of a cylinder", length)
-    return ConvexPiece(CYLINDER, _segment(length, X_BG), float(radius))
+    return _stick(CYLINDER, "cylinder", radius, length, X_BG)
 
 
 def box(size: np.ndarray, X_BG: Pose | None = None) -> ConvexPiece:
@@ -199,6 +195,9 @@ def _pose(X_BG: Pose | None) -> Pose:
     return R_BG, p_BG
 
 
-def _segment(length: float, X_BG: Pose | None) -> np.ndarray:
+def _stick(kind: int, name: str, radius: float, length: float, X_BG: Pose | None) -> ConvexPiece:
+    _positive(f"radius of a {name}", radius)
+    _positive(f"length of a {name}", length)
     R_BG, p_BG = _pose(X_BG)
-    return np.array([p_BG - 0.5 * length * R_BG[:, 2], p_BG + 0.5 * length * R_BG[:, 2]])
+    ends = np.array([p_BG - 0.5 * length * R_BG[:, 2], p_BG + 0.5 * length * R_BG[:, 2]])
+    return ConvexPiece(kind, ends, float(radius))

@@ -1,10 +1,19 @@
 """Options of fitting surfels to images."""
 
-from dataclasses import dataclass, fields
-from typing import Literal
+from dataclasses import dataclass
+from types import NoneType
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+from annotated_types import Interval
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.rendering.surfels import MAX_DEGREE
+
+_MANY = 10_000_000
+_Count = Annotated[int, Interval(ge=1, le=_MANY)]
+_CountFrom0 = Annotated[int, Interval(ge=0, le=_MANY)]
+_UpToOne = Annotated[float, Interval(ge=0.0, le=1.0)]
+_Weight = Annotated[float, Interval(ge=0.0, le=1e6)]
 
 
 @dataclass(frozen=True)
@@ -52,55 +61,44 @@ class FitOptions:
         ParameterError: a value is out of range; the message names it.
     """
 
-    iterations: int = 2500
-    max_surfels: int = 5000
-    first_surfels: int | None = None
-    crease_share: float = 0.7
-    sh_degree: int = 3
-    sh_every: int = 700
-    held_out: int = 4
+    iterations: _Count = 2500
+    max_surfels: _Count = 5000
+    first_surfels: _Count | None = None
+    crease_share: _UpToOne = 0.7
+    sh_degree: Annotated[int, Interval(ge=0, le=MAX_DEGREE)] = 3
+    sh_every: _Count = 700
+    held_out: _CountFrom0 = 4
     photometric: Literal["l1", "l2"] = "l1"
-    dssim: float = 0.2
-    distortion: float = 0.1
-    normal: float = 0.02
-    silhouette: float = 4.0
-    silhouette_spread: float = 0.3
-    silhouette_every: int = 2
-    geometry_every: int = 10
-    coarse: float = 0.1
-    margin: int = 12
-    rate_position: float = 5e-4
-    rate_rotation: float = 2e-3
-    rate_scale: float = 1e-2
-    rate_opacity: float = 5e-2
-    rate_color: float = 5e-3
-    rate_camera: float = 0.02
-    final_rate: float = 0.02
-    densify_from: float = 0.02
-    densify_until: float = 0.6
-    densify_every: int = 100
-    growth: float = 0.1
-    least_opacity: float = 0.02
-    evaluate_every: int = 500
-    checkpoint_every: int = 500
-    seed: int = 0
-    num_threads: int | None = None
+    dssim: _UpToOne = 0.2
+    distortion: _Weight = 0.1
+    normal: _Weight = 0.02
+    silhouette: _Weight = 4.0
+    silhouette_spread: Annotated[float, Interval(ge=0.0, le=3.2)] = 0.3
+    silhouette_every: _Count = 2
+    geometry_every: _Count = 10
+    coarse: _UpToOne = 0.1
+    margin: Annotated[int, Interval(ge=0, le=1000)] = 12
+    rate_position: _UpToOne = 5e-4
+    rate_rotation: _UpToOne = 2e-3
+    rate_scale: _UpToOne = 1e-2
+    rate_opacity: _UpToOne = 5e-2
+    rate_color: _UpToOne = 5e-3
+    rate_camera: _UpToOne = 0.02
+    final_rate: Annotated[float, Interval(ge=1e-6, le=1.0)] = 0.02
+    densify_from: _UpToOne = 0.02
+    densify_until: _UpToOne = 0.6
+    densify_every: _Count = 100
+    growth: _UpToOne = 0.1
+    least_opacity: Annotated[float, Interval(ge=0.0, le=0.5)] = 0.02
+    evaluate_every: _CountFrom0 = 500
+    checkpoint_every: _Count = 500
+    seed: Annotated[int, Interval(ge=0, le=2**31 - 1)] = 0
+    num_threads: Annotated[int, Interval(ge=1, le=1024)] | None = None
     backend: Literal["numba", "torch"] = "numba"
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value, (low, high) = getattr(self, item.name), _RANGES.get(item.name, (0, 0))
-            if item.name in _CHOICES:
-                if value not in _CHOICES[item.name]:
-                    raise ParameterError(
-                        f"{item.name} is {value!r}; allowed: {' or '.join(map(repr, _CHOICES[item.name]))}"
-                    )
-            elif value is None and item.name in _OPTIONAL:
-                continue
-            elif item.name in _WHOLE and (isinstance(value, bool) or not isinstance(value, int)):
-                raise ParameterError(f"{item.name} is {value!r}; allowed: a whole number")
-            elif isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-                raise ParameterError(f"{item.name} is {value!r}; allowed: {low} to {high}")
+        for name, hint in get_type_hints(FitOptions, include_extras=True).items():
+            _check(name, getattr(self, name), hint)
         if self.held_out == 1:
             raise ParameterError("held_out is 1, which leaves no view to fit; allowed: 0, or 2 and more")
         if self.first_surfels is not None and self.first_surfels > self.max_surfels:
@@ -122,54 +120,16 @@ class FitOptions:
         return low <= iteration <= high and iteration % self.densify_every == 0 and iteration < self.iterations
 
 
-_MANY = 10_000_000
-_RANGES: dict[str, tuple[float, float]] = {
-    "iterations": (1, _MANY),
-    "max_surfels": (1, _MANY),
-    "first_surfels": (1, _MANY),
-    "crease_share": (0.0, 1.0),
-    "sh_degree": (0, MAX_DEGREE),
-    "sh_every": (1, _MANY),
-    "held_out": (0, _MANY),
-    "dssim": (0.0, 1.0),
-    "distortion": (0.0, 1e6),
-    "normal": (0.0, 1e6),
-    "silhouette": (0.0, 1e6),
-    "silhouette_spread": (0.0, 3.2),
-    "silhouette_every": (1, _MANY),
-    "geometry_every": (1, _MANY),
-    "coarse": (0.0, 1.0),
-    "margin": (0, 1000),
-    "rate_position": (0.0, 1.0),
-    "rate_rotation": (0.0, 1.0),
-    "rate_scale": (0.0, 1.0),
-    "rate_opacity": (0.0, 1.0),
-    "rate_color": (0.0, 1.0),
-    "rate_camera": (0.0, 1.0),
-    "final_rate": (1e-6, 1.0),
-    "densify_from": (0.0, 1.0),
-    "densify_until": (0.0, 1.0),
-    "densify_every": (1, _MANY),
-    "growth": (0.0, 1.0),
-    "least_opacity": (0.0, 0.5),
-    "evaluate_every": (0, _MANY),
-    "checkpoint_every": (1, _MANY),
-    "seed": (0, 2**31 - 1),
-    "num_threads": (1, 1024),
-}
-_CHOICES = {"photometric": ("l1", "l2"), "backend": ("numba", "torch")}
-_OPTIONAL = {"first_surfels", "num_threads"}
-_WHOLE = {
-    *(
-        "iterations",
-        "max_surfels",
-        "first_surfels",
-        "sh_degree",
-        "sh_every",
-        "held_out",
-        "silhouette_every",
-        "geometry_every",
-        "margin",
-    ),
-    *("densify_every", "evaluate_every", "checkpoint_every", "seed", "num_threads"),
-}
+def _check(name: str, value: object, hint: Any) -> None:
+    """Raises ParameterError unless a value is one of a `Literal`, in the `Interval` of its type, or an allowed None."""
+    optional = NoneType in get_args(hint)
+    kind, *span = get_args(get_args(hint)[0] if optional else hint)
+    if get_origin(hint) is Literal:
+        if value not in get_args(hint):
+            raise ParameterError(f"{name} is {value!r}; allowed: {' or '.join(map(repr, get_args(hint)))}")
+    elif value is None and optional:
+        return
+    elif kind is int and (isinstance(value, bool) or not isinstance(value, int)):
+        raise ParameterError(f"{name} is {value!r}; allowed: a whole number")
+    elif isinstance(value, bool) or not isinstance(value, int | float) or not span[0].ge <= value <= span[0].le:
+        raise ParameterError(f"{name} is {value!r}; allowed: {span[0].ge} to {span[0].le}")

@@ -1,9 +1,10 @@
 """Fits surfels to posed images of an object whose mesh is known."""
 
+import hashlib
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +12,12 @@ import torch
 import trimesh
 from torch import Tensor
 
+from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError, RenderingError
 from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.rendering.checkpoint import describe, read_checkpoint, write_checkpoint
 from pinwm_drake.rendering.densify import densify
 from pinwm_drake.rendering.fit_options import FitOptions
-from pinwm_drake.rendering.fit_result import FitResult, History
 from pinwm_drake.rendering.fit_state import CAMERA, FitState
 from pinwm_drake.rendering.initial import initial_surfels
 from pinwm_drake.rendering.losses import SsimTarget, distortion_loss, normal_consistency, photometric
@@ -29,12 +29,57 @@ from pinwm_drake.spatial.poses import transform
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 from pinwm_drake.threads import available
 
-__all__ = ["FitOptions", "FitResult", "History", "Progress", "fit", "psnr"]
+CHECKPOINT_FILE = "checkpoint.npz"
+_VERSION = 1
+# These may change between a fit and its continuation.
+_FREE = ("checkpoint_every",)
 
 Progress = Callable[[int, int, float, float | None, int], None]
 
 # An image that is met exactly has no PSNR; this one stands for it, dB.
 _MOST_PSNR = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """History of a fit, iteration by iteration.
+
+    Attributes:
+        iteration: (n,) int64, counted from 1.
+        loss: (n,) float64.
+        psnr: (n,) float64, PSNR of that iteration's view over its whole image, dB.
+        num_surfels: (n,) int64.
+        test_iteration: (m,) int64, iterations after which the held-out views were measured.
+        test_psnr: (m,) float64, their mean PSNR, dB.
+    """
+
+    iteration: np.ndarray
+    loss: np.ndarray
+    psnr: np.ndarray
+    num_surfels: np.ndarray
+    test_iteration: np.ndarray
+    test_psnr: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """Result of a fit: surfels, history and quality.
+
+    Attributes:
+        surfels: surfels in O, with harmonics of the chosen degree.
+        history: course of the fit.
+        psnr_train: PSNR of each view that was fitted, by its name, over the whole image, dB.
+        psnr_test: PSNR of each held-out view, by its name, over the whole image, dB.
+        camera_offset: offset that was added to cx and cy of every view, px; 0 unless rate_camera is positive.
+        seconds: wall time, that of interrupted parts included.
+    """
+
+    surfels: Surfels
+    history: History
+    psnr_train: dict[str, float]
+    psnr_test: dict[str, float]
+    camera_offset: tuple[float, float]
+    seconds: float
 
 
 def fit(
@@ -86,7 +131,7 @@ def fit(
         )
     threads = options.num_threads or available()
     with _one_torch_thread():
-        return _Fit(train, test, mesh, options, threads, folder, describe(views, mesh, options, threads)).run(
+        return _Fit(train, test, mesh, options, threads, folder, _describe(views, mesh, options, threads)).run(
             resume, progress
         )
 
@@ -94,6 +139,19 @@ def fit(
 def psnr(mean_square: float) -> float:
     """Peak signal-to-noise ratio in dB of images with a mean squared difference; 100 for equal ones."""
     return min(-10.0 * float(np.log10(mean_square)), _MOST_PSNR) if mean_square > 0.0 else _MOST_PSNR
+
+
+def _describe(views: Sequence[View], mesh: trimesh.Trimesh, options: FitOptions, threads: int) -> dict[str, object]:
+    """Description of a fit's inputs: its options, and the hash of its views and mesh."""
+    digest = hashlib.sha256()
+    for view in views:
+        digest.update(f"{view.name} {view.camera.width} {view.camera.height}".encode())
+        for tensor in (view.camera.intrinsics, view.X_CO.q, view.X_CO.p, view.image, view.mask):
+            digest.update(tensor.numpy().tobytes())
+    digest.update(np.asarray(mesh.vertices, float).tobytes())
+    digest.update(np.asarray(mesh.faces, np.int64).tobytes())
+    kept = {name: value for name, value in asdict(options).items() if name not in _FREE}
+    return {"version": _VERSION, "views and mesh": digest.hexdigest(), **kept, "num_threads": threads}
 
 
 @contextmanager
@@ -167,7 +225,7 @@ class _Fit:
     def run(self, resume: bool, progress: Progress | None) -> FitResult:
         options = self.options
         if resume and self.folder is not None:
-            self._restore(read_checkpoint(self.folder, self.about, self._arrays()))
+            self._restore(read_arrays(self.folder / CHECKPOINT_FILE, self.about, "fit", self._arrays()))
         started = time.perf_counter() - self.seconds
         while self.iteration < options.iterations:
             loss, value = self._iterate(self.iteration)
@@ -185,7 +243,8 @@ class _Fit:
                 self.iteration % options.checkpoint_every == 0 or self.iteration == options.iterations
             ):
                 self.seconds = time.perf_counter() - started
-                write_checkpoint(self.folder, self.about, self._arrays())
+                arrays = {name: value.numpy() for name, value in self._arrays().items()}
+                write_arrays(self.folder / CHECKPOINT_FILE, self.about, arrays)
         self.seconds = time.perf_counter() - started
         return self._result()
 
@@ -271,10 +330,10 @@ class _Fit:
             "tests": torch.tensor(self.tests, dtype=torch.float64).reshape(-1, 2),
         }
 
-    def _restore(self, arrays: dict[str, Tensor] | None) -> None:
+    def _restore(self, arrays: dict[str, np.ndarray] | None) -> None:
         if arrays is None:
             return
-        self.state.restore(arrays)
+        self.state.restore({name: torch.from_numpy(value) for name, value in arrays.items()})
         self.iteration, self.seconds = int(arrays["iteration"]), float(arrays["seconds"])
         self.rows = [tuple(row) for row in arrays["rows"].tolist()]
         self.tests = [tuple(row) for row in arrays["tests"].tolist()]

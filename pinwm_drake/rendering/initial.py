@@ -1,6 +1,7 @@
 """Surfels on the surface of a mesh, to start a fit from."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -83,10 +84,9 @@ def initial_surfels(
     fill.scales[:] = EVEN * max(gap, 0.5 * pixel)
     keep_inside(fill, mesh)
     patches = Patches.join(rows, fill)
-    surfels = as_surfels(patches, opacity)
     sh = torch.zeros(number, (degree + 1) ** 2, 3)
     sh[:, 0] = torch.from_numpy((_colors(patches, sights) - 0.5) / Y0).float()
-    return Surfels(surfels.p_OS, surfels.q_OS, surfels.log_scale, surfels.logit_opacity, sh)
+    return replace(as_surfels(patches, opacity), sh=sh)
 
 
 def _colors(patches: Patches, sights: Sequence[Sight]) -> np.ndarray:

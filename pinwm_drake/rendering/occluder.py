@@ -5,7 +5,7 @@ import torch
 
 from pinwm_drake.errors import RenderingError
 from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.rendering.kernels.occluder import fill_depths
+from pinwm_drake.rendering.kernels.triangles import fill_depths
 from pinwm_drake.threads import available, share
 
 _WORTH_THREADS = 8  # views

@@ -1,6 +1,7 @@
 """Surfels of a coloured mesh: an appearance that comes from a model and not from a video."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from pinwm_drake.errors import InputError, RenderingError
 from pinwm_drake.rendering.harmonics import Y0
-from pinwm_drake.rendering.patches import EVEN, Patches, farthest, keep_inside, line_creases, spread
+from pinwm_drake.rendering.patches import EVEN, Patches, crease_ends, farthest, keep_inside, line_creases, spread
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.rendering.visibility import as_surfels
 
@@ -23,7 +24,6 @@ _STEPS = 75.0
 # Rows along creases: further in, and narrower for that, than those that a fit starts from and then moves. So a
 # silhouette is neither wider nor narrower than the mesh's. In units of what `line_creases` makes.
 _FURTHER, _NARROWER = 1.4, 0.6
-_CREASE = np.deg2rad(30.0)  # faces meet in a crease where they turn by more
 # The least distance of surfels from any crease, in steps, of the rows and of the others.
 _ROW_GAP, _FILL_GAP = 0.9, 2.0
 # Where the tip of a surfel along a crease, so many scales from its middle, is beside the mesh, it gets shorter.
@@ -57,18 +57,18 @@ def painted_surfels(visual_path: Path, number: int = 2500, *, seed: int = 0) -> 
     mesh, colours = _read(visual_path)
     generator = np.random.default_rng(seed)
     step = float(mesh.extents.max()) / _STEPS
-    creases = _Creases(mesh, 0.5 * step)
+    creases = cKDTree(_crease_points(mesh, 0.5 * step))
     wanted = int(_CREASE_SHARE * number)
     rows = line_creases(mesh, _FURTHER * step, wanted, lambda patches: np.ones(patches.number, bool))
     # On a narrow face, such as a rim, the second row of one crease would lie on the other.
-    rows = rows.select(creases.distance(rows.points) > _ROW_GAP * step)
+    rows = rows.select(creases.query(rows.points)[0] > _ROW_GAP * step)
     rows = rows.select(generator.permutation(rows.number)[:wanted])
     rows.scales[:, 1] *= _NARROWER
     tips = np.stack([-1.0, 1.0])[:, None, None] * (_TIP * rows.scales[:, :1] * rows.tangents) + rows.points
     over = (_faces_under(mesh, tips.reshape(-1, 3))[1].reshape(2, -1) > 0.1 * step).any(axis=0)
     rows.scales[over, 0] *= _SHORTER
     fill = spread(mesh, _CANDIDATES * number, generator)
-    inside = creases.distance(fill.points) > _FILL_GAP * step
+    inside = creases.query(fill.points)[0] > _FILL_GAP * step
     fill = fill.select(inside if inside.sum() >= number else np.ones(fill.number, bool))
     chosen, gap = farthest(fill.points.astype(np.float32), rows.points, number - rows.number)
     fill = fill.select(chosen)
@@ -76,8 +76,7 @@ def painted_surfels(visual_path: Path, number: int = 2500, *, seed: int = 0) -> 
     keep_inside(fill, mesh)
     patches = Patches.join(rows, fill)
     sh = torch.from_numpy((colours[_faces_under(mesh, patches.points)[0]] - 0.5) / Y0).float()
-    surfels = as_surfels(patches, _OPACITY)
-    return Surfels(surfels.p_OS, surfels.q_OS, surfels.log_scale, surfels.logit_opacity, sh[:, None])
+    return replace(as_surfels(patches, _OPACITY), sh=sh[:, None])
 
 
 def _read(path: Path) -> tuple[trimesh.Trimesh, np.ndarray]:
@@ -114,19 +113,12 @@ def _read(path: Path) -> tuple[trimesh.Trimesh, np.ndarray]:
     return mesh, np.concatenate(colours)
 
 
-class _Creases:
-    """Creases of a mesh: the edges at which its faces meet at an angle."""
-
-    def __init__(self, mesh: trimesh.Trimesh, step: float) -> None:
-        """Places points along the creases, `step` [m] or less apart."""
-        ends = np.asarray(mesh.vertices)[mesh.face_adjacency_edges[mesh.face_adjacency_angles > _CREASE]]
-        counts = np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / step).astype(int) + 1
-        points = [np.linspace(start, end, count) for (start, end), count in zip(ends, counts, strict=True)]
-        self._tree = cKDTree(np.concatenate(points)) if points else None
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Distances (n,) [m] of points (n, 3) [m] from the nearest crease; infinite where the mesh has none."""
-        return np.full(len(points), np.inf) if self._tree is None else np.asarray(self._tree.query(points)[0])
+def _crease_points(mesh: trimesh.Trimesh, step: float) -> np.ndarray:
+    """Points (n, 3) [m] along the creases of a mesh, `step` [m] or less apart."""
+    ends = crease_ends(mesh)[0]
+    counts = np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / step).astype(int) + 1
+    points = [np.linspace(start, end, count) for (start, end), count in zip(ends, counts, strict=True)]
+    return np.concatenate([np.zeros((0, 3)), *points])
 
 
 def _faces_under(mesh: trimesh.Trimesh, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,10 +1,11 @@
 """Flat patches on the surface of a mesh: where surfels start."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import trimesh
+from scipy.spatial import cKDTree
 
 # Faces meet in a crease where they turn by more than this, rad.
 _CREASE = np.deg2rad(30.0)
@@ -15,7 +16,6 @@ _ROWS = ((0.8, 0.6), (2.5, 1.2))
 # Scales in units of the distance of neighbours, at which they cover the surface without a gap: those in a row, evenly
 # spread ones, and random ones.
 _ROW, EVEN, _RANDOM = 0.6, 0.9, 1.2
-
 
 # The most of the distance to a crease that a scale may be.
 _INSIDE = 0.5
@@ -44,18 +44,23 @@ class Patches:
 
     def select(self, chosen: np.ndarray) -> "Patches":
         """Subset of the patches that a mask or indices choose."""
-        return Patches(self.points[chosen], self.normals[chosen], self.tangents[chosen], self.scales[chosen])
+        return Patches(*(getattr(self, item.name)[chosen] for item in fields(self)))
 
     @staticmethod
     def join(*parts: "Patches") -> "Patches":
         """Patches of several parts in one, in the order of the parts."""
-        names = ("points", "normals", "tangents", "scales")
-        return Patches(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        return Patches(*(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(Patches)))
 
     @staticmethod
     def none() -> "Patches":
         """Empty set of patches."""
         return Patches(*(np.zeros((0, k)) for k in (3, 3, 3, 2)))
+
+
+def crease_ends(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+    """Ends (n, 2, 3) [m] of the edges at which faces meet at an angle, and the two faces (n, 2) at each."""
+    sharp = mesh.face_adjacency_angles > _CREASE
+    return np.asarray(mesh.vertices)[mesh.face_adjacency_edges[sharp]], mesh.face_adjacency[sharp]
 
 
 def spread(mesh: trimesh.Trimesh, number: int, generator: np.random.Generator) -> Patches:
@@ -83,10 +88,8 @@ def line_creases(mesh: trimesh.Trimesh, pixel: float, number: int, seen: Callabl
     Returns:
         The patches; none for a mesh without creases.
     """
-    sharp = mesh.face_adjacency_angles > _CREASE
-    ends = np.asarray(mesh.vertices)[mesh.face_adjacency_edges[sharp]]
+    ends, faces = crease_ends(mesh)
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    faces = mesh.face_adjacency[sharp]
     if number == 0 or not lengths.sum() > 0.0:
         return Patches.none()
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -122,9 +125,8 @@ def line_creases(mesh: trimesh.Trimesh, pixel: float, number: int, seen: Callabl
 
 def keep_inside(patches: Patches, mesh: trimesh.Trimesh) -> None:
     """Shrinks patches that would hang over a crease: half of their distance to it is the most for their scales."""
-    sharp = mesh.face_adjacency_angles > _CREASE
     distance = np.full(patches.number, np.inf)
-    for a, b in np.asarray(mesh.vertices)[mesh.face_adjacency_edges[sharp]]:
+    for a, b in crease_ends(mesh)[0]:
         share = np.clip((patches.points - a) @ (b - a) / max(np.sum((b - a) ** 2), 1e-18), 0.0, 1.0)
         distance = np.minimum(distance, np.linalg.norm(patches.points - a - share[:, None] * (b - a), axis=1))
     np.minimum(patches.scales, np.maximum(_INSIDE * distance[:, None], 1e-6), out=patches.scales)
@@ -141,8 +143,6 @@ def farthest(points: np.ndarray, taken: np.ndarray, number: int) -> tuple[np.nda
     Returns:
         (number,), indices in the order of choice; the distance of the last one to its nearest neighbour, m.
     """
-    from scipy.spatial import cKDTree
-
     gaps = cKDTree(taken).query(points)[0] if len(taken) else np.full(len(points), np.inf)
     chosen = np.empty(number, int)
     gap = 0.0

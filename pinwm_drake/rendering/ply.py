@@ -2,17 +2,21 @@
 
 A vertex is a surfel: x y z (m), nx ny nz (its normal; not read), f_dc_0..2 (harmonics of degree 0), f_rest_0.. (the
 others, all of red, then green, then blue), opacity (logit), scale_0 scale_1 (logarithms of m), rot_0..3 (wxyz).
+trimesh reads the files; what is written is a header and the numbers as they lie in memory.
 """
 
+import io
 import os
+import re
+import warnings
 from pathlib import Path
 
 import numpy as np
 import torch
+from trimesh.exchange.ply import load_ply
 
 from pinwm_drake.errors import InputError, RenderingError
 from pinwm_drake.files import replacing
-from pinwm_drake.rendering.ply_table import Vertices, write_vertices
 from pinwm_drake.rendering.surfels import MAX_DEGREE, Surfels
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
@@ -40,12 +44,8 @@ def read_ply(path: str | os.PathLike[str]) -> Surfels:
     path = Path(path)
     if not path.is_file():
         raise InputError(path, value="no such file", allowed="a PLY file of surfels")
-    vertices = Vertices.open(path)
-    if vertices.count == 0:
-        raise InputError(path, value="0 surfels", allowed="1 surfel or more")
-    rests = _check_properties(vertices)
-    rows = vertices.rows()
-    values = {name: _column(path, rows, name) for name in (*_NEEDED, *rests)}
+    rows, rests = _read_vertices(path)
+    values = {name: _column(path, rows[name], name) for name in (*_NEEDED, *rests)}
     rotation = np.stack([values[name] for name in _ROTATION], -1)
     _check_rows(path, np.abs(rotation).max(-1) > 0.0, "rot_0..3 of 0", "quaternions of any length but 0")
 
@@ -53,7 +53,7 @@ def read_ply(path: str | os.PathLike[str]) -> Surfels:
         return torch.from_numpy(np.stack([values[name] for name in names], -1))
 
     constant = tensor(_CONSTANT)[:, None, :]
-    rest = tensor(rests).reshape(len(rows), 3, -1).transpose(1, 2) if rests else constant[:, :0]
+    rest = tensor(rests).reshape(len(rotation), 3, -1).transpose(1, 2) if rests else constant[:, :0]
     return Surfels(
         p_OS=tensor(_POSITION),
         q_OS=torch.from_numpy(rotation),
@@ -85,29 +85,42 @@ def write_ply(path: str | os.PathLike[str], surfels: Surfels) -> None:
     normal = quaternion_to_matrix(torch.nn.functional.normalize(surfels.q_OS.double(), dim=-1))[:, :, 2].float()
     rest = surfels.sh[:, 1:].transpose(1, 2).reshape(N, -1)
     names = (*_POSITION, *_NORMAL, *_CONSTANT, *_rest_names(rest.shape[1]), "opacity", *_SCALE, *_ROTATION)
-    columns = torch.cat(
-        [
-            surfels.p_OS,
-            normal,
-            surfels.sh[:, 0],
-            rest,
-            surfels.logit_opacity[:, None],
-            surfels.log_scale,
-            surfels.q_OS,
-        ],
-        1,
-    )
+    colours = (surfels.sh[:, 0], rest)
+    columns = (surfels.p_OS, normal, *colours, surfels.logit_opacity[:, None], surfels.log_scale, surfels.q_OS)
     with replacing(path) as temporary:
-        write_vertices(temporary, names, columns.numpy())
+        write_vertices(temporary, names, torch.cat(columns, 1).numpy())
+
+
+def write_vertices(path: Path, names: tuple[str, ...], columns: np.ndarray) -> None:
+    """Writes columns (N, len(names)) as float32 vertices of a binary PLY file; raises OSError."""
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(columns)}"]
+    header += [*(f"property float {name}" for name in names), "end_header", ""]
+    path.write_bytes("\n".join(header).encode() + np.ascontiguousarray(columns, "<f4").tobytes())
 
 
 def _rest_names(number: int) -> tuple[str, ...]:
     return tuple(f"f_rest_{i}" for i in range(number))
 
 
-def _check_properties(vertices: Vertices) -> tuple[str, ...]:
-    """The names of f_rest, after a look at the names and types of all properties."""
-    path, properties = vertices.path, vertices.properties
+def _read_vertices(path: Path) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Columns of the vertices by name, and the names of f_rest, after a look at the names and types of all."""
+    try:
+        contents = path.read_bytes()
+    except OSError as error:
+        raise InputError(path, value=error.strerror or str(error), allowed="a file that can be read") from error
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # numpy only warns of text that holds no number
+            elements = load_ply(io.BytesIO(contents), skip_materials=True)["metadata"]["_ply_raw"]
+    except Exception as error:  # trimesh's reader raises whatever its parser does
+        raise _unreadable(path, error) from error
+    if "vertex" not in elements:
+        found = ", ".join(elements) or "no element"
+        raise InputError(path, value=f"a PLY with {found}", allowed="a PLY with an element 'vertex'")
+    vertices = elements["vertex"]
+    if vertices["length"] < 1:
+        raise InputError(path, value=f"{vertices['length']} surfels", allowed="1 surfel or more")
+    properties = vertices["properties"]
     missing = [name for name in _NEEDED if name not in properties]
     if missing:
         raise InputError(
@@ -115,24 +128,35 @@ def _check_properties(vertices: Vertices) -> tuple[str, ...]:
         )
     if "scale_2" in properties:
         raise InputError(path, value="scale_2, so 3D Gaussians", allowed="surfels of 2DGS, with scale_0 and scale_1")
-    found = sorted(name for name in properties if name.startswith("f_rest_"))
-    rests = _rest_names(len(found))
-    if len(found) not in _RESTS or sorted(rests) != found:
-        raise InputError(path, value=f"{len(found)} of f_rest", allowed="f_rest_0.. with 0, 9, 24 or 45 of them")
-    for name, item in properties.items():
-        wanted = name in _NEEDED or name in rests
-        if item.kind is None or (wanted and not item.kind.startswith("f")):
-            raise InputError(path, value=f"property '{item.line}'", allowed=f"float or double {name}")
-    return rests
+    given = sorted(name for name in properties if name.startswith("f_rest_"))
+    rests = _rest_names(len(given))
+    if len(given) not in _RESTS or sorted(rests) != given:
+        raise InputError(path, value=f"{len(given)} of f_rest", allowed="f_rest_0.. with 0, 9, 24 or 45 of them")
+    for name, kind in properties.items():
+        # A list is several types, divided by commas.
+        if "," in kind or (name in (*_NEEDED, *rests) and "f" not in kind):
+            line = re.search(rf"property [\w ]+ {re.escape(name)}\b", contents.decode("latin-1"))
+            raise InputError(path, value=f"property '{line and line[0]}'", allowed=f"float or double {name}")
+    try:
+        rows = {name: np.asarray(vertices["data"][name], properties[name]).ravel() for name in (*_NEEDED, *rests)}
+    except (KeyError, ValueError) as error:  # rows of text with too few numbers
+        raise _unreadable(path, error) from error
+    if len(rows["x"]) < vertices["length"]:
+        value = f"a truncated file ({len(rows['x'])} of {vertices['length']} vertices)"
+        raise InputError(path, value=value, allowed="a whole PLY file")
+    return rows, rests
 
 
-def _column(path: Path, rows: np.ndarray, name: str) -> np.ndarray:
+def _unreadable(path: Path, error: Exception) -> InputError:
+    value = f"unreadable contents ({type(error).__name__}: {error})"
+    return InputError(path, value=value, allowed="a PLY file of surfels")
+
+
+def _column(path: Path, given: np.ndarray, name: str) -> np.ndarray:
     with np.errstate(over="ignore"):
-        values = np.ascontiguousarray(rows[name], np.float32)
+        values = np.ascontiguousarray(given, np.float32)
     finite = np.isfinite(values)
-    if not finite.all():
-        value = rows[name][int(finite.argmin())]
-        _check_rows(path, finite, f"{name} = {value}", "finite numbers")
+    _check_rows(path, finite, f"{name} = {given[int(finite.argmin())]}", "finite numbers")
     return values
 
 

@@ -9,7 +9,7 @@ from torch.autograd.function import once_differentiable
 
 from pinwm_drake.errors import RenderingError
 from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.rendering.kernels import backward, forward, pose
+from pinwm_drake.rendering.kernels import backward, forward
 from pinwm_drake.rendering.kernels.columns import COLUMNS, TILE
 from pinwm_drake.rendering.kernels.project import BLOCK, SAME
 from pinwm_drake.rendering.surfels import Surfels, require_shapes
@@ -29,15 +29,7 @@ def rasterise(
     surfels: Surfels, camera: Camera, X_CO: Pose, full: bool, background: Tensor, steepness: Tensor, num_threads: int
 ) -> tuple[Tensor, ...]:
     """Renders V views; see `render.render`. Returns color, alpha and, if `full`, depth, normal and distortion."""
-    inputs = (
-        surfels.p_OS,
-        surfels.q_OS,
-        surfels.log_scale,
-        surfels.logit_opacity,
-        surfels.sh,
-        X_CO.q,
-        X_CO.p,
-    )
+    inputs = (*surfels.tensors().values(), X_CO.q, X_CO.p)
     work = X_CO.p.shape[0] * (camera.width * camera.height + surfels.num_surfels)
     num_threads = min(num_threads, work // _WORTH_A_THREAD + 1)
     intrinsics = _array(camera.intrinsics)
@@ -73,7 +65,7 @@ def _inputs(inputs: tuple[Tensor, ...], fixed: _Fixed) -> tuple[tuple, np.ndarra
         view = int(np.flatnonzero(~(np.isfinite(q_CO).all(-1) & np.isfinite(t).all(-1)))[0])
         raise RenderingError(f"X_CO of view {view} is {q_CO[view]}, {t[view]}; allowed: finite numbers")
     R = np.empty((len(t), 3, 3), np.float32)
-    pose.fill_rotations(q_CO, R)
+    forward.fill_rotations(q_CO, R)
     return (p, q, log_scale, logit_opacity), sh if sh.ndim == 4 else sh[None], q_CO, (R, t, *fixed[:2])
 
 
@@ -98,12 +90,8 @@ def _render(full: bool, fixed: _Fixed, num_threads: int, inputs: tuple[Tensor, .
     intrinsics, _, size, background = fixed
     surfels, sh, _, view = _inputs(inputs, fixed)
     images = _images(len(intrinsics), size, full)
-    share(
-        forward.render_views,
-        (_prepared(surfels), sh, view, size, background, full, images),
-        len(intrinsics),
-        num_threads,
-    )
+    arguments = (_prepared(surfels), sh, view, size, background, full, images)
+    share(forward.render_views, arguments, len(intrinsics), num_threads)
     return images
 
 
@@ -126,7 +114,8 @@ def _forward(
     share(forward.bin_views, (size, boxes, depths.view(np.int32), starts, entries), V, num_threads)
     images = _images(V, size, full)
     # Depths are counted from the object's origin.
-    arguments = (splats, boxes, starts, entries, background, full, steepness, view[1][:, 2].copy(), images)
+    scene = (splats, boxes, starts, entries, background, full)
+    arguments = (scene, steepness, view[1][:, 2].copy(), images)
     share(forward.blend_rows, arguments, V * rows, num_threads)
     return images, (surfels, sh, q_CO, view, arguments)
 
@@ -163,7 +152,7 @@ class _Rasterise(torch.autograd.Function):
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
         _ = ctx.saved_tensors  # raises where one was changed in place
         surfels, sh, q_CO, view, arguments = ctx.saved
-        splats, boxes, starts, *_, images = arguments
+        (splats, boxes, starts, *_), _, _, images = arguments
         image_bars = tuple(
             np.zeros(image.shape, np.float32) if gradient is None else _array(gradient)
             for gradient, image in zip(gradients, images, strict=True)
@@ -181,7 +170,7 @@ class _Rasterise(torch.autograd.Function):
         pulled = (surfels, sh, view, splats, boxes, bars, surfel_bars, sh_bar, R_bar, p_bar, ends)
         share(backward.pull_surfels, pulled, threads, ctx.threads)
         q_bar = np.empty((V, 4))
-        pose.pull_rotations(q_CO, R_bar.sum(0), q_bar)
+        backward.pull_rotations(q_CO, R_bar.sum(0), q_bar)
         results = (*surfel_bars, sh_bar, q_bar, p_bar.sum(0))
         tensors = (
             torch.from_numpy(array).reshape(shape).to(dtype)

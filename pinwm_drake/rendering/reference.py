@@ -39,22 +39,12 @@ def render_reference(
     p_CO = X_CO.p.to(device, dtype)
     intrinsics = camera.intrinsics.to(device, dtype).expand(V, 4)
     steepness = steepness.to(device, dtype)
+    background = background.to(device, dtype)
     views = []
     for v in range(V):
         sh = surfels.sh if surfels.sh.ndim == 3 else surfels.sh[v]
-        views.append(
-            _render_view(
-                surfels,
-                sh,
-                camera,
-                intrinsics[v],
-                R_CO[v],
-                p_CO[v],
-                full,
-                background.to(device, dtype),
-                steepness[v],
-            )
-        )
+        seen = (camera, intrinsics[v], R_CO[v], p_CO[v])
+        views.append(_render_view(surfels, sh, *seen, full, background, steepness[v]))
     return tuple(torch.stack(parts) for parts in zip(*views, strict=True))
 
 

@@ -6,7 +6,7 @@ import trimesh
 from torch import Tensor
 
 from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.rendering.kernels.silhouette import mark_triangles
+from pinwm_drake.rendering.kernels.triangles import mark_triangles
 from pinwm_drake.spatial.poses import Pose, transform
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply, rotate
 

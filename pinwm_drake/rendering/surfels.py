@@ -53,13 +53,7 @@ class Surfels:
 
     def tensors(self) -> dict[str, Tensor]:
         """The five tensors by their names."""
-        return {
-            "p_OS": self.p_OS,
-            "q_OS": self.q_OS,
-            "log_scale": self.log_scale,
-            "logit_opacity": self.logit_opacity,
-            "sh": self.sh,
-        }
+        return dict(vars(self))
 
     def check_shapes(self) -> None:
         """Raises RenderingError unless shapes and types fit; names the first tensor that does not."""

@@ -176,6 +176,30 @@ def test_a_truncated_file_is_named_as_such(ply, kept):
 
 
 @pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda lines: [*lines[:-1], "word" + lines[-1]], "unreadable contents"),
+        (lambda lines: [*lines[:-1], lines[-1].rsplit(maxsplit=1)[0]], "unreadable contents"),
+        (lambda lines: [*lines[:-7], *(line.rsplit(maxsplit=1)[0] for line in lines[-7:])], "unreadable contents"),
+        (lambda lines: lines[:-2], r"truncated file \(5 of 7 vertices\)"),
+        (lambda lines: [line.replace("vertex 7", "vertex -7") for line in lines], r"got -7 surfels"),
+    ],
+)
+def test_broken_text_is_refused(ply, change, message):
+    PlyData([PlyElement.describe(PlyData.read(ply, mmap=False)["vertex"].data, "vertex")], text=True).write(ply)
+    ply.write_text("\n".join(change(ply.read_text().splitlines())) + "\n")
+    with pytest.raises(InputError, match=re.escape(str(ply)) + ".*" + message):
+        read_ply(ply)
+
+
+@pytest.mark.parametrize("text", [False, True])
+def test_other_elements_before_the_vertices_are_passed_over(ply, text):
+    rows, faces = PlyData.read(ply, mmap=False)["vertex"].data, np.zeros(2, [("vertex_indices", "i4", (3,))])
+    PlyData([PlyElement.describe(faces, "face"), PlyElement.describe(rows, "vertex")], text=text).write(ply)
+    assert torch.equal(read_ply(ply).q_OS, random_surfels().q_OS)
+
+
+@pytest.mark.parametrize(
     "contents",
     [b"", b"OFF 3 1 0\n", b"\xff\xd8\xff\xe0" * 100, b"ply\nformat binary_little_endian 1.0\n", bytes(range(256)) * 8],
 )

@@ -19,18 +19,8 @@ from pinwm_drake.geometry.contact.face_clip import (
     gap_over_side,
 )
 from pinwm_drake.geometry.contact.segments import COINCIDENT, SAME, append_segments, closest_on_segments
-from pinwm_drake.geometry.rows import (
-    PARALLEL_SINE,
-    dot,
-    height,
-    norm,
-    transform,
-    turn,
-    write_face,
-    write_line_pair,
-    write_vertex,
-    xyz,
-)
+from pinwm_drake.geometry.rows import write_face, write_line_pair, write_vertex
+from pinwm_drake.geometry.vectors import PARALLEL_SINE, dot, height, norm, transform, turn, xyz
 from pinwm_drake.jit import internal_kernel
 
 
@@ -68,9 +58,19 @@ def collide_capsule_hull(table, stick, hull, X_HS, column, margin, rows, count):
             return count
     if separation >= COINCIDENT:
         return _append_nearest(table, stick, hull, X_HS, nearest, column, margin, rows, count)
+    if count >= rows.shape[0]:
+        return count
     if edge_over > over + SAME:
-        return _append_crossing(table, stick, edge, X_HS, column, rows, count)
-    return _append_end(table, stick, face, X_HS, column, rows, count)
+        # The axis has passed the edge.
+        lx, ly, lz = xyz(table.planes, table.edges[edge, 2])
+        rx, ry, rz = xyz(table.planes, table.edges[edge, 3])
+        start, end = table.edges[edge, 0], table.edges[edge, 1]
+        write_line_pair(table, v, v + 1, start, end, X_HS, lx + rx, ly + ry, lz + rz, rows, count, column)
+    else:
+        deeper = 1 if dot(nx, ny, nz, ux, uy, uz) * length < -SAME else 0
+        write_vertex(table, v + deeper, rows, count, column)
+        write_face(table, face, rows, count, 8 - column)
+    return count + 1
 
 
 @internal_kernel
@@ -154,32 +154,6 @@ def segment_on_face(table, stick, face, X_HS, kx, ky, kz, least, column, margin,
                 nearest = min(nearest, gap)
             count += 1
     return count, nearest
-
-
-@internal_kernel
-def _append_crossing(table, stick, edge, X_HS, column, rows, count):
-    """Appends the axis against an edge that it has passed."""
-    if count >= rows.shape[0]:
-        return count
-    lx, ly, lz = xyz(table.planes, table.edges[edge, 2])
-    rx, ry, rz = xyz(table.planes, table.edges[edge, 3])
-    v, start, end = table.pieces[stick, 1], table.edges[edge, 0], table.edges[edge, 1]
-    write_line_pair(table, v, v + 1, start, end, X_HS, lx + rx, ly + ry, lz + rz, rows, count, column)
-    return count + 1
-
-
-@internal_kernel
-def _append_end(table, stick, face, X_HS, column, rows, count):
-    """Appends the deeper end of a capsule against a face."""
-    if count >= rows.shape[0]:
-        return count
-    v = table.pieces[stick, 1]
-    ux, uy, uz = turn(X_HS, *xyz(table.axes, stick))
-    nx, ny, nz = xyz(table.planes, face)
-    deeper = 1 if dot(nx, ny, nz, ux, uy, uz) * table.axes[stick, 3] < -SAME else 0
-    write_vertex(table, v + deeper, rows, count, column)
-    write_face(table, face, rows, count, 8 - column)
-    return count + 1
 
 
 @internal_kernel

@@ -1,6 +1,6 @@
 """Two cylinders against each other (numba).
 
-The method of `cylinder_axis`: a search names the features, and the pair of features with the largest separation along
+The method of `cylinder_hull`: a search names the features, and the pair of features with the largest separation along
 its normal, known in closed form or by Newton's method for two rims, is the contact.
 """
 
@@ -8,38 +8,30 @@ import math
 
 import numpy as np
 
-from pinwm_drake.geometry.contact.cylinder_pair_manifold import collect_cylinder_manifold
-from pinwm_drake.geometry.contact.cylinder_parts import (
-    radial,
-    rim_line,
-    write_cap,
-    write_rim,
-    write_rim_line,
-    write_rim_place,
-)
+from pinwm_drake.geometry.contact.cylinder_manifold import collect_cylinder_manifold
+from pinwm_drake.geometry.contact.cylinder_parts import rim_line, write_cap, write_rim, write_rim_line, write_rim_place
 from pinwm_drake.geometry.contact.epa import expand
 from pinwm_drake.geometry.contact.face_clip import DEEPER
 from pinwm_drake.geometry.contact.gjk import distance
 from pinwm_drake.geometry.contact.segments import SAME
 from pinwm_drake.geometry.contact.support import separation_along
 from pinwm_drake.geometry.features import LINE, PLANE, POINT
-from pinwm_drake.geometry.rows import (
+from pinwm_drake.geometry.rows import write_line_pair, write_part
+from pinwm_drake.geometry.vectors import (
     PARALLEL_SINE,
     cross,
     dot,
     inverse_pose,
     norm,
+    radial,
     transform,
     turn,
     turn_back,
-    write_line_pair,
-    write_part,
     xyz,
 )
 from pinwm_drake.jit import allocating_kernel, internal_kernel
 
-_POINT, _LINE, _PLANE = float(POINT), float(LINE), float(PLANE)
-# As in `cylinder_axis`, m.
+# As in `cylinder_hull`, m.
 _TOLERANCE = 1.0e-8
 _APART = 1.0e-6
 # Pairs of features, that of the first cylinder first.
@@ -236,10 +228,10 @@ def _write_two_rims(table, c, d, one, two, X_21, nx, ny, nz, end_1, rows, count,
     if crossing > PARALLEL_SINE and max(sine_1, sine_2) > PARALLEL_SINE:
         if sine_1 >= sine_2:
             write_rim(table, one, end_1, rows, count, column)
-            write_part(rows, count, 8 - column, _LINE, qx, qy, qz, tx, ty, tz, 0.0)
+            write_part(rows, count, 8 - column, LINE, qx, qy, qz, tx, ty, tz, 0.0)
         else:
-            write_part(rows, count, column, _LINE, px, py, pz, sx, sy, sz, 0.0)
+            write_part(rows, count, column, LINE, px, py, pz, sx, sy, sz, 0.0)
             write_rim(table, two, d - table.pieces[two, 1], rows, count, 8 - column)
     else:
-        write_part(rows, count, column, _POINT, px, py, pz, 0.0, 0.0, 0.0, 0.0)
-        write_part(rows, count, 8 - column, _PLANE, qx, qy, qz, nx, ny, nz, 0.0)
+        write_part(rows, count, column, POINT, px, py, pz, 0.0, 0.0, 0.0, 0.0)
+        write_part(rows, count, 8 - column, PLANE, qx, qy, qz, nx, ny, nz, 0.0)

@@ -3,19 +3,10 @@
 import math
 
 from pinwm_drake.geometry.contact.face_clip import MANIFOLD_ANGLE
-from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
-from pinwm_drake.geometry.features import _nearest_circle_to_line as nearest_circle_to_line
+from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT, nearest_circle_to_line
 from pinwm_drake.geometry.pieces import RIM_POINTS
-from pinwm_drake.geometry.rows import (
-    PARALLEL_SINE,
-    cross,
-    dot,
-    norm,
-    transform,
-    write_line,
-    write_part,
-    xyz,
-)
+from pinwm_drake.geometry.rows import write_line, write_part
+from pinwm_drake.geometry.vectors import PARALLEL_SINE, cross, dot, norm, radial, transform, xyz
 from pinwm_drake.jit import internal_kernel
 
 # A rim meets a line as a circle where the sine of the normal against the axis is more than this, so that its
@@ -26,7 +17,6 @@ _MIN_SINE, _MIN_COSINE = 1.0e-3, 0.5
 CROSSING_COSINE = 0.05
 # Points closer than this [m] define no direction to the accuracy of a normal.
 SAME_PLACE = 1.0e-6
-_POINT, _PLANE, _CIRCLE = float(POINT), float(PLANE), float(CIRCLE)
 _COSINES = tuple(math.cos(2.0 * math.pi * k / RIM_POINTS) for k in range(RIM_POINTS))
 _SINES = tuple(math.sin(2.0 * math.pi * k / RIM_POINTS) for k in range(RIM_POINTS))
 
@@ -53,21 +43,10 @@ def rim_place(table, piece, end, k):
 
 
 @internal_kernel
-def radial(ux, uy, uz, x, y, z):
-    """Part of a vector across the axis u as unit vector and length; zeros along the axis."""
-    along = dot(ux, uy, uz, x, y, z)
-    x, y, z = x - along * ux, y - along * uy, z - along * uz
-    length = norm(x, y, z)
-    if length == 0.0:
-        return 0.0, 0.0, 0.0, 0.0
-    return x / length, y / length, z / length, length
-
-
-@internal_kernel
 def write_rim_place(table, piece, end, k, rows, count, column):
     """Writes a point fixed on a rim."""
     x, y, z = rim_place(table, piece, end, k)
-    write_part(rows, count, column, _POINT, x, y, z, 0.0, 0.0, 0.0, 0.0)
+    write_part(rows, count, column, POINT, x, y, z, 0.0, 0.0, 0.0, 0.0)
 
 
 @internal_kernel
@@ -76,7 +55,7 @@ def write_cap(table, piece, end, rows, count, column):
     x, y, z = xyz(table.vertices, table.pieces[piece, 1] + end)
     ux, uy, uz = xyz(table.axes, piece)
     sign = 2.0 * end - 1.0
-    write_part(rows, count, column, _PLANE, x, y, z, sign * ux, sign * uy, sign * uz, 0.0)
+    write_part(rows, count, column, PLANE, x, y, z, sign * ux, sign * uy, sign * uz, 0.0)
 
 
 @internal_kernel
@@ -86,7 +65,7 @@ def write_rim(table, piece, end, rows, count, column):
     x, y, z = xyz(table.vertices, v)
     ux, uy, uz = xyz(table.axes, piece)
     sign = 2.0 * end - 1.0
-    write_part(rows, count, column, _CIRCLE, x, y, z, sign * ux, sign * uy, sign * uz, table.vertices[v, 3])
+    write_part(rows, count, column, CIRCLE, x, y, z, sign * ux, sign * uy, sign * uz, table.vertices[v, 3])
 
 
 @internal_kernel
@@ -144,7 +123,7 @@ def write_segment_place(table, v, w, t, rows, count, column):
     dx, dy, dz = dx - x, dy - y, dz - z
     t /= norm(dx, dy, dz)
     x, y, z = x + t * dx, y + t * dy, z + t * dz
-    write_part(rows, count, column, _POINT, x, y, z, 0.0, 0.0, 0.0, table.vertices[v, 3])
+    write_part(rows, count, column, POINT, x, y, z, 0.0, 0.0, 0.0, table.vertices[v, 3])
 
 
 @internal_kernel
@@ -205,5 +184,5 @@ def write_rim_line(table, piece, end, v, w, X_CL, nx, ny, nz, rows, count, colum
         write_rim(table, piece, end, rows, count, column)
         write_line(table, v, w, t, 1.0, rows, count, 8 - column)
     else:
-        write_part(rows, count, column, _PLANE, qx, qy, qz, nx, ny, nz, 0.0)
+        write_part(rows, count, column, PLANE, qx, qy, qz, nx, ny, nz, 0.0)
         write_segment_place(table, v, w, t, rows, count, 8 - column)

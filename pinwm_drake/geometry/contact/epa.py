@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from pinwm_drake.geometry.contact.support import support_of_difference
-from pinwm_drake.geometry.rows import cross, dot, norm, transform, xyz
+from pinwm_drake.geometry.vectors import cross, dot, norm, transform, xyz
 from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 _MAX_POINTS = 128

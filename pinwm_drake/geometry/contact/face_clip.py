@@ -2,7 +2,7 @@
 
 import math
 
-from pinwm_drake.geometry.rows import PARALLEL_SINE, cross, dot, height, line_parameters, norm, xyz
+from pinwm_drake.geometry.vectors import PARALLEL_SINE, cross, dot, height, line_parameters, norm, xyz
 from pinwm_drake.jit import internal_kernel
 
 # A point this little [m] outside a side of a face counts as over the face.

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from pinwm_drake.geometry.contact.support import support_of_difference
-from pinwm_drake.geometry.rows import dot, norm, xyz
+from pinwm_drake.geometry.vectors import dot, norm, xyz
 from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 _MAX_ITERATIONS = 64

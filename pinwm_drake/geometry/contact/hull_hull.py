@@ -15,7 +15,8 @@ from pinwm_drake.geometry.contact.manifold import aligned_face, collect_manifold
 from pinwm_drake.geometry.contact.segments import COINCIDENT, append_segments
 from pinwm_drake.geometry.contact.separating_axis import EDGES, FACE_OF_ONE, FACE_OF_TWO, separating_axis
 from pinwm_drake.geometry.contact.support import support
-from pinwm_drake.geometry.rows import turn_back, write_face, write_line_pair, write_vertex
+from pinwm_drake.geometry.rows import write_face, write_line_pair, write_vertex
+from pinwm_drake.geometry.vectors import turn_back
 from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 # Hulls whose pairs of edges, and of faces and vertices, are more than this take `epa` instead of all axes. At

@@ -17,19 +17,8 @@ from pinwm_drake.geometry.contact.face_clip import (
     gap_over_side,
     outside_face,
 )
-from pinwm_drake.geometry.rows import (
-    cross,
-    dot,
-    inverse_pose,
-    norm,
-    transform,
-    turn,
-    turn_back,
-    write_face,
-    write_line_pair,
-    write_vertex,
-    xyz,
-)
+from pinwm_drake.geometry.rows import write_face, write_line_pair, write_vertex
+from pinwm_drake.geometry.vectors import cross, dot, inverse_pose, norm, transform, turn, turn_back, xyz
 from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 VERTEX_OF_ONE, VERTEX_OF_TWO, EDGE_PAIR = 0, 1, 2

@@ -8,11 +8,10 @@ from pinwm_drake.geometry.contact.cylinder_cylinder import collide_cylinders
 from pinwm_drake.geometry.contact.cylinder_hull import collide_with_cylinder
 from pinwm_drake.geometry.contact.hull_hull import collide_hulls
 from pinwm_drake.geometry.contact.segments import collide_rounds
-from pinwm_drake.geometry.contact.sphere_cylinder import collide_sphere_cylinder
-from pinwm_drake.geometry.contact.sphere_hull import collide_sphere_hull
+from pinwm_drake.geometry.contact.spheres import collide_sphere_cylinder, collide_sphere_hull
 from pinwm_drake.geometry.floor import collide_floor
 from pinwm_drake.geometry.pieces import CAPSULE, HULL, SPHERE
-from pinwm_drake.geometry.rows import inverse_pose, relative_pose, transform, xyz
+from pinwm_drake.geometry.vectors import inverse_pose, relative_pose, transform, xyz
 from pinwm_drake.jit import internal_kernel, large_internal_kernel
 
 __all__ = ["collide_bodies", "collide_floor"]

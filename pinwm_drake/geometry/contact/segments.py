@@ -4,20 +4,10 @@ import math
 
 from pinwm_drake.geometry.contact.face_clip import BEYOND_END, MANIFOLD_ANGLE
 from pinwm_drake.geometry.features import PLANE
-from pinwm_drake.geometry.rows import (
-    PARALLEL_SINE,
-    cross,
-    dot,
-    norm,
-    transform,
-    write_line,
-    write_part,
-    write_vertex,
-    xyz,
-)
+from pinwm_drake.geometry.rows import write_line, write_part, write_vertex
+from pinwm_drake.geometry.vectors import PARALLEL_SINE, cross, dot, norm, transform, xyz
 from pinwm_drake.jit import internal_kernel
 
-_PLANE = float(PLANE)
 # Core points closer than this [m] define no direction; the normal is then an arbitrary one, fixed in B.
 COINCIDENT = 1.0e-9
 # Of two equal alternatives the first is kept unless the other is better by more than this [m].
@@ -181,4 +171,4 @@ def write_coincident(table, i, j, vx, vy, vz, rows, count, column):
     x, y, z = xyz(table.vertices, j)
     radius = table.vertices[j, 3]
     write_vertex(table, i, rows, count, column)
-    write_part(rows, count, 8 - column, _PLANE, x + radius * nx, y + radius * ny, z + radius * nz, nx, ny, nz, 0.0)
+    write_part(rows, count, 8 - column, PLANE, x + radius * nx, y + radius * ny, z + radius * nz, nx, ny, nz, 0.0)

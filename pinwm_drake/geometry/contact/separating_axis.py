@@ -10,7 +10,7 @@ only those whose arcs on the Gauss map cross give a face of the Minkowski differ
 import math
 
 from pinwm_drake.geometry.contact.segments import SAME
-from pinwm_drake.geometry.rows import PARALLEL_SINE, cross, dot, norm, transform, turn, turn_back, xyz
+from pinwm_drake.geometry.vectors import PARALLEL_SINE, cross, dot, norm, transform, turn, turn_back, xyz
 from pinwm_drake.jit import internal_kernel
 
 # Which features the axis belongs to.

@@ -3,7 +3,7 @@
 import math
 
 from pinwm_drake.geometry.pieces import CYLINDER
-from pinwm_drake.geometry.rows import dot, norm, transform, turn_back, xyz
+from pinwm_drake.geometry.vectors import dot, norm, transform, turn_back, xyz
 from pinwm_drake.jit import internal_kernel
 
 

@@ -9,31 +9,10 @@ import numpy as np
 
 from pinwm_drake.jit import kernel
 from pinwm_drake.rendering import reference
-from pinwm_drake.rendering.kernels.columns import (
-    BLUE,
-    GREEN,
-    J00,
-    J01,
-    J10,
-    J11,
-    NX,
-    NY,
-    NZ,
-    OPACITY,
-    P0,
-    P1,
-    PIXELS,
-    RED,
-    TILE,
-    XC,
-    YC,
-    Z,
-)
+from pinwm_drake.rendering.kernels import columns as col
+from pinwm_drake.rendering.kernels.columns import HALF, LEAST_ALPHA, NEAR, ONE, PIXELS, TILE, ZERO
 
-ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-NEAR = np.float32(reference.NEAR)
-LEAST_ALPHA, MOST_ALPHA = np.float32(reference.LEAST_ALPHA), np.float32(reference.MOST_ALPHA)
-LEAST_TRANSMITTANCE = np.float32(reference.LEAST_TRANSMITTANCE)
+MOST_ALPHA, LEAST_TRANSMITTANCE = np.float32(reference.MOST_ALPHA), np.float32(reference.LEAST_TRANSMITTANCE)
 
 # exp(-rho / 2) = p(rho)^16 with p(rho) = exp(-rho / 32), a polynomial on [0, 12], where rho stays when it counts.
 # Its relative error is 2e-7 there, p's being a least-squares fit of degree 5.
@@ -101,95 +80,64 @@ def fill_places(work, x, y):
         work[x + i], work[y + i] = np.float32(i % TILE), np.float32(i // TILE)
 
 
-@kernel
-def _blend_color(work, splats, v, s, x_center, y_center, first, last, steepness):
-    opacity = splats[v, s, OPACITY]
-    j00, j01, j10, j11 = splats[v, s, J00], splats[v, s, J01], splats[v, s, J10], splats[v, s, J11]
-    p0, p1 = splats[v, s, P0], splats[v, s, P1]
-    most_q2 = splats[v, s, Z] / NEAR
-    red, green, blue = splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE]
-    start, number = pairs_of_rows(first, last)
-    for i in range(number):
-        k = start + i
-        dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        _, _, _, rho, _ = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2, steepness)
-        alpha = min(opacity * falloff(rho), MOST_ALPHA)
-        left = work[_T + k]
-        counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
-        weight = left * alpha if counts else ZERO
-        work[_T + k] = left - weight
-        work[_R + k] += weight * red
-        work[_G + k] += weight * green
-        work[_B + k] += weight * blue
+def _blending(full, disc):
+    """Kernel that blends one surfel into a tile: its disc alone (`disc`), and depth and normal too (`full`)."""
+
+    @kernel
+    def blend(work, splats, v, s, x_center, y_center, first, last, steepness, origin):
+        opacity, z_center = splats[v, s, col.OPACITY], splats[v, s, col.Z]
+        j00, j01 = splats[v, s, col.J00], splats[v, s, col.J01]
+        j10, j11 = splats[v, s, col.J10], splats[v, s, col.J11]
+        p0, p1 = splats[v, s, col.P0], splats[v, s, col.P1]
+        most_q2 = z_center / NEAR
+        red, green, blue = splats[v, s, col.RED], splats[v, s, col.GREEN], splats[v, s, col.BLUE]
+        nx, ny, nz = splats[v, s, col.NX], splats[v, s, col.NY], splats[v, s, col.NZ]
+        start, number = pairs_of_rows(first, last)
+        for i in range(number):
+            k = start + i
+            dx, dy = work[X + k] - x_center, work[Y + k] - y_center
+            _, _, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2, steepness)
+            if disc:
+                rho = steepness * (dx * dx + dy * dy)
+            alpha = min(opacity * falloff(rho), MOST_ALPHA)
+            left = work[_T + k]
+            counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
+            weight = left * alpha if counts else ZERO
+            work[_T + k] = left - weight
+            work[_R + k] += weight * red
+            work[_G + k] += weight * green
+            work[_B + k] += weight * blue
+            if full:
+                z = (z_center * inverse if on_plane else z_center) - origin
+                work[_M1 + k] += weight * z
+                work[_M2 + k] += weight * z * z
+                work[_NX + k] += weight * nx
+                work[_NY + k] += weight * ny
+                work[_NZ + k] += weight * nz
+
+    return blend
+
+
+_blend_color, _blend_disc, _blend_full = _blending(False, False), _blending(False, True), _blending(True, False)
 
 
 @kernel
-def _blend_disc(work, splats, v, s, x_center, y_center, first, last, steepness):
-    """`_blend_color` of a surfel so small that only its disc is seen."""
-    opacity = splats[v, s, OPACITY]
-    red, green, blue = splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE]
-    start, number = pairs_of_rows(first, last)
-    for i in range(number):
-        k = start + i
-        dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        alpha = min(opacity * falloff(steepness * (dx * dx + dy * dy)), MOST_ALPHA)
-        left = work[_T + k]
-        counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
-        weight = left * alpha if counts else ZERO
-        work[_T + k] = left - weight
-        work[_R + k] += weight * red
-        work[_G + k] += weight * green
-        work[_B + k] += weight * blue
-
-
-@kernel
-def _blend_full(work, splats, v, s, x_center, y_center, first, last, steepness, origin):
-    opacity, z_center = splats[v, s, OPACITY], splats[v, s, Z]
-    j00, j01, j10, j11 = splats[v, s, J00], splats[v, s, J01], splats[v, s, J10], splats[v, s, J11]
-    p0, p1 = splats[v, s, P0], splats[v, s, P1]
-    most_q2 = z_center / NEAR
-    red, green, blue = splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE]
-    nx, ny, nz = splats[v, s, NX], splats[v, s, NY], splats[v, s, NZ]
-    start, number = pairs_of_rows(first, last)
-    for i in range(number):
-        k = start + i
-        dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        _, _, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2, steepness)
-        alpha = min(opacity * falloff(rho), MOST_ALPHA)
-        z = (z_center * inverse if on_plane else z_center) - origin
-        left = work[_T + k]
-        counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
-        weight = left * alpha if counts else ZERO
-        work[_T + k] = left - weight
-        work[_R + k] += weight * red
-        work[_G + k] += weight * green
-        work[_B + k] += weight * blue
-        work[_M1 + k] += weight * z
-        work[_M2 + k] += weight * z * z
-        work[_NX + k] += weight * nx
-        work[_NY + k] += weight * ny
-        work[_NZ + k] += weight * nz
-
-
-@kernel
-def blend_tile(v, slot, row, column, splats, boxes, starts, entries, background, full, steepness, origin, images, work):
+def blend_tile(v, slot, row, column, scene, steepness, origin, images, work):
     """Blends one tile of view v and writes its pixels.
 
     Args:
         v: the view.
-        slot: index of the view in `splats`, `boxes` and `starts`.
+        slot: index of the view in the arrays of `scene`.
         row, column: the tile.
-        splats: (slots, N, 16), projected surfels.
-        boxes: (slots, N, 5), rows of pixels and columns of tiles that a surfel may reach; and whether only
-            its disc is seen.
-        starts, entries: the tiles' lists from `bins.py`.
-        background: (3,).
-        full: whether to write more than color and alpha.
+        scene: splats (slots, N, 16), projected surfels; boxes (slots, N, 5), rows of pixels and columns of tiles that
+            a surfel may reach, and whether only its disc is seen; starts and entries, the tiles' lists from `bins.py`;
+            background (3,); and full, whether to write more than color and alpha.
         steepness: rho of the discs one pixel from their centres.
         origin: depth from which depths are counted, m, so that their squares keep their digits.
         images: color (V, H, W, 3), alpha (V, H, W), first and second moment of depth (V, H, W), normal (V, H, W, 3).
         work: (11 * 64,), with its places filled in.
     """
+    splats, boxes, starts, entries, background, full = scene
     color, alpha, m1, m2, normal = images
     height, width = alpha.shape[1], alpha.shape[2]
     columns = (width + TILE - 1) // TILE
@@ -209,13 +157,13 @@ def blend_tile(v, slot, row, column, splats, boxes, starts, entries, background,
     for e in range(starts[slot, tile], starts[slot, tile + 1]):
         s = np.uint64(entries[np.uint64(e)])
         top, bottom = max(boxes[slot, s, 0] - row * TILE, 0), min(boxes[slot, s, 1] - row * TILE, TILE)
-        x_center, y_center = splats[slot, s, XC] - x_tile, splats[slot, s, YC] - y_tile
+        x_center, y_center = splats[slot, s, col.XC] - x_tile, splats[slot, s, col.YC] - y_tile
         if full:
             _blend_full(work, splats, slot, s, x_center, y_center, top, bottom, steepness, origin)
         elif boxes[slot, s, 4] != 0:
-            _blend_disc(work, splats, slot, s, x_center, y_center, top, bottom, steepness)
+            _blend_disc(work, splats, slot, s, x_center, y_center, top, bottom, steepness, origin)
         else:
-            _blend_color(work, splats, slot, s, x_center, y_center, top, bottom, steepness)
+            _blend_color(work, splats, slot, s, x_center, y_center, top, bottom, steepness, origin)
         if (e - starts[slot, tile]) % PATIENCE == PATIENCE - 1 and opaque(work):
             break
     for i in range(min(TILE, height - row * TILE)):

@@ -11,42 +11,17 @@ needs only the rest of that sum, and no pass from back to front.
 import numpy as np
 
 from pinwm_drake.jit import kernel
+from pinwm_drake.rendering.kernels import columns as col
 from pinwm_drake.rendering.kernels.blend import (
-    HALF,
-    LEAST_ALPHA,
     LEAST_TRANSMITTANCE,
     MOST_ALPHA,
-    NEAR,
-    ONE,
     PATIENCE,
-    ZERO,
     falloff,
     opaque,
     pairs_of_rows,
     reach,
 )
-from pinwm_drake.rendering.kernels.columns import (
-    BLUE,
-    GREEN,
-    J00,
-    J01,
-    J10,
-    J11,
-    NX,
-    NY,
-    NZ,
-    OPACITY,
-    P0,
-    P1,
-    PIXELS,
-    RED,
-    TILE,
-    XC,
-    YC,
-    Z,
-)
-
-TWO = np.float32(2.0)
+from pinwm_drake.rendering.kernels.columns import HALF, LEAST_ALPHA, NEAR, ONE, PIXELS, TILE, TWO, ZERO
 
 # Channels of a tile's work array: what is left of transmittance and of g . pixel, g, and where
 # the pixel's centre is.
@@ -54,175 +29,110 @@ _T, _REST, _GR, _GG, _GB, _GA, _GM1, _GM2, _GNX, _GNY, _GNZ, X, Y = (PIXELS * ch
 CHANNELS = 13
 
 
-@kernel
-def _pull_color(work, bars, part, splats, v, s, x_center, y_center, first, last, steepness):
-    opacity = splats[v, s, OPACITY]
-    j00, j01, j10, j11 = splats[v, s, J00], splats[v, s, J01], splats[v, s, J10], splats[v, s, J11]
-    p0, p1 = splats[v, s, P0], splats[v, s, P1]
-    most_q2 = splats[v, s, Z] / NEAR
-    red, green, blue = splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE]
-    sum_r = sum_g = sum_b = sum_o = ZERO
-    sum_s0 = sum_s1 = sum_s2 = sum_dx = sum_dy = ZERO
-    sum_x0 = sum_x1 = sum_x2 = sum_y0 = sum_y1 = sum_y2 = ZERO
-    start, number = pairs_of_rows(first, last)
-    for i in range(number):
-        k = start + i
-        dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        q0, q1, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2, steepness)
-        e = falloff(rho)
-        alpha = min(opacity * e, MOST_ALPHA)
-        left = work[_T + k]
-        counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
-        weight = left * alpha if counts else ZERO
-        gr, gg, gb = work[_GR + k], work[_GG + k], work[_GB + k]
-        g = gr * red + gg * green + gb * blue + work[_GA + k]
-        rest = work[_REST + k] - weight * g
-        work[_REST + k] = rest
-        work[_T + k] = left - weight
-        sum_r += weight * gr
-        sum_g += weight * gg
-        sum_b += weight * gb
-        free = counts & (alpha < MOST_ALPHA)
-        slope = left * g - rest / (ONE - alpha)
-        d = slope if free else ZERO
-        sum_o += d * e
-        d_rho = -HALF * alpha * d
-        d_disc = ZERO if on_plane else d_rho
-        sum_dx += d_disc * dx
-        sum_dy += d_disc * dy
-        inverse = inverse if on_plane else ZERO
-        h = TWO * d_rho * inverse * inverse
-        d0, d1, d2 = h * q0, h * q1, -h * (q0 * q0 + q1 * q1) * inverse
-        sum_s0 += d0
-        sum_s1 += d1
-        sum_s2 += d2
-        sum_x0 += d0 * dx
-        sum_x1 += d1 * dx
-        sum_x2 += d2 * dx
-        sum_y0 += d0 * dy
-        sum_y1 += d1 * dy
-        sum_y2 += d2 * dy
-    bars[part, v, s, XC] -= sum_s0 * j00 + sum_s1 * j10 + sum_s2 * p0 + TWO * steepness * sum_dx
-    bars[part, v, s, YC] -= sum_s0 * j01 + sum_s1 * j11 + sum_s2 * p1 + TWO * steepness * sum_dy
-    bars[part, v, s, J00] += sum_x0
-    bars[part, v, s, J01] += sum_y0
-    bars[part, v, s, J10] += sum_x1
-    bars[part, v, s, J11] += sum_y1
-    bars[part, v, s, P0] += sum_x2
-    bars[part, v, s, P1] += sum_y2
-    bars[part, v, s, OPACITY] += sum_o
-    bars[part, v, s, RED] += sum_r
-    bars[part, v, s, GREEN] += sum_g
-    bars[part, v, s, BLUE] += sum_b
+def _pulling(full):
+    """Kernel that pulls the gradients of a tile back to one surfel, those of depth and normal too (`full`)."""
+
+    @kernel
+    def pull(work, bars, part, splats, v, s, x_center, y_center, first, last, steepness, origin):
+        opacity, z_center = splats[v, s, col.OPACITY], splats[v, s, col.Z]
+        j00, j01 = splats[v, s, col.J00], splats[v, s, col.J01]
+        j10, j11 = splats[v, s, col.J10], splats[v, s, col.J11]
+        p0, p1 = splats[v, s, col.P0], splats[v, s, col.P1]
+        most_q2 = z_center / NEAR
+        red, green, blue = splats[v, s, col.RED], splats[v, s, col.GREEN], splats[v, s, col.BLUE]
+        nx, ny, nz = splats[v, s, col.NX], splats[v, s, col.NY], splats[v, s, col.NZ]
+        sum_r = sum_g = sum_b = sum_o = sum_z = ZERO
+        sum_nx = sum_ny = sum_nz = ZERO
+        sum_s0 = sum_s1 = sum_s2 = sum_dx = sum_dy = ZERO
+        sum_x0 = sum_x1 = sum_x2 = sum_y0 = sum_y1 = sum_y2 = ZERO
+        start, number = pairs_of_rows(first, last)
+        for i in range(number):
+            k = start + i
+            dx, dy = work[X + k] - x_center, work[Y + k] - y_center
+            q0, q1, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2, steepness)
+            e = falloff(rho)
+            alpha = min(opacity * e, MOST_ALPHA)
+            left = work[_T + k]
+            counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
+            weight = left * alpha if counts else ZERO
+            gr, gg, gb = work[_GR + k], work[_GG + k], work[_GB + k]
+            g = gr * red + gg * green + gb * blue + work[_GA + k]
+            if full:
+                stretch = inverse if on_plane else ONE
+                z = z_center * stretch - origin
+                gnx, gny, gnz = work[_GNX + k], work[_GNY + k], work[_GNZ + k]
+                gm1, gm2 = work[_GM1 + k], work[_GM2 + k]
+                g += gnx * nx + gny * ny + gnz * nz + (gm1 + gm2 * z) * z
+                sum_nx += weight * gnx
+                sum_ny += weight * gny
+                sum_nz += weight * gnz
+                d_z = weight * (gm1 + TWO * gm2 * z) * stretch
+                sum_z += d_z
+            rest = work[_REST + k] - weight * g
+            work[_REST + k] = rest
+            work[_T + k] = left - weight
+            sum_r += weight * gr
+            sum_g += weight * gg
+            sum_b += weight * gb
+            free = counts & (alpha < MOST_ALPHA)
+            slope = left * g - rest / (ONE - alpha)
+            d = slope if free else ZERO
+            sum_o += d * e
+            d_rho = -HALF * alpha * d
+            d_disc = ZERO if on_plane else d_rho
+            sum_dx += d_disc * dx
+            sum_dy += d_disc * dy
+            inverse = inverse if on_plane else ZERO
+            h = TWO * d_rho * inverse * inverse
+            fall = h * (q0 * q0 + q1 * q1)
+            if full:
+                fall += d_z * z_center
+            d0, d1, d2 = h * q0, h * q1, -fall * inverse
+            sum_s0 += d0
+            sum_s1 += d1
+            sum_s2 += d2
+            sum_x0 += d0 * dx
+            sum_x1 += d1 * dx
+            sum_x2 += d2 * dx
+            sum_y0 += d0 * dy
+            sum_y1 += d1 * dy
+            sum_y2 += d2 * dy
+        bars[part, v, s, col.XC] -= sum_s0 * j00 + sum_s1 * j10 + sum_s2 * p0 + TWO * steepness * sum_dx
+        bars[part, v, s, col.YC] -= sum_s0 * j01 + sum_s1 * j11 + sum_s2 * p1 + TWO * steepness * sum_dy
+        bars[part, v, s, col.J00] += sum_x0
+        bars[part, v, s, col.J01] += sum_y0
+        bars[part, v, s, col.J10] += sum_x1
+        bars[part, v, s, col.J11] += sum_y1
+        bars[part, v, s, col.P0] += sum_x2
+        bars[part, v, s, col.P1] += sum_y2
+        bars[part, v, s, col.OPACITY] += sum_o
+        bars[part, v, s, col.RED] += sum_r
+        bars[part, v, s, col.GREEN] += sum_g
+        bars[part, v, s, col.BLUE] += sum_b
+        if full:
+            bars[part, v, s, col.Z] += sum_z
+            bars[part, v, s, col.NX] += sum_nx
+            bars[part, v, s, col.NY] += sum_ny
+            bars[part, v, s, col.NZ] += sum_nz
+
+    return pull
+
+
+_pull_color, _pull_full = _pulling(False), _pulling(True)
 
 
 @kernel
-def _pull_full(work, bars, part, splats, v, s, x_center, y_center, first, last, steepness, origin):
-    opacity, z_center = splats[v, s, OPACITY], splats[v, s, Z]
-    j00, j01, j10, j11 = splats[v, s, J00], splats[v, s, J01], splats[v, s, J10], splats[v, s, J11]
-    p0, p1 = splats[v, s, P0], splats[v, s, P1]
-    most_q2 = z_center / NEAR
-    red, green, blue = splats[v, s, RED], splats[v, s, GREEN], splats[v, s, BLUE]
-    nx, ny, nz = splats[v, s, NX], splats[v, s, NY], splats[v, s, NZ]
-    sum_r = sum_g = sum_b = sum_o = sum_z = ZERO
-    sum_nx = sum_ny = sum_nz = ZERO
-    sum_s0 = sum_s1 = sum_s2 = sum_dx = sum_dy = ZERO
-    sum_x0 = sum_x1 = sum_x2 = sum_y0 = sum_y1 = sum_y2 = ZERO
-    start, number = pairs_of_rows(first, last)
-    for i in range(number):
-        k = start + i
-        dx, dy = work[X + k] - x_center, work[Y + k] - y_center
-        q0, q1, inverse, rho, on_plane = reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2, steepness)
-        e = falloff(rho)
-        alpha = min(opacity * e, MOST_ALPHA)
-        stretch = inverse if on_plane else ONE
-        z = z_center * stretch - origin
-        left = work[_T + k]
-        counts = (alpha >= LEAST_ALPHA) & (left > LEAST_TRANSMITTANCE)
-        weight = left * alpha if counts else ZERO
-        gr, gg, gb = work[_GR + k], work[_GG + k], work[_GB + k]
-        gnx, gny, gnz = work[_GNX + k], work[_GNY + k], work[_GNZ + k]
-        gm1, gm2 = work[_GM1 + k], work[_GM2 + k]
-        g = gr * red + gg * green + gb * blue + work[_GA + k]
-        g += gnx * nx + gny * ny + gnz * nz + (gm1 + gm2 * z) * z
-        rest = work[_REST + k] - weight * g
-        work[_REST + k] = rest
-        work[_T + k] = left - weight
-        sum_r += weight * gr
-        sum_g += weight * gg
-        sum_b += weight * gb
-        sum_nx += weight * gnx
-        sum_ny += weight * gny
-        sum_nz += weight * gnz
-        d_z = weight * (gm1 + TWO * gm2 * z) * stretch
-        sum_z += d_z
-        free = counts & (alpha < MOST_ALPHA)
-        slope = left * g - rest / (ONE - alpha)
-        d = slope if free else ZERO
-        sum_o += d * e
-        d_rho = -HALF * alpha * d
-        d_disc = ZERO if on_plane else d_rho
-        sum_dx += d_disc * dx
-        sum_dy += d_disc * dy
-        inverse = inverse if on_plane else ZERO
-        h = TWO * d_rho * inverse * inverse
-        d0, d1, d2 = h * q0, h * q1, -(h * (q0 * q0 + q1 * q1) + d_z * z_center) * inverse
-        sum_s0 += d0
-        sum_s1 += d1
-        sum_s2 += d2
-        sum_x0 += d0 * dx
-        sum_x1 += d1 * dx
-        sum_x2 += d2 * dx
-        sum_y0 += d0 * dy
-        sum_y1 += d1 * dy
-        sum_y2 += d2 * dy
-    bars[part, v, s, XC] -= sum_s0 * j00 + sum_s1 * j10 + sum_s2 * p0 + TWO * steepness * sum_dx
-    bars[part, v, s, YC] -= sum_s0 * j01 + sum_s1 * j11 + sum_s2 * p1 + TWO * steepness * sum_dy
-    bars[part, v, s, J00] += sum_x0
-    bars[part, v, s, J01] += sum_y0
-    bars[part, v, s, J10] += sum_x1
-    bars[part, v, s, J11] += sum_y1
-    bars[part, v, s, P0] += sum_x2
-    bars[part, v, s, P1] += sum_y2
-    bars[part, v, s, OPACITY] += sum_o
-    bars[part, v, s, RED] += sum_r
-    bars[part, v, s, GREEN] += sum_g
-    bars[part, v, s, BLUE] += sum_b
-    bars[part, v, s, Z] += sum_z
-    bars[part, v, s, NX] += sum_nx
-    bars[part, v, s, NY] += sum_ny
-    bars[part, v, s, NZ] += sum_nz
-
-
-@kernel
-def pull_tile(
-    v,
-    row,
-    column,
-    splats,
-    boxes,
-    starts,
-    entries,
-    background,
-    full,
-    steepness,
-    origin,
-    images,
-    image_bars,
-    bars,
-    part,
-    work,
-):
+def pull_tile(v, row, column, scene, steepness, origin, images, image_bars, bars, part, work):
     """Pulls the gradients of one tile's pixels back to the surfels in it.
 
     Args:
-        v, row, column, splats, boxes, starts, entries, background, full, steepness, origin, images: as in
-            `blend.blend_tile`.
+        v, row, column, scene, steepness, origin, images: as in `blend.blend_tile`.
         image_bars: gradients with respect to `images`.
         bars: (parts, V, N, 16), the gradients with respect to `splats` are added to its part.
         part: index of the part of `bars` that gains the gradients.
         work: (13 * 64,), with its places filled in.
     """
+    splats, boxes, starts, entries, background, full = scene
     color, alpha, m1, m2, normal = images
     color_bar, alpha_bar, m1_bar, m2_bar, normal_bar = image_bars
     height, width = alpha.shape[1], alpha.shape[2]
@@ -264,10 +174,10 @@ def pull_tile(
     for e in range(starts[v, tile], starts[v, tile + 1]):
         s = entries[e]
         top, bottom = max(boxes[v, s, 0] - row * TILE, 0), min(boxes[v, s, 1] - row * TILE, TILE)
-        x_center, y_center = splats[v, s, XC] - x_tile, splats[v, s, YC] - y_tile
+        x_center, y_center = splats[v, s, col.XC] - x_tile, splats[v, s, col.YC] - y_tile
         if full:
             _pull_full(work, bars, part, splats, v, s, x_center, y_center, top, bottom, steepness, origin)
         else:
-            _pull_color(work, bars, part, splats, v, s, x_center, y_center, top, bottom, steepness)
+            _pull_color(work, bars, part, splats, v, s, x_center, y_center, top, bottom, steepness, origin)
         if (e - starts[v, tile]) % PATIENCE == PATIENCE - 1 and opaque(work):
             break

@@ -1,4 +1,8 @@
-"""Columns of the table of projected surfels, which projection writes and blending reads; all float32."""
+"""Columns of the table of projected surfels, which projection writes and blending reads; numbers of both, float32."""
+
+import numpy as np
+
+from pinwm_drake.rendering import reference
 
 # A surfel's plane seen from a pixel that is (dx, dy) px from the projected centre (XC, YC):
 #   q_0 = J00 dx + J01 dy,  q_1 = J10 dx + J11 dy,  q_2 = 1 + P0 dx + P1 dy,
@@ -10,3 +14,7 @@ COLUMNS = 16
 # Tiles of the image, px; vector instructions work on pairs of a tile's rows.
 TILE = 8
 PIXELS = TILE * TILE
+
+ZERO, HALF, ONE, TWO, FOUR = (np.float32(value) for value in (0.0, 0.5, 1.0, 2.0, 4.0))
+NEAR = np.float32(reference.NEAR)
+LEAST_ALPHA = np.float32(reference.LEAST_ALPHA)

@@ -10,30 +10,10 @@ import numpy as np
 
 from pinwm_drake.jit import kernel
 from pinwm_drake.rendering import reference
-from pinwm_drake.rendering.kernels.columns import (
-    BLUE,
-    GREEN,
-    J00,
-    J01,
-    J10,
-    J11,
-    NX,
-    NY,
-    NZ,
-    OPACITY,
-    P0,
-    P1,
-    RED,
-    TILE,
-    XC,
-    YC,
-    Z,
-)
+from pinwm_drake.rendering.kernels import columns as col
+from pinwm_drake.rendering.kernels.columns import FOUR, HALF, LEAST_ALPHA, NEAR, ONE, TILE, TWO, ZERO
 from pinwm_drake.rendering.kernels.harmonics import MOST_BASIS, Y0, fill_basis
 
-ZERO, HALF, ONE, TWO, FOUR = (np.float32(value) for value in (0.0, 0.5, 1.0, 2.0, 4.0))
-NEAR = np.float32(reference.NEAR)
-LEAST_ALPHA = np.float32(reference.LEAST_ALPHA)
 # From the borders of a box to the centres of the pixels inside, px; a little wider, for rounding.
 INSET, OUTSET = np.float32(0.5 + 1e-3), np.float32(0.5 - 1e-3)
 # A plane whose image has less area than this part of its squared size is seen edge-on: only its disc counts.
@@ -54,28 +34,8 @@ _PLANE_HIDDEN = np.float32(1.001)
 BLOCK = 64
 _PX, _PY, _PZ, _AX, _AY, _AZ, _BX, _BY, _BZ, _UX, _UY, _UZ, _ALPHA, _REACH = range(14)
 SAME = 14
-(
-    _XC,
-    _YC,
-    _J00,
-    _J01,
-    _J10,
-    _J11,
-    _P0,
-    _P1,
-    _Z,
-    _NX,
-    _NY,
-    _NZ,
-    _LEFT,
-    _RIGHT,
-    _TOP,
-    _BOTTOM,
-    _DX,
-    _DY,
-    _DZ,
-    _SMALL,
-) = (BLOCK * channel for channel in range(20))
+_XC, _YC, _J00, _J01, _J10, _J11, _P0, _P1, _Z, _NX, _NY, _NZ = range(12)
+_LEFT, _RIGHT, _TOP, _BOTTOM, _DX, _DY, _DZ, _SMALL = range(12, 20)
 CHANNELS = 20
 
 
@@ -170,11 +130,8 @@ def _project_block(v, view, size, same, work):
     ox, oy, oz = turn_back(R, v, tx, ty, tz)
     for i in range(BLOCK):
         px, py, pz = same[_PX, i], same[_PY, i], same[_PZ, i]
-        x, y, z = (
-            r00 * px + r01 * py + r02 * pz + tx,
-            r10 * px + r11 * py + r12 * pz + ty,
-            r20 * px + r21 * py + r22 * pz + tz,
-        )
+        x, y = r00 * px + r01 * py + r02 * pz + tx, r10 * px + r11 * py + r12 * pz + ty
+        z = r20 * px + r21 * py + r22 * pz + tz
         ux, uy, uz, vx, vy, vz = same[_AX, i], same[_AY, i], same[_AZ, i], same[_BX, i], same[_BY, i], same[_BZ, i]
         opacity, reach = same[_ALPHA, i], same[_REACH, i]
         ax, bx = r00 * ux + r01 * uy + r02 * uz, r00 * vx + r01 * vy + r02 * vz
@@ -205,34 +162,31 @@ def _project_block(v, view, size, same, work):
         left, right = np.ceil(max(left - INSET, ZERO)), np.floor(min(right - OUTSET, width - ONE))
         top, bottom = np.ceil(max(top - INSET, ZERO)), np.floor(min(bottom - OUTSET, height - ONE))
         seen &= (left <= right) & (top <= bottom)
-        work[_LEFT + i], work[_RIGHT + i] = left if seen else ONE, right if seen else ZERO
-        work[_TOP + i], work[_BOTTOM + i] = top if seen else ONE, bottom if seen else ZERO
-        work[_XC + i], work[_YC + i], work[_Z + i] = xc, yc, z
+        work[_LEFT, i], work[_RIGHT, i] = left if seen else ONE, right if seen else ZERO
+        work[_TOP, i], work[_BOTTOM, i] = top if seen else ONE, bottom if seen else ZERO
+        work[_XC, i], work[_YC, i], work[_Z, i] = xc, yc, z
         det = b00 * b11 - b01 * b10
         facing = abs(det) > EDGE_ON * (b00 * b00 + b01 * b01 + b10 * b10 + b11 * b11)
         flat = ONE / det
         j00, j01 = b11 * flat if facing else _STEEP, -b01 * flat if facing else ZERO
         j10, j11 = -b10 * flat if facing else ZERO, b00 * flat if facing else _STEEP
-        work[_J00 + i], work[_J01 + i], work[_J10 + i], work[_J11 + i] = j00, j01, j10, j11
-        work[_P0 + i] = -(w0 * j00 + w1 * j10) if facing else ZERO
-        work[_P1 + i] = -(w0 * j01 + w1 * j11) if facing else ZERO
+        work[_J00, i], work[_J01, i], work[_J10, i], work[_J11, i] = j00, j01, j10, j11
+        work[_P0, i] = -(w0 * j00 + w1 * j10) if facing else ZERO
+        work[_P1, i] = -(w0 * j01 + w1 * j11) if facing else ZERO
         # rho >= |d|^2 s^2 / q_2^2, s being the smallest stretch of J: where that is more than the disc's rho everywhere
         # in its reach, the plane is not seen.
-        bend = ONE + radius * (abs(work[_P0 + i]) + abs(work[_P1 + i]))
+        bend = ONE + radius * (abs(work[_P0, i]) + abs(work[_P1, i]))
         squares, det = j00 * j00 + j01 * j01 + j10 * j10 + j11 * j11, j00 * j11 - j01 * j10
         stretch = HALF * (squares - math.sqrt(max(squares * squares - FOUR * det * det, ZERO)))
-        work[_SMALL + i] = ONE if stretch > _PLANE_HIDDEN * steepness[v] * bend * bend else ZERO
-        nx, ny, nz = same[_UX, i], same[_UY, i], same[_UZ, i]
-        nx, ny, nz = (
-            r00 * nx + r01 * ny + r02 * nz,
-            r10 * nx + r11 * ny + r12 * nz,
-            r20 * nx + r21 * ny + r22 * nz,
-        )
+        work[_SMALL, i] = ONE if stretch > _PLANE_HIDDEN * steepness[v] * bend * bend else ZERO
+        ux, uy, uz = same[_UX, i], same[_UY, i], same[_UZ, i]
+        nx, ny = r00 * ux + r01 * uy + r02 * uz, r10 * ux + r11 * uy + r12 * uz
+        nz = r20 * ux + r21 * uy + r22 * uz
         side = -ONE if nx * x + ny * y + nz * z > ZERO else ONE
-        work[_NX + i], work[_NY + i], work[_NZ + i] = side * nx, side * ny, side * nz
+        work[_NX, i], work[_NY, i], work[_NZ, i] = side * nx, side * ny, side * nz
         dx, dy, dz = px + ox, py + oy, pz + oz
         inverse = ONE / math.sqrt(dx * dx + dy * dy + dz * dz)
-        work[_DX + i], work[_DY + i], work[_DZ + i] = dx * inverse, dy * inverse, dz * inverse
+        work[_DX, i], work[_DY, i], work[_DZ, i] = dx * inverse, dy * inverse, dz * inverse
 
 
 @kernel
@@ -251,7 +205,7 @@ def project_surfels(v, slot, same, sh, view, size, whole, splats, depths, boxes,
         depths: (slots, N), receives the centres' z, m.
         boxes: (slots, N, 5) int32, receives first and last-plus-one pixel row, and tile column, empty if
             not to be seen; and whether only its disc is.
-        basis: (16,); work: (20 * 64,).
+        basis: (16,); work: (20, 64).
 
     Returns:
         How many tiles the boxes have in all.
@@ -265,28 +219,28 @@ def project_surfels(v, slot, same, sh, view, size, whole, splats, depths, boxes,
         _project_block(v, view, size, same[block], work)
         for i in range(min(BLOCK, boxes.shape[1] - first)):
             s = np.uint64(first + i)
-            if work[_LEFT + i] > work[_RIGHT + i]:
+            if work[_LEFT, i] > work[_RIGHT, i]:
                 boxes[slot, s, 0], boxes[slot, s, 1] = 0, 0
                 continue
-            top, bottom = np.int32(work[_TOP + i]), np.int32(work[_BOTTOM + i])
-            left, right = np.int32(work[_LEFT + i]) // TILE, np.int32(work[_RIGHT + i]) // TILE
+            top, bottom = np.int32(work[_TOP, i]), np.int32(work[_BOTTOM, i])
+            left, right = np.int32(work[_LEFT, i]) // TILE, np.int32(work[_RIGHT, i]) // TILE
             total += (bottom // TILE - top // TILE + 1) * (right - left + 1)
             boxes[slot, s, 0], boxes[slot, s, 1] = top, bottom + 1
             boxes[slot, s, 2], boxes[slot, s, 3] = left, right + 1
-            boxes[slot, s, 4] = 1 if work[_SMALL + i] > ZERO else 0
-            depths[slot, s] = work[_Z + i]
-            splats[slot, s, XC], splats[slot, s, YC] = work[_XC + i], work[_YC + i]
-            splats[slot, s, OPACITY] = same[block, _ALPHA, i]
-            if whole or work[_SMALL + i] <= ZERO:
-                splats[slot, s, Z] = work[_Z + i]
-                splats[slot, s, J00], splats[slot, s, J01] = work[_J00 + i], work[_J01 + i]
-                splats[slot, s, J10], splats[slot, s, J11] = work[_J10 + i], work[_J11 + i]
-                splats[slot, s, P0], splats[slot, s, P1] = work[_P0 + i], work[_P1 + i]
+            boxes[slot, s, 4] = 1 if work[_SMALL, i] > ZERO else 0
+            depths[slot, s] = work[_Z, i]
+            splats[slot, s, col.XC], splats[slot, s, col.YC] = work[_XC, i], work[_YC, i]
+            splats[slot, s, col.OPACITY] = same[block, _ALPHA, i]
+            if whole or work[_SMALL, i] <= ZERO:
+                splats[slot, s, col.Z] = work[_Z, i]
+                splats[slot, s, col.J00], splats[slot, s, col.J01] = work[_J00, i], work[_J01, i]
+                splats[slot, s, col.J10], splats[slot, s, col.J11] = work[_J10, i], work[_J11, i]
+                splats[slot, s, col.P0], splats[slot, s, col.P1] = work[_P0, i], work[_P1, i]
             if whole:
-                splats[slot, s, NX], splats[slot, s, NY] = work[_NX + i], work[_NY + i]
-                splats[slot, s, NZ] = work[_NZ + i]
+                splats[slot, s, col.NX], splats[slot, s, col.NY] = work[_NX, i], work[_NY, i]
+                splats[slot, s, col.NZ] = work[_NZ, i]
             if number > 1:
-                fill_basis(work[_DX + i], work[_DY + i], work[_DZ + i], number, basis)
+                fill_basis(work[_DX, i], work[_DY, i], work[_DZ, i], number, basis)
             red, green, blue = HALF, HALF, HALF
             if number == MOST_BASIS:
                 # The same as below, but of a length that the compiler knows.
@@ -299,9 +253,6 @@ def project_surfels(v, slot, same, sh, view, size, whole, splats, depths, boxes,
                     red += basis[k] * sh[own, s, k, 0]
                     green += basis[k] * sh[own, s, k, 1]
                     blue += basis[k] * sh[own, s, k, 2]
-            splats[slot, s, RED], splats[slot, s, GREEN], splats[slot, s, BLUE] = (
-                max(red, ZERO),
-                max(green, ZERO),
-                max(blue, ZERO),
-            )
+            splats[slot, s, col.RED], splats[slot, s, col.GREEN] = max(red, ZERO), max(green, ZERO)
+            splats[slot, s, col.BLUE] = max(blue, ZERO)
     return total

@@ -3,35 +3,10 @@
 import math
 
 from pinwm_drake.jit import kernel
-from pinwm_drake.rendering.kernels.columns import (
-    BLUE,
-    GREEN,
-    J00,
-    J01,
-    J10,
-    J11,
-    NX,
-    NY,
-    NZ,
-    OPACITY,
-    P0,
-    P1,
-    RED,
-    XC,
-    YC,
-    Z,
-)
+from pinwm_drake.rendering.kernels import columns as col
+from pinwm_drake.rendering.kernels.columns import ONE, TWO, ZERO
 from pinwm_drake.rendering.kernels.harmonics import basis_gradient, fill_basis
-from pinwm_drake.rendering.kernels.project import (
-    EDGE_ON,
-    ONE,
-    TWO,
-    ZERO,
-    exponential,
-    rotation_columns,
-    turn,
-    turn_back,
-)
+from pinwm_drake.rendering.kernels.project import EDGE_ON, exponential, rotation_columns, turn, turn_back
 
 
 @kernel
@@ -105,11 +80,11 @@ def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars,
     det = b00 * b11 - b01 * b10
     g00, g01, g10, g11, gw0, gw1 = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
     if abs(det) > EDGE_ON * (b00 * b00 + b01 * b01 + b10 * b10 + b11 * b11):
-        j00, j01, j10, j11 = splats[v, s, J00], splats[v, s, J01], splats[v, s, J10], splats[v, s, J11]
-        gp0, gp1 = first[P0], first[P1]
+        j00, j01, j10, j11 = splats[v, s, col.J00], splats[v, s, col.J01], splats[v, s, col.J10], splats[v, s, col.J11]
+        gp0, gp1 = first[col.P0], first[col.P1]
         gw0, gw1 = -(gp0 * j00 + gp1 * j01), -(gp0 * j10 + gp1 * j11)
-        h00, h01 = first[J00] - w0 * gp0, first[J01] - w0 * gp1
-        h10, h11 = first[J10] - w1 * gp0, first[J11] - w1 * gp1
+        h00, h01 = first[col.J00] - w0 * gp0, first[col.J01] - w0 * gp1
+        h10, h11 = first[col.J10] - w1 * gp0, first[col.J11] - w1 * gp1
         # J = B^-1, so the gradient of B is -J' H J'.
         k00, k01 = j00 * h00 + j10 * h10, j00 * h01 + j10 * h11
         k10, k11 = j01 * h00 + j11 * h10, j01 * h01 + j11 * h11
@@ -119,15 +94,15 @@ def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars,
     gax, gay, gaz = g00, g10, gw0 * inverse - x_z * g00 - y_z * g10
     gbx, gby, gbz = g01, g11, gw1 * inverse - x_z * g01 - y_z * g11
     # Through x / z and y / z: of the centre's image, and of B.
-    gx_z = fx * first[XC] - g00 * az - g01 * bz
-    gy_z = fy * first[YC] - g10 * az - g11 * bz
+    gx_z = fx * first[col.XC] - g00 * az - g01 * bz
+    gy_z = fy * first[col.YC] - g10 * az - g11 * bz
     gx, gy = gx_z * inverse, gy_z * inverse
     # Through the 1 / z of B and w, which are homogeneous in it.
     shrink = g00 * (ax - x_z * az) + g01 * (bx - x_z * bz) + g10 * (ay - y_z * az) + g11 * (by - y_z * bz)
-    gz = first[Z] - inverse * (gx_z * x_z + gy_z * y_z + shrink + gw0 * w0 + gw1 * w1)
+    gz = first[col.Z] - inverse * (gx_z * x_z + gy_z * y_z + shrink + gw0 * w0 + gw1 * w1)
     cx, cy, cz = turn(R, v, nx, ny, nz)
     sign = -ONE if cx * x + cy * y + cz * z > ZERO else ONE
-    gnx, gny, gnz = sign * first[NX], sign * first[NY], sign * first[NZ]
+    gnx, gny, gnz = sign * first[col.NX], sign * first[col.NY], sign * first[col.NZ]
 
     # Colour: harmonics, and the direction from the camera.
     own = v if sh.shape[0] > 1 else 0
@@ -137,9 +112,9 @@ def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars,
     near = ONE / math.sqrt(dx * dx + dy * dy + dz * dz)
     dx, dy, dz = dx * near, dy * near, dz * near
     fill_basis(dx, dy, dz, number, basis)
-    red = first[RED] if splats[v, s, RED] > ZERO else ZERO
-    green = first[GREEN] if splats[v, s, GREEN] > ZERO else ZERO
-    blue = first[BLUE] if splats[v, s, BLUE] > ZERO else ZERO
+    red = first[col.RED] if splats[v, s, col.RED] > ZERO else ZERO
+    green = first[col.GREEN] if splats[v, s, col.GREEN] > ZERO else ZERO
+    blue = first[col.BLUE] if splats[v, s, col.BLUE] > ZERO else ZERO
     for k in range(number):
         shares[k] = red * sh[own, s, k, 0] + green * sh[own, s, k, 1] + blue * sh[own, s, k, 2]
         sh_bar[own, s, k, 0] += basis[k] * red
@@ -158,21 +133,15 @@ def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars,
     nu, nv, nw = turn_back(R, v, gnx, gny, gnz)
     scale_out[s, 0] += scale_a * (au * ux + av * uy + aw * uz)
     scale_out[s, 1] += scale_b * (bu * vx + bv * vy + bw * vz)
-    rw, rx, ry, rz = quaternion_gradient(
-        qw,
-        qx,
-        qy,
-        qz,
-        (scale_a * au, scale_a * av, scale_a * aw),
-        (scale_b * bu, scale_b * bv, scale_b * bw),
-        (nu, nv, nw),
-    )
+    first_bar = (scale_a * au, scale_a * av, scale_a * aw)
+    second_bar = (scale_b * bu, scale_b * bv, scale_b * bw)
+    rw, rx, ry, rz = quaternion_gradient(qw, qx, qy, qz, first_bar, second_bar, (nu, nv, nw))
     q_out[s, 0] += rw
     q_out[s, 1] += rx
     q_out[s, 2] += ry
     q_out[s, 3] += rz
-    opacity = splats[v, s, OPACITY]
-    opacity_out[s] += first[OPACITY] * opacity * (ONE - opacity)
+    opacity = splats[v, s, col.OPACITY]
+    opacity_out[s] += first[col.OPACITY] * opacity * (ONE - opacity)
 
     _add_outer(R_bar, part, v, gx, gy, gz, px, py, pz)
     _add_outer(R_bar, part, v, gax, gay, gaz, scale_a * ux, scale_a * uy, scale_a * uz)

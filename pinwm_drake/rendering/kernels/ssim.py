@@ -89,11 +89,8 @@ def compare_adjoint(a, b, weights, channels, grads, scale, a_bar, first, last):
     """Writes some rows of a_bar, scale times the derivative of the sum of `compare` over all rows by a."""
     width = a.shape[1]
     across = np.zeros(width + (weights.shape[0] - 1) * channels, np.float32)
-    by_mean, by_square, by_product = (
-        np.empty(width, np.float32),
-        np.empty(width, np.float32),
-        np.empty(width, np.float32),
-    )
+    by_mean, by_square = np.empty(width, np.float32), np.empty(width, np.float32)
+    by_product = np.empty(width, np.float32)
     two = np.float32(2.0)
     for row in range(first, last):
         _blur_row(grads[0], row, weights, channels, across, by_mean)
