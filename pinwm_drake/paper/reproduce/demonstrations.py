@@ -29,7 +29,7 @@ _ANYWHERE = {"tolerance": 1.0, "turn_tolerance": 3.1}  # m, rad: everything is n
 
 
 @dataclass(frozen=True)
-class DemonstrationsCell:
+class DemonstrationsCell(Cell):
     """Cell of episodes in which an expert succeeds, in Drake's hydroelastic plant with VTK's images.
 
     Attributes:
@@ -37,18 +37,10 @@ class DemonstrationsCell:
         episodes: Number of episodes.
     """
 
+    path = "demonstrations/{self.expert.place}/seed-{self.expert.seed}"
+
     expert: PolicyCell
     episodes: int
-
-    @property
-    def key(self) -> str:
-        """Path of its folder."""
-        return f"demonstrations/{self.expert.place}/seed-{self.expert.seed}"
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """Cell of the expert."""
-        return (self.expert,)
 
     @property
     def hours(self) -> float:
@@ -81,7 +73,7 @@ class DemonstrationsCell:
 
 
 @dataclass(frozen=True)
-class DiffusionCell:
+class DiffusionCell(Cell):
     """Cell of a diffusion policy of demonstrations.
 
     Attributes:
@@ -89,24 +81,11 @@ class DiffusionCell:
         quick: Flag: hardly any training, of a small network.
     """
 
+    path = "policies/{self.demonstrations.expert.place}/diffusion-policy/seed-{self.demonstrations.expert.seed}"
+    times = 0.01, 2.0
+
     demonstrations: DemonstrationsCell
     quick: bool = False
-
-    @property
-    def key(self) -> str:
-        """Path of its folder."""
-        expert = self.demonstrations.expert
-        return f"policies/{expert.place}/diffusion-policy/seed-{expert.seed}"
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """Cell of the demonstrations."""
-        return (self.demonstrations,)
-
-    @property
-    def hours(self) -> float:
-        """Estimate of its time, h."""
-        return 0.01 if self.quick else 2.0
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Trains it, on a GPU if there is one, and evaluates it in worlds of the true theta; see `Cell.make`."""

@@ -32,7 +32,7 @@ _SECONDS = {"push": 20.0, "flip": 9.0}  # of an episode, by task, the mean of th
 
 
 @dataclass(frozen=True)
-class EvaluationCell:
+class EvaluationCell(Cell):
     """Cell of an evaluation in Drake's hydroelastic plant with VTK's images.
 
     Attributes:
@@ -60,11 +60,6 @@ class EvaluationCell:
         """Path of its folder."""
         kind = "stand-in" if self.stand_in else "evaluations"
         return f"{kind}/{self.task}/{self.system}/seed-{self.seed}"
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """The policy or twin, where there is one."""
-        return () if self.subject is None else (self.subject,)
 
     @property
     def hours(self) -> float:

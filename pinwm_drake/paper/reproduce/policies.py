@@ -33,7 +33,7 @@ _QUICK_SEARCH = WaypointOptions(attempts=1, rounds=0, planner=SamplingOptions(sa
 
 
 @dataclass(frozen=True)
-class PolicyCell:
+class PolicyCell(Cell):
     """Cell of a policy that a system trains.
 
     Attributes:
@@ -45,6 +45,9 @@ class PolicyCell:
         history: Number of past states and actions that the policy sees.
         stand_in: Flag: for the stand-in for a robot; see `robot_options`.
     """
+
+    path = "policies/{self.place}/{self.system}/seed-{self.seed}"
+    times = 0.02, 0.45
 
     task: str
     system: str
@@ -58,21 +61,6 @@ class PolicyCell:
     def place(self) -> str:
         """Folder of what is made for the same scene."""
         return scene_folder(self.task, self.stand_in)
-
-    @property
-    def key(self) -> str:
-        """Path of its folder."""
-        return f"policies/{self.place}/{self.system}/seed-{self.seed}"
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """The twin, where there is one."""
-        return () if self.twin is None else (self.twin,)
-
-    @property
-    def hours(self) -> float:
-        """Estimate of its time, h."""
-        return 0.02 if self.quick else 0.45
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Trains the policy; see `Cell.make`."""

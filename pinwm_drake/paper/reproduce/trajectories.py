@@ -34,7 +34,7 @@ _QUICK = DreamerV2(
 
 
 @dataclass(frozen=True)
-class TrajectoriesCell:
+class TrajectoriesCell(Cell):
     """Cell of task-agnostic episodes: random pushes in Drake's hydroelastic plant with VTK's images.
 
     Attributes:
@@ -44,6 +44,8 @@ class TrajectoriesCell:
         steps: Number of actions of each.
         stand_in: Flag: in the stand-in for a robot; see `StandIn`.
     """
+
+    path = "trajectories/{self.place}/seed-{self.seed}"
 
     task: str
     seed: int
@@ -55,16 +57,6 @@ class TrajectoriesCell:
     def place(self) -> str:
         """Folder of what is made for the same scene."""
         return scene_folder(self.task, self.stand_in)
-
-    @property
-    def key(self) -> str:
-        """Path of its folder."""
-        return f"trajectories/{self.place}/seed-{self.seed}"
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """None: it begins with nothing."""
-        return ()
 
     @property
     def hours(self) -> float:
@@ -92,7 +84,7 @@ class TrajectoriesCell:
 
 
 @dataclass(frozen=True)
-class DreamerCell:
+class DreamerCell(Cell):
     """Cell of a policy of Dreamer V2, which learns from recorded episodes.
 
     Attributes:
@@ -100,24 +92,11 @@ class DreamerCell:
         quick: Flag: hardly any training, of small networks.
     """
 
+    path = "policies/{self.trajectories.place}/dreamer-v2/seed-{self.trajectories.seed}"
+    times = 0.01, 1.3
+
     trajectories: TrajectoriesCell
     quick: bool = False
-
-    @property
-    def key(self) -> str:
-        """Path of its folder."""
-        about = self.trajectories
-        return f"policies/{about.place}/dreamer-v2/seed-{about.seed}"
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """Cell of the episodes."""
-        return (self.trajectories,)
-
-    @property
-    def hours(self) -> float:
-        """Estimate of its time, h."""
-        return 0.01 if self.quick else 1.3
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Trains it, on a GPU if there is one; the best round is found in worlds of the true theta; see `Cell.make`."""
