@@ -125,10 +125,10 @@ def test_time_before_a_training_was_killed_counts(tmp_path, monkeypatch):
         if len(told) == 3:  # in the second rollout of the first round
             raise Killed
 
-    train = partial(train_ppo, ToyWorlds(images=False), toy_spec("state"), tmp_path, SHORT, stage="ppo")
+    train = partial(train_ppo, ToyWorlds(images=False), toy_spec("state"), SHORT)
     with pytest.raises(Killed):
-        train(report=kill)
-    train(resume=True, report=again.append)
+        train(StageRun(tmp_path, "ppo", report=kill))
+    train(StageRun(tmp_path, "ppo", resume=True, report=again.append))
     assert {step.seconds for step in again[1:]} == {200.0}  # as of the second rollout's beginning
 
 

@@ -4,8 +4,6 @@ Source: Li et al., "PIN-WM: Learning physics-informed world models for non-prehe
 2504.16693v2), tables I to VII, by way of a copy of them. Its policies have 100 actions for a push and 25 for a flip.
 """
 
-NONE = "none"  # where the paper has no such row
-
 POLICIES = {  # tables I and IV: success and actions; the latter has no actions
     ("push", "random"): "0 %, 100",
     ("push", "dreamer-v2"): "1 %, 99.9",
