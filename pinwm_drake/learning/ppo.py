@@ -22,8 +22,8 @@ from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.round_callback import Arrays, Learner
 from pinwm_drake.learning.rounds import Rounds, StageRun
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.learning.toward_goal import TowardGoal
 from pinwm_drake.learning.weights import pack, unpack
+from pinwm_drake.learning.worlds import TowardGoal
 from pinwm_drake.tasks.history import begun
 from pinwm_drake.tasks.waypoints import Waypoints
 

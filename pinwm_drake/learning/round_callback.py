@@ -91,7 +91,7 @@ def begin_round(model: BaseAlgorithm, rounds: Rounds, kept: Mapping[str, np.ndar
     model._last_obs = seen.get("", seen)
     heading = None if model.env is None else unwrap_vec_wrapper(model.env, AlongHeading)
     if heading is not None:
-        heading.see(model._last_obs)
+        heading.seen(model._last_obs)
     model._last_episode_starts = kept["starts"]
     done = int(kept["done"])
     model.num_timesteps = rounds.steps + done
