@@ -172,5 +172,4 @@ class Ppo(PPO):
 
     @staticmethod
     def _wrap_env(env: GymEnv, verbose: int = 0, monitor_wrapper: bool = True) -> VecEnv:
-        """The worlds, which take actions by levels."""
         return ByLevels(cast(VecEnv, env))

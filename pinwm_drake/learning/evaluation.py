@@ -76,7 +76,6 @@ class Evaluation:
     results: tuple[EpisodeResult, ...]
 
     def __post_init__(self) -> None:
-        """Checks that there is an episode."""
         if not self.results:
             raise ParameterError("results: got none; allowed: 1 episode or more")
 

@@ -337,7 +337,6 @@ class Rounds:
 
 
 def _generators() -> dict[str, np.ndarray]:
-    """States of the generators of python, numpy and torch."""
     legacy: Any = np.random.get_state(legacy=False)  # noqa: NPY002  # SB3 draws from it
     legacy["state"]["key"] = legacy["state"]["key"].tolist()
     return {

@@ -118,7 +118,6 @@ class _Learner(Learner):
         return made
 
     def _parts(self) -> dict[str, tuple[nn.Module, torch.optim.Optimizer | None]]:
-        """Everything that is learned, with its optimizers, by name."""
         model, entropy = self.model, nn.Module()
         entropy.register_buffer("log", model.log_ent_coef)
         return {
@@ -172,7 +171,6 @@ def _last(buffer: ReplayBuffer | None, number: int) -> Arrays:
 
 
 def _refill(buffer: ReplayBuffer | None, arrays: Mapping[str, np.ndarray]) -> None:
-    """Adds steps of every world, as `_last` gave them."""
     assert buffer is not None
     number = len(arrays["rewards"])
     rows = np.arange(buffer.pos, buffer.pos + number) % buffer.buffer_size

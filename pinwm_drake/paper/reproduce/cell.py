@@ -177,7 +177,6 @@ def _every(period: float, note: Callable[[], None]) -> Iterator[None]:
 
 
 def _read_runs(path: Path) -> list[dict[str, Any]]:
-    """Notes of earlier runs of a cell."""
     earlier = _read_json(path)
     if earlier is None:
         return []

@@ -63,7 +63,6 @@ class DiffusionActor:
     provenance: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Checks the values."""
         require_diffusers()
         require("seed", self.seed, self.seed >= 0, "0 or more")
         require("observes", self.spec.observes, self.spec.observes == "rgb", "rgb")

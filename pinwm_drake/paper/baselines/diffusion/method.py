@@ -119,18 +119,15 @@ class _Learner:
 
     @property
     def averaged(self) -> DiffusionNetwork:
-        """Network with the moving average of the weights."""
         network = self._average.module
         assert isinstance(network, DiffusionNetwork)
         return network.eval()
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All that changes, copied, for `restore`."""
         average = {f"{_AVERAGE}{name}": value for name, value in weights(self._average).items()}
         return pack(self._network, self._optimizer) | average
 
     def restore(self, arrays: dict[str, np.ndarray]) -> None:
-        """Puts the arrays of `arrays` back."""
         unpack(arrays, self._network, self._optimizer)
         average = {name: values for name, values in arrays.items() if name.startswith(_AVERAGE)}
         set_weights(self._average, {name.removeprefix(_AVERAGE): values for name, values in average.items()})

@@ -96,7 +96,6 @@ class DreamerV2:
 
 
 def _check(folder: Path, episodes: Sequence[Episode], spec: PolicySpec) -> None:
-    """Checks that episodes were recorded in worlds of a specification; raises InputError."""
     wanted = (image_size(spec), image_size(spec), spec.action_size)
     for number, one in enumerate(episodes):
         given = (*one.images.shape[1:3], one.actions.shape[1])

@@ -183,7 +183,6 @@ class _Problem:
         gravity: float,
         options: PlanarOptions,
     ) -> "_Problem":
-        """The problem, with the pusher's motion in time steps."""
         h, after = options.time_step, np.asarray(poses.t, float) - float(poses.t[0])
         T = step_count(float(after[-1]), h)
         times = float(poses.t[0]) + h * np.arange(T + 1)
