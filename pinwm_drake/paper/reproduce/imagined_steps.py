@@ -13,9 +13,9 @@ from pinwm_drake.paper.imagined_step import SeenOutcomes, imagine, picture_error
 from pinwm_drake.paper.one_step import Outcomes
 from pinwm_drake.paper.reproduce.cell import Cell, Say
 from pinwm_drake.paper.reproduce.predictions import ENGINE, OUTCOMES_FILE, OutcomesCell, summary
+from pinwm_drake.paper.reproduce.recordings import DreamerCell
 from pinwm_drake.paper.reproduce.scenes import task_scene
 from pinwm_drake.paper.reproduce.systems import DREAMER
-from pinwm_drake.paper.reproduce.trajectories import DreamerCell
 from pinwm_drake.systems.scenario.load import load_setup
 
 SEEN_FILE = "seen.npz"

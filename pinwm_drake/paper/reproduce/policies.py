@@ -12,7 +12,7 @@ from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.progress import Report, Step
 from pinwm_drake.paper.reproduce.cell import Cell, Say
 from pinwm_drake.paper.reproduce.scenes import scene_folder, task_scene
-from pinwm_drake.paper.reproduce.systems import NO_COUSINS, PIN_WM, system
+from pinwm_drake.paper.reproduce.systems import NO_COUSINS, PIN_WM, SYSTEMS
 from pinwm_drake.paper.reproduce.twins import IdentifiedCell
 from pinwm_drake.systems.mpc.sampling import SamplingOptions
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions
@@ -64,7 +64,7 @@ class PolicyCell(Cell):
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Trains the policy; see `Cell.make`."""
-        scene, trained = task_scene(self.task), system(self.system)
+        scene, trained = task_scene(self.task), SYSTEMS[self.system]
         assert trained.domains is not None
         request = TrainRequest(
             scene=scene.scene if self.twin is None else str(root / self.twin.key),

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from pinwm_drake.paper.reproduce.cell import Cell
 from pinwm_drake.paper.reproduce.imagined_steps import ImaginedStepCell, SeenOutcomesCell
 from pinwm_drake.paper.reproduce.predictions import OneStepCell
+from pinwm_drake.paper.reproduce.recordings import dreamer
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.systems import ASID, ASID_GENEROUS, DREAMER, PIN_WM, PLANAR, SCENE
 from pinwm_drake.paper.reproduce.tables import paper
 from pinwm_drake.paper.reproduce.tables.table import MISSING, NONE, Line, Results, Table
-from pinwm_drake.paper.reproduce.trajectories import dreamer
 
 _SYSTEMS = (PIN_WM, ASID, ASID_GENEROUS, PLANAR, DREAMER)
 _READOUT = "readout of true images: what reading a pose adds"
