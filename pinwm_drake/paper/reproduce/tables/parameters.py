@@ -46,21 +46,22 @@ def _lines(request: ReproduceRequest) -> list[Line]:
     lines = []
     for cell in _cells(request):
         (name, words), task = unknown(cell), cell.surfels.capture.task
-        head = [task, words, cell.system, str(cell.surfels.capture.seed), f"{task_scene(task).true_theta[name]:g}"]
+        head = [task, words, cell.system, str(cell.surfels.capture.seed)]
         lines.append(Line(head, [cell], [paper.PARAMETERS.get((task, cell.system, name), NONE)]))
     return lines
 
 
 def _columns(cells: Sequence[IdentifiedCell], results: Results) -> list[str]:
     (cell,) = cells
-    done = results.get(cell)
+    (name, _), done = unknown(cell), results.get(cell)
+    true = f"{task_scene(cell.surfels.capture.task).true_theta[name]:g}"
     if done is None:
-        return [MISSING, "", ""]
-    estimate = done["result"]["estimates"][unknown(cell)[0]]
+        return [true, MISSING, "", ""]
+    estimate = done["result"]["estimates"][name]
     low, high = estimate["interval"] or ("", "")
     interval = f"{low:.4g} to {high:.4g}" if estimate["interval"] else "none"
     told = "not told" if isinstance(cell, TrackedTwinCell) else "yes" if estimate["identifiable"] else "no"
-    return [f"{estimate['value']:.4g}", interval, told]
+    return [true, f"{estimate['value']:.4g}", interval, told]
 
 
 PARAMETERS = Table(
