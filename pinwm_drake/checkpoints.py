@@ -4,8 +4,9 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -116,3 +117,47 @@ def read_arrays(
         if name not in arrays:
             raise InputError(path, value=f"no array {name}", allowed=f"a checkpoint of `{work}`")
     return arrays
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayFile:
+    """Dataclass whose fields are arrays, which are a file on disk.
+
+    Attributes:
+        work: Name of the work in messages.
+        wanted: Words for what stands in such a file.
+    """
+
+    work: ClassVar[str]
+    wanted: ClassVar[str]
+
+    def write(self, path: Path, about: Mapping[str, object] | None = None, **more: np.ndarray) -> None:
+        """Writes the arrays to a file, compressed.
+
+        Args:
+            path: The file; its folder exists.
+            about: What they depend on, as JSON takes it.
+            more: Other arrays to keep with them.
+
+        Raises:
+            InputError: It cannot be written.
+        """
+        arrays = {one.name: getattr(self, one.name) for one in fields(self)}
+        write_arrays(path, about or {}, arrays | more, compressed=True)
+
+    @classmethod
+    def read(cls, path: Path, about: Mapping[str, object] | None = None) -> Self:
+        """Reads the arrays that `write` wrote to a file.
+
+        Args:
+            path: The file.
+            about: What they have to depend on; None for anything.
+
+        Raises:
+            InputError: There is no such file, or it cannot be read or used.
+        """
+        names = [one.name for one in fields(cls)]
+        arrays = read_arrays(path, about or {}, cls.work, names)
+        if arrays is None:
+            raise InputError(path, value="no such file", allowed=cls.wanted)
+        return cls(**{name: arrays[name] for name in names})

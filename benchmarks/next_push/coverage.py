@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy.stats import binomtest
 
 from benchmarks.next_push.captures import Size, write_capture
 from benchmarks.next_push.objects import OBJECTS, make_thing
@@ -21,7 +22,6 @@ from pinwm_drake.files import replacing
 from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.identification.identify import identify
 from pinwm_drake.identification.options import IdentifyOptions
-from pinwm_drake.learning.wilson import wilson_interval
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.style import GREY, TWIN, new_figure, tidy
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset
@@ -102,7 +102,7 @@ def coverage_table(rows: Sequence[Row]) -> list[str]:
         cells = []
         for level in _LEVELS:
             inside = int((np.abs(ranks - 0.5) <= 0.5 * level).sum())
-            low, high = wilson_interval(inside, len(ranks))
+            low, high = binomtest(inside, len(ranks)).proportion_ci(method="wilson")
             cells.append(f"{100 * inside / len(ranks):.0f} % ({100 * low:.0f} to {100 * high:.0f})")
         rows_of_table.append([words, len(ranks), *cells])
     return markdown(" | ".join(["quantity | captures", *(f"within {100 * x:.0f} %" for x in _LEVELS)]), rows_of_table)

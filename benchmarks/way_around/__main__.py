@@ -35,7 +35,7 @@ def main() -> None:
     out, recorded = prepare_folder(given.out), given.out / "demonstrations"
     collect_demonstrations(AroundWorlds(), Expert(given.seed), recorded, given.episodes, seed=given.seed)
     worlds, diffusion = MakeAround(), around_method(given.updates)
-    actor = diffusion.train(MethodData(None, recorded), worlds, out, seed=given.seed, resume=True, report=silent)
+    actor = diffusion.train(MethodData(recorded), worlds, out, seed=given.seed, resume=True, report=silent)
     history = out / STAGE / HISTORY_FILE
     training_figure(out / "training.png", {STAGE: history})
     print(history.read_text())

@@ -12,7 +12,7 @@ from pinwm_drake.demo.options import DemoOptions
 from pinwm_drake.demo.policy import Performance
 from pinwm_drake.demo.stages import Stages
 from pinwm_drake.models import policy_path
-from pinwm_drake.rendering.fit_result import FitResult
+from pinwm_drake.rendering.fitting import FitResult
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.views import View
 from pinwm_drake.report import page

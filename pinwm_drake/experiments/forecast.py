@@ -38,7 +38,6 @@ class Forecast:
     memory: float
 
     def __str__(self) -> str:
-        """Words on both, in a line."""
         stages = " and ".join(f"{name} {minutes:.0f}" for name, minutes in self.minutes.items())
         return f"up to {sum(self.minutes.values()):.0f} minutes ({stages}) and {self.memory:.1f} GiB of memory"
 
@@ -81,7 +80,6 @@ class _Clock:
         self._times: list[tuple[float, int]] = []
 
     def __call__(self, step: Step) -> None:
-        """Keeps the time and the number of steps."""
         self.stage = step.stage
         self._times.append((time.monotonic(), step.steps))
 
@@ -100,7 +98,6 @@ class _Clock:
 
 
 def _brief(stage: Any, worlds: int) -> Any:
-    """The stage with one brief round."""
     options: Any = stage.options
     if isinstance(stage, Distillation):
         few = {"rounds": 1, "round_images": _BRIEF * worlds, "updates": _BRIEF, "episodes": worlds}
@@ -112,7 +109,6 @@ def _brief(stage: Any, worlds: int) -> Any:
 
 
 def _untrained(spec: PolicySpec, folder: Path) -> Path:
-    """Folder of a policy of the state that was not trained."""
     write_policy(folder, Policy(spec, make_actor(spec)))
     return folder
 

@@ -179,7 +179,6 @@ def _draw(
     floor_height: float,
     box: tuple[tuple[float, float], tuple[float, float]],
 ) -> StraightPush:
-    """Draws a push within a box."""
     for _ in range(_ATTEMPTS):
         speed = math.exp(generator.uniform(*np.log(_SPEEDS)))
         distance = min(generator.uniform(*_DISTANCES), speed * _LONGEST)

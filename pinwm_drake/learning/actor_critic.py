@@ -10,14 +10,14 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import GymEnv
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
 from pinwm_drake.learning.actors import LEVELS, Seen, level_shares
 from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.images.estimated import TRUTH
+from pinwm_drake.learning.worlds import SeenWorlds
 
 _RATE, _BATCH = 1e-3, 256  # of imitation
 
@@ -137,34 +137,21 @@ class ActorCritic(ActorCriticPolicy):
             optimizer.step()
 
 
-def _size(env: VecEnv) -> int:
-    """Number of components of the worlds' actions."""
-    space: Any = env.action_space
-    return int(space.shape[0])
-
-
-class ByLevels(VecEnvWrapper):
+class ByLevels(SeenWorlds):
     """Worlds that take the index of a level for each component of an action."""
 
     def __init__(self, env: VecEnv) -> None:
         """Wraps worlds whose actions are numbers in [-1, 1]."""
-        super().__init__(env, action_space=spaces.MultiDiscrete([len(LEVELS)] * _size(env)))
+        space: Any = env.action_space
+        super().__init__(env, action_space=spaces.MultiDiscrete([len(LEVELS)] * int(space.shape[0])))
         self._levels = np.array(LEVELS, np.float32)
-
-    def reset(self) -> Any:
-        """Begins an episode in every world, and gives their observation."""
-        return self.venv.reset()
 
     def step_async(self, actions: np.ndarray) -> None:
         """Begins a step by the actions whose levels have the indices (W, n)."""
         self.venv.step_async(self._levels[actions])
 
-    def step_wait(self) -> VecEnvStepReturn:
-        """Outcome of the step: observation, rewards (W,), ends of episodes (W,) bool, and infos."""
-        return self.venv.step_wait()
 
-
-class Augmented(VecEnvWrapper):
+class Augmented(SeenWorlds):
     """Worlds whose images are changed at random as they are seen.
 
     PPO compares how likely an action is with how likely it was when it was taken, so that both have to see the same.
@@ -175,17 +162,9 @@ class Augmented(VecEnvWrapper):
         super().__init__(env)
         self._augment = augment
 
-    def reset(self) -> Any:
-        """Begins an episode in every world, and gives their observation with changed images."""
-        return self._changed(self.venv.reset())
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """Outcome of the step, its images changed."""
-        seen, rewards, ended, infos = self.venv.step_wait()
-        return self._changed(seen), rewards, ended, infos
-
-    def _changed(self, seen: Any) -> Any:
-        return {**seen, "image": self._augment.as_images(torch.from_numpy(seen["image"])).numpy()}
+    def seen(self, observation: Any) -> Any:
+        """The observation with changed images."""
+        return {**observation, "image": self._augment.as_images(torch.from_numpy(observation["image"])).numpy()}
 
 
 class Ppo(PPO):
@@ -193,5 +172,4 @@ class Ppo(PPO):
 
     @staticmethod
     def _wrap_env(env: GymEnv, verbose: int = 0, monitor_wrapper: bool = True) -> VecEnv:
-        """The worlds, which take actions by levels."""
         return ByLevels(cast(VecEnv, env))

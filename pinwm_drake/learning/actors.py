@@ -13,6 +13,7 @@ al., "Soft actor-critic" (ICML 2018).
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -62,19 +63,24 @@ class StateActor(nn.Module):
     With a history the state goes on with what was before, as `tasks.history` has it: the layers see all of it.
 
     Attributes:
+        outputs: Number of numbers of the head for each component of the action.
+        activation: Activation of the hidden layers.
         latent_size: Width of the last hidden layer.
-        head: Linear layer to `outputs` numbers for each component of the action, those of the first component first.
+        head: Linear layer to the numbers of each component of the action, those of the first component first.
         heading: Frame that the layers see and act in, where the task has one.
     """
 
-    def __init__(self, task: Task, outputs: int, activation: type[nn.Module], width: int, history: int = 0) -> None:
+    outputs: ClassVar[int]
+    activation: ClassVar[type[nn.Module]] = nn.ReLU
+
+    def __init__(self, task: Task, width: int = 256, history: int = 0) -> None:
         """Builds layers of a width for a task's state and action, with those before the last actions."""
         super().__init__()
         self.latent_size, self._components = width, task.action_size
         self.heading = Heading(task)
-        size = history_size(task.state_size, task.action_size, history)
+        size, activation = history_size(task.state_size, task.action_size, history), self.activation
         self.body = nn.Sequential(nn.Linear(size, width), activation(), nn.Linear(width, width), activation())
-        self.head = nn.Linear(width, task.action_size * outputs)
+        self.head = nn.Linear(width, task.action_size * self.outputs)
 
     def latent(self, seen: Seen) -> Tensor:
         """Last hidden layer (B, latent_size) of an observation: the state, or a dict with `state`."""
@@ -82,14 +88,20 @@ class StateActor(nn.Module):
         latent: Tensor = self.body(self.heading.state(state))
         return latent
 
+    def mean(self, state: Tensor) -> Tensor:
+        """Actions (B, n) of states (B, state_size), or their means where a wave is added."""
+        raise NotImplementedError
+
     def imitation(self, found: Tensor, state: Tensor) -> Tensor:
-        """Loss () of acting by estimated states instead of the true ones.
+        """Loss () of acting by estimated states instead of the true ones: mean squared difference of the actions.
 
         Args:
             found: (B, state_size) estimates, to which the gradient goes.
             state: (B, state_size) true states.
         """
-        raise NotImplementedError
+        with torch.no_grad():
+            wanted = self.mean(state)
+        return mse_loss(self.mean(found), wanted)
 
     def margin(self, state: Tensor) -> Tensor:
         """Lead (B,) of the choice that the actions follow over the next one, the least among an action's components.
@@ -102,9 +114,7 @@ class StateActor(nn.Module):
 class LevelActor(StateActor):
     """Network from the state to an action by levels; hidden layers of tanh."""
 
-    def __init__(self, task: Task, width: int = 256, history: int = 0) -> None:
-        """Builds layers; see `StateActor`."""
-        super().__init__(task, len(LEVELS), nn.Tanh, width, history)
+    outputs, activation = len(LEVELS), nn.Tanh
 
     def logits(self, seen: Seen) -> Tensor:
         """Logits (B, n, len(LEVELS)) of an observation."""
@@ -136,11 +146,12 @@ class DitherActor(StateActor):
     where the spread is wide a state hardly stays as it is.
     """
 
+    outputs = 2
     _waves: Tensor
 
     def __init__(self, task: Task, width: int = 256, history: int = 0) -> None:
         """Builds layers; see `StateActor`."""
-        super().__init__(task, 2, nn.ReLU, width, history)
+        super().__init__(task, width, history)
         number = task.state_size * task.action_size
         waves = _WAVES * torch.linspace(1.0, 2.0, number).reshape(task.state_size, task.action_size)
         self.register_buffer("_waves", waves, persistent=False)
@@ -157,29 +168,21 @@ class DitherActor(StateActor):
         wave = math.sqrt(2.0) * torch.sin(now @ self._waves)
         return self.heading.action((mean + log_spread.exp() * wave).tanh(), state)
 
-    def imitation(self, found: Tensor, state: Tensor) -> Tensor:
-        """Mean squared difference of the means; see `StateActor.imitation`."""
-        with torch.no_grad():
-            wanted = self.heading.action(self._parts(state)[0].tanh(), state)
-        return mse_loss(self.heading.action(self._parts(found)[0].tanh(), found), wanted)
+    def mean(self, state: Tensor) -> Tensor:
+        """Means (B, n) of the actions of states (B, state_size)."""
+        return self.heading.action(self._parts(state)[0].tanh(), state)
 
 
 class TanhActor(StateActor):
     """Network from the state to an action by numbers; hidden layers of ReLU, as SB3's SAC has them."""
 
-    def __init__(self, task: Task, width: int = 256, history: int = 0) -> None:
-        """Builds layers; see `StateActor`."""
-        super().__init__(task, 1, nn.ReLU, width, history)
+    outputs = 1
 
     def forward(self, state: Tensor) -> Tensor:
         """Actions (B, n) of states (B, state_size) float32."""
         return self.heading.action(self.head(self.latent(state)).tanh(), state)
 
-    def imitation(self, found: Tensor, state: Tensor) -> Tensor:
-        """Mean squared difference of the actions; see `StateActor.imitation`."""
-        with torch.no_grad():
-            wanted = self(state)
-        return mse_loss(self(found), wanted)
+    mean = forward
 
 
 _HEADS: Mapping[str, Callable[[Task, int, int], StateActor]] = {

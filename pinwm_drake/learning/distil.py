@@ -9,28 +9,24 @@ learning" (AISTATS 2011); the teacher's privilege as in Chen et al., "Learning b
 """
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
-from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.checkpoints import generator_state, set_generator_state
-from pinwm_drake.errors import require
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.images.bfloat16 import has_bfloat16
 from pinwm_drake.learning.images.estimated import estimation_loss
 from pinwm_drake.learning.images.image_buffer import Chunk, Frames
-from pinwm_drake.learning.option_checks import check_options
+from pinwm_drake.learning.options import Options
 from pinwm_drake.learning.policy import Policy, make_actor
-from pinwm_drake.learning.progress import Report, silent
-from pinwm_drake.learning.rounds import ANY, EVALUATION_SEED, OnRound, Rounds, Until
+from pinwm_drake.learning.rounds import EVALUATION_SEED, Rounds, StageRun
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import device_of, pack, set_weights, unpack, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds, usual_starts
@@ -41,7 +37,7 @@ _TOLD = 10  # actions or updates between two reports
 
 
 @dataclass(frozen=True)
-class DistilOptions:
+class DistilOptions(Options):
     """Settings of the distillation.
 
     Attributes:
@@ -57,10 +53,10 @@ class DistilOptions:
         gain: Relative half-width of the colours' random factors.
         mask: px, by which masks are too small or too large at the most, up to 1; see `Augment`.
         episodes: Number of episodes in an evaluation.
-
-    Raises:
-        ParameterError: A number is out of range.
     """
+
+    may_be_zero: ClassVar[tuple[str, ...]] = ("action_weight", "noise", "shift", "gain", "mask")
+    up_to_one: ClassVar[tuple[str, ...]] = ("mask",)
 
     rounds: int = 5
     round_images: int = 24_576
@@ -75,42 +71,16 @@ class DistilOptions:
     mask: float = 0.0
     episodes: int = 64
 
-    def __post_init__(self) -> None:
-        """Checks the values."""
-        check_options(self, ("action_weight", "noise", "shift", "gain", "mask"))
-        require("mask", self.mask, self.mask <= 1.0, "0 to 1")
 
-
-def train_distil(
-    env: VecEnv,
-    teacher: Policy,
-    spec: PolicySpec,
-    folder: Path,
-    options: DistilOptions,
-    *,
-    seed: int = 0,
-    about: Mapping[str, object] | None = None,
-    on_round: OnRound | None = None,
-    resume: bool = False,
-    until: Until = ANY,
-    device: str = "cpu",
-    report: Report = silent,
-) -> Policy:
+def train_distil(env: VecEnv, teacher: Policy, spec: PolicySpec, options: DistilOptions, run: StageRun) -> Policy:
     """Trains a policy of images.
 
     Args:
         env: Worlds with observation "rgb_state".
         teacher: A policy of the state.
         spec: Specification of the student.
-        folder: Folder of checkpoints, images, `history.csv` and TensorBoard's events.
         options: Settings of the distillation.
-        seed: Seed of networks and worlds, 0 or more.
-        about: Description of worlds and teacher, as JSON takes it: a checkpoint with another one is refused.
-        on_round: Called with a seed at the beginning of a round, to draw its domains.
-        resume: Flag: the training goes on from a checkpoint, where there is one.
-        until: What ends it before its last round.
-        device: Device of the student, as torch names it; the policy that is returned is on the CPU.
-        report: Called with the progress of the training.
+        run: The run, whose folder also has the images, and whose description names the teacher.
 
     Returns:
         The best student, by its evaluations.
@@ -118,22 +88,19 @@ def train_distil(
     Raises:
         InputError: A checkpoint cannot be used, or a file cannot be written.
     """
-    told = {"options": asdict(options), "seed": seed, "spec": spec.to_document(), "worlds": env.num_envs}
-    about = {**told, **(about or {})}
-    rounds = Rounds(folder, STAGE, about, seed, resume=resume, total=options.rounds, until=until, report=report)
-    student, optimizer = _begin(spec, teacher, options, device)
-    logger = configure(str(folder / "tensorboard"), ["tensorboard"])
-    frames, images = Frames(env.num_envs, spec.frames, options.keep), prepare_folder(folder / "images")
+    rounds = Rounds(run.telling(options, spec, env), options.rounds)
+    student, optimizer = _begin(spec, teacher, options, run.device)
+    frames, images = Frames(env.num_envs, spec.frames, options.keep), prepare_folder(rounds.folder / "images")
     if rounds.number:
         unpack(rounds.arrays, student, optimizer)
     for number in range(rounds.number):
         frames.add(Chunk.read(images / f"{number:04}.npz"))
     augment = Augment(options.shift, options.gain, options.mask)
     while not rounds.ended(options.rounds):
-        rounds.begin(env, on_round)
+        rounds.begin(env)
         generator = np.random.default_rng(np.random.randint(1 << 31))  # noqa: NPY002  # seeded by `begin`
         if rounds.number == 0:
-            student, optimizer = _begin(spec, teacher, options, device)
+            student, optimizer = _begin(spec, teacher, options, run.device)
         path, losses = images / f"{rounds.number:04}.npz", []
         kept = rounds.restore(env)
         if kept is None:
@@ -149,14 +116,16 @@ def train_distil(
             losses = kept["losses"].tolist()
         frames.add(chunk)
         for _ in _learn(student, optimizer, frames, augment, options, rounds.number, generator, losses):
-            rounds.keep(env, _Kept(student, optimizer, generator, losses))
+            if rounds.due(env):
+                state = {"generator": generator_state(generator), "losses": np.array(losses)}
+                rounds.keep(env, pack(student, optimizer) | state)
             if len(losses) % _TOLD == 0:
                 share = _COLLECTING + (1.0 - _COLLECTING) * len(losses) / options.updates
                 rounds.tell(share, steps=len(chunk.start), loss=losses[-1])
         # The mean loss of the last tenth of the updates.
         loss = float(np.mean(losses[-max(1, len(losses) // 10) :]))
         found = evaluate_worlds(env, Policy(spec, student), options.episodes, seed=EVALUATION_SEED)
-        rounds.end(pack(student, optimizer), student, found, steps=len(chunk.start), loss=loss, logger=logger)
+        rounds.end(pack(student, optimizer), student, found, steps=len(chunk.start), loss=loss)
     return Policy(spec, rounds.best_actor(spec))
 
 
@@ -171,20 +140,6 @@ def _begin(
     student.actor.requires_grad_(False)
     learned = [one for one in student.parameters() if one.requires_grad]
     return student, torch.optim.Adam(learned, options.learning_rate)
-
-
-@dataclass(frozen=True)
-class _Kept:
-    """State of a round between two updates, as arrays."""
-
-    student: ImageActor
-    optimizer: torch.optim.Optimizer
-    generator: np.random.Generator
-    losses: list[float]
-
-    def __call__(self) -> dict[str, np.ndarray]:
-        state = {"generator": generator_state(self.generator), "losses": np.array(self.losses)}
-        return pack(self.student, self.optimizer) | state
 
 
 def _collect(

@@ -7,9 +7,9 @@ from typing import Any, Protocol
 
 import gymnasium
 import numpy as np
+from scipy.stats import binomtest
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.learning.wilson import wilson_interval
 
 
 class Acts(Protocol):
@@ -76,7 +76,6 @@ class Evaluation:
     results: tuple[EpisodeResult, ...]
 
     def __post_init__(self) -> None:
-        """Checks that there is an episode."""
         if not self.results:
             raise ParameterError("results: got none; allowed: 1 episode or more")
 
@@ -98,7 +97,8 @@ class Evaluation:
     @property
     def interval(self) -> tuple[float, float]:
         """Wilson's 95 % interval of the success rate: both ends, 0 to 1."""
-        return wilson_interval(self.successes, self.episodes)
+        low, high = binomtest(self.successes, self.episodes).proportion_ci(method="wilson")
+        return float(low), float(high)
 
     def steps(self, *, successful: bool = False) -> np.ndarray:
         """Numbers (n,) int of the actions of each episode, in order.

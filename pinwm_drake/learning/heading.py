@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor, nn
 
+from pinwm_drake.learning.worlds import SeenWorlds
 from pinwm_drake.tasks.task import Task
 
 
@@ -92,7 +92,7 @@ class HeadingExtractor(BaseFeaturesExtractor):
         return self._heading.state(state)
 
 
-class AlongHeading(VecEnvWrapper):
+class AlongHeading(SeenWorlds):
     """Worlds that take actions along the heading of the state that they showed last."""
 
     def __init__(self, env: VecEnv, task: Task) -> None:
@@ -101,21 +101,12 @@ class AlongHeading(VecEnvWrapper):
         self._heading = Heading(task)
         self._state = np.zeros((env.num_envs, task.state_size), np.float32)
 
-    def reset(self) -> Any:
-        """Begins an episode in every world, and gives their observation."""
-        return self.see(self.venv.reset())
-
     def step_async(self, actions: np.ndarray) -> None:
         """Begins a step by actions (W, n) along the heading."""
         given = torch.from_numpy(np.asarray(actions, np.float32))
         self.venv.step_async(self._heading.action(given, torch.from_numpy(self._state)).numpy())
 
-    def step_wait(self) -> VecEnvStepReturn:
-        """Outcome of the step: observation, rewards (W,), ends of episodes (W,) bool, and infos."""
-        seen, rewards, ended, infos = self.venv.step_wait()
-        return self.see(seen), rewards, ended, infos
-
-    def see(self, seen: Any) -> Any:
+    def seen(self, observation: Any) -> Any:
         """Takes an observation, the state or a dict with `state`, as the last one, and gives it back."""
-        self._state = seen["state"] if isinstance(seen, dict) else seen
-        return seen
+        self._state = observation["state"] if isinstance(observation, dict) else observation
+        return observation

@@ -19,12 +19,10 @@ class MethodData:
     """Recorded data that a method may learn from; each method takes the part that it needs.
 
     Attributes:
-        capture: Folder of a capture: static views and pushes; None where there is none.
-        demonstrations: Folder of recorded episodes of an expert; None where there are none.
-        trajectories: Folder of recorded task-agnostic episodes, as `dreamer.collect` writes them; None likewise.
+        demonstrations: Folder of recorded episodes of an expert; None for none.
+        trajectories: Folder of recorded task-agnostic episodes, as `dreamer.collect` writes them; None for none.
     """
 
-    capture: Path | None = None
     demonstrations: Path | None = None
     trajectories: Path | None = None
 

@@ -14,7 +14,7 @@ from pinwm_drake.learning.method import MakeWorlds, MethodData
 from pinwm_drake.learning.policy import Policy, read_policy, weights_digest, write_policy
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
 from pinwm_drake.learning.progress import Report
-from pinwm_drake.learning.rounds import ANY, Until, minutes_of
+from pinwm_drake.learning.rounds import ANY, StageRun, Until, minutes_of
 from pinwm_drake.learning.sac import SacOptions, train_sac
 
 TEACHER, IMAGES = "teacher", "ppo"  # folders of stages, beside STAGE of the distillation
@@ -23,92 +23,65 @@ _SAC_WIDTH = 128  # of networks: an update on 512 steps takes 10 ms, where it ta
 
 
 @dataclass(frozen=True)
-class StatePpo:
-    """PPO of a policy that sees the state.
+class _Trained:
+    """Policy that an algorithm trains.
 
     Attributes:
-        options: Settings of PPO.
+        options: Settings of the algorithm.
         until: What ends it before its last round.
         device: Device of the networks, as torch names it.
     """
+
+    options: Any
+    until: Until = ANY
+    device: str = "cpu"
+
+
+@dataclass(frozen=True)
+class StatePpo(_Trained):
+    """PPO of a policy that sees the state."""
 
     options: PpoOptions = field(default_factory=PpoOptions)
-    until: Until = ANY
-    device: str = "cpu"
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
     ) -> Policy:
         """Trains the policy in `out/teacher`, and writes it there; see `Method.train`."""
-        policy = train_ppo(
-            make_worlds.worlds("state"),
-            make_worlds.spec("state"),
-            out / TEACHER,
-            self.options,
-            stage=TEACHER,
-            shown=make_worlds.waypoints,
-            **_common(self, make_worlds, seed, resume, report),
-        )
-        write_policy(out / TEACHER / "policy", policy)
+        run, shown = _run(self, make_worlds, out, TEACHER, seed, resume, report), make_worlds.waypoints
+        policy = train_ppo(make_worlds.worlds("state"), make_worlds.spec("state"), self.options, run, shown=shown)
+        write_policy(run.folder / "policy", policy)
         return policy
 
 
 @dataclass(frozen=True)
-class StateSac:
-    """SAC of a policy that sees the state.
-
-    Attributes:
-        options: Settings of SAC.
-        until: What ends it before its last round.
-        device: Device of the networks, as torch names it.
-    """
+class StateSac(_Trained):
+    """SAC of a policy that sees the state."""
 
     options: SacOptions = field(default_factory=SacOptions)
-    until: Until = ANY
-    device: str = "cpu"
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
     ) -> Policy:
         """Trains the policy in `out/teacher`, and writes it there; see `Method.train`."""
-        policy = train_sac(
-            make_worlds.worlds("state"),
-            replace(make_worlds.spec("state"), head="dither", width=_SAC_WIDTH),
-            out / TEACHER,
-            self.options,
-            stage=TEACHER,
-            **_common(self, make_worlds, seed, resume, report),
-        )
-        write_policy(out / TEACHER / "policy", policy)
+        run = _run(self, make_worlds, out, TEACHER, seed, resume, report)
+        spec = replace(make_worlds.spec("state"), head="dither", width=_SAC_WIDTH)
+        policy = train_sac(make_worlds.worlds("state"), spec, self.options, run)
+        write_policy(run.folder / "policy", policy)
         return policy
 
 
 @dataclass(frozen=True)
-class ImagePpo:
-    """PPO of a policy that sees images, with a critic that sees the state.
-
-    Attributes:
-        options: Settings of PPO.
-        until: What ends it before its last round.
-        device: Device of the networks, as torch names it.
-    """
+class ImagePpo(_Trained):
+    """PPO of a policy that sees images, with a critic that sees the state."""
 
     options: PpoOptions = field(default_factory=PpoOptions.for_images)
-    until: Until = ANY
-    device: str = "cpu"
 
     def train(
         self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
     ) -> Policy:
         """Trains the policy in `out/ppo`; see `Method.train`."""
-        return train_ppo(
-            make_worlds.worlds("rgb_state"),
-            make_worlds.spec("rgb"),
-            out / IMAGES,
-            self.options,
-            stage=IMAGES,
-            **_common(self, make_worlds, seed, resume, report),
-        )
+        run = _run(self, make_worlds, out, IMAGES, seed, resume, report)
+        return train_ppo(make_worlds.worlds("rgb_state"), make_worlds.spec("rgb"), self.options, run)
 
 
 @dataclass(frozen=True)
@@ -140,31 +113,28 @@ class Distillation:
             own = replace(self.teacher, until=until, device=self.device)
             teacher = own.train(data, make_worlds, out, seed=seed, resume=resume, report=report)
         spent = 0.0 if isinstance(self.teacher, Path) else minutes_of(out / TEACHER)
-        common = _common(self, make_worlds, seed, resume, report)
-        common["until"] = self.until.within(self.until.minutes - spent)
-        common["about"] = {**make_worlds.about, "teacher": weights_digest(teacher)}
+        run = replace(
+            _run(self, make_worlds, out, STAGE, seed, resume, report),
+            until=self.until.within(self.until.minutes - spent),
+            about={**make_worlds.about, "teacher": weights_digest(teacher)},
+        )
         spec = replace(make_worlds.spec("rgb"), head=teacher.spec.head, width=teacher.spec.width)
         if isinstance(self.teacher, Path) and teacher.spec.history != spec.history:
             raise InputError(
                 self.teacher, value=f"one with a history of {teacher.spec.history}", allowed=f"{spec.history}"
             )
-        return train_distil(make_worlds.worlds("rgb_state"), teacher, spec, out / STAGE, self.options, **common)
+        return train_distil(make_worlds.worlds("rgb_state"), teacher, spec, self.options, run)
 
 
-def _common(
-    method: StateSac | StatePpo | ImagePpo | Distillation,
+def _run(
+    method: _Trained | Distillation,
     make_worlds: MakeWorlds,
+    out: Path,
+    stage: str,
     seed: int,
     resume: bool,
     report: Report,
-) -> dict[str, Any]:
-    """Arguments that every stage of a method's training takes, by name."""
-    return {
-        "seed": seed,
-        "about": make_worlds.about,
-        "on_round": make_worlds.begin,
-        "resume": resume,
-        "until": method.until,
-        "device": method.device,
-        "report": report,
-    }
+) -> StageRun:
+    """Run of a stage of a method's training, in a folder of its name."""
+    about, begin = make_worlds.about, make_worlds.begin
+    return StageRun(out / stage, stage, seed, about, begin, resume, method.until, method.device, report)

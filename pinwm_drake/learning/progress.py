@@ -48,7 +48,6 @@ class Pace:
     """Pace of one run of a stage, from its first call on."""
 
     def __init__(self) -> None:
-        """Waits for the first call, from which the pace is counted."""
         self._first: tuple[float, float, int] | None = None
 
     def __call__(self, done: float, steps: int) -> tuple[float, float]:

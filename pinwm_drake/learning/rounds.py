@@ -12,13 +12,13 @@ import math
 import random
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
@@ -79,7 +79,6 @@ class Until:
     minutes: float = math.inf
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         require("target", self.target, 0.0 < self.target <= 1.0 or self.target == math.inf, "more than 0, up to 1")
         require("minutes", self.minutes, self.minutes > 0.0, "more than 0")
 
@@ -100,6 +99,38 @@ def minutes_of(folder: Path) -> float:
     return float(rows[-1]["seconds"]) / 60.0 if rows else 0.0
 
 
+@dataclass(frozen=True)
+class StageRun:
+    """One run of a stage of training.
+
+    Attributes:
+        folder: Folder of checkpoints, `history.csv` and TensorBoard's events; made if need be.
+        stage: Name of the stage in progress and messages.
+        seed: Seed of networks and worlds, 0 or more.
+        about: Description of worlds and data, as JSON takes it: a checkpoint with another one is refused.
+        on_round: Called with a seed at the beginning of a round, before worlds are reset, to draw its domains.
+        resume: Flag: the stage goes on from a checkpoint, where there is one.
+        until: What ends it before its last round; a continued stage may have another one.
+        device: Device of the networks, as torch names it; the policy that is returned is on the CPU.
+        report: Called with the progress of the stage.
+    """
+
+    folder: Path
+    stage: str
+    seed: int = 0
+    about: Mapping[str, object] = field(default_factory=dict)
+    on_round: OnRound | None = None
+    resume: bool = False
+    until: Until = ANY
+    device: str = "cpu"
+    report: Report = silent
+
+    def telling(self, options: Any, spec: PolicySpec, env: VecEnv) -> "StageRun":
+        """The run, whose description names settings (a dataclass), seed, specification and number of worlds too."""
+        told = {"options": asdict(options), "seed": self.seed, "spec": spec.to_document(), "worlds": env.num_envs}
+        return replace(self, about={**told, **self.about})
+
+
 class Rounds:
     """The memory of a stage of training, in a folder.
 
@@ -109,45 +140,29 @@ class Rounds:
         total: Number of rounds of the stage.
         history: The rounds that are done.
         arrays: Arrays of the checkpoint that was read; empty where there was none.
+        logger: TensorBoard's logger.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        stage: str,
-        about: Mapping[str, object],
-        seed: int,
-        *,
-        resume: bool,
-        total: int,
-        until: Until = ANY,
-        report: Report = silent,
-    ) -> None:
+    def __init__(self, run: StageRun, total: int) -> None:
         """Begins empty, or as an earlier run left the stage.
 
         Args:
-            folder: Folder of the checkpoints; made if need be.
-            stage: Name of the stage, in messages too.
-            about: Everything that the training depends on, as JSON takes it; a checkpoint of another one is refused.
-            seed: Seed of the training, 0 or more.
-            resume: Flag: the stage goes on from a checkpoint, if there is one.
+            run: The run, whose description names everything that the training depends on.
             total: Number of rounds of the stage.
-            until: What ends it before; a continued stage may have another one.
-            report: Called with the progress of the stage.
 
         Raises:
             InputError: The checkpoint cannot be read, or is of another training.
         """
-        self.folder, self.stage = prepare_folder(folder), stage
-        self._about, self._seed = dict(about), seed
-        stored = read_arrays(folder / CHECKPOINT_FILE, self._about, stage, ["history"]) if resume else None
+        self.folder, self.stage, self._run = prepare_folder(run.folder), run.stage, run
+        self._about = dict(run.about)
+        stored = read_arrays(self.folder / CHECKPOINT_FILE, self._about, run.stage, ["history"]) if run.resume else None
         self.arrays = {} if stored is None else stored
         rows = self.arrays.pop("history", np.zeros((0, 6)))
         self.history = [Round(int(row[0]), int(row[1]), *(float(value) for value in row[2:])) for row in rows]
         best = [name for name in self.arrays if name.startswith(_BEST)]
         self._weights = {name.removeprefix(_BEST): self.arrays.pop(name) for name in best}
-        self.total, self._until, self._report = total, until, report
-        self._resume, self._pace = resume, Pace()
+        self.total, self._resume, self._pace = total, run.resume, Pace()
+        self.logger = configure(str(self.folder / "tensorboard"), ["tensorboard"])
         self._begun = time.monotonic() - self.seconds
         self._kept = time.monotonic()
         self.tell()
@@ -191,40 +206,38 @@ class Rounds:
 
     def _enough(self, best: Round) -> bool:
         before = self.history[-2].seconds if len(self.history) > 1 else 0.0
-        return best.success >= self._until.target or 2.0 * self.seconds - before > 60.0 * self._until.minutes
+        return best.success >= self._run.until.target or 2.0 * self.seconds - before > 60.0 * self._run.until.minutes
 
     def falling(self, last: float) -> float:
         """Share of the first learning rate that the next round has: it falls evenly from 1, to `last` after all."""
         return 1.0 - (1.0 - last) * self.number / self.total
 
-    def begin(self, env: VecEnv, on_round: OnRound | None = None) -> None:
-        """Seeds the generators of python, numpy and torch, and the worlds, for the next round.
-
-        Args:
-            env: The worlds; the seed counts from their next reset.
-            on_round: Called with a seed that follows from the round's number.
-        """
-        words = np.random.SeedSequence(self._seed, spawn_key=(_key(self.stage), self.number)).generate_state(2)
+    def begin(self, env: VecEnv) -> None:
+        """Seeds the generators of python, numpy and torch, and the worlds from their next reset, for the next round."""
+        words = np.random.SeedSequence(self._run.seed, spawn_key=(_key(self.stage), self.number)).generate_state(2)
         set_random_seed(int(words[0]))
-        if on_round is not None:
-            on_round(int(words[1] >> 1))
+        if self._run.on_round is not None:
+            self._run.on_round(int(words[1] >> 1))
         env.seed(int(words[1] >> 1))
 
-    def keep(self, env: VecEnv, arrays: Callable[[], Mapping[str, np.ndarray]]) -> None:
-        """Keeps a round that goes on, where the last time is 30 s ago and the worlds are `Resumable`.
+    def due(self, env: VecEnv) -> bool:
+        """Flag: the worlds are `Resumable`, and it is 30 s since the last time that a round was kept."""
+        return isinstance(env, Resumable) and time.monotonic() - self._kept >= _PERIOD
+
+    def keep(self, env: VecEnv, arrays: Mapping[str, np.ndarray]) -> None:
+        """Keeps a round that goes on.
 
         Args:
-            env: The worlds.
-            arrays: Gives the arrays that the training needs to go on; generators and worlds are added.
+            env: The worlds, which are `Resumable`.
+            arrays: Arrays that the training needs to go on; generators and worlds are added.
 
         Raises:
             InputError: The file cannot be written.
         """
-        if not isinstance(env, Resumable) or time.monotonic() - self._kept < _PERIOD:
-            return
+        assert isinstance(env, Resumable)
         worlds = {f"{_WORLDS}{name}": values for name, values in env.get_state().items()}
         mine = {"number": np.array(self.number), "seconds": np.array(time.monotonic() - self._begun)}
-        kept = {**arrays(), **worlds, **_generators(), **mine}
+        kept = {**arrays, **worlds, **_generators(), **mine}
         write_arrays(self.folder / ROUND_FILE, self._about, kept)
         self._kept = time.monotonic()
 
@@ -253,14 +266,7 @@ class Rounds:
         return arrays
 
     def end(
-        self,
-        arrays: Mapping[str, np.ndarray],
-        actor: nn.Module,
-        found: Evaluation,
-        *,
-        steps: int,
-        loss: float,
-        logger: Logger,
+        self, arrays: Mapping[str, np.ndarray], actor: nn.Module, found: Evaluation, *, steps: int, loss: float
     ) -> None:
         """Ends a round: writes the checkpoint, the table of all rounds, and TensorBoard's numbers.
 
@@ -270,7 +276,6 @@ class Rounds:
             found: Evaluation of the network.
             steps: Number of steps of all worlds in this round.
             loss: Loss at the end of the round.
-            logger: TensorBoard's logger, which takes the evaluation's numbers.
 
         Raises:
             InputError: A file cannot be written.
@@ -286,9 +291,9 @@ class Rounds:
         (self.folder / ROUND_FILE).unlink(missing_ok=True)
         with replacing(self.folder / HISTORY_FILE) as path:
             path.write_text(_table(self.history))
-        logger.record("evaluation/success", done.success)
-        logger.record("evaluation/length", done.length)
-        logger.dump(done.steps)
+        self.logger.record("evaluation/success", done.success)
+        self.logger.record("evaluation/length", done.length)
+        self.logger.dump(done.steps)
         self.tell()
 
     def best_weights(self) -> dict[str, np.ndarray]:
@@ -328,11 +333,10 @@ class Rounds:
             rate=rate,
             left=left,
         )
-        self._report(step)
+        self._run.report(step)
 
 
 def _generators() -> dict[str, np.ndarray]:
-    """States of the generators of python, numpy and torch."""
     legacy: Any = np.random.get_state(legacy=False)  # noqa: NPY002  # SB3 draws from it
     legacy["state"]["key"] = legacy["state"]["key"].tolist()
     return {

@@ -67,7 +67,6 @@ def usual_starts(env: VecEnv) -> Iterator[None]:
 def _run(
     env: VecEnv, policy: Acts, episodes: int, seed: int | None, progress: Callable[[EpisodeResult], None]
 ) -> Evaluation:
-    """Evaluation of `evaluate_worlds`."""
     W = env.num_envs
     wanted = [(episodes + W - 1 - world) // W for world in range(W)]
     found: list[list[EpisodeResult]] = [[] for _ in range(W)]

@@ -1,7 +1,6 @@
 """Errors of a model that imagines images, after one random action: poses of the object are read from its images."""
 
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -9,8 +8,7 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.checkpoints import read_arrays, write_arrays
-from pinwm_drake.errors import InputError
+from pinwm_drake.checkpoints import ArrayFile
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.identification.picture_pose import PictureReader
 from pinwm_drake.paper.baselines.dreamer.replay import Batch
@@ -25,7 +23,7 @@ from pinwm_drake.systems.scenario.setup import Setup
 
 
 @dataclass(frozen=True, eq=False)
-class SeenOutcomes:
+class SeenOutcomes(ArrayFile):
     """Observations of n single actions: at the start, after each of 5 actions of rest, and after the action.
 
     Attributes:
@@ -35,6 +33,8 @@ class SeenOutcomes:
         before: (n, 7), pose of the object before the action: q_WO wxyz, p_WO [m].
         p_WP: (n, 3) m, world, places of the pusher after the action.
     """
+
+    work, wanted = "one-step", "observations of actions"
 
     image: np.ndarray
     pusher: np.ndarray
@@ -46,19 +46,6 @@ class SeenOutcomes:
     def after(self) -> np.ndarray:
         """Images (n, height, width, 3) float32 after the action, 1 for white."""
         return self.image[:, -1].astype(np.float32) / np.float32(255.0)
-
-    def write(self, path: Path) -> None:
-        """Writes the observations; raises InputError where the file cannot be written."""
-        write_arrays(path, {}, asdict(self), compressed=True)
-
-    @classmethod
-    def read(cls, path: Path) -> "SeenOutcomes":
-        """Observations that `write` wrote; raises InputError where there are none."""
-        names = list(cls.__dataclass_fields__)
-        arrays = read_arrays(path, {}, "one-step", names)
-        if arrays is None:
-            raise InputError(path, value="no such file", allowed="observations of actions")
-        return cls(**{name: arrays[name] for name in names})
 
 
 def see_outcomes(scene: str, engine: str, outcomes: Outcomes) -> SeenOutcomes:

@@ -1,7 +1,6 @@
 """Errors of a twin after one random action: how far its object is from that of a plant that began in the same state."""
 
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,7 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 from scipy.spatial.transform import Rotation
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
-from pinwm_drake.errors import InputError
+from pinwm_drake.checkpoints import ArrayFile
 from pinwm_drake.systems.crosscheck.difference import angles_between
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions
@@ -25,7 +23,7 @@ _TOUCHED_AT_ALL = 1e-5  # m, likewise, by whatever the pusher met
 
 
 @dataclass(frozen=True, eq=False)
-class Outcomes:
+class Outcomes(ArrayFile):
     """Outcomes of single actions in a plant.
 
     Attributes:
@@ -38,6 +36,8 @@ class Outcomes:
         longest: () m, longest translation of the pusher in an action, which is the unit of `action`.
     """
 
+    work, wanted = "one-step", "outcomes of actions"
+
     q_WO: np.ndarray
     p_WO: np.ndarray
     p_WP: np.ndarray
@@ -45,19 +45,6 @@ class Outcomes:
     turned: np.ndarray
     moved: np.ndarray
     longest: np.ndarray
-
-    def write(self, path: Path) -> None:
-        """Writes the outcomes; raises InputError where the file cannot be written."""
-        write_arrays(path, {}, asdict(self))
-
-    @classmethod
-    def read(cls, path: Path) -> "Outcomes":
-        """Outcomes that `write` wrote; raises InputError where there are none."""
-        names = list(cls.__dataclass_fields__)
-        arrays = read_arrays(path, {}, "one-step", names)
-        if arrays is None:
-            raise InputError(path, value="no such file", allowed="outcomes of actions")
-        return cls(**{name: arrays[name] for name in names})
 
 
 def plant_outcomes(scene: str, engine: str, draws: int, seed: int, *, max_translation: float | None = None) -> Outcomes:

@@ -11,7 +11,7 @@ from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.cousins.domain import CousinDomains, Domain, DomainDraw, DomainSource
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import Observes, PolicySpec
-from pinwm_drake.learning.toward_goal import TowardGoal
+from pinwm_drake.learning.worlds import TowardGoal
 from pinwm_drake.systems.envs.env import changed_options
 from pinwm_drake.systems.envs.observation import Kind
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup

@@ -16,7 +16,7 @@ UPDATES = 1600
 def test_both_ways_are_learned(tmp_path):
     folder, worlds, method = tmp_path / "demonstrations", MakeAround(), around_method(UPDATES, 1)
     collect_demonstrations(AroundWorlds(), Expert(), folder, 50)
-    actor = method.train(MethodData(None, folder), worlds, tmp_path, seed=0, resume=False, report=silent)
+    actor = method.train(MethodData(folder), worlds, tmp_path, seed=0, resume=False, report=silent)
     assert success(actor, 100).interval[0] > 0.3
     assert success(Anyhow(), 100).success_rate < 0.05
     # In the episodes in which it succeeds it takes both ways.

@@ -9,6 +9,7 @@ from pinwm_drake.learning.actors import LEVELS, ImageActor, LevelActor
 from pinwm_drake.learning.distil import DistilOptions, train_distil
 from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.policy import Policy
+from pinwm_drake.learning.rounds import StageRun
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.tasks.push import PushTask
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
@@ -46,7 +47,7 @@ def weights(policy):
 def test_the_student_learns_to_act_from_images(tmp_path, teacher):
     spec = toy_spec("rgb")
     options = DistilOptions(rounds=4, round_images=1600, updates=120, batch_size=64, episodes=32)
-    policy = train_distil(ToyWorlds(), teacher, spec, tmp_path, options)
+    policy = train_distil(ToyWorlds(), teacher, spec, options, StageRun(tmp_path, "distil"))
     assert isinstance(policy.actor, ImageActor)
     found = evaluate_worlds(ToyWorlds(), policy, 64, seed=5)
     torch.manual_seed(0)
@@ -61,20 +62,20 @@ def test_a_distillation_that_was_killed_goes_on_with_the_same_result(tmp_path, t
     monkeypatch.setattr(rounds, "_PERIOD", 0.0)
     monkeypatch.setattr(distil, "_TOLD", 4)
     spec = toy_spec("rgb")
-    whole = train_distil(ToyWorlds(), teacher, spec, tmp_path / "a", SHORT)
+    whole = train_distil(ToyWorlds(), teacher, spec, SHORT, StageRun(tmp_path / "a", "distil"))
 
     def kill(step):
         if step.done >= done:
             raise Killed
 
     with pytest.raises(Killed):
-        train_distil(ToyWorlds(), teacher, spec, tmp_path / "b", SHORT, report=kill)
+        train_distil(ToyWorlds(), teacher, spec, SHORT, StageRun(tmp_path / "b", "distil", report=kill))
     kept = tmp_path / "b" / rounds.ROUND_FILE
     assert kept.exists() == (updates > 0)
     if updates:
         with np.load(kept) as file:
             assert len(file["losses"]) == updates
-    rest = train_distil(ToyWorlds(), teacher, spec, tmp_path / "b", SHORT, resume=True)
+    rest = train_distil(ToyWorlds(), teacher, spec, SHORT, StageRun(tmp_path / "b", "distil", resume=True))
     a, b = weights(whole), weights(rest)
     assert all(np.array_equal(a[name], b[name]) for name in a)
     assert not kept.exists()
@@ -82,10 +83,10 @@ def test_a_distillation_that_was_killed_goes_on_with_the_same_result(tmp_path, t
 
 def test_images_that_are_missing_are_named(tmp_path, teacher):
     spec = toy_spec("rgb")
-    train_distil(ToyWorlds(), teacher, spec, tmp_path, SHORT)
+    train_distil(ToyWorlds(), teacher, spec, SHORT, StageRun(tmp_path, "distil"))
     (tmp_path / "images" / "0001.npz").unlink()
     with pytest.raises(InputError, match=r"0001\.npz"):
-        train_distil(ToyWorlds(), teacher, spec, tmp_path, SHORT, resume=True)
+        train_distil(ToyWorlds(), teacher, spec, SHORT, StageRun(tmp_path, "distil", resume=True))
 
 
 def chunk(worlds, length, first=0):

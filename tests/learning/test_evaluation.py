@@ -58,6 +58,26 @@ def test_an_evaluation_sums_up():
     assert summary["final_distance"]["mean"] == pytest.approx(np.maximum(starts - 6, 0).mean())
 
 
+def interval(successes, episodes):
+    results = (EpisodeResult(None, k < successes, 1, math.nan, math.nan) for k in range(episodes))
+    return Evaluation(tuple(results)).interval
+
+
+@pytest.mark.parametrize(
+    ("successes", "episodes", "low", "high"),
+    # Newcombe, "Two-sided confidence intervals for the single proportion", Stat. Med. 17 (1998), table I, method 3.
+    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
+)
+def test_the_interval_is_that_of_the_table(successes, episodes, low, high):
+    assert interval(successes, episodes) == pytest.approx((low, high), abs=5e-5)
+    assert interval(episodes - successes, episodes) == pytest.approx((1 - high, 1 - low), abs=5e-5)
+
+
+def test_the_ends_of_the_interval_are_exact():
+    assert interval(0, 7)[0] == 0.0
+    assert interval(7, 7)[1] == 1.0
+
+
 def test_what_is_not_known_is_left_out():
     summary = Evaluation((EpisodeResult(1, False, 4, math.nan, math.nan),)).summary()
     assert summary["steps"]["successes"] == {"mean": None, "median": None}

@@ -11,6 +11,7 @@ from pinwm_drake.learning import rounds
 from pinwm_drake.learning.heading import AlongHeading, Heading
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
+from pinwm_drake.learning.rounds import StageRun
 from pinwm_drake.learning.sac import SacOptions, train_sac
 from pinwm_drake.tasks.flip import FlipTask
 from pinwm_drake.tasks.push import PushTask
@@ -191,12 +192,12 @@ class Killed(Exception):
 
 def ppo(env, folder, **changes):
     options = PpoOptions(steps=1024, round_steps=512, n_steps=16, batch_size=64, n_epochs=2, episodes=8)
-    return train_ppo(env, flip_spec(), folder, options, stage="teacher", **changes)
+    return train_ppo(env, flip_spec(), options, StageRun(folder, "teacher", **changes))
 
 
 def sac(env, folder, **changes):
     options = SacOptions(steps=768, round_steps=384, learning_starts=64, batch_size=32, buffer_size=2000, episodes=8)
-    return train_sac(env, flip_spec(head="dither"), folder, options, stage="teacher", **changes)
+    return train_sac(env, flip_spec(head="dither"), options, StageRun(folder, "teacher", **changes))
 
 
 @pytest.mark.parametrize("train", [ppo, sac])
@@ -241,7 +242,7 @@ def test_a_policy_begins_with_what_it_is_shown(tmp_path):
     known, (other, state) = shown(500, 1)[0], shown(100, 2)
     errors = []
     for k, one in enumerate((known, known, Waypoints(), None)):
-        policy = train_ppo(Turntable(), flip_spec(), tmp_path / str(k), options, stage="teacher", shown=one)
+        policy = train_ppo(Turntable(), flip_spec(), options, StageRun(tmp_path / str(k), "teacher"), shown=one)
         errors.append(np.abs(policy.predict(state.numpy())[0] - other.action).max())
     assert errors[0] < 0.1
     assert errors[1] == errors[0]

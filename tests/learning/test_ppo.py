@@ -14,6 +14,7 @@ from pinwm_drake.learning.actors import LEVELS, ImageActor, StateActor, chosen, 
 from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.policy import make_actor
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
+from pinwm_drake.learning.rounds import StageRun
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
 
@@ -49,7 +50,7 @@ def test_it_learns_from_the_state(tmp_path):
         batch_size=128,
         episodes=64,
     )
-    policy = train_ppo(ToyWorlds(images=False), spec, tmp_path, options, stage="teacher")
+    policy = train_ppo(ToyWorlds(images=False), spec, options, StageRun(tmp_path, "teacher"))
     before = evaluate_worlds(ToyWorlds(images=False), untrained(spec), 64, seed=5)
     after = evaluate_worlds(ToyWorlds(images=False), policy, 64, seed=5)
     assert before.success_rate < 0.5
@@ -59,7 +60,7 @@ def test_it_learns_from_the_state(tmp_path):
 
 def test_it_ends_when_episodes_get_no_shorter(tmp_path):
     options = PpoOptions(steps=80_000, round_steps=4_000, n_steps=32, batch_size=128, episodes=64, patience=1)
-    train_ppo(ToyWorlds(images=False), toy_spec("state"), tmp_path, options, stage="teacher")
+    train_ppo(ToyWorlds(images=False), toy_spec("state"), options, StageRun(tmp_path, "teacher"))
     with (tmp_path / rounds.HISTORY_FILE).open() as file:
         rows = list(csv.DictReader(file))
     lengths = [float(row["length"]) for row in rows]
@@ -89,7 +90,7 @@ def often(monkeypatch):
 @pytest.mark.usefixtures("often")
 def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, observes, auxiliary, reports, redone, kept):
     spec, begun, images, short = toy_spec(observes), [], observes == "rgb", replace(SHORT, auxiliary=auxiliary)
-    whole = train_ppo(ToyWorlds(images=images), spec, tmp_path / "a", short, stage="ppo", on_round=begun.append)
+    whole = train_ppo(ToyWorlds(images=images), spec, short, StageRun(tmp_path / "a", "ppo", on_round=begun.append))
 
     told = []
 
@@ -99,10 +100,10 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, obser
             raise Killed
 
     with pytest.raises(Killed):
-        train_ppo(ToyWorlds(images=images), spec, tmp_path / "b", short, stage="ppo", report=kill)
+        train_ppo(ToyWorlds(images=images), spec, short, StageRun(tmp_path / "b", "ppo", report=kill))
     again, told = [], []
     follow = {"on_round": again.append, "report": told.append}
-    rest = train_ppo(ToyWorlds(images=images), spec, tmp_path / "b", short, stage="ppo", resume=True, **follow)
+    rest = train_ppo(ToyWorlds(images=images), spec, short, StageRun(tmp_path / "b", "ppo", resume=True, **follow))
     assert same(weights(whole), weights(rest))
     assert len(begun) == 4
     assert begun[-redone:] == again
@@ -124,16 +125,16 @@ def test_time_before_a_training_was_killed_counts(tmp_path, monkeypatch):
         if len(told) == 3:  # in the second rollout of the first round
             raise Killed
 
-    train = partial(train_ppo, ToyWorlds(images=False), toy_spec("state"), tmp_path, SHORT, stage="ppo")
+    train = partial(train_ppo, ToyWorlds(images=False), toy_spec("state"), SHORT)
     with pytest.raises(Killed):
-        train(report=kill)
-    train(resume=True, report=again.append)
+        train(StageRun(tmp_path, "ppo", report=kill))
+    train(StageRun(tmp_path, "ppo", resume=True, report=again.append))
     assert {step.seconds for step in again[1:]} == {200.0}  # as of the second rollout's beginning
 
 
 def test_progress_tells_of_every_rollout(tmp_path):
     told = []
-    train_ppo(ToyWorlds(images=False), toy_spec("state"), tmp_path, SHORT, stage="ppo", report=told.append)
+    train_ppo(ToyWorlds(images=False), toy_spec("state"), SHORT, StageRun(tmp_path, "ppo", report=told.append))
     assert [step.steps for step in told] == [0, 128, 256, 256, 384, 512, 512, 640, 768, 768, 896, 1024, 1024]
     assert [step.done for step in told] == [step.steps / 1024 for step in told]
     assert np.isnan([told[0].success, told[0].rate, told[0].left]).all()
@@ -148,23 +149,23 @@ def test_a_round_of_another_training_is_refused(tmp_path):
             raise Killed
 
     with pytest.raises(Killed):
-        train_ppo(ToyWorlds(images=False), toy_spec("state"), tmp_path, SHORT, stage="ppo", report=kill)
+        train_ppo(ToyWorlds(images=False), toy_spec("state"), SHORT, StageRun(tmp_path, "ppo", report=kill))
     assert (tmp_path / rounds.ROUND_FILE).exists()
     with pytest.raises(InputError, match="seed = 0"):
-        train_ppo(ToyWorlds(images=False), toy_spec("state"), tmp_path, SHORT, stage="ppo", seed=1, resume=True)
+        train_ppo(ToyWorlds(images=False), toy_spec("state"), SHORT, StageRun(tmp_path, "ppo", seed=1, resume=True))
 
 
 def test_another_seed_gives_another_policy(tmp_path):
     spec = toy_spec("state")
-    a, b = (train_ppo(ToyWorlds(images=False), spec, tmp_path / str(s), SHORT, stage="p", seed=s) for s in (0, 1))
+    a, b = (train_ppo(ToyWorlds(images=False), spec, SHORT, StageRun(tmp_path / str(s), "p", seed=s)) for s in (0, 1))
     assert not same(weights(a), weights(b))
 
 
 def test_a_checkpoint_of_other_settings_is_refused(tmp_path):
     spec = toy_spec("state")
-    train_ppo(ToyWorlds(images=False), spec, tmp_path, SHORT, stage="teacher")
+    train_ppo(ToyWorlds(images=False), spec, SHORT, StageRun(tmp_path, "teacher"))
     with pytest.raises(InputError, match="seed = 0"):
-        train_ppo(ToyWorlds(images=False), spec, tmp_path, SHORT, stage="teacher", seed=1, resume=True)
+        train_ppo(ToyWorlds(images=False), spec, SHORT, StageRun(tmp_path, "teacher", seed=1, resume=True))
 
 
 def test_the_actor_sees_images_alone_and_the_critic_the_state():
@@ -208,7 +209,9 @@ def test_what_is_learned_from_is_what_was_seen_when_an_action_was_taken():
 def test_a_training_from_images_changes_them(tmp_path):
     short = replace(SHORT, steps=SHORT.round_steps, episodes=1)
     plain, changed = (
-        train_ppo(ToyWorlds(images=True), toy_spec("rgb"), tmp_path / str(gain), replace(short, gain=gain), stage="ppo")
+        train_ppo(
+            ToyWorlds(images=True), toy_spec("rgb"), replace(short, gain=gain), StageRun(tmp_path / str(gain), "ppo")
+        )
         for gain in (0.0, 0.5)
     )
     # As many random numbers are drawn in both, so that the images alone make the difference.
@@ -225,4 +228,4 @@ def test_options_that_make_no_sense_are_refused(values):
 
 def test_a_history_beside_images_is_refused(tmp_path):
     with pytest.raises(ParameterError, match="history: got 1 for PPO from images"):
-        train_ppo(ToyWorlds(images=True), toy_spec("rgb", history=1), tmp_path, PpoOptions(), stage="ppo")
+        train_ppo(ToyWorlds(images=True), toy_spec("rgb", history=1), PpoOptions(), StageRun(tmp_path, "ppo"))

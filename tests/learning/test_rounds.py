@@ -3,19 +3,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from stable_baselines3.common.logger import configure
 
-from pinwm_drake.learning.rounds import Rounds
+from pinwm_drake.learning.rounds import Rounds, StageRun
 
 
 def ended(tmp_path, *results):
     """A stage whose rounds had these successes and lengths; the only weight of each tells its number, from 0."""
-    rounds = Rounds(tmp_path, "stage", {}, 0, resume=False, total=len(results))
-    logger, actor = configure(str(tmp_path / "tensorboard"), ["tensorboard"]), torch.nn.Linear(1, 1, bias=False)
+    rounds = Rounds(StageRun(tmp_path, "stage"), len(results))
+    actor = torch.nn.Linear(1, 1, bias=False)
     for number, (success, length) in enumerate(results):
         torch.nn.init.constant_(actor.weight, number)
         found = SimpleNamespace(success_rate=success, mean_steps=length)
-        rounds.end({}, actor, found, steps=1, loss=0.0, logger=logger)
+        rounds.end({}, actor, found, steps=1, loss=0.0)
     return rounds
 
 
@@ -31,6 +30,6 @@ def test_the_best_round_is_the_shortest_that_had_a_success(tmp_path, results, be
     rounds = ended(tmp_path, *results)
     assert rounds.best.number == best
     assert rounds.best_weights()["weight"].item() == best
-    again = Rounds(tmp_path, "stage", {}, 0, resume=True, total=len(results))
+    again = Rounds(StageRun(tmp_path, "stage", resume=True), len(results))
     assert again.best.number == best
     assert np.array_equal(again.best_weights()["weight"], rounds.best_weights()["weight"])

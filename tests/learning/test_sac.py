@@ -10,6 +10,7 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning import rounds, sac
 from pinwm_drake.learning.actors import DitherActor
 from pinwm_drake.learning.policy import Policy, make_actor
+from pinwm_drake.learning.rounds import StageRun
 from pinwm_drake.learning.sac import SacOptions, train_sac
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
@@ -47,7 +48,7 @@ def test_it_learns_from_the_state_and_ends_when_rounds_bring_no_more(tmp_path):
         episodes=64,
         patience=1,
     )
-    policy = train_sac(ToyWorlds(images=False), SPEC, tmp_path, options, stage="teacher")
+    policy = train_sac(ToyWorlds(images=False), SPEC, options, StageRun(tmp_path, "teacher"))
     torch.manual_seed(0)
     before = evaluate_worlds(ToyWorlds(images=False), Policy(SPEC, make_actor(SPEC)), 64, seed=5)
     after = evaluate_worlds(ToyWorlds(images=False), policy, 64, seed=5)
@@ -64,7 +65,7 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monke
     monkeypatch.setattr(rounds, "_PERIOD", 0.0)
     monkeypatch.setattr(sac, "_TOLD", 1)
     begun, again, told = [], [], []
-    whole = train_sac(ToyWorlds(images=False), SPEC, tmp_path / "a", SHORT, stage="sac", on_round=begun.append)
+    whole = train_sac(ToyWorlds(images=False), SPEC, SHORT, StageRun(tmp_path / "a", "sac", on_round=begun.append))
 
     def kill(step):
         told.append(step)
@@ -72,10 +73,10 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monke
             raise Killed
 
     with pytest.raises(Killed):
-        train_sac(ToyWorlds(images=False), SPEC, tmp_path / "b", SHORT, stage="sac", report=kill)
+        train_sac(ToyWorlds(images=False), SPEC, SHORT, StageRun(tmp_path / "b", "sac", report=kill))
     told = []
     follow = {"on_round": again.append, "report": told.append}
-    rest = train_sac(ToyWorlds(images=False), SPEC, tmp_path / "b", SHORT, stage="sac", resume=True, **follow)
+    rest = train_sac(ToyWorlds(images=False), SPEC, SHORT, StageRun(tmp_path / "b", "sac", resume=True, **follow))
     assert same(weights(whole), weights(rest))
     assert begun[-redone:] == again
     assert len(told) == 1 + 9 * redone - kept
@@ -92,15 +93,16 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monke
     assert all(np.array_equal(both[0][name], both[1][name]) for name in names)
 
 
-def test_the_policy_acts_within_sb3s_distribution():
+def test_the_policy_acts_within_sb3s_distribution(tmp_path):
     env = ToyWorlds(images=False)
-    model = sac._model(env, SPEC, SHORT, 0, "cpu")
+    learner = sac._Learner(env, SPEC, SHORT, StageRun(tmp_path, "sac"))
+    model = learner.model
     env.seed(0)
     seen = torch.from_numpy(env.reset())
     with torch.no_grad():
         model.actor.mu.weight.mul_(10.0)
         mean, log_std, _ = model.actor.get_action_dist_params(seen)
-    policy = Policy(SPEC, sac._actor(model, SPEC))
+    policy = Policy(SPEC, learner.network())
     off = (np.arctanh(policy.predict(seen.numpy())[0]) - mean.numpy()) / log_std.exp().numpy()
     assert np.abs(off).max() <= np.sqrt(2.0) + 1e-3
     assert np.abs(off).max() > 1.0
@@ -110,7 +112,7 @@ def test_the_policy_acts_within_sb3s_distribution():
 
 def test_it_goes_on_while_nothing_succeeds(tmp_path):
     options = replace(SHORT, steps=256, patience=1, learning_rate=1e-12)
-    train_sac(ToyWorlds(images=False), SPEC, tmp_path, options, stage="sac")
+    train_sac(ToyWorlds(images=False), SPEC, options, StageRun(tmp_path, "sac"))
     successes = [float(row["success"]) for row in _history(tmp_path)]
     assert len(successes) == 4
     assert max(successes) < 0.5
@@ -121,16 +123,16 @@ def test_it_ends_with_the_first_round_that_reaches_the_target(tmp_path):
         steps=24_000, round_steps=400, learning_starts=100, update_every=2, batch_size=128, episodes=64, patience=20
     )
     until = rounds.Until(target=0.9)
-    policy = train_sac(ToyWorlds(images=False), SPEC, tmp_path, options, stage="sac", until=until)
+    policy = train_sac(ToyWorlds(images=False), SPEC, options, StageRun(tmp_path, "sac", until=until))
     *before, last = [float(row["success"]) for row in _history(tmp_path)]
     assert last >= 0.9 > max(before, default=0.0)
     assert evaluate_worlds(ToyWorlds(images=False), policy, 64, seed=5).success_rate > 0.5
 
 
 def test_it_ends_before_it_takes_longer_than_it_may(tmp_path):
-    train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac", until=rounds.Until(minutes=1e-6))
+    train_sac(ToyWorlds(images=False), SPEC, SHORT, StageRun(tmp_path, "sac", until=rounds.Until(minutes=1e-6)))
     assert len(_history(tmp_path)) == 1
-    train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac", resume=True)  # with all the time it needs
+    train_sac(ToyWorlds(images=False), SPEC, SHORT, StageRun(tmp_path, "sac", resume=True))  # with all its time
     assert len(_history(tmp_path)) == 3
     assert rounds.minutes_of(tmp_path) > 0.0 == rounds.minutes_of(tmp_path / "nothing")
 
@@ -142,16 +144,16 @@ def test_ends_that_make_no_sense_are_refused(values):
 
 
 def test_steps_that_are_missing_are_named(tmp_path):
-    train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac", until=rounds.Until(minutes=1e-6))
+    train_sac(ToyWorlds(images=False), SPEC, SHORT, StageRun(tmp_path, "sac", until=rounds.Until(minutes=1e-6)))
     (tmp_path / "replay" / "0000.npz").unlink()
     with pytest.raises(InputError, match=r"0000\.npz"):
-        train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac", resume=True)
+        train_sac(ToyWorlds(images=False), SPEC, SHORT, StageRun(tmp_path, "sac", resume=True))
 
 
 def test_steps_of_a_training_that_is_over_are_not_needed(tmp_path):
-    whole = train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac")
+    whole = train_sac(ToyWorlds(images=False), SPEC, SHORT, StageRun(tmp_path, "sac"))
     shutil.rmtree(tmp_path / "replay")
-    again = train_sac(ToyWorlds(images=False), SPEC, tmp_path, SHORT, stage="sac", resume=True)
+    again = train_sac(ToyWorlds(images=False), SPEC, SHORT, StageRun(tmp_path, "sac", resume=True))
     left, right = weights(whole), weights(again)
     assert all(np.array_equal(left[name], right[name]) for name in left)
 
@@ -159,7 +161,7 @@ def test_steps_of_a_training_that_is_over_are_not_needed(tmp_path):
 @pytest.mark.parametrize("spec", [toy_spec("rgb", head="dither"), toy_spec("state")])
 def test_a_policy_of_another_kind_is_refused(tmp_path, spec):
     with pytest.raises(ParameterError, match="allowed: state and dither"):
-        train_sac(ToyWorlds(images=False), spec, tmp_path, SHORT, stage="sac")
+        train_sac(ToyWorlds(images=False), spec, SHORT, StageRun(tmp_path, "sac"))
 
 
 @pytest.mark.parametrize("values", [{"steps": 0}, {"gamma": float("nan")}, {"tau": -1.0}, {"update_every": 0}])

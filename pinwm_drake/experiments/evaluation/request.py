@@ -35,7 +35,6 @@ class EvaluateRequest:
     stand_in: bool = False
 
     def __post_init__(self) -> None:
-        """Checks the options that nothing else checks."""
         require("--engine", repr(self.engine), self.engine in ENGINES, ", ".join(ENGINES))
         require("--episodes", self.episodes, self.episodes >= 1, "1 or more")
         last = _LARGEST - self.episodes

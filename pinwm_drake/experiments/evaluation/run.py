@@ -121,7 +121,6 @@ def _evaluation(records: list[EpisodeRecord]) -> Evaluation:
 
 
 def _draw(out: Path, story: EvaluationStory, progress: Callable[[float], None]) -> None:
-    """Writes film and report, and tells of the share that is done."""
     grid = story.grid
     progress(0.0)
     write_video(out / VIDEO_FILE, grid.pictures(), rate=1.0 / story.horizon, size=grid.size)

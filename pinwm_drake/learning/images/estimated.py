@@ -16,14 +16,14 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor
 from torch.nn.functional import huber_loss
 
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.weights import device_of
+from pinwm_drake.learning.worlds import SeenWorlds
 
 FAR = 0.3  # of the state's units, from which on an error counts by its size, and not by its square
 TRUTH = "truth"  # the true state, beside its estimate "state"
@@ -34,7 +34,7 @@ def estimation_loss(found: Tensor, state: Tensor) -> Tensor:
     return 2.0 * huber_loss(found, state, delta=FAR)
 
 
-class Estimated(VecEnvWrapper):
+class Estimated(SeenWorlds):
     """Worlds whose observation is a dict of `state`, as a network estimates it, and of the true one, `truth`.
 
     The last observations are kept to learn from: as many as a rollout has.
@@ -54,30 +54,22 @@ class Estimated(VecEnvWrapper):
         shape = (length, env.num_envs)
         self._kept = {name: np.zeros((*shape, *space[name].shape), space[name].dtype) for name in space.spaces}
 
-    def reset(self) -> Any:
-        """Begins an episode in every world, and gives their observation."""
-        return self._seen(self.venv.reset())
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """Outcome of the step: observation, rewards (W,), ends of episodes (W,) bool, and infos."""
-        seen, rewards, ended, infos = self.venv.step_wait()
-        for info in infos:
-            if "terminal_observation" in info:
-                alone = {name: values[None] for name, values in info["terminal_observation"].items()}
-                last = self._estimated(alone)
-                info["terminal_observation"] = {name: values[0] for name, values in last.items()}
-        return self._seen(seen), rewards, ended, infos
-
     def kept(self) -> dict[str, Tensor]:
         """Observations (N, ...) of the worlds, oldest first: `image`, `pusher`, `state` and, where there is, `goal`."""
         kept = {name: np.roll(values, -self._next, axis=0) for name, values in self._kept.items()}
         return {name: torch.from_numpy(values).flatten(0, 1) for name, values in kept.items()}
 
-    def _seen(self, seen: Any) -> dict[str, np.ndarray]:
-        for name, values in seen.items():
+    def seen(self, observation: Any) -> dict[str, np.ndarray]:
+        """Estimates and states of an observation, which is kept."""
+        for name, values in observation.items():
             self._kept[name][self._next] = values
         self._next = (self._next + 1) % len(self._kept["state"])
-        return self._estimated(seen)
+        return self._estimated(observation)
+
+    def last(self, observation: Any) -> dict[str, np.ndarray]:
+        """Estimate and state of the last observation of an episode."""
+        found = self._estimated({name: values[None] for name, values in observation.items()})
+        return {name: values[0] for name, values in found.items()}
 
     def _estimated(self, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         device = device_of(self._actor)

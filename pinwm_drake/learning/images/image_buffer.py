@@ -1,18 +1,14 @@
 """Data that a student learns from: single images, in the order in which worlds gave them, and stacks of them."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
-from pinwm_drake.errors import InputError
-
-_NAMES = ("image", "start", "pusher", "state", "goal")
+from pinwm_drake.checkpoints import ArrayFile
 
 
 @dataclass(frozen=True, eq=False)
-class Chunk:
+class Chunk(ArrayFile):
     """Observations of W worlds in T actions, one after another: row t W + w is world w's at action t.
 
     Attributes:
@@ -23,27 +19,13 @@ class Chunk:
         goal: (T W, goal_size) float32, goals of the episodes.
     """
 
+    work, wanted = "distil", "the images beside a checkpoint; start anew"
+
     image: np.ndarray
     start: np.ndarray
     pusher: np.ndarray
     state: np.ndarray
     goal: np.ndarray
-
-    def write(self, path: Path) -> None:
-        """Writes the chunk to a file, compressed: most of an image is white."""
-        write_arrays(path, {}, {name: getattr(self, name) for name in _NAMES}, compressed=True)
-
-    @staticmethod
-    def read(path: Path) -> "Chunk":
-        """Reads the chunk that `write` wrote to a file.
-
-        Raises:
-            InputError: There is no such file, or it cannot be read.
-        """
-        arrays = read_arrays(path, {}, "distil", _NAMES)
-        if arrays is None:
-            raise InputError(path, value="no such file", allowed="the images beside a checkpoint; start anew")
-        return Chunk(**arrays)
 
 
 class Frames:

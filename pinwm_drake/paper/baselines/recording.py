@@ -49,7 +49,6 @@ def record_episodes(env: VecEnv, act: Act, seed: int) -> list[Recorded]:
 
 
 def _recorded(env: VecEnv, act: Act) -> list[Recorded]:
-    """Episodes of worlds that have their seeds."""
     W = env.num_envs
     seen: Any = env.reset()
     images, pushers = [[_last(one)] for one in seen["image"]], [[one.copy()] for one in seen["pusher"]]

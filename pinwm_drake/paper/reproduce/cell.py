@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import torch
 from filelock import FileLock
@@ -31,20 +31,38 @@ Say = Callable[[str], None]
 """Called with a line on the progress of a cell."""
 
 
-class Cell(Protocol):
-    """Something that is made once; a frozen dataclass whose fields are its settings, plain data or other cells."""
+@dataclass(frozen=True)
+class Cell:
+    """Something that is made once; a frozen dataclass whose fields are its settings, plain data or other cells.
+
+    Attributes:
+        path: Path of its folder from the root of the experiment, with attributes in braces as of `self`.
+        times: Estimates of the time that it takes, h of one core: of a quick one, and of others.
+    """
+
+    path: ClassVar[str]
+    times: ClassVar[tuple[float, float]]
 
     @property
     def key(self) -> str:
         """Path of its folder from the root of the experiment."""
+        return self.path.format(self=self)
 
     @property
     def needs(self) -> "tuple[Cell, ...]":
         """Cells that have to be made before."""
+        values = (getattr(self, one.name) for one in fields(self))
+        return tuple(value for value in values if isinstance(value, Cell))
+
+    @property
+    def quick(self) -> bool:
+        """Flag: hardly anything is done."""
+        return False
 
     @property
     def hours(self) -> float:
         """Estimate of the time that it takes, h of one core."""
+        return self.times[0 if self.quick else 1]
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Makes it in `root / key`, where a run that was killed may have left what it had.
@@ -59,6 +77,7 @@ class Cell(Protocol):
         Raises:
             PinwmError: An input was refused, or a file cannot be written.
         """
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -158,7 +177,6 @@ def _every(period: float, note: Callable[[], None]) -> Iterator[None]:
 
 
 def _read_runs(path: Path) -> list[dict[str, Any]]:
-    """Notes of earlier runs of a cell."""
     earlier = _read_json(path)
     if earlier is None:
         return []

@@ -10,8 +10,8 @@ from pinwm_drake.experiments.evaluation.request import MPC as EVALUATED_MPC
 from pinwm_drake.experiments.evaluation.request import RANDOM, EvaluateRequest
 from pinwm_drake.experiments.evaluation.run import SUMMARY_FILE, EvaluationProgress, evaluate
 from pinwm_drake.paper.reproduce.cell import Cell, Say
-from pinwm_drake.paper.reproduce.demonstrations import DemonstrationsCell, DiffusionCell
 from pinwm_drake.paper.reproduce.policies import PolicyCell
+from pinwm_drake.paper.reproduce.recordings import DemonstrationsCell, DiffusionCell, dreamer
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.scenes import task_scene
 from pinwm_drake.paper.reproduce.systems import (
@@ -21,10 +21,9 @@ from pinwm_drake.paper.reproduce.systems import (
     PIN_WM,
     RANDOM_ACTIONS,
     SCENE,
+    SYSTEMS,
     TRUE_THETA,
-    system,
 )
-from pinwm_drake.paper.reproduce.trajectories import dreamer
 from pinwm_drake.paper.reproduce.twins import IdentifiedCell
 
 _DEMONSTRATIONS = 100
@@ -32,7 +31,7 @@ _SECONDS = {"push": 20.0, "flip": 9.0}  # of an episode, by task, the mean of th
 
 
 @dataclass(frozen=True)
-class EvaluationCell:
+class EvaluationCell(Cell):
     """Cell of an evaluation in Drake's hydroelastic plant with VTK's images.
 
     Attributes:
@@ -60,11 +59,6 @@ class EvaluationCell:
         """Path of its folder."""
         kind = "stand-in" if self.stand_in else "evaluations"
         return f"{kind}/{self.task}/{self.system}/seed-{self.seed}"
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """The policy or twin, where there is one."""
-        return () if self.subject is None else (self.subject,)
 
     @property
     def hours(self) -> float:
@@ -112,7 +106,7 @@ def evaluated(request: ReproduceRequest, task: str, name: str, seed: int, *, sta
         seed: Seed of the experiment.
         stand_in: Flag: in the stand-in for a robot, where it is filmed, identified and trained too.
     """
-    about, quick = system(name), request.quick
+    about, quick = SYSTEMS[name], request.quick
     twin, inside = _twin(request, task, about.twin, seed, stand_in), ""
     subject: Cell | None = twin
     if name == DIFFUSION:

@@ -203,7 +203,6 @@ def _draw_estimates(axes: Axes, twins: Mapping[IdentifiedCell, Result | None], t
 
 
 def _panel(cell: IdentifiedCell) -> str:
-    """Title of the panel of a twin."""
     return unknown(cell)[1].removesuffix(BESIDE)
 
 
@@ -240,7 +239,6 @@ def _rows_figure(
 
 
 def _note(axes: Axes, at: int, words: str) -> None:
-    """Writes words at the left of a row."""
     axes.text(0.01, at, words, transform=axes.get_yaxis_transform(), va="center", fontsize=7, color=GREY)
 
 
@@ -251,7 +249,6 @@ def _spread(at: int, values: Sequence[Any]) -> list[float]:
 
 
 def _of(kind: type[Made], results: Mapping[Any, Result | None]) -> dict[Made, Result | None]:
-    """Results of cells of a kind."""
     return {cell: found for cell, found in results.items() if isinstance(cell, kind)}
 
 
@@ -264,12 +261,10 @@ def _grouped(results: Mapping[Made, Result | None], key: Callable[[Made], Key]) 
 
 
 def _path(cell: Cell) -> str:
-    """Path of a cell's folder within those of its kind."""
     return cell.key.partition("/")[2]
 
 
 def _done(results: Mapping[Any, Result | None]) -> list[Result]:
-    """Results that are there."""
     return [found for found in results.values() if found is not None]
 
 

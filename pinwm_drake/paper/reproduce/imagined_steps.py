@@ -13,9 +13,9 @@ from pinwm_drake.paper.imagined_step import SeenOutcomes, imagine, picture_error
 from pinwm_drake.paper.one_step import Outcomes
 from pinwm_drake.paper.reproduce.cell import Cell, Say
 from pinwm_drake.paper.reproduce.predictions import ENGINE, OUTCOMES_FILE, OutcomesCell, summary
+from pinwm_drake.paper.reproduce.recordings import DreamerCell
 from pinwm_drake.paper.reproduce.scenes import task_scene
 from pinwm_drake.paper.reproduce.systems import DREAMER
-from pinwm_drake.paper.reproduce.trajectories import DreamerCell
 from pinwm_drake.systems.scenario.load import load_setup
 
 SEEN_FILE = "seen.npz"
@@ -24,12 +24,14 @@ _READING = 0.5  # s, of a pose from an image
 
 
 @dataclass(frozen=True)
-class SeenOutcomesCell:
+class SeenOutcomesCell(Cell):
     """Cell of the plant's images of random actions, and of the errors of poses that are read from them.
 
     Attributes:
         outcomes: Cell of the actions.
     """
+
+    path = "one-step/readout/{self.outcomes.task}"
 
     outcomes: OutcomesCell
 
@@ -37,16 +39,6 @@ class SeenOutcomesCell:
     def origin(self) -> str:
         """Name of what tells the poses."""
         return READOUT
-
-    @property
-    def key(self) -> str:
-        """Path of its folder."""
-        return f"one-step/{READOUT}/{self.outcomes.task}"
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """Cell of the actions."""
-        return (self.outcomes,)
 
     @property
     def hours(self) -> float:
@@ -62,13 +54,15 @@ class SeenOutcomesCell:
 
 
 @dataclass(frozen=True)
-class ImaginedStepCell:
+class ImaginedStepCell(Cell):
     """Cell of the errors of poses that are read from what Dreamer V2 imagines after random actions.
 
     Attributes:
         seen: Cell of the plant's images, of which the model sees those before the action.
         dreamer: Cell of the model.
     """
+
+    path = "one-step/dreamer-v2/{self.dreamer.trajectories.task}/seed-{self.dreamer.trajectories.seed}"
 
     seen: SeenOutcomesCell
     dreamer: DreamerCell
@@ -82,12 +76,6 @@ class ImaginedStepCell:
     def outcomes(self) -> OutcomesCell:
         """Cell of the actions."""
         return self.seen.outcomes
-
-    @property
-    def key(self) -> str:
-        """Path of its folder."""
-        about = self.dreamer.trajectories
-        return f"one-step/{DREAMER}/{about.task}/seed-{about.seed}"
 
     @property
     def needs(self) -> tuple[Cell, ...]:

@@ -12,7 +12,7 @@ from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.progress import Report, Step
 from pinwm_drake.paper.reproduce.cell import Cell, Say
 from pinwm_drake.paper.reproduce.scenes import scene_folder, task_scene
-from pinwm_drake.paper.reproduce.systems import NO_COUSINS, PIN_WM, system
+from pinwm_drake.paper.reproduce.systems import NO_COUSINS, PIN_WM, SYSTEMS
 from pinwm_drake.paper.reproduce.twins import IdentifiedCell
 from pinwm_drake.systems.mpc.sampling import SamplingOptions
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions
@@ -33,7 +33,7 @@ _QUICK_SEARCH = WaypointOptions(attempts=1, rounds=0, planner=SamplingOptions(sa
 
 
 @dataclass(frozen=True)
-class PolicyCell:
+class PolicyCell(Cell):
     """Cell of a policy that a system trains.
 
     Attributes:
@@ -45,6 +45,9 @@ class PolicyCell:
         history: Number of past states and actions that the policy sees.
         stand_in: Flag: for the stand-in for a robot; see `robot_options`.
     """
+
+    path = "policies/{self.place}/{self.system}/seed-{self.seed}"
+    times = 0.02, 0.45
 
     task: str
     system: str
@@ -59,24 +62,9 @@ class PolicyCell:
         """Folder of what is made for the same scene."""
         return scene_folder(self.task, self.stand_in)
 
-    @property
-    def key(self) -> str:
-        """Path of its folder."""
-        return f"policies/{self.place}/{self.system}/seed-{self.seed}"
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """The twin, where there is one."""
-        return () if self.twin is None else (self.twin,)
-
-    @property
-    def hours(self) -> float:
-        """Estimate of its time, h."""
-        return 0.02 if self.quick else 0.45
-
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Trains the policy; see `Cell.make`."""
-        scene, trained = task_scene(self.task), system(self.system)
+        scene, trained = task_scene(self.task), SYSTEMS[self.system]
         assert trained.domains is not None
         request = TrainRequest(
             scene=scene.scene if self.twin is None else str(root / self.twin.key),

@@ -25,7 +25,7 @@ _MOMENTS = ("moment_xx", "moment_yy", "moment_zz")
 
 
 @dataclass(frozen=True)
-class OutcomesCell:
+class OutcomesCell(Cell):
     """Cell of random actions in Drake's hydroelastic plant, and what they do.
 
     Attributes:
@@ -36,15 +36,12 @@ class OutcomesCell:
             is looked at when the action ends.
     """
 
+    path = "outcomes{self.ending}/{self.task}"
+
     task: str
     draws: int
     max_translation: float | None
     rest: int = 0
-
-    @property
-    def key(self) -> str:
-        """Path of its folder."""
-        return f"outcomes{self.ending}/{self.task}"
 
     @property
     def ending(self) -> str:
@@ -74,7 +71,7 @@ class OutcomesCell:
 
 
 @dataclass(frozen=True)
-class OneStepCell:
+class OneStepCell(Cell):
     """Cell of a twin's errors after one random action, and of what they were while it was identified.
 
     Attributes:
@@ -94,11 +91,6 @@ class OneStepCell:
         """Path of its folder."""
         place = self.outcomes.task if self.twin is None else self.twin.surfels.capture.place
         return f"one-step{self.outcomes.ending}/{self.origin}/{place}"
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """The actions, and the twin where there is one."""
-        return (self.outcomes,) if self.twin is None else (self.outcomes, self.twin)
 
     @property
     def hours(self) -> float:

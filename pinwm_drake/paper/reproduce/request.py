@@ -29,7 +29,6 @@ class ReproduceRequest:
     quick: bool = False
 
     def __post_init__(self) -> None:
-        """Checks the options; what is named twice counts once."""
         object.__setattr__(self, "tasks", tuple(dict.fromkeys(self.tasks)))
         for task in self.tasks:
             require("--task", repr(task), task in TASK_SCENES, ", ".join(TASK_SCENES))

@@ -14,10 +14,8 @@ from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.tables.geometry_noise import GEOMETRY_NOISE
 from pinwm_drake.paper.reproduce.tables.one_step import ONE_STEP
 from pinwm_drake.paper.reproduce.tables.parameters import PARAMETERS
-from pinwm_drake.paper.reproduce.tables.policies import POLICIES, RANDOMIZATION
-from pinwm_drake.paper.reproduce.tables.stand_in import STAND_IN
+from pinwm_drake.paper.reproduce.tables.policies import POLICIES, RANDOMIZATION, STAND_IN, TASKS_TABLE
 from pinwm_drake.paper.reproduce.tables.table import Table
-from pinwm_drake.paper.reproduce.tables.tasks import TASKS_TABLE
 from pinwm_drake.parallel import Executor
 from pinwm_drake.provenance import timestamp
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from pinwm_drake.cousins.domain import CousinDomains, DomainSource
 from pinwm_drake.cousins.randomization import RandomDomains
-from pinwm_drake.errors import ParameterError
 from pinwm_drake.paper.reproduce.scenes import TaskScene
 
 SCENE, MPC, RANDOM_ACTIONS = "scene", "mpc", "random-actions"
@@ -71,14 +70,3 @@ _ALL = (
     System(RANDOM_ACTIONS, "not trained: random actions", SCENE, None),
 )
 SYSTEMS: Mapping[str, System] = {system.name: system for system in _ALL}
-
-
-def system(name: str) -> System:
-    """System of a name.
-
-    Raises:
-        ParameterError: There is no such system.
-    """
-    if name not in SYSTEMS:
-        raise ParameterError(f"--methods: got {name!r}; allowed: all, {', '.join(SYSTEMS)}")
-    return SYSTEMS[name]

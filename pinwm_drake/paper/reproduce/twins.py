@@ -28,7 +28,7 @@ _QUICK_ITERATIONS, _QUICK_SURFELS, _QUICK_STEPS = 100, 300, 5
 
 
 @dataclass(frozen=True)
-class CaptureCell:
+class CaptureCell(Cell):
     """Cell of a capture that Drake simulates.
 
     Attributes:
@@ -38,6 +38,9 @@ class CaptureCell:
         forces: Flag: the force on the pusher is measured, and the mass is not.
         stand_in: Flag: of the object and in the light of the stand-in for a robot, as a lab has it; see `StandIn`.
     """
+
+    path = "captures/{self.place}"
+    times = 0.02, 0.05
 
     task: str
     seed: int
@@ -52,24 +55,9 @@ class CaptureCell:
         return f"{scene}/seed-{self.seed}"
 
     @property
-    def key(self) -> str:
-        """Path of its folder."""
-        return f"captures/{self.place}"
-
-    @property
     def episode(self) -> str:
         """Episode that is identified from."""
         return "0000" if self.stand_in else task_scene(self.task).episode
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """None: it begins with nothing."""
-        return ()
-
-    @property
-    def hours(self) -> float:
-        """Estimate of its time, h."""
-        return 0.02 if self.quick else 0.05
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Films the object at rest and twice in motion, once in the stand-in; see `Cell.make`.
@@ -86,7 +74,7 @@ class CaptureCell:
 
 
 @dataclass(frozen=True)
-class NoisyCaptureCell:
+class NoisyCaptureCell(Cell):
     """Cell of a capture whose mesh is known with an error only: its images are those of the true object.
 
     Attributes:
@@ -94,6 +82,9 @@ class NoisyCaptureCell:
         share: Standard deviation of the vertices, along each axis, by the diagonal of the mesh's box.
         refined: Flag: the mesh is then fitted to the masks of the static views, as `pinwm capture refine` does.
     """
+
+    path = "captures/{self.place}"
+    times = 0.001, 0.001
 
     capture: CaptureCell
     share: float
@@ -120,24 +111,9 @@ class NoisyCaptureCell:
         return f"{self.task}-noise-{self.share:g}{'-refined' if self.refined else ''}/seed-{self.seed}"
 
     @property
-    def key(self) -> str:
-        """Path of its folder."""
-        return f"captures/{self.place}"
-
-    @property
     def episode(self) -> str:
         """Episode that is identified from."""
         return self.capture.episode
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """Cell of the capture."""
-        return (self.capture,)
-
-    @property
-    def hours(self) -> float:
-        """Estimate of its time, h."""
-        return 0.001
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Copies the capture, and moves the vertices of its mesh; see `Cell.make`."""
@@ -167,29 +143,22 @@ Captured = CaptureCell | NoisyCaptureCell
 
 
 @dataclass(frozen=True)
-class SurfelsCell:
+class SurfelsCell(Cell):
     """Cell of the surfels that are fitted to a capture's static views: the appearance of all twins of it.
 
     Attributes:
         capture: Cell of the capture.
     """
 
+    path = "surfels/{self.capture.place}"
+    times = 0.005, 0.03
+
     capture: Captured
 
     @property
-    def key(self) -> str:
-        """Path of its folder."""
-        return f"surfels/{self.capture.place}"
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """Cell of the capture."""
-        return (self.capture,)
-
-    @property
-    def hours(self) -> float:
-        """Estimate of its time, h."""
-        return 0.005 if self.capture.quick else 0.03
+    def quick(self) -> bool:
+        """Flag: its capture is a quick one."""
+        return self.capture.quick
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Fits the surfels; see `Cell.make`."""
@@ -202,7 +171,7 @@ class SurfelsCell:
 
 
 @dataclass(frozen=True)
-class IdentifiedCell:
+class IdentifiedCell(Cell):
     """Cell of a twin that a system identifies from one push; the systems are its subclasses.
 
     Attributes:
@@ -227,25 +196,18 @@ class IdentifiedCell:
         return (self.surfels, self.surfels.capture)
 
     @property
-    def hours(self) -> float:
-        """Estimate of its time, h."""
-        raise NotImplementedError
-
-    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Identifies the twin; see `Cell.make`."""
-        raise NotImplementedError
+    def quick(self) -> bool:
+        """Flag: its capture is a quick one."""
+        return self.surfels.capture.quick
 
 
 @dataclass(frozen=True)
 class TwinCell(IdentifiedCell):
     """Cell of a twin that PIN-WM identifies from the images of one push."""
 
-    system: str = "pin-wm"
+    times = 0.01, 0.05
 
-    @property
-    def hours(self) -> float:
-        """Estimate of its time, h."""
-        return 0.01 if self.surfels.capture.quick else 0.05
+    system: str = "pin-wm"
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Identifies the twin; see `Cell.make`."""

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
+from scipy.stats import binomtest
 
 from pinwm_drake.learning.evaluation import Evaluation
-from pinwm_drake.learning.wilson import wilson_interval
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.style import GREY, new_figure, tidy
 
@@ -21,7 +21,7 @@ def success_figure(evaluation: Evaluation, max_steps: int) -> Figure:
     steps, n = evaluation.steps(successful=True), evaluation.episodes
     at = np.arange(max_steps + 1)
     counts = [int((steps <= k).sum()) for k in at]
-    low, high = np.array([wilson_interval(count, n) for count in counts]).T
+    low, high = np.array([binomtest(count, n).proportion_ci(method="wilson") for count in counts]).T
     figure = new_figure(8, 3.2)
     axes = figure.subplots()
     colour = OUTCOMES["success"]

@@ -6,6 +6,7 @@ from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.images.estimated import TRUTH, Estimated, Regression, estimation_loss
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
+from pinwm_drake.learning.rounds import StageRun
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
 
@@ -100,6 +101,6 @@ def test_a_policy_of_images_is_learned_on_estimates(tmp_path):
     options = PpoOptions(
         steps=16_000, round_steps=4_000, n_steps=32, batch_size=128, episodes=64, auxiliary=2, shift=0, gain=0.1
     )
-    policy = train_ppo(ToyWorlds(images=True), spec, tmp_path, options, stage="ppo")
+    policy = train_ppo(ToyWorlds(images=True), spec, options, StageRun(tmp_path, "ppo"))
     assert evaluate_worlds(ToyWorlds(images=True), policy, 64, seed=5).success_rate > 0.9
     assert isinstance(policy.actor, ImageActor)

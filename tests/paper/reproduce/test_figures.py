@@ -2,8 +2,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
-from pinwm_drake.learning.wilson import wilson_interval
 from pinwm_drake.paper.reproduce.cell import CellStore, settings_of
 from pinwm_drake.paper.reproduce.figures import table_figures
 from pinwm_drake.paper.reproduce.report import read_results, write_report
@@ -15,7 +15,7 @@ REQUEST = ReproduceRequest(seeds=2)
 
 
 def evaluation(successes, steps, episodes=100):
-    low, high = wilson_interval(successes, episodes)
+    low, high = binomtest(successes, episodes).proportion_ci(method="wilson")
     return {
         "episodes": episodes,
         "success_rate": successes / episodes,
@@ -80,7 +80,7 @@ def test_rates_are_drawn_with_their_intervals_and_missing_systems_are_named():
     assert sum(widths) == pytest.approx(0.96)
     assert sorted(x for x, y in markers(success) if round(y) == at) == [0.95, 0.97]
     drawn = [path.vertices[:, 0] for one in success.collections for path in one.get_paths()]
-    expected = [wilson_interval(n, 100) for n in (97, 95, 0)]
+    expected = [binomtest(n, 100).proportion_ci(method="wilson") for n in (97, 95, 0)]
     assert np.array(sorted(map(list, drawn))) == pytest.approx(np.array(sorted(expected)))
     assert actions.patches[at].get_width() == pytest.approx(31.0)
     missing = set(range(len(names))) - {at, names.index("random")}

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+from scipy.stats import binomtest
 
 from pinwm_drake.learning.evaluation import EpisodeResult, Evaluation
-from pinwm_drake.learning.wilson import wilson_interval
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.figures import OUTCOMES, start_figure, steps_figure, success_figure
@@ -111,7 +111,7 @@ def test_the_curve_is_the_share_so_far():
     assert y[np.asarray(x) == 3] == 0.5
     assert y[np.asarray(x) == 10] == 0.75
     band = axes.collections[0].get_paths()[0].vertices
-    low, high = wilson_interval(3, 4)
+    low, high = binomtest(3, 4).proportion_ci(method="wilson")
     at_end = band[np.isclose(band[:, 0], 10)][:, 1]
     assert (at_end.min(), at_end.max()) == pytest.approx((low, high))
     (bars,) = steps_figure(Evaluation(results), 10).axes

@@ -5,7 +5,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.learning.toward_goal import TowardGoal
+from pinwm_drake.learning.worlds import TowardGoal
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.vector import TaskVecEnv
 

@@ -28,7 +28,6 @@ class CrossEntropyBudget:
     rounds: int = 10
 
     def __post_init__(self) -> None:
-        """Raises ParameterError where a number is out of its range."""
         require("samples", self.samples, 2 <= self.samples <= 1_000_000, "2 to 1000000")
         require("elites", self.elites, 2 <= self.elites <= self.samples, f"2 to {self.samples}, the samples")
         require("rounds", self.rounds, 1 <= self.rounds <= 100_000, "1 to 100000")

@@ -44,7 +44,6 @@ class AsidOptions:
     num_threads: int | None = None
 
     def __post_init__(self) -> None:
-        """Raises ParameterError where a setting is out of its range."""
         most = {"friction": 5.0, "restitution": 1.0, "inertia": 20.0, "mass": 1e3}
         for name, end in most.items():
             low, high = getattr(self, name)

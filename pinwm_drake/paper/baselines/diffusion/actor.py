@@ -1,7 +1,7 @@
 """A trained diffusion policy: it draws a sequence of actions, carries some out, and draws again."""
 
 import hashlib
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +63,6 @@ class DiffusionActor:
     provenance: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Checks the values."""
         require_diffusers()
         require("seed", self.seed, self.seed >= 0, "0 or more")
         require("observes", self.spec.observes, self.spec.observes == "rgb", "rgb")
@@ -151,12 +150,10 @@ def write_actor(folder: Path, actor: DiffusionActor) -> None:
     """
     prepare_folder(folder)
     write_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, weights(actor.network))
-    options = asdict(actor.network.options)
-    options = {name: list(value) if isinstance(value, tuple) else value for name, value in options.items()}
     document = {
         "schema_version": _VERSION,
         "spec": actor.spec.to_document(),
-        "network": options,
+        "network": actor.network.options.to_document(),
         "seed": actor.seed,
         "provenance": actor.provenance,
     }
@@ -178,20 +175,11 @@ def read_actor(folder: Path) -> DiffusionActor:
         raise InputError(folder / WEIGHTS_FILE, value="no such file", allowed=f"the weights beside {ACTOR_FILE}")
     try:
         spec = PolicySpec.from_document(document.get("spec"))
-        network = DiffusionNetwork(_read_options(document.get("network")), spec.action_size)
+        network = DiffusionNetwork(NetworkOptions.from_document(document.get("network")), spec.action_size)
         set_weights(network, arrays)
         return DiffusionActor(spec, network.eval(), int(document["seed"]), dict(document.get("provenance") or {}))
     except (ParameterError, KeyError, TypeError, ValueError) as error:
         raise InputError(path, value=error, allowed=allowed) from error
-
-
-def _read_options(document: Any) -> NetworkOptions:
-    """The settings of a document; raises ParameterError."""
-    names = [one.name for one in fields(NetworkOptions)]
-    if not isinstance(document, dict) or set(document) != set(names):
-        raise ParameterError(f"network: got {document}; allowed: the keys {', '.join(names)}")
-    tuples: dict[str, Any] = {name: tuple(value) for name, value in document.items() if isinstance(value, list)}
-    return NetworkOptions(**(document | tuples))
 
 
 FORMAT = PolicyFormat(WEIGHTS_FILE, read_actor)

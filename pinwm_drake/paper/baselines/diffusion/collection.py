@@ -12,7 +12,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.evaluation import Acts, result_of
 from pinwm_drake.learning.rounds import OnRound
-from pinwm_drake.paper.baselines.diffusion.demonstrations import WORK, Episode, episode_path
+from pinwm_drake.paper.baselines.diffusion.demonstrations import Episode, episode_path
 from pinwm_drake.paper.baselines.recording import record_episodes
 
 _BATCH = "batch"
@@ -68,7 +68,7 @@ def collect_demonstrations(
 def _recorded(folder: Path, about: Mapping[str, object]) -> tuple[int, int]:
     """Number of the batch to go on with, and of the episodes before it: the last batch may not be whole."""
     batches: list[int] = []
-    while (arrays := read_arrays(episode_path(folder, len(batches)), about, WORK, (_BATCH,))) is not None:
+    while (arrays := read_arrays(episode_path(folder, len(batches)), about, Episode.work, (_BATCH,))) is not None:
         batches.append(int(arrays[_BATCH]))
     return (batches[-1], batches.index(batches[-1])) if batches else (0, 0)
 

@@ -3,18 +3,16 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
-from pinwm_drake.checkpoints import digest_of, read_arrays, write_arrays
+from pinwm_drake.checkpoints import ArrayFile, digest_of
 from pinwm_drake.errors import InputError
-
-_NAMES = ("image", "pusher", "action")
-WORK = "demonstration"
 
 
 @dataclass(frozen=True, eq=False)
-class Episode:
+class Episode(ArrayFile):
     """Recorded episode of T actions.
 
     Attributes:
@@ -23,52 +21,34 @@ class Episode:
         action: (T, n) float32, in [-1, 1].
     """
 
+    work, wanted = "demonstration", "a recorded episode"
+
     image: np.ndarray
     pusher: np.ndarray
     action: np.ndarray
 
     def __len__(self) -> int:
-        """Number of actions, T."""
         return len(self.action)
 
-    def write(self, path: Path, about: Mapping[str, object], **more: np.ndarray) -> None:
-        """Writes the episode to a file, compressed: most of an image is white.
-
-        Args:
-            path: File of the episode; its folder exists.
-            about: Description of what it was recorded in, as JSON takes it.
-            more: Other arrays to keep with it.
-
-        Raises:
-            InputError: It cannot be written.
-        """
-        write_arrays(path, about, {**{name: getattr(self, name) for name in _NAMES}, **more}, compressed=True)
+    @classmethod
+    def read(cls, path: Path, about: Mapping[str, object] | None = None) -> Self:
+        """Reads the episode that `write` wrote to a file, whose arrays have to fit together; see `ArrayFile.read`."""
+        episode = super().read(path, about)
+        image, pusher, action = episode.image, episode.pusher, episode.action
+        alike = pusher.ndim == action.ndim == 2 and pusher.shape == (len(action) + 1, action.shape[1])
+        seen = image.dtype == np.uint8 and image.ndim == 4 and len(image) == len(pusher) and image.shape[3] == 3
+        if not alike or not seen or len(action) == 0:
+            given = f"image {image.dtype} {image.shape}, pusher {pusher.shape}, action {action.shape}"
+            allowed = "image uint8 (T + 1, height, width, 3), pusher (T + 1, n), action (T, n), T of 1 or more"
+            raise InputError(path, value=given, allowed=allowed)
+        if not (np.abs(action) <= 1.0).all() or not np.isfinite(pusher).all():
+            raise InputError(path, value="others", allowed="finite positions, and actions in [-1, 1]")
+        return cls(image, pusher.astype(np.float32), action.astype(np.float32))
 
 
 def episode_path(folder: Path, number: int) -> Path:
     """File of an episode, counted from 0."""
     return folder / f"{number:05}.npz"
-
-
-def read_episode(path: Path) -> Episode:
-    """Reads a file that `Episode.write` wrote.
-
-    Raises:
-        InputError: There is no such file, it cannot be read, or its arrays do not fit together.
-    """
-    arrays = read_arrays(path, {}, WORK, _NAMES)
-    if arrays is None:
-        raise InputError(path, value="no such file", allowed="a recorded episode")
-    image, pusher, action = (arrays[name] for name in _NAMES)
-    alike = pusher.ndim == action.ndim == 2 and pusher.shape == (len(action) + 1, action.shape[1])
-    seen = image.dtype == np.uint8 and image.ndim == 4 and len(image) == len(pusher) and image.shape[3] == 3
-    if not alike or not seen or len(action) == 0:
-        given = f"image {image.dtype} {image.shape}, pusher {pusher.shape}, action {action.shape}"
-        allowed = "image uint8 (T + 1, height, width, 3), pusher (T + 1, n), action (T, n), T of 1 or more"
-        raise InputError(path, value=given, allowed=allowed)
-    if not (np.abs(action) <= 1.0).all() or not np.isfinite(pusher).all():
-        raise InputError(path, value="others", allowed="finite positions, and actions in [-1, 1]")
-    return Episode(image, pusher.astype(np.float32), action.astype(np.float32))
 
 
 def read_demonstrations(folder: Path) -> list[Episode]:
@@ -80,7 +60,7 @@ def read_demonstrations(folder: Path) -> list[Episode]:
     paths = sorted(folder.glob("[0-9]*.npz"))  # and not what a run that was killed left half-written
     if not paths:
         raise InputError(folder, value="no episode", allowed="a folder with recorded episodes, 00000.npz and so on")
-    episodes = [read_episode(path) for path in paths]
+    episodes = [Episode.read(path) for path in paths]
     wanted = (episodes[0].image.shape[1:], episodes[0].action.shape[1])
     for path, one in zip(paths, episodes, strict=True):
         found = (one.image.shape[1:], one.action.shape[1])
@@ -119,7 +99,6 @@ class Windows:
         self._seen, self._done = np.arange(observations), np.arange(horizon)
 
     def __len__(self) -> int:
-        """Number of windows."""
         return len(self.action)
 
     def take(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

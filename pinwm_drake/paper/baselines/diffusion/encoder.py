@@ -18,7 +18,6 @@ class ImageEncoder(nn.Module):
     """
 
     def __init__(self, options: NetworkOptions) -> None:
-        """Makes the layers."""
         super().__init__()
         first, *rest = options.channels
         stages: list[nn.Module] = [nn.Conv2d(3, first, 5, 2, 2, bias=False), _norm(first), nn.ReLU()]

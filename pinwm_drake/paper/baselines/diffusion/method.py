@@ -6,14 +6,12 @@ convolutions. It takes positions as actions; here an action is what the worlds t
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
-from functools import partial
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from stable_baselines3.common.logger import configure
 from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
@@ -22,7 +20,7 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.method import MakeWorlds, MethodData
 from pinwm_drake.learning.progress import Report
-from pinwm_drake.learning.rounds import ANY, EVALUATION_SEED, Rounds, Until
+from pinwm_drake.learning.rounds import ANY, EVALUATION_SEED, Rounds, StageRun, Until
 from pinwm_drake.learning.weights import pack, require_device, set_weights, unpack, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.paper.baselines.diffusion.actor import DiffusionActor, write_actor
@@ -53,7 +51,6 @@ class DiffusionPolicy:
     device: str = "cpu"
 
     def __post_init__(self) -> None:
-        """Raises ParameterError where there is no such device."""
         require_device("device", self.device)
 
     def train(
@@ -69,24 +66,16 @@ class DiffusionPolicy:
         best = DiffusionActor(spec, DiffusionNetwork(self.network, spec.action_size).eval(), seed)
         episodes, options = read_demonstrations(data.demonstrations), self.training
         _check(data.demonstrations, episodes[0], env.observation_space, spec.action_size)
-        about = {
-            "network": _plain(asdict(self.network)),
-            "options": asdict(options),
-            "seed": seed,
-            "spec": spec.to_document(),
-            "worlds": env.num_envs,
-            "demonstrations": digest(episodes),
-            **make_worlds.about,
-        }
+        about = {"network": self.network.to_document(), "demonstrations": digest(episodes), **make_worlds.about}
         total = math.ceil(options.updates / options.round_updates)
-        rounds = Rounds(folder, STAGE, about, seed, resume=resume, total=total, until=self.until, report=report)
+        run = StageRun(folder, STAGE, seed, about, make_worlds.begin, resume, self.until, self.device, report)
+        rounds = Rounds(run.telling(options, spec, env), total)
         windows = Windows(episodes, self.network.observations, self.network.horizon)
         learner = _Learner(self, windows, spec.action_size)
-        logger = configure(str(folder / "tensorboard"), ["tensorboard"])
         if rounds.number:
             learner.restore(rounds.arrays)
         while not rounds.ended(total):
-            rounds.begin(env, make_worlds.begin)
+            rounds.begin(env)
             generator, losses = np.random.default_rng(np.random.randint(1 << 31)), []  # noqa: NPY002  # seeded by `begin`
             if rounds.number == 0:
                 learner = _Learner(self, windows, spec.action_size)
@@ -96,13 +85,15 @@ class DiffusionPolicy:
                 set_generator_state(generator, kept["generator"])
                 losses = kept["losses"].tolist()
             for _ in learner.learn(rounds.number, generator, losses):
-                rounds.keep(env, partial(learner.kept, generator, losses))
+                if rounds.due(env):
+                    state = {"generator": generator_state(generator), "losses": np.array(losses)}
+                    rounds.keep(env, learner.arrays() | state)
                 if len(losses) % _TOLD == 0:
                     rounds.tell(len(losses) / options.round_updates, steps=len(losses), loss=losses[-1])
             actor = DiffusionActor(spec, learner.averaged, seed)
             found = evaluate_worlds(env, actor, options.episodes, seed=EVALUATION_SEED)
             loss = float(np.mean(losses[-max(1, len(losses) // 10) :]))
-            rounds.end(learner.arrays(), learner.averaged, found, steps=options.round_updates, loss=loss, logger=logger)
+            rounds.end(learner.arrays(), learner.averaged, found, steps=options.round_updates, loss=loss)
         set_weights(best.network, rounds.best_weights())
         write_actor(folder / "policy", best)
         return best
@@ -128,22 +119,15 @@ class _Learner:
 
     @property
     def averaged(self) -> DiffusionNetwork:
-        """Network with the moving average of the weights."""
         network = self._average.module
         assert isinstance(network, DiffusionNetwork)
         return network.eval()
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All that changes, copied, for `restore`."""
         average = {f"{_AVERAGE}{name}": value for name, value in weights(self._average).items()}
         return pack(self._network, self._optimizer) | average
 
-    def kept(self, generator: np.random.Generator, losses: list[float]) -> dict[str, np.ndarray]:
-        """All that a round needs to go on, for `restore` and `learn`."""
-        return self.arrays() | {"generator": generator_state(generator), "losses": np.array(losses)}
-
     def restore(self, arrays: dict[str, np.ndarray]) -> None:
-        """Puts the arrays of `arrays` back."""
         unpack(arrays, self._network, self._optimizer)
         average = {name: values for name, values in arrays.items() if name.startswith(_AVERAGE)}
         set_weights(self._average, {name.removeprefix(_AVERAGE): values for name, values in average.items()})
@@ -187,8 +171,3 @@ def _check(folder: Path, episode: Episode, space: Any, action_size: int) -> None
     if given != wanted:
         words = "episodes with height and width of images, and components of actions,"
         raise InputError(folder, value=f"{words} of {given}", allowed=f"{wanted}, as the worlds have them")
-
-
-def _plain(values: dict[str, object]) -> dict[str, object]:
-    """Settings as JSON gives them back."""
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}

@@ -33,7 +33,6 @@ class Stretch(nn.Module):
     reach: Tensor
 
     def __init__(self, size: int) -> None:
-        """Begins with a stretch that changes nothing."""
         super().__init__()
         self.register_buffer("middle", torch.zeros(size))
         self.register_buffer("reach", torch.ones(size))

@@ -1,9 +1,10 @@
 """Settings of diffusion policy, smaller than the official ones, so that two cores can train it."""
 
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
+from typing import Any, ClassVar
 
-from pinwm_drake.errors import require
-from pinwm_drake.learning.option_checks import check_options
+from pinwm_drake.errors import ParameterError, require
+from pinwm_drake.learning.options import Options
 
 NORM_CHANNELS = 8  # of a group of the encoder's group normalisation; official 16
 
@@ -48,7 +49,6 @@ class NetworkOptions:
     image_features: int = 64
 
     def __post_init__(self) -> None:
-        """Checks the values."""
         for field in fields(self):
             value = getattr(self, field.name)
             numbers = value if isinstance(value, tuple) else (value,)
@@ -67,9 +67,22 @@ class NetworkOptions:
         grouped = all(width % max(1, width // NORM_CHANNELS) == 0 for width in self.channels)
         require("channels", self.channels, grouped, f"below {NORM_CHANNELS}, or multiples of it")
 
+    def to_document(self) -> dict[str, Any]:
+        """Settings as plain data."""
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+    @classmethod
+    def from_document(cls, document: Any) -> "NetworkOptions":
+        """Settings that `to_document` gave; raises ParameterError for others."""
+        names = [one.name for one in fields(cls)]
+        if not isinstance(document, dict) or set(document) != set(names):
+            raise ParameterError(f"network: got {document}; allowed: the keys {', '.join(names)}")
+        given: dict[str, Any] = {name: tuple(one) if isinstance(one, list) else one for name, one in document.items()}
+        return cls(**given)
+
 
 @dataclass(frozen=True)
-class TrainingOptions:
+class TrainingOptions(Options):
     """Settings of the training.
 
     Attributes:
@@ -86,10 +99,9 @@ class TrainingOptions:
             is not in the images here: a pixel of a shift is 8 mm of it.
         gain: Relative half-width of the colours' random factors; official 0.
         episodes: Number of episodes in an evaluation.
-
-    Raises:
-        ParameterError: A number is out of range.
     """
+
+    may_be_zero: ClassVar[tuple[str, ...]] = ("warmup", "weight_decay", "shift", "gain")
 
     updates: int = 20_000
     round_updates: int = 2_000
@@ -104,6 +116,5 @@ class TrainingOptions:
     episodes: int = 64
 
     def __post_init__(self) -> None:
-        """Checks the values."""
-        check_options(self, ("warmup", "weight_decay", "shift", "gain"))
+        super().__post_init__()
         require("average_most", self.average_most, self.average_most < 1.0, "less than 1")

@@ -24,7 +24,6 @@ class Actor(nn.Module):
     """Network from features of a latent state to a distribution of actions."""
 
     def __init__(self, action_size: int, sizes: NetworkOptions) -> None:
-        """Makes the layers for actions of n components."""
         super().__init__()
         self.body = layers(sizes.feature_size, sizes.units, sizes.layers, 2 * action_size)
 
@@ -101,7 +100,6 @@ class Behaviour(nn.Module):
     """
 
     def __init__(self, action_size: int, sizes: NetworkOptions) -> None:
-        """Makes the layers for actions of n components."""
         super().__init__()
         self.actor = Actor(action_size, sizes)
         self.critic = layers(sizes.feature_size, sizes.units, sizes.layers, 1)

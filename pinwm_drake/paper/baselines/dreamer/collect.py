@@ -121,5 +121,4 @@ def collect(
 
 
 def _acting(explore: Explore) -> Act:
-    """Function for `record_episodes` of one that needs not know where episodes begin."""
     return lambda seen, begins: explore(seen)

@@ -2,16 +2,14 @@
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-
-from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.checkpoints import digest_of
 from pinwm_drake.errors import InputError, require
 from pinwm_drake.learning.method import MakeWorlds, MethodData
 from pinwm_drake.learning.progress import Report
-from pinwm_drake.learning.rounds import ANY, Until
+from pinwm_drake.learning.rounds import ANY, StageRun, Until
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import require_device
 from pinwm_drake.paper.baselines.dreamer.collect import collect, random_pushes
@@ -54,7 +52,6 @@ class DreamerV2:
     device: str = "cpu"
 
     def __post_init__(self) -> None:
-        """Checks the number of episodes and the device."""
         require("episodes", self.episodes, self.episodes >= 1, "1 or more")
         require_device("device", self.device)
 
@@ -69,7 +66,9 @@ class DreamerV2:
         if data.trajectories is None:
             if not resume:
                 shutil.rmtree(out / EPISODES, ignore_errors=True)
-            episodes = self._collect(env, make_worlds, out / EPISODES, from_worlds, seed)
+            explore, begin = random_pushes(spec, env.num_envs), make_worlds.begin
+            about = from_worlds
+            episodes = collect(env, explore, out / EPISODES, self.episodes, seed=seed, about=about, on_batch=begin)
         else:
             episodes = read_episodes(data.trajectories)
             if not episodes:
@@ -80,46 +79,23 @@ class DreamerV2:
         for stage, options in ((MODEL, self.model), (BEHAVIOUR, self.behaviour)):
             most = len(replay)
             require(f"{stage}.length", options.length, options.length <= most, f"up to {most}, all recorded steps")
-        model, updates, seconds = train_model(
-            replay,
-            self.networks,
-            self.model,
-            out / MODEL,
-            seed=seed,
-            about={**told, "model": asdict(self.model)},
-            resume=resume,
-            minutes=_MODEL_SHARE * self.until.minutes,
-            report=report,
-            device=self.device,
-        )
-        policy = train_behaviour(
-            env,
-            model,
-            replay,
-            spec,
-            self.networks,
-            self.behaviour,
-            out / BEHAVIOUR,
-            seed=seed,
-            about={**told, "model": asdict(self.model), "updates": updates, "behaviour": asdict(self.behaviour)},
-            on_round=make_worlds.begin,
-            resume=resume,
+        told["model"] = asdict(self.model)
+        half = replace(self.until, minutes=_MODEL_SHARE * self.until.minutes)
+        run = StageRun(out / MODEL, MODEL, seed, told, make_worlds.begin, resume, half, self.device, report)
+        model, updates, seconds = train_model(replay, self.networks, self.model, run)
+        run = replace(
+            run,
+            folder=out / BEHAVIOUR,
+            stage=BEHAVIOUR,
+            about={**told, "updates": updates, "behaviour": asdict(self.behaviour)},
             until=self.until.within(self.until.minutes - seconds / 60.0),
-            report=report,
         )
+        policy = train_behaviour(env, model, replay, spec, self.networks, self.behaviour, run)
         write_dreamer(out, policy)
         return policy
 
-    def _collect(
-        self, env: VecEnv, make_worlds: MakeWorlds, folder: Path, about: dict[str, object], seed: int
-    ) -> list[Episode]:
-        """Episodes of random pushes, in domains that follow from the seed."""
-        explore = random_pushes(make_worlds.spec("rgb"), env.num_envs)
-        return collect(env, explore, folder, self.episodes, seed=seed, about=about, on_batch=make_worlds.begin)
-
 
 def _check(folder: Path, episodes: Sequence[Episode], spec: PolicySpec) -> None:
-    """Checks that episodes were recorded in worlds of a specification; raises InputError."""
     wanted = (image_size(spec), image_size(spec), spec.action_size)
     for number, one in enumerate(episodes):
         given = (*one.images.shape[1:3], one.actions.shape[1])

@@ -5,13 +5,14 @@ Networks are smaller here, as two cores learn them.
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from pinwm_drake.errors import require
-from pinwm_drake.learning.option_checks import check_options
+from pinwm_drake.learning.options import Options
 
 
 @dataclass(frozen=True)
-class NetworkOptions:
+class NetworkOptions(Options):
     """Sizes of the world model's networks, which a policy on disk has to name.
 
     Attributes:
@@ -22,9 +23,6 @@ class NetworkOptions:
         depth: Number of channels of the first convolution, which double with each further one; official: 48.
         units: Width of the heads' hidden layers, of actor and critic too; official: 400.
         layers: Number of hidden layers of each; official: 4.
-
-    Raises:
-        ParameterError: A number is out of range.
     """
 
     deter: int = 200
@@ -35,10 +33,6 @@ class NetworkOptions:
     units: int = 200
     layers: int = 2
 
-    def __post_init__(self) -> None:
-        """Checks the values."""
-        check_options(self, ())
-
     @property
     def feature_size(self) -> int:
         """Number of features of a latent state: those drawn, and the recurrent state."""
@@ -46,7 +40,7 @@ class NetworkOptions:
 
 
 @dataclass(frozen=True)
-class ModelOptions:
+class ModelOptions(Options):
     """Settings of the world model's training.
 
     Attributes:
@@ -63,10 +57,10 @@ class ModelOptions:
         reward_std: Standard deviation of the reward as it is decoded, in units of that of the data; official: 1.
         weight_decay: Share of the weights that each update takes off, times the learning rate.
         clip: Largest norm of the gradient.
-
-    Raises:
-        ParameterError: A number is out of range.
     """
+
+    may_be_zero: ClassVar[tuple[str, ...]] = ("kl_balance", "free_nats", "weight_decay")
+    up_to_one: ClassVar[tuple[str, ...]] = ("kl_balance",)
 
     updates: int = 6000
     batch_size: int = 16
@@ -80,14 +74,9 @@ class ModelOptions:
     weight_decay: float = 1e-6
     clip: float = 100.0
 
-    def __post_init__(self) -> None:
-        """Checks the values."""
-        check_options(self, ("kl_balance", "free_nats", "weight_decay"))
-        require("kl_balance", self.kl_balance, self.kl_balance <= 1.0, "0 to 1")
-
 
 @dataclass(frozen=True)
-class BehaviourOptions:
+class BehaviourOptions(Options):
     """Settings of actor and critic, which learn in imagination.
 
     Attributes:
@@ -105,10 +94,10 @@ class BehaviourOptions:
         target_period: Number of updates after which the slow critic becomes a copy of the critic.
         weight_decay: Share of the weights that each update takes off, times the learning rate.
         clip: Largest norm of a gradient.
-
-    Raises:
-        ParameterError: A number is out of range.
     """
+
+    may_be_zero: ClassVar[tuple[str, ...]] = ("trace", "entropy", "weight_decay")
+    up_to_one: ClassVar[tuple[str, ...]] = ("discount", "trace")
 
     rounds: int = 8
     round_updates: int = 500
@@ -126,8 +115,5 @@ class BehaviourOptions:
     clip: float = 100.0
 
     def __post_init__(self) -> None:
-        """Checks the values."""
-        check_options(self, ("trace", "entropy", "weight_decay"))
+        super().__post_init__()
         require("horizon", self.horizon, self.horizon >= 2, "2 or more, as the first step's action is not learned")
-        for name in ("discount", "trace"):
-            require(name, getattr(self, name), getattr(self, name) <= 1.0, "up to 1")

@@ -1,23 +1,22 @@
 """Episodes that the world model learns from: on disk one file each, in memory one after another."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.checkpoints import ArrayFile
 from pinwm_drake.errors import InputError, ParameterError
 
-_WORK = "collection of episodes"
 _MOST = 10.0  # largest reward, in standard deviations: a bonus on success is a hundred, and its error all that counts
 
 
 @dataclass(frozen=True, eq=False)
-class Episode:
+class Episode(ArrayFile):
     """One episode of T actions.
 
     Attributes:
@@ -28,6 +27,8 @@ class Episode:
         terminated: () bool, true where it ended by success, false where by a limit of time or a failure.
     """
 
+    work, wanted = "collection of episodes", "an episode"
+
     images: np.ndarray
     pusher: np.ndarray
     actions: np.ndarray
@@ -35,38 +36,12 @@ class Episode:
     terminated: np.ndarray
 
     def __len__(self) -> int:
-        """Number of actions, T."""
         return len(self.actions)
 
-    def write(self, path: Path, about: Mapping[str, object] | None = None) -> None:
-        """Writes the episode to a file, compressed: most of an image is white.
-
-        Args:
-            path: The file; its folder exists.
-            about: What the episode depends on, as JSON takes it.
-
-        Raises:
-            InputError: It cannot be written.
-        """
-        write_arrays(path, about or {}, {one.name: getattr(self, one.name) for one in fields(self)}, compressed=True)
-
     @classmethod
-    def read(cls, path: Path, about: Mapping[str, object] | None = None) -> "Episode":
-        """Reads the episode that `write` wrote to a file.
-
-        Args:
-            path: The file.
-            about: What the episode has to depend on; None for anything.
-
-        Raises:
-            InputError: There is no such file, it cannot be read or is of another collection, or its arrays do not fit
-                each other.
-        """
-        names = [one.name for one in fields(cls)]
-        arrays = read_arrays(path, about or {}, _WORK, names)
-        if arrays is None:
-            raise InputError(path, value="no such file", allowed="an episode")
-        episode = cls(*(arrays[name] for name in names))
+    def read(cls, path: Path, about: Mapping[str, object] | None = None) -> Self:
+        """Reads the episode that `write` wrote to a file, whose arrays have to fit each other; see `ArrayFile.read`."""
+        episode = super().read(path, about)
         steps = len(episode)
         lengths = (len(episode.images), len(episode.pusher), len(episode.rewards))
         if steps < 1 or lengths != (steps + 1, steps + 1, steps):
@@ -158,7 +133,6 @@ class Replay:
         self._reward = np.clip(reward / self.reward_scale, -_MOST, _MOST)
 
     def __len__(self) -> int:
-        """Number of steps, the first of each episode included."""
         return len(self._first)
 
     @property

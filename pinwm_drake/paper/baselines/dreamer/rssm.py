@@ -73,7 +73,6 @@ class Cell(nn.Module):
     """Gated recurrent unit whose gates are normalised together."""
 
     def __init__(self, inputs: int, size: int) -> None:
-        """Makes the layers."""
         super().__init__()
         self.gates = nn.Linear(inputs + size, 3 * size)
         self.norm = nn.LayerNorm(3 * size, eps=1e-3)

@@ -8,22 +8,19 @@ that was killed goes on with the same result.
 import csv
 import math
 import time
-from collections.abc import Mapping
 from dataclasses import fields
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
-from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
-from pinwm_drake.learning.progress import Pace, Report, Step
-from pinwm_drake.learning.rounds import CHECKPOINT_FILE, EVALUATION_SEED, OnRound, Rounds, Until
+from pinwm_drake.learning.progress import Pace, Step
+from pinwm_drake.learning.rounds import CHECKPOINT_FILE, EVALUATION_SEED, Rounds, StageRun
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import device_of, pack, set_weights, unpack
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
@@ -41,17 +38,7 @@ _PERIOD = 30.0  # s, between two checkpoints
 
 
 def train_model(
-    replay: Replay,
-    networks: NetworkOptions,
-    options: ModelOptions,
-    folder: Path,
-    *,
-    seed: int,
-    about: Mapping[str, object],
-    resume: bool,
-    minutes: float,
-    report: Report,
-    device: str = "cpu",
+    replay: Replay, networks: NetworkOptions, options: ModelOptions, run: StageRun
 ) -> tuple[WorldModel, int, float]:
     """Trains a world model.
 
@@ -59,27 +46,22 @@ def train_model(
         replay: Steps of the episodes.
         networks: Sizes of the networks.
         options: Settings of the training.
-        folder: Folder of the checkpoint and of `curve.csv`: terms of the loss, means of 20 updates; made if need be.
-        seed: Seed of the networks and of what is drawn, 0 or more.
-        about: Everything else that the training depends on: a checkpoint of another one is refused.
-        resume: Flag: the training goes on from a checkpoint, where there is one.
-        minutes: min, all runs together, after which it ends before its last update; infinite for never.
-        report: Called with the progress of the training.
-        device: Device of the model, as torch names it.
+        run: The run, whose folder has the checkpoint and `curve.csv`: terms of the loss, means of 20 updates. It ends
+            after its minutes.
 
     Returns:
-        The model on that device, without gradients; the number of updates it had; and the seconds that they took, all
-        runs together.
+        The model on the run's device, without gradients; the number of updates it had; and their seconds, all runs
+        together.
 
     Raises:
         InputError: The checkpoint cannot be used, or a file cannot be written.
         ParameterError: The images have no size that the networks take.
     """
-    path = prepare_folder(folder) / CHECKPOINT_FILE
-    generator_of(seed, MODEL, -1)
-    model = WorldModel(replay.image_size, replay.action_size, networks).to(device)
+    path = prepare_folder(run.folder) / CHECKPOINT_FILE
+    generator_of(run.seed, MODEL, -1)
+    model = WorldModel(replay.image_size, replay.action_size, networks).to(run.device)
     optimizer = _adam([(model, options.learning_rate)], options.weight_decay)
-    stored = read_arrays(path, about, MODEL, ["curve", "seconds"]) if resume else None
+    stored = read_arrays(path, run.about, MODEL, ["curve", "seconds"]) if run.resume else None
     curve = np.zeros((0, len(_TERMS)))
     begun, pace = time.monotonic(), Pace()
     if stored is not None:
@@ -89,12 +71,12 @@ def train_model(
 
     def keep() -> None:
         arrays = {**pack(model, optimizer), "curve": np.array(rows), "seconds": np.array(time.monotonic() - begun)}
-        write_arrays(path, about, arrays)
-        _write_curve(folder / CURVE_FILE, np.array(rows))
+        write_arrays(path, run.about, arrays)
+        _write_curve(run.folder / CURVE_FILE, np.array(rows))
 
-    while len(rows) < options.updates and time.monotonic() - begun < 60.0 * minutes:
-        batch = replay.draw(options.batch_size, options.length, generator_of(seed, MODEL, len(rows)))
-        terms = model.loss(batch.to(device), options)
+    while len(rows) < options.updates and time.monotonic() - begun < 60.0 * run.until.minutes:
+        batch = replay.draw(options.batch_size, options.length, generator_of(run.seed, MODEL, len(rows)))
+        terms = model.loss(batch.to(run.device), options)
         optimizer.zero_grad()
         terms.total.backward()
         nn.utils.clip_grad_norm_(model.parameters(), options.clip)
@@ -107,7 +89,7 @@ def train_model(
             done, steps = len(rows) / options.updates, len(rows) * options.batch_size * options.length
             rate, left = pace(done, steps)
             loss, seconds = float(terms.total.detach()), time.monotonic() - begun
-            report(Step(MODEL, done, steps, math.nan, math.nan, loss, math.nan, seconds, rate=rate, left=left))
+            run.report(Step(MODEL, done, steps, math.nan, math.nan, loss, math.nan, seconds, rate=rate, left=left))
     if stored is None or len(rows) > len(curve):
         keep()
     return model.requires_grad_(False).eval(), len(rows), time.monotonic() - begun
@@ -145,14 +127,7 @@ def train_behaviour(
     spec: PolicySpec,
     networks: NetworkOptions,
     options: BehaviourOptions,
-    folder: Path,
-    *,
-    seed: int,
-    about: Mapping[str, object],
-    on_round: OnRound,
-    resume: bool,
-    until: Until,
-    report: Report,
+    run: StageRun,
 ) -> DreamerPolicy:
     """Trains actor and critic in a world model, on its device.
 
@@ -163,13 +138,7 @@ def train_behaviour(
         spec: Specification of the policy.
         networks: Sizes of the networks.
         options: Settings of the training.
-        folder: Folder of checkpoints, `history.csv`, whose steps are imagined, and TensorBoard's events.
-        seed: Seed of networks and worlds, 0 or more.
-        about: Everything else that the training depends on: a checkpoint of another one is refused.
-        on_round: Called with a seed at the beginning of a round, to draw its domains.
-        resume: Flag: the training goes on from a checkpoint, where there is one.
-        until: What ends it before its last round.
-        report: Called with the progress of the training.
+        run: The run, on the device of the model; the steps of its `history.csv` are imagined ones.
 
     Returns:
         The policy, on the CPU, of the best round by its evaluation; of the last one where none had a success.
@@ -177,19 +146,18 @@ def train_behaviour(
     Raises:
         InputError: A checkpoint cannot be used, or a file cannot be written.
     """
-    rounds = Rounds(folder, BEHAVIOUR, about, seed, resume=resume, total=options.rounds, until=until, report=report)
-    generator_of(seed, BEHAVIOUR, -1)
+    rounds = Rounds(run, options.rounds)
+    generator_of(run.seed, BEHAVIOUR, -1)
     device = device_of(model)
     behaviour = Behaviour(replay.action_size, networks).to(device)
     rates = [(behaviour.actor, options.actor_rate), (behaviour.critic, options.critic_rate)]
     optimizer = _adam(rates, options.weight_decay)
-    logger = configure(str(folder / "tensorboard"), ["tensorboard"])
     if rounds.number:
         unpack(rounds.arrays, behaviour, optimizer)
     policy = DreamerPolicy(spec, networks, model.perception, behaviour.actor)
     imagined = options.batch_size * options.length * options.horizon
     while not rounds.ended(options.rounds):
-        rounds.begin(env, on_round)
+        rounds.begin(env)
         losses: list[float] = []
         kept = rounds.restore(env)
         if kept is not None:
@@ -197,7 +165,7 @@ def train_behaviour(
             unpack(kept, behaviour, optimizer)
         while len(losses) < options.round_updates:
             number = rounds.number * options.round_updates + len(losses)
-            generator = generator_of(seed, BEHAVIOUR, number)
+            generator = generator_of(run.seed, BEHAVIOUR, number)
             if number % options.target_period == 0:
                 behaviour.follow()
             batch = replay.draw(options.batch_size, options.length, generator).to(device)
@@ -208,13 +176,14 @@ def train_behaviour(
                 nn.utils.clip_grad_norm_(network.parameters(), options.clip)
             optimizer.step()
             losses.append(float(critic_loss.detach()))
-            rounds.keep(env, partial(_kept, behaviour, optimizer, losses))
+            if rounds.due(env):
+                rounds.keep(env, {**pack(behaviour, optimizer), "losses": np.array(losses)})
             if len(losses) % _TOLD == 0:
                 rounds.tell(len(losses) / options.round_updates, steps=len(losses) * imagined, loss=losses[-1])
         found = evaluate_worlds(env, policy, options.episodes, seed=EVALUATION_SEED)
         loss = float(np.mean(losses[-_TOLD:]))
         steps = options.round_updates * imagined
-        rounds.end(pack(behaviour, optimizer), behaviour.actor, found, steps=steps, loss=loss, logger=logger)
+        rounds.end(pack(behaviour, optimizer), behaviour.actor, found, steps=steps, loss=loss)
     actor = Actor(replay.action_size, networks)
     set_weights(actor, rounds.best_weights())
     return DreamerPolicy(spec, networks, model.cpu().perception, actor)
@@ -225,11 +194,6 @@ def generator_of(seed: int, stage: str, number: int) -> np.random.Generator:
     sequence = np.random.SeedSequence(seed, spawn_key=(int.from_bytes(stage.encode()[:4], "little"), number + 1))
     torch.manual_seed(int(sequence.generate_state(1)[0]))
     return np.random.default_rng(sequence)
-
-
-def _kept(behaviour: Behaviour, optimizer: torch.optim.Optimizer, losses: list[float]) -> dict[str, np.ndarray]:
-    """State of a round between two updates, as arrays."""
-    return {**pack(behaviour, optimizer), "losses": np.array(losses)}
 
 
 def _adam(rates: list[tuple[nn.Module, float]], weight_decay: float) -> torch.optim.Optimizer:

@@ -19,7 +19,6 @@ class TruncatedNormal:
     """
 
     def __init__(self, mean: Tensor, std: Tensor) -> None:
-        """Keeps mean and standard deviation, both (..., n)."""
         self.mean, self.std = mean, std
         self._low, self._high = (-1.0 - mean) / std, (1.0 - mean) / std
         self._below = _cdf(self._low)

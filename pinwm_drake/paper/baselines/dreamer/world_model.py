@@ -77,7 +77,6 @@ class WorldModel(nn.Module):
     """
 
     def __init__(self, image_size: int, action_size: int, sizes: NetworkOptions) -> None:
-        """Makes the layers; the arguments are those of `Perception`."""
         super().__init__()
         features = sizes.feature_size
         self.perception = Perception(image_size, action_size, sizes)

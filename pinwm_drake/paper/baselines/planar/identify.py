@@ -9,6 +9,7 @@ nothing depends on the scale of the mass: that is held.
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ from torch import Tensor
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.errors import ParameterError, require
-from pinwm_drake.learning.option_checks import check_options
+from pinwm_drake.learning.options import Options
 from pinwm_drake.paper.baselines.planar.body import PlanarBody
 from pinwm_drake.paper.baselines.planar.rollout import PlanarParameters, PlanarPush, rollout
 from pinwm_drake.scene import step_count
@@ -28,7 +29,7 @@ _VAGUE = 2.0  # standard deviation of the logits of frictions within their bound
 
 
 @dataclass(frozen=True)
-class PlanarOptions:
+class PlanarOptions(Options):
     """Options of the search.
 
     Attributes:
@@ -45,6 +46,8 @@ class PlanarOptions:
         friction: Least and largest coefficient of friction, at the floor and at the pusher.
     """
 
+    may_be_zero: ClassVar[tuple[str, ...]] = ("seed",)
+
     starts: int = 4
     iterations: int = 150
     rate: float = 0.3
@@ -57,8 +60,7 @@ class PlanarOptions:
     friction: tuple[float, float] = (0.005, 0.5)
 
     def __post_init__(self) -> None:
-        """Raises ParameterError where an option is out of its range."""
-        check_options(self, {"seed"})
+        super().__post_init__()
         low, high = self.friction
         require("friction", self.friction, 0.0 < low < high < math.inf, "two numbers above 0 that rise")
 
@@ -181,7 +183,6 @@ class _Problem:
         gravity: float,
         options: PlanarOptions,
     ) -> "_Problem":
-        """The problem, with the pusher's motion in time steps."""
         h, after = options.time_step, np.asarray(poses.t, float) - float(poses.t[0])
         T = step_count(float(after[-1]), h)
         times = float(poses.t[0]) + h * np.arange(T + 1)

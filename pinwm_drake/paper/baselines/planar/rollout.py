@@ -53,7 +53,6 @@ class PlanarPush:
     time_step: float
 
     def __post_init__(self) -> None:
-        """Raises StateError for another shape, ParameterError where a number is out of range."""
         if self.path.ndim != 2 or self.path.shape[1] != 2 or len(self.path) < 2 or not self.path.isfinite().all():
             raise StateError(f"path has shape {tuple(self.path.shape)}; allowed: (T + 1, 2), finite, with T 1 or more")
         require("radius", self.radius, 0.0 < self.radius < math.inf, "more than 0 m")
@@ -120,7 +119,6 @@ class _Rollout(torch.autograd.Function):
     def forward(
         ctx: Any, outlines: Tensor, push: PlanarPush, start: Tensor, velocity: Tensor, *sliding: Tensor
     ) -> Tensor:
-        """Poses (T + 1, W, 3) of the centres of mass."""
         steps, (worlds, K) = len(push.path) - 1, (len(start), min(CONTACTS, len(outlines)))
         poses, velocities = (torch.cat([first[None], first.new_empty(steps, worlds, 3)]) for first in (start, velocity))
         hessians, corners = start.new_empty(steps, worlds, 3, 3), start.new_empty(steps, worlds, K, 2)
@@ -141,7 +139,6 @@ class _Rollout(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        """Gradients by start, velocity and properties."""
         (bar,), push = grads, ctx.push
         h, moves = push.time_step, push.path.diff(dim=0) / push.time_step
         poses, velocities, hessians, corners, normals, flat, *sliding = ctx.saved_tensors

@@ -1,11 +1,12 @@
 """Table of parameters: one physical unknown is identified at a time, while the others have their true values."""
 
-from pinwm_drake.paper.reproduce.cell import Cell
+from collections.abc import Sequence
+
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.scenes import task_scene
 from pinwm_drake.paper.reproduce.systems import ASID, ASID_GENEROUS, PIN_WM, PLANAR
 from pinwm_drake.paper.reproduce.tables import paper
-from pinwm_drake.paper.reproduce.tables.table import MISSING, Results, Row, Table
+from pinwm_drake.paper.reproduce.tables.table import MISSING, NONE, Line, Results, Table
 from pinwm_drake.paper.reproduce.tracked_twins import TrackedTwinCell
 from pinwm_drake.paper.reproduce.twins import CaptureCell, IdentifiedCell, SurfelsCell, TwinCell
 
@@ -41,34 +42,34 @@ def _cells(request: ReproduceRequest) -> list[IdentifiedCell]:
     return found
 
 
-def _all(request: ReproduceRequest) -> list[Cell]:
-    return list(_cells(request))
-
-
-def _rows(request: ReproduceRequest, results: Results) -> list[Row]:
-    rows: list[Row] = []
+def _lines(request: ReproduceRequest) -> list[Line]:
+    lines = []
     for cell in _cells(request):
-        (name, words), task, done = unknown(cell), cell.surfels.capture.task, results.get(cell)
-        true = task_scene(task).true_theta[name]
-        theirs = paper.PARAMETERS.get((task, cell.system, name), paper.NONE)
-        head = [task, words, cell.system, str(cell.surfels.capture.seed), f"{true:g}"]
-        if done is None:
-            rows.append([*head, MISSING, "", "", theirs])
-            continue
-        estimate = done["result"]["estimates"][name]
-        low, high = estimate["interval"] or ("", "")
-        interval = f"{low:.4g} to {high:.4g}" if estimate["interval"] else "none"
-        told = "not told" if isinstance(cell, TrackedTwinCell) else "yes" if estimate["identifiable"] else "no"
-        rows.append([*head, f"{estimate['value']:.4g}", interval, told, theirs])
-    return rows
+        (name, words), task = unknown(cell), cell.surfels.capture.task
+        head = [task, words, cell.system, str(cell.surfels.capture.seed)]
+        lines.append(Line(head, [cell], [paper.PARAMETERS.get((task, cell.system, name), NONE)]))
+    return lines
+
+
+def _columns(cells: Sequence[IdentifiedCell], results: Results) -> list[str]:
+    (cell,) = cells
+    (name, _), done = unknown(cell), results.get(cell)
+    true = f"{task_scene(cell.surfels.capture.task).true_theta[name]:g}"
+    if done is None:
+        return [true, MISSING, "", ""]
+    estimate = done["result"]["estimates"][name]
+    low, high = estimate["interval"] or ("", "")
+    interval = f"{low:.4g} to {high:.4g}" if estimate["interval"] else "none"
+    told = "not told" if isinstance(cell, TrackedTwinCell) else "yes" if estimate["identifiable"] else "no"
+    return [true, f"{estimate['value']:.4g}", interval, told]
 
 
 PARAMETERS = Table(
     "parameters",
     "Parameters",
     ("task", "unknown", "system", "seed", "true", "identified", "95 % interval", "identifiable", "paper"),
-    _all,
-    _rows,
+    _lines,
+    _columns,
     "Each unknown is looked for alone, by PIN-WM with the nuisances of a video; the others, inertia included, have "
     "their true values. Motion alone tells no more than the ratio of mass and inertia: a pusher that is driven by "
     "velocity moves an object of twice both alike. A mass that is looked for beside the inertia, as the 0.76 kg for 1 "

@@ -35,7 +35,7 @@ def demonstrations(tmp_path_factory):
 
 
 def train(method, demonstrations, out, *, seed=0, resume=False, report=silent):
-    return method.train(MethodData(None, demonstrations), MakeAround(), out, seed=seed, resume=resume, report=report)
+    return method.train(MethodData(demonstrations), MakeAround(), out, seed=seed, resume=resume, report=report)
 
 
 @pytest.fixture(scope="module")

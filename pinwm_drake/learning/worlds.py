@@ -1,7 +1,4 @@
-"""Worlds whose episodes draw their goals, for a policy of a state that is told from the goal.
-
-Object and pusher that are moved along with the goal are the same to such a policy: what it learns holds for all goals.
-"""
+"""Worlds as learners see them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,8 +15,36 @@ from pinwm_drake.tasks.task import Task
 _GOAL = "toward_goal"
 
 
-class TowardGoal(VecEnvWrapper):
-    """Worlds that take actions as towards the task's own goal; where they show no images, they show the state alone."""
+class SeenWorlds(VecEnvWrapper):
+    """Worlds whose observations a learner sees in another way; the same ones here."""
+
+    def seen(self, observation: Any) -> Any:
+        """The learner's observation, of that of all worlds."""
+        return observation
+
+    def last(self, observation: Any) -> Any:
+        """The learner's observation, of the last one of an episode in one world."""
+        return observation
+
+    def reset(self) -> Any:
+        """Begins an episode in every world, and gives their observation."""
+        return self.seen(self.venv.reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Outcome of the step: observation, rewards (W,), ends of episodes (W,) bool, and infos."""
+        seen, rewards, ended, infos = self.venv.step_wait()
+        for info in infos:
+            if "terminal_observation" in info:
+                info["terminal_observation"] = self.last(info["terminal_observation"])
+        return self.seen(seen), rewards, ended, infos
+
+
+class TowardGoal(SeenWorlds):
+    """Worlds whose episodes draw their goals, for a policy of a state that is told from the goal.
+
+    They take actions as towards the task's own goal; where they show no images, they show the state alone. Object and
+    pusher that are moved along with the goal are the same to such a policy: what it learns holds for all goals.
+    """
 
     def __init__(self, env: VecEnv, task: Task) -> None:
         """Wraps worlds whose observation is a dict of `state` and `goal`, or of images, pusher and these."""
@@ -28,22 +53,19 @@ class TowardGoal(VecEnvWrapper):
         super().__init__(env, space["state"] if self._bare else space)
         self._task, self._goal = task, np.zeros((env.num_envs, task.goal_size), np.float32)
 
-    def reset(self) -> Any:
-        """Begins an episode in every world, and gives what they show."""
-        return self._shown(self.venv.reset())
-
     def step_async(self, actions: np.ndarray) -> None:
         """Begins a step by actions (W, n) in [-1, 1]^n towards the task's own goal."""
         given = torch.from_numpy(np.asarray(actions, np.float32))
         self.venv.step_async(self._task.world_action(given, torch.from_numpy(self._goal)).numpy())
 
-    def step_wait(self) -> VecEnvStepReturn:
-        """Outcome of the step: observation, rewards (W,), ends of episodes (W,) bool, and infos."""
-        seen, rewards, ended, infos = self.venv.step_wait()
-        for info in infos:
-            if self._bare and "terminal_observation" in info:
-                info["terminal_observation"] = info["terminal_observation"]["state"]
-        return self._shown(seen), rewards, ended, infos
+    def seen(self, observation: Any) -> Any:
+        """The state, where there are no images; otherwise the observation."""
+        self._goal = observation["goal"]
+        return self.last(observation)
+
+    def last(self, observation: Any) -> Any:
+        """The state, where there are no images; otherwise the observation."""
+        return observation["state"] if self._bare else observation
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that changes in the worlds, for `set_state`."""
@@ -59,7 +81,3 @@ class TowardGoal(VecEnvWrapper):
         if not isinstance(self.venv, Resumable):
             raise ParameterError("worlds: got some that cannot be kept; allowed: those with get_state and set_state")
         return self.venv
-
-    def _shown(self, seen: Any) -> Any:
-        self._goal = seen["goal"]
-        return seen["state"] if self._bare else seen
