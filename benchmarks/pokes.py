@@ -26,8 +26,7 @@ from benchmarks.next_push.engines.rollout import LOG_RATE, Rollout, Theta, twin_
 from benchmarks.next_push.objects import StandingAnyhow, Thing, make_thing
 from benchmarks.next_push.pushes import Push
 from pinwm_drake.files import replacing
-from pinwm_drake.systems.crosscheck.crosscheck import unlimited
-from pinwm_drake.systems.crosscheck.motion import SEPARATED, Motion, SceneRig
+from pinwm_drake.systems.crosscheck.motion import SEPARATED, Motion, SceneRig, unlimited
 from pinwm_drake.systems.crosscheck.pokes import PokeVerdict, draw_pokes, judge
 from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.scenario.load import load_setup

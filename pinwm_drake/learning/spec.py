@@ -9,8 +9,9 @@ from typing import Any, Literal
 import numpy as np
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.tasks.push import PushTask
-from pinwm_drake.tasks.task import Task, task_from_document
+from pinwm_drake.tasks import DEFAULT_TASK
+from pinwm_drake.tasks.registry import task_from_document
+from pinwm_drake.tasks.task import Task
 
 Observes = Literal["rgb", "state"]
 OBSERVES = ("rgb", "state")
@@ -238,9 +239,9 @@ def from_version_1(document: Any) -> Any:
     """
     if not isinstance(document, dict) or "task" in document or not set(_FLAT) <= set(document):
         return document
-    task = {"name": PushTask.name} | {name: document[name] for name in _FLAT}
+    task = {"name": DEFAULT_TASK} | {name: document[name] for name in _FLAT}
     rest = {name: value for name, value in document.items() if name not in _FLAT and name != "max_steps"}
-    return rest | {"task": PushTask().changed(task).to_document(), "max_steps": document.get("max_steps")}
+    return rest | {"task": task_from_document(task).to_document(), "max_steps": document.get("max_steps")}
 
 
 def _values(kind: type, document: Any, name: str) -> dict[str, Any]:

@@ -1,6 +1,10 @@
-"""One push through one engine of the station, until the object rests."""
+"""Pushes through engines of the station, each until the object rests."""
 
+import dataclasses
+import uuid
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,8 +14,10 @@ from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.errors import SolverError
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.parallel import Executor
 from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
+from pinwm_drake.systems.pusher.choice import SPEEDS
 from pinwm_drake.systems.runs.rest import REST_SPEED, REST_TIME, RestCount
 from pinwm_drake.systems.runs.scripted import AddScriptedStation, ScriptedStation
 from pinwm_drake.systems.scenario.setup import Setup
@@ -25,6 +31,8 @@ SEPARATED, STICKING, SLIDING = 0, 1, 2
 MODES = ("separated", "sticking", "sliding")
 PAIRS = (FLOOR_PAIR, PUSHER_PAIR)
 _SLOW = 2e-3  # m/s, between the surfaces, up to which they stick
+Cases = dict[str, Setup]
+"""Setups of stations, by the engine's name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,3 +183,49 @@ def _mode(forces: ContactForces, pair: str, p_WO: np.ndarray, w_WO: np.ndarray, 
         return SEPARATED
     speeds = np.linalg.norm(v_W + np.cross(w_WO, forces.p_WC[mine] - p_WO), axis=1)
     return STICKING if np.average(speeds, weights=weights) <= _SLOW else SLIDING
+
+
+def unlimited(setup: Setup) -> Setup:
+    """The setup with one world, and a pusher that may go wherever it is told."""
+    far = 1e2
+    pusher = dataclasses.replace(
+        setup.scenario.pusher, max_speed=4 * SPEEDS[1], low=[-far, -far, -far], high=[far, far, far]
+    )
+    return dataclasses.replace(setup, scenario=dataclasses.replace(setup.scenario, num_worlds=1, pusher=pusher))
+
+
+_rigs: dict[str, dict[str, SceneRig]] = {}  # of a process: those of the last call, by its name and the engine
+
+
+def run_trials(
+    cases: Cases, trials: Sequence[Trial], *, processes: int = 1, report: Callable[[], None] = lambda: None
+) -> list[dict[str, Motion]]:
+    """Runs every push in every engine.
+
+    Args:
+        cases: Setups by the engine's name.
+        trials: The pushes.
+        processes: Number of processes that share the pushes, 1 or more; with one thread each. Results do not depend on
+            it.
+        report: Called after each push.
+
+    Returns:
+        For each push the motion in each engine, in the order of the trials.
+
+    Raises:
+        PinwmError: A station cannot be made.
+    """
+    # Cases cannot be compared, so that each call has a name of its own.
+    run = partial(_run, uuid.uuid4().hex, cases)
+    try:
+        return Executor(workers=processes, option="--processes").map(run, trials, on_result=lambda *_: report())
+    finally:
+        _rigs.clear()
+
+
+def _run(name: str, cases: Cases, trial: Trial) -> dict[str, Motion]:
+    """A push through every engine, whose stations are made for the first one and kept."""
+    if name not in _rigs:
+        _rigs.clear()
+        _rigs[name] = {engine: SceneRig(setup, engine) for engine, setup in cases.items()}
+    return {engine: rig.run(trial) for engine, rig in _rigs[name].items()}

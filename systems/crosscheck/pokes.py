@@ -8,19 +8,21 @@ that only few engines come to is wrong as far as anyone can tell.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
+from rich.table import Table
 
 from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.scene import resting_height
-from pinwm_drake.systems.crosscheck.crosscheck import CrossCheckOptions, run_trials, unlimited
 from pinwm_drake.systems.crosscheck.difference import angles_between
-from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
+from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig, run_trials, unlimited
+from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
 from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.pusher.choice import choose_poke
 from pinwm_drake.systems.scenario.setup import Setup
@@ -74,6 +76,18 @@ class PokeCheck:
         near = all(one.translation[0] <= _TRANSLATION and one.rotation[0] <= _ROTATION for one in others)
         return near and twin.other_face + twin.failed <= _SHARE * len(self.trials)
 
+    def table(self) -> Table | None:
+        """Table of the differences: None, as the lines of `words` tell all."""
+        return None
+
+    def results(self) -> list[tuple[bool, str]]:
+        """Verdict on the twin."""
+        return [(self.passed, "twin")]
+
+    def write(self, out: Path, setup: Setup, title: str) -> list[Path]:
+        """Files of the check: there are none."""
+        return []
+
     def words(self) -> list[str]:
         """Lines, one for each engine."""
         lines = []
@@ -88,21 +102,29 @@ class PokeCheck:
         return lines
 
 
-def poke_check(setup: Setup, options: CrossCheckOptions, *, report: Callable[[], None] = lambda: None) -> PokeCheck:
+def poke_check(
+    setup: Setup,
+    options: CrossCheckOptions,
+    *,
+    truth: dict[str, float] | None = None,
+    report: Callable[[], None] = lambda: None,
+) -> PokeCheck:
     """Compares the motions of an object that is poked in the twin and in plants, from the same states.
 
     Args:
         setup: The scene of the twin. Limits of its pusher, and the number of its worlds, do not count.
         options: Engines, number of pokes, seed and processes.
+        truth: Values of `THETA`'s parameters that the plants have instead of the twin's, as for `push_check`.
         report: Called after each poke.
 
     Raises:
-        ParameterError: The pusher cannot meet a side of the object, or no poke tips it.
+        ParameterError: The pusher cannot meet a side of the object, no poke tips it, or the truth names an unknown
+            parameter.
         InputError: A mesh cannot be used.
     """
     setup = unlimited(setup)
     trials = draw_pokes(setup, options.pushes, options.seed)
-    cases = {"twin": setup, **dict.fromkeys(options.engines, setup)}
+    cases = {"twin": setup, **dict.fromkeys(options.engines, setup.with_theta(**(truth or {})))}
     motions = run_trials(cases, trials, processes=options.processes, report=report)
     return PokeCheck(trials, motions, judge(motions))
 

@@ -40,9 +40,8 @@ from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import on_floor
 from pinwm_drake.systems.scenario.viewpoints import around, framed
-from pinwm_drake.tasks.flip import FlipTask
-from pinwm_drake.tasks.push import PushTask
-from pinwm_drake.tasks.task import default_scene
+from pinwm_drake.tasks import DEFAULT_TASK
+from pinwm_drake.tasks.registry import recipe_of, task_names
 from pinwm_drake.twin.rollout import twin_parameters, twin_scene
 
 CaptureProgress = Callable[[str, float, str], None]
@@ -57,8 +56,7 @@ _SPEEDS = (0.12, 0.4)  # m/s, of a push whose speed is not given
 _ANY_SPEED = (0.05, 0.3)  # m/s, of one in a realistic capture
 _FROM_ORIGIN = 0.02  # m, of the object at first, along x and y
 _RECORD_RATE = 240.0  # Hz, the lowest of the pusher's log
-_TASKS = (PushTask.name, FlipTask.name)
-_LYING = ("mug", "mug_handle")
+_LYING = {"mug": "flip_mug", "mug_handle": "flip_mug_handle"}  # scenarios in which objects lie on their side
 _LONGEST_STEP = 1 / 3800  # s
 _BOUNCING_STEPS = 2  # times more of them where an impact of some 3 ms is to keep its energy
 
@@ -89,14 +87,14 @@ class SimulateOptions:
     lying: bool
     supersampling: int
     realistic: bool = False
-    task: str = PushTask.name
+    task: str = DEFAULT_TASK
     forces: bool = False
     stand_in: bool = False
     rise: tuple[float, float] = RISES
 
     def __post_init__(self) -> None:
         """Checks them; those of the scenario within its bounds."""
-        require("--task", self.task, self.task in _TASKS, ", ".join(_TASKS))
+        require("--task", self.task, self.task in task_names(), ", ".join(task_names()))
         require("--object", self.object_name, self.object_name in OBJECT_NAMES, ", ".join(OBJECT_NAMES))
         require("--lying", self.lying, not self.lying or self.object_name in _LYING, "with a mug only")
         _require_quantity("--friction", self.friction, Theta, "friction_floor")
@@ -125,7 +123,7 @@ class SimulateOptions:
     @property
     def pokes(self) -> bool:
         """Flag: the object is poked, so that it slides and rocks, and not pushed."""
-        return self.task == FlipTask.name
+        return recipe_of(self.task).motion == "poke"
 
     @property
     def push_speed(self) -> float:
@@ -194,7 +192,7 @@ class _Capture:
         R_WO = self._first_turn()
         station = StandIn() if options.stand_in else None
         # A station has one camera, by which its policies see: where it is believed to be, and where it is.
-        self.X_WC_believed = None if station is None else load_setup(default_scene(options.task)).X_WC
+        self.X_WC_believed = None if station is None else load_setup(recipe_of(options.task).scene).X_WC
         self.X_WC_fixed = None if station is None else station.camera(self.X_WC_believed)
         if options.in_a_lab:
             setup = _uneven_setup(setup, R_WO, options, station, models)
@@ -255,7 +253,7 @@ class _Capture:
         R_WO = RotationMatrix.MakeZRotation(self.generator.uniform(-math.pi, math.pi))
         options = self.options
         if options.lying or (options.pokes and options.object_name in _LYING):
-            lying = load_setup(f"{FlipTask.name}_{options.object_name}").scenario.start.q_WO
+            lying = load_setup(_LYING[options.object_name]).scenario.start.q_WO
             R_WO = R_WO @ RotationMatrix(Quaternion(np.array(lying) / np.linalg.norm(lying)))
         return R_WO
 

@@ -6,7 +6,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from pinwm_drake.documents import Entry
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.tasks.task import task_from_document
+from pinwm_drake.tasks.registry import task_from_document
 
 # Keys of ranges [low, high] to draw from; low must not be above high.
 _RANGES = ("x", "y", "yaw", "pusher_angle", "pusher_gap")

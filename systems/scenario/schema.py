@@ -13,6 +13,7 @@ from pinwm_drake.documents import read_yaml
 from pinwm_drake.errors import InputError
 from pinwm_drake.models import OBJECT_NAMES
 from pinwm_drake.systems.scenario.check import check_scenario
+from pinwm_drake.tasks import DEFAULT_TASK
 
 ENGINES = ("twin", "hydroelastic", "point")
 MEMORY, LOCAL = "memq://", "udpm://239.255.76.67:7667?ttl=0"
@@ -251,12 +252,12 @@ class Scenario:
     """
 
     units: Units = field(default_factory=Units)
-    name: str = "push"
+    name: str = DEFAULT_TASK
     object: str | None = _choice(None, OBJECT_NAMES)
     twin: str | None = None
     engine: str = _choice("twin", ENGINES)
     theta: Theta | None = None
-    task: dict[str, Any] = field(default_factory=lambda: {"name": "push"})
+    task: dict[str, Any] = field(default_factory=lambda: {"name": DEFAULT_TASK})
     pusher: Pusher = field(default_factory=Pusher)
     physics: Physics = field(default_factory=Physics)
     plant: Plant = field(default_factory=Plant)

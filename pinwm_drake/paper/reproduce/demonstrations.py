@@ -24,6 +24,7 @@ from pinwm_drake.paper.reproduce.scenes import task_scene
 from pinwm_drake.report.figures.training import training_figure
 from pinwm_drake.systems.envs.training_worlds import training_options
 from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.tasks.registry import recipe_of
 
 _ANYWHERE = {"tolerance": 1.0, "turn_tolerance": 3.1}  # m, rad: everything is near
 
@@ -62,7 +63,9 @@ class DemonstrationsCell:
         setup = load_setup(scene.scene)
         known = setup.task.to_document() if self.expert.quick else {}
         near = {name: value for name, value in _ANYWHERE.items() if name in known}
-        options = training_options(observation="rgb_state", task=near, max_translation=setup.task.max_translation)
+        options = training_options(
+            observation="rgb_state", task=near, max_translation=recipe_of(setup.task).max_translation
+        )
         env = recording_plant(setup, options, root / self.key / "models", stand_in=self.expert.stand_in)
         out = prepare_folder(root / self.key / "episodes")
         about = {

@@ -24,6 +24,7 @@ from pinwm_drake.systems.envs.options import environment_setup
 from pinwm_drake.systems.envs.policy_scene import policy_spec
 from pinwm_drake.systems.envs.training_worlds import training_options
 from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.tasks.registry import recipe_of
 
 _STEPS, _FEW_STEPS = 30, 4  # actions of an episode
 _QUICK = DreamerV2(
@@ -75,7 +76,7 @@ class TrajectoriesCell:
         """Records the episodes; see `Cell.make`."""
         scene = task_scene(self.task)
         setup = load_setup(scene.scene)
-        translation = setup.task.max_translation
+        translation = recipe_of(setup.task).max_translation
         options = training_options(observation="rgb_state", max_translation=translation, max_steps=self.steps)
         env = recording_plant(setup, options, root / self.key / "models", stand_in=self.stand_in)
         spec = policy_spec(environment_setup(setup, options), options, "rgb")

@@ -7,8 +7,8 @@ import trimesh
 from pydrake.math import RotationMatrix
 
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.systems.crosscheck.crosscheck import CrossCheckOptions, unlimited
-from pinwm_drake.systems.crosscheck.motion import SLIDING, Motion
+from pinwm_drake.systems.crosscheck.motion import SLIDING, Motion, unlimited
+from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
 from pinwm_drake.systems.crosscheck.pokes import PokeCheck, draw_pokes, judge, poke_check
 from pinwm_drake.systems.scenario.load import load_setup
 
