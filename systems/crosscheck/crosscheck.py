@@ -1,14 +1,21 @@
 """Comparison of a twin with Drake's own contact models, by the motions that the recipe of its task names."""
 
 from collections.abc import Callable
+from typing import Any
 
+from pinwm_drake.systems.crosscheck.motion import run_trials, unlimited
 from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
-from pinwm_drake.systems.crosscheck.pokes import PokeCheck, poke_check
-from pinwm_drake.systems.crosscheck.pushes import PushCheck, push_check
+from pinwm_drake.systems.crosscheck.pokes import PokeCheck, draw_pokes, judge_pokes
+from pinwm_drake.systems.crosscheck.pushes import PushCheck, judge_pushes
+from pinwm_drake.systems.crosscheck.trials import draw_trials
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks.registry import recipe_of
 
-CHECKS: dict[str, Callable[..., PushCheck | PokeCheck]] = {"pushes": push_check, "pokes": poke_check}
+# How motions are drawn and judged, by the name that a recipe gives them.
+CHECKS: dict[str, tuple[Callable[..., Any], Callable[..., PushCheck | PokeCheck]]] = {
+    "pushes": (draw_trials, judge_pushes),
+    "pokes": (lambda setup, reference, number, seed: draw_pokes(setup, number, seed), judge_pokes),
+}
 
 
 def cross_check(
@@ -21,14 +28,21 @@ def cross_check(
     """Compares the motions of a scene's object in the twin and in plants, from the same states.
 
     Args:
-        setup: The scene of the twin, whose task's recipe names the motions.
+        setup: The scene of the twin, whose task's recipe names the motions. Limits of its pusher, and the number of its
+            worlds, do not count.
         options: Engines, number of motions and thresholds.
         truth: Values of `THETA`'s parameters that the plants have instead of the twin's; None compares the physics at
             equal theta, the truth checks the theta too.
         report: Called after each motion.
 
     Raises:
-        ParameterError: The pusher cannot meet a side of the object, or the truth names an unknown parameter.
+        ParameterError: The pusher cannot meet a side of the object, no poke tips it, or the truth names an unknown
+            parameter.
         InputError: A mesh cannot be used.
     """
-    return CHECKS[recipe_of(setup.task).check](setup, options, truth=truth, report=report)
+    draw, judge = CHECKS[recipe_of(setup.task).check]
+    setup = unlimited(setup)
+    reference = setup.with_theta(**(truth or {}))
+    trials = draw(setup, reference, options.pushes, options.seed)
+    cases = {"twin": setup, **dict.fromkeys(options.engines, reference)}
+    return judge(options, cases, trials, run_trials(cases, trials, processes=options.processes, report=report))

@@ -6,7 +6,7 @@ that only few engines come to is wrong as far as anyone can tell.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.scene import resting_height
 from pinwm_drake.systems.crosscheck.difference import angles_between
-from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig, run_trials, unlimited
+from pinwm_drake.systems.crosscheck.motion import Cases, Motion, SceneRig
 from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
 from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.pusher.choice import choose_poke
@@ -102,31 +102,11 @@ class PokeCheck:
         return lines
 
 
-def poke_check(
-    setup: Setup,
-    options: CrossCheckOptions,
-    *,
-    truth: dict[str, float] | None = None,
-    report: Callable[[], None] = lambda: None,
+def judge_pokes(
+    options: CrossCheckOptions, cases: Cases, trials: Sequence[Trial], motions: Sequence[dict[str, Motion]]
 ) -> PokeCheck:
-    """Compares the motions of an object that is poked in the twin and in plants, from the same states.
-
-    Args:
-        setup: The scene of the twin. Limits of its pusher, and the number of its worlds, do not count.
-        options: Engines, number of pokes, seed and processes.
-        truth: Values of `THETA`'s parameters that the plants have instead of the twin's, as for `push_check`.
-        report: Called after each poke.
-
-    Raises:
-        ParameterError: The pusher cannot meet a side of the object, no poke tips it, or the truth names an unknown
-            parameter.
-        InputError: A mesh cannot be used.
-    """
-    setup = unlimited(setup)
-    trials = draw_pokes(setup, options.pushes, options.seed)
-    cases = {"twin": setup, **dict.fromkeys(options.engines, setup.with_theta(**(truth or {})))}
-    motions = run_trials(cases, trials, processes=options.processes, report=report)
-    return PokeCheck(trials, motions, judge(motions))
+    """Compares the motions of an object that is poked in the twin and in plants; arguments as for `judge_pushes`."""
+    return PokeCheck([*trials], [*motions], judge(motions))
 
 
 def draw_pokes(setup: Setup, number: int, seed: int) -> list[Trial]:

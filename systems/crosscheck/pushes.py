@@ -2,8 +2,8 @@
 
 import csv
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +14,9 @@ from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.report.figures.crosscheck import Differences, PathFrom, crosscheck_figure
 from pinwm_drake.systems.crosscheck.difference import Course, Difference, course_of, difference_of
-from pinwm_drake.systems.crosscheck.motion import MODES, Motion, run_trials, unlimited
+from pinwm_drake.systems.crosscheck.motion import MODES, Cases, Motion
 from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
-from pinwm_drake.systems.crosscheck.trials import Trial, draw_trials
+from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.scenario.setup import Setup
 
 TABLE_FILE, FIGURE_FILE = "crosscheck.csv", "crosscheck.png"
@@ -24,7 +24,7 @@ _PUSH = (
     *("push", "start_x", "start_y", "start_z", "start_qw", "start_qx", "start_qy", "start_qz"),
     *("pusher_x", "pusher_y", "pusher_z", "direction_x", "direction_y", "speed", "distance", "engine"),
 )
-_DIFFERENCE = ("translation", "rotation", "path_translation", "path_rotation", "same_modes")
+_DIFFERENCE = tuple(field.name for field in fields(Difference))
 _COURSE = (
     *("moved", "turned", "rest_time", "energy_peak", "energy_stop", "energy_rise"),
     *(f"{pair}_{mode}" for pair in ("floor", "pusher") for mode in MODES),
@@ -123,8 +123,8 @@ class PushCheck:
             table.add_column(heading, justify="left" if heading == "engine" else "right", no_wrap=True)
         for number, push in enumerate(self.pushes):
             for engine, course in push.courses.items():
-                apart, cells = push.differences.get(engine), [""] * 5
-                if apart is not None:
+                cells = [""] * 5
+                if (apart := push.differences.get(engine)) is not None:
                     cells = [*_pair(apart.translation, apart.rotation)]
                     cells += [*_pair(apart.path_translation, apart.path_rotation), f"{100 * apart.same_modes:.0f}"]
                 contact = [" ".join(f"{100 * share:.0f}" for share in pair) for pair in (course.floor, course.pusher)]
@@ -201,34 +201,17 @@ class PushCheck:
         return int(np.argmax(scores))
 
 
-def push_check(
-    setup: Setup,
-    options: CrossCheckOptions,
-    *,
-    truth: dict[str, float] | None = None,
-    report: Callable[[], None] = lambda: None,
+def judge_pushes(
+    options: CrossCheckOptions, cases: Cases, trials: Sequence[Trial], motions: Sequence[dict[str, Motion]]
 ) -> PushCheck:
     """Compares the motions of an object that is pushed in the twin and in plants, from the same states.
 
     Args:
-        setup: The scene of the twin. Limits of its pusher, and the number of its worlds, do not count.
-        options: Engines, pushes and thresholds.
-        truth: Values of `THETA`'s parameters that the plants have instead of the twin's; None compares the physics at
-            equal theta, the truth checks the theta too.
-        report: Called after each push.
-
-    Returns:
-        The comparison.
-
-    Raises:
-        ParameterError: The pusher cannot meet a side of the object, or the truth names an unknown parameter.
-        InputError: A mesh cannot be used.
+        options: Engines and thresholds.
+        cases: Setups by the engine's name.
+        trials: The pushes.
+        motions: Motion of each push, by the engine's name.
     """
-    setup = unlimited(setup)
-    reference = setup.with_theta(**(truth or {}))
-    trials = draw_trials(setup, reference, options.pushes, options.seed)
-    cases = {"twin": setup, **dict.fromkeys(options.engines, reference)}
-    motions = run_trials(cases, trials, processes=options.processes, report=report)
     weights = {name: one.twin.theta["mass"].value * one.twin.gravity for name, one in cases.items()}
     results = [
         PushComparison(
@@ -271,16 +254,15 @@ def _rows(number: int, result: PushComparison) -> Iterator[list[str]]:
     place = [*X_WO.translation(), *X_WO.rotation().ToQuaternion().wxyz(), *push.p_WP, *push.direction_W[:2]]
     start = [str(number), *_numbers([*place, push.speed, push.distance])]
     for engine, course in result.courses.items():
-        difference = result.differences.get(engine)
         apart = [""] * len(_DIFFERENCE)
-        if difference is not None:
-            apart = _numbers([getattr(difference, name) for name in _DIFFERENCE])
+        if engine in result.differences:
+            apart = _numbers(astuple(result.differences[engine]))
         energies = [course.energy_peak, course.energy_stop, course.energy_rise]
         own = _numbers([course.moved, course.turned, course.rest_time, *energies, *course.floor, *course.pusher])
         yield [*start, engine, *apart, *own, course.failure]
 
 
-def _numbers(values: list[float]) -> list[str]:
+def _numbers(values: Sequence[float]) -> list[str]:
     return [f"{value:.9g}" for value in values]
 
 
