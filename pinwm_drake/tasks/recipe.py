@@ -10,18 +10,6 @@ from typing import Any, Literal
 import numpy as np
 
 
-def _success_words(task: Any) -> str:
-    return f"success in the task {task.name}"
-
-
-def _estimate_words(task: Any, state: np.ndarray) -> str:
-    return ""
-
-
-def _assembly(task: Any, low: np.ndarray, high: np.ndarray) -> Any:
-    return None
-
-
 @dataclass(frozen=True)
 class Recipe:
     """Recipe of a task; the defaults do for any task.
@@ -63,11 +51,11 @@ class Recipe:
     heading: int | None = None
     level_vectors: tuple[int, ...] = ()
     disturbance: float = 0.0
-    assembly: Callable[[Any, np.ndarray, np.ndarray], Any] = _assembly
+    assembly: Callable[[Any, np.ndarray, np.ndarray], Any] = lambda task, low, high: None
     waypoints: bool = False
     manoeuvre: tuple[tuple[float, float, float], ...] = ()
     planner: Literal["outline", "sampling"] = "sampling"
     motion: Literal["push", "poke"] = "push"
     check: Literal["pushes", "pokes"] = "pushes"
-    success_words: Callable[[Any], str] = _success_words
-    estimate_words: Callable[[Any, np.ndarray], str] = _estimate_words
+    success_words: Callable[[Any], str] = lambda task: f"success in the task {task.name}"
+    estimate_words: Callable[[Any, np.ndarray], str] = lambda task, state: ""

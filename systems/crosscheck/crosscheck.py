@@ -5,7 +5,7 @@ from typing import Any
 
 from pinwm_drake.systems.crosscheck.motion import run_trials, unlimited
 from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
-from pinwm_drake.systems.crosscheck.pokes import PokeCheck, draw_pokes, judge_pokes
+from pinwm_drake.systems.crosscheck.pokes import PokeCheck, draw_pokes, judge
 from pinwm_drake.systems.crosscheck.pushes import PushCheck, judge_pushes
 from pinwm_drake.systems.crosscheck.trials import draw_trials
 from pinwm_drake.systems.scenario.setup import Setup
@@ -14,7 +14,10 @@ from pinwm_drake.tasks.registry import recipe_of
 # How motions are drawn and judged, by the name that a recipe gives them.
 CHECKS: dict[str, tuple[Callable[..., Any], Callable[..., PushCheck | PokeCheck]]] = {
     "pushes": (draw_trials, judge_pushes),
-    "pokes": (lambda setup, reference, number, seed: draw_pokes(setup, number, seed), judge_pokes),
+    "pokes": (
+        lambda setup, reference, number, seed: draw_pokes(setup, number, seed),
+        lambda options, cases, trials, motions: PokeCheck(trials, motions, judge(motions)),
+    ),
 }
 
 
@@ -40,9 +43,9 @@ def cross_check(
             parameter.
         InputError: A mesh cannot be used.
     """
-    draw, judge = CHECKS[recipe_of(setup.task).check]
+    draw, compare = CHECKS[recipe_of(setup.task).check]
     setup = unlimited(setup)
     reference = setup.with_theta(**(truth or {}))
     trials = draw(setup, reference, options.pushes, options.seed)
     cases = {"twin": setup, **dict.fromkeys(options.engines, reference)}
-    return judge(options, cases, trials, run_trials(cases, trials, processes=options.processes, report=report))
+    return compare(options, cases, trials, run_trials(cases, trials, processes=options.processes, report=report))

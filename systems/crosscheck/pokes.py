@@ -21,8 +21,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.scene import resting_height
 from pinwm_drake.systems.crosscheck.difference import angles_between
-from pinwm_drake.systems.crosscheck.motion import Cases, Motion, SceneRig
-from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
+from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
 from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.pusher.choice import choose_poke
 from pinwm_drake.systems.scenario.setup import Setup
@@ -100,13 +99,6 @@ class PokeCheck:
                 )
             lines.append(line + (f"; gave up in {one.failed}" if one.failed else ""))
         return lines
-
-
-def judge_pokes(
-    options: CrossCheckOptions, cases: Cases, trials: Sequence[Trial], motions: Sequence[dict[str, Motion]]
-) -> PokeCheck:
-    """Compares the motions of an object that is poked in the twin and in plants; arguments as for `judge_pushes`."""
-    return PokeCheck([*trials], [*motions], judge(motions))
 
 
 def draw_pokes(setup: Setup, number: int, seed: int) -> list[Trial]:

@@ -24,17 +24,13 @@ class MpcPolicy(ABC, Generic[PlanT]):
     task: Task
 
     @abstractmethod
-    def plan(self, row: np.ndarray, last: PlanT | None) -> PlanT:
-        """Plan for one world.
+    def act(self, row: np.ndarray, last: PlanT | None) -> tuple[PlanT, np.ndarray]:
+        """Plan of one world, and its first action (n,) in [-1, 1]^n.
 
         Args:
             row: (state_size,), finite: state of the task.
             last: Plan whose first action has been carried out; None at the beginning.
         """
-
-    @abstractmethod
-    def action(self, plan: PlanT) -> np.ndarray:
-        """First action (n,) of a plan, in [-1, 1]^n."""
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -59,10 +55,10 @@ class MpcPolicy(ABC, Generic[PlanT]):
         last: list[PlanT | None] = list(state) if state is not None else [None] * len(worlds)
         require("state", f"plans of {len(last)} worlds", len(last) == len(worlds), f"{len(worlds)}, or None")
         begins = np.broadcast_to(np.asarray(episode_start if episode_start is not None else False), len(worlds))
-        plans = tuple(
-            self.plan(row, None if begin else plan) if np.isfinite(row).all() else None
+        nothing = None, np.zeros(self.task.action_size)
+        found = [
+            self.act(row, None if begin else plan) if np.isfinite(row).all() else nothing
             for row, plan, begin in zip(worlds, last, begins, strict=True)
-        )
-        nothing = np.zeros(self.task.action_size)
-        actions = np.array([nothing if plan is None else self.action(plan) for plan in plans], np.float32)
-        return (actions[0] if rows.ndim == 1 else actions), plans
+        ]
+        actions = np.array([action for _, action in found], np.float32)
+        return (actions[0] if rows.ndim == 1 else actions), tuple(plan for plan, _ in found)

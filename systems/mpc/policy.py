@@ -44,13 +44,10 @@ class PushMpcPolicy(MpcPolicy[Plan]):
         """Makes the planner; see `make_planner`."""
         self.planner, self.task = make_planner(setup, task, max_translation), task
 
-    def plan(self, row: np.ndarray, last: Plan | None) -> Plan:
-        """Plan of one world; see `MpcPolicy.plan`."""
-        return self.planner.plan(*self.read(row), last)
-
-    def action(self, plan: Plan) -> np.ndarray:
-        """First action (2,) of a plan, along x and y."""
-        return np.clip(plan.d_W / self.planner.max_translation, -1.0, 1.0)
+    def act(self, row: np.ndarray, last: Plan | None) -> tuple[Plan, np.ndarray]:
+        """Plan of one world, and its first action (2,) along x and y; see `MpcPolicy.act`."""
+        plan = self.planner.plan(*self.read(row), last)
+        return plan, np.clip(plan.d_W / self.planner.max_translation, -1.0, 1.0)
 
     def read(self, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Planar state (6) of `PlanarBody` and pusher's position (2) m, world, from an observation (11,)."""

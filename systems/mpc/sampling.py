@@ -93,8 +93,11 @@ class ActionPlan:
     success: bool
 
 
-class SamplingMpc:
-    """Planner of a task by sequences of actions that are tried in the twin's worlds.
+class SamplingMpc(MpcPolicy[ActionPlan]):
+    """Planner of a task by sequences of actions that are tried in the twin's worlds, and a policy.
+
+    What it draws as a policy follows from its seed and the observation, so that an episode repeats in whatever world,
+    after whatever others.
 
     Attributes:
         worlds: The twin's worlds, one for each sample.
@@ -136,6 +139,14 @@ class SamplingMpc:
         self._manoeuvre = self._as_actions(self._recipe.manoeuvre)
         place = StartDistribution(self.worlds.setup).middle()
         self._usual = place.object_state, place.p_WP
+
+    def act(self, row: np.ndarray, last: ActionPlan | None) -> tuple[ActionPlan, np.ndarray]:
+        """Plan of one world, and its first action; see `MpcPolicy.act`."""
+        object_state, p_WP = self.task.object_state(row[None])
+        digest = hashlib.blake2b(row.tobytes(), digest_size=16).digest()
+        self.reseed([self.options.seed, int.from_bytes(digest, "little")])
+        plan = self.plan(object_state[0], p_WP[0], last)
+        return plan, plan.actions[0]
 
     def plan(
         self,
@@ -255,37 +266,3 @@ def carried_out(worlds: Worlds, actions: np.ndarray) -> Iterator[tuple[np.ndarra
         going[list(out.failures)] = False
         if not going.any():
             return
-
-
-class SamplingMpcPolicy(MpcPolicy[ActionPlan]):
-    """Policy of any task that plans with sequences of actions.
-
-    What it draws follows from the planner's seed and the observation, so that an episode repeats in whatever world,
-    after whatever others.
-
-    Attributes:
-        planner: Planner of the actions.
-    """
-
-    def __init__(
-        self,
-        setup: Setup,
-        task: Task | None = None,
-        max_translation: float | None = None,
-        options: SamplingOptions | None = None,
-    ) -> None:
-        """Makes the planner; see `SamplingMpc`."""
-        self.planner = SamplingMpc(setup, task, max_translation, options)
-        self.task = self.planner.task
-
-    def plan(self, row: np.ndarray, last: ActionPlan | None) -> ActionPlan:
-        """Plan of one world; see `MpcPolicy.plan`."""
-        object_state, p_WP = self.task.object_state(row[None])
-        digest = hashlib.blake2b(row.tobytes(), digest_size=16).digest()
-        self.planner.reseed([self.planner.options.seed, int.from_bytes(digest, "little")])
-        return self.planner.plan(object_state[0], p_WP[0], last)
-
-    def action(self, plan: ActionPlan) -> np.ndarray:
-        """First action (n,) of a plan."""
-        first: np.ndarray = plan.actions[0]
-        return first

@@ -268,7 +268,8 @@ class _Capture:
         folder = self.folder / "static"
         (folder / "images").mkdir(parents=True)
         turn = self.generator.uniform(0, 2 * math.pi)
-        distance = _reach(self.mesh.vertices) / (1 - _STATIC_MARGIN) / math.sin(0.5 * _FIELD_OF_VIEW)
+        reach = float(np.linalg.norm(self.mesh.vertices, axis=1).max())
+        distance = reach / (1 - _STATIC_MARGIN) / math.sin(0.5 * _FIELD_OF_VIEW)
         viewpoints = around(self.X_WO.translation(), distance, self.options.static_views, turn)
         if self.lab is None:
             pictures = self.recorder.pictures([self.X_WO] * len(viewpoints), viewpoints)
@@ -277,7 +278,7 @@ class _Capture:
         frames = []
         for k, (X_WC, picture) in enumerate(zip(viewpoints, pictures, strict=True)):
             name = f"images/{k:05d}.png"
-            _write_image(folder / name, picture)
+            Image.fromarray(picture).save(folder / name)
             if self.lab is not None:
                 realism = self.lab.realism
                 X_WC = moved_camera(X_WC, realism.static_place, realism.static_turn, self.mistakes)
@@ -287,10 +288,8 @@ class _Capture:
 
     def _write_episode(self, number: int, advance: Callable[[], None]) -> None:
         options, generator = self.options, np.random.default_rng([self.options.seed, 1, number])
-        p_WO, mesh_W = self.X_WO.translation(), self.mesh.copy()
-        mesh_W.apply_transform(self.X_WO.GetAsMatrix4())
-        draw = self._poke if options.pokes else self._push
-        push, recording = draw(mesh_W, p_WO, generator)
+        draw = {"push": self._push, "poke": self._poke}[recipe_of(options.task).motion]
+        push, recording = draw(generator)
         side = generator.choice([-1, 1]) * generator.uniform(math.radians(40), math.radians(110))
         angle, level = math.atan2(push.direction_W[1], push.direction_W[0]) + side, generator.uniform(0.6, 0.8)
         flat = math.sqrt(1 - level**2)
@@ -306,7 +305,7 @@ class _Capture:
         else:
             pictures = self.lab.film(log.t, recording.logged, log.p_WP, recording.t, X_WC)
         for name, picture in zip(names, pictures, strict=True):
-            _write_image(folder / name, picture)
+            Image.fromarray(picture).save(folder / name)
             advance()
         if self.lab is not None:
             realism = self.lab.realism
@@ -315,11 +314,10 @@ class _Capture:
             log = late_log(log, self.mistakes.uniform(-realism.clock, realism.clock), MARGIN)
         write_episode_tables(folder, self.camera, to_pose(X_WC), names, recording.t, log, recording.object_poses)
 
-    def _push(
-        self, mesh_W: trimesh.Trimesh, p_WO: np.ndarray, generator: np.random.Generator
-    ) -> tuple[StraightPush, Recording]:
+    def _push(self, generator: np.random.Generator) -> tuple[StraightPush, Recording]:
         """A random push of the object at rest, and what came of it."""
-        options = self.options
+        options, p_WO, mesh_W = self.options, self.X_WO.translation(), self.mesh.copy()
+        mesh_W.apply_transform(self.X_WO.GetAsMatrix4())
         speed = options.push_speed * generator.uniform(0.85, 1.15)
         if options.in_a_lab and options.speed is None:
             # A lab does not know the friction when it chooses a speed.
@@ -335,9 +333,7 @@ class _Capture:
         )
         return push, self.recorder.push(self.X_WO, push, options.frames)
 
-    def _poke(
-        self, mesh_W: trimesh.Trimesh, p_WO: np.ndarray, generator: np.random.Generator
-    ) -> tuple[StraightPush, Recording]:
+    def _poke(self, generator: np.random.Generator) -> tuple[StraightPush, Recording]:
         """A random poke that rocks the object at rest, and what came of it."""
         given = self.options.speed
         speeds = SPEEDS if given is None else (0.85 * given, 1.15 * given)
@@ -360,19 +356,10 @@ def _uneven_setup(
     )
 
 
-def _reach(vertices: np.ndarray) -> float:
-    """Distance of the farthest corner from the origin, m."""
-    return float(np.linalg.norm(vertices, axis=1).max())
-
-
 def to_pose(X: RigidTransform) -> Pose:
     """Drake's pose as this project's own: q (4,) wxyz, p (3,) [m], float64."""
     q = torch.tensor(X.rotation().ToQuaternion().wxyz(), dtype=torch.float64)
     return Pose(q, torch.tensor(X.translation(), dtype=torch.float64))
-
-
-def _write_image(path: Path, picture: np.ndarray) -> None:
-    Image.fromarray(picture).save(path)
 
 
 def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:

@@ -170,9 +170,9 @@ def _model(request: EvaluateRequest) -> Setup:
 def _mpc(model: Setup) -> Contestant:
     """Contestant of the task's model-predictive controller, which plans with a scene's parameters, true or not."""
     from pinwm_drake.systems.mpc.policy import PushMpcPolicy
-    from pinwm_drake.systems.mpc.sampling import SamplingMpcPolicy
+    from pinwm_drake.systems.mpc.sampling import SamplingMpc
 
-    planners: dict[str, Callable[..., Acts]] = {"outline": PushMpcPolicy, "sampling": SamplingMpcPolicy}
+    planners: dict[str, Callable[..., Acts]] = {"outline": PushMpcPolicy, "sampling": SamplingMpc}
     known = environment_setup(model)
     theta = {name: float(estimate.value) for name, estimate in known.twin.theta.items()}
 

@@ -9,14 +9,6 @@ from pinwm_drake.tasks.flip import LENGTH, FlipTask, tilt
 from pinwm_drake.tasks.recipe import Recipe
 
 
-def _success_words(task: FlipTask) -> str:
-    return f"success is rest on the floor within {task.turn_tolerance:g} rad of upright"
-
-
-def _estimate_words(task: FlipTask, state: np.ndarray) -> str:
-    return f"{math.degrees(tilt(state)):.0f} deg from upright"
-
-
 def _assembly(task: FlipTask, low: np.ndarray, high: np.ndarray) -> Any:
     from pinwm_drake.tasks.flip_assembly import FlipAssembly
 
@@ -36,6 +28,6 @@ FLIP = Recipe(
     manoeuvre=((-0.028, 0.0, -0.05), (0.0, 0.0, -0.03), (-0.065, 0.0, 0.1), (-0.02, 0.0, 0.09)),
     motion="poke",
     check="pokes",
-    success_words=_success_words,
-    estimate_words=_estimate_words,
+    success_words=lambda task: f"success is rest on the floor within {task.turn_tolerance:g} rad of upright",
+    estimate_words=lambda task, state: f"{math.degrees(tilt(state)):.0f} deg from upright",
 )
