@@ -84,11 +84,11 @@ class Verdict:
 
     def words(self, options: CrossCheckOptions) -> str:
         """The verdict in one line."""
-        limits = f"{_millimetres(options.threshold_translation)} and {_degrees(options.threshold_rotation)}"
-        medians = f"{_millimetres(self.median_translation, 2)}, {_degrees(self.median_rotation, 2)}"
-        most = f"{_millimetres(self.most_translation)}, {_degrees(self.most_rotation)}"
-        line = f"{self.engine}: median of {options.pushes} pushes {medians} (at most {most}); "
-        line += f"threshold of the medians {limits}"
+        most = _pair(self.most_translation, self.most_rotation)
+        limits = _pair(options.threshold_translation, options.threshold_rotation)
+        line = f"{self.engine}: median of {options.pushes} pushes {1e3 * self.median_translation:.2f} mm, "
+        line += f"{math.degrees(self.median_rotation):.2f}° (at most {most[0]} mm, {most[1]}°); "
+        line += f"threshold of the medians {limits[0]} mm and {limits[1]}°"
         if self.unsound:
             line += f"; {self.unsound} failed or did not come to rest"
         if self.rising:
@@ -269,11 +269,3 @@ def _numbers(values: Sequence[float]) -> list[str]:
 def _pair(translation: float, rotation: float) -> tuple[str, str]:
     """Texts of a translation [m] and a rotation [rad] in mm and degrees."""
     return f"{1e3 * translation:.1f}", f"{math.degrees(rotation):.1f}"
-
-
-def _millimetres(value: float, digits: int = 1) -> str:
-    return f"{1e3 * value:.{digits}f} mm"
-
-
-def _degrees(value: float, digits: int = 1) -> str:
-    return f"{math.degrees(value):.{digits}f}°"
