@@ -3,7 +3,7 @@
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -11,9 +11,6 @@ from rich.console import Console
 from pinwm_drake.cli.console import say, stages_bar
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder
-
-if TYPE_CHECKING:
-    from pinwm_drake.systems.scenario.setup import Setup
 
 _FAILED = 1  # exit code
 _WIDTH = 100  # characters, of a table that goes to a file
@@ -54,6 +51,7 @@ def crosscheck(
     ] = None,
 ) -> None:
     """Sends the same pushes through a twin and Drake's own contact; exits with 0 for PASS and with 1 for FAIL."""
+    from pinwm_drake.report.twin.data import read_ground_truth
     from pinwm_drake.systems.crosscheck.crosscheck import cross_check
     from pinwm_drake.systems.crosscheck.options import PLANTS, CrossCheckOptions
     from pinwm_drake.systems.scenario.load import load_setup
@@ -68,11 +66,18 @@ def crosscheck(
         processes=min(2, os.cpu_count() or 1) if processes is None else processes,
     )
     setup = load_setup(twin)
-    known = None if truth is None else _read_truth(truth)
+    known = None if truth is None else read_ground_truth(truth)
+    if truth is not None and not known:
+        raise InputError(truth, value="no parameter of a twin", allowed="mass, friction_floor, restitution, ...")
     if out is not None:
         prepare_folder(out)
-    question, motions, done = _question(setup, truth), recipe_of(setup.task).check, 0
+    question = f"{setup.scenario.name}: the plants have "
+    if truth is None:
+        question += "the twin's own parameters; this checks its physics, not its parameters"
+    else:
+        question += f"the parameters of {truth}; this checks the twin's physics and parameters"
     say(question)
+    motions, done = recipe_of(setup.task).check, 0
     with stages_bar(transient=True) as show:
 
         def moved() -> None:
@@ -95,21 +100,3 @@ def crosscheck(
             say(f"wrote {path}")
     if not found.passed:
         raise typer.Exit(_FAILED)
-
-
-def _read_truth(path: Path) -> dict[str, float]:
-    """True values of parameters by name; raises InputError where a file names none."""
-    from pinwm_drake.report.twin.data import read_ground_truth
-
-    known = read_ground_truth(path)
-    if not known:
-        raise InputError(path, value="no parameter of a twin", allowed="mass, friction_floor, restitution, ...")
-    return known
-
-
-def _question(setup: "Setup", truth: Path | None) -> str:
-    """Line that says which of two questions the cross-check asks: physics alone, or physics and parameters."""
-    name = setup.scenario.name
-    if truth is None:
-        return f"{name}: the plants have the twin's own parameters; this checks its physics, not its parameters"
-    return f"{name}: the plants have the parameters of {truth}; this checks the twin's physics and parameters"

@@ -225,11 +225,8 @@ def _view(twin: Twin) -> tuple[float, float, float]:
 
 def method_of(request: TrainRequest, task: Task, spent: float = 0.0) -> Method:
     """The method of a request, with the settings that are given, of whose minutes some are spent."""
-    limits = {
-        "target": request.target,
-        "minutes": None if request.minutes is None else max(request.minutes - spent, 0.01),
-    }
-    until = _with(ANY, **limits)
+    left = None if request.minutes is None else max(request.minutes - spent, 0.01)
+    until = _with(ANY, target=request.target, minutes=left)
     steps = {"steps": request.steps, "round_steps": request.round_steps, "episodes": request.episodes}
     if request.method == "ppo":
         options = PpoOptions.for_images(auxiliary=request.auxiliary)

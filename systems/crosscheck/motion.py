@@ -5,7 +5,7 @@ import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
@@ -66,22 +66,6 @@ class Motion:
     failure: str
 
 
-class _Row(NamedTuple):
-    """Sample of a `Motion` at one time, and an upper bound of the speed of the object's fastest point, m/s."""
-
-    p_WO: np.ndarray
-    q_WO: np.ndarray
-    p_WP: np.ndarray
-    kinetic: float
-    height: float
-    floor: int
-    pusher: int
-    speed: float
-
-
-_UNTOUCHED = _Row(np.zeros(3), np.zeros(4), np.zeros(3), 0.0, 0.0, SEPARATED, SEPARATED, 0.0)
-
-
 class SceneRig(ScriptedStation):
     """A station with a scripted pusher: push after push through one engine.
 
@@ -113,20 +97,17 @@ class SceneRig(ScriptedStation):
         period, push = self.setup.period, trial.push
         stop, rest = int(np.ceil(push.end_time / period)), RestCount(int(np.ceil(REST_TIME / period)))
         times = period * np.arange(stop + int(self._patience(push.speed) / period))
-        rows, failure = [_UNTOUCHED], ""
+        rows: list[dict[str, Any]] = []
+        failure = ""
         self.begin(Place(trial.X_WO, push.p_WP), push)
         try:
             for k in self.advance_to(times):
-                rows.append(self._sample(rows[-1]))
-                if rest.add(k >= stop and rows[-1].speed < REST_SPEED):
+                rows.append(self._sample(rows[-1] if rows else {}))
+                if rest.add(k >= stop and rows[-1]["speed"] < REST_SPEED):
                     break
         except (SolverError, RuntimeError) as error:
             failure = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
-        del rows[0]
-        columns: dict[str, Any] = {
-            name: np.array(column) for name, column in zip(_Row._fields, zip(*rows, strict=True), strict=True)
-        }
-        del columns["speed"]
+        columns: dict[str, Any] = {name: np.array([row[name] for row in rows]) for name in rows[0] if name != "speed"}
         t = period * np.arange(len(rows))
         first = len(rows) - rest.slow if rest.at_rest else None
         return Motion(t=t, **columns, stop=min(stop, len(rows) - 1), rest=first, failure=failure)
@@ -136,7 +117,8 @@ class SceneRig(ScriptedStation):
         friction = self.setup.twin.theta["friction_floor"].value
         return min(REST_TIME + 0.5 + _PATIENCE * speed / max(friction * self.setup.twin.gravity, 1e-3), _LONGEST)
 
-    def _sample(self, before: _Row) -> _Row:
+    def _sample(self, before: dict[str, Any]) -> dict[str, Any]:
+        """Row of a `Motion` now, and an upper bound of the speed of the object's fastest point, m/s."""
         state, pusher = self.evaluate("object_state"), self.evaluate("pusher_state")
         q_WO, p_WO, w_WO, v_WO = state[:4] / np.linalg.norm(state[:4]), state[4:7], state[7:10], state[10:13]
         R_WO = RotationMatrix(Quaternion(wxyz=q_WO)).matrix()
@@ -146,17 +128,17 @@ class SceneRig(ScriptedStation):
             floor, touching = contact_modes(self.evaluate("contact_forces"), state, pusher[3:])
         except SolverError:
             # No shorter step has a solution either: the next update will say so.
-            floor, touching = before.floor, before.pusher
-        return _Row(
-            p_WO=p_WO,
-            q_WO=q_WO,
-            p_WP=pusher[:3],
-            kinetic=0.5 * (self._mass * v_WB @ v_WB + w_O @ self._inertia @ w_O),
-            height=float((p_WO + arm)[2]),
-            floor=floor,
-            pusher=touching,
-            speed=float(np.linalg.norm(v_WB) + self._reach * np.linalg.norm(w_WO)),
-        )
+            floor, touching = before.get("floor", SEPARATED), before.get("pusher", SEPARATED)
+        return {
+            "p_WO": p_WO,
+            "q_WO": q_WO,
+            "p_WP": pusher[:3],
+            "kinetic": 0.5 * (self._mass * v_WB @ v_WB + w_O @ self._inertia @ w_O),
+            "height": float((p_WO + arm)[2]),
+            "floor": floor,
+            "pusher": touching,
+            "speed": float(np.linalg.norm(v_WB) + self._reach * np.linalg.norm(w_WO)),
+        }
 
 
 def contact_modes(forces: ContactForces, object_state: np.ndarray, v_WP: np.ndarray) -> tuple[int, int]:

@@ -135,9 +135,9 @@ def judge(motions: Sequence[dict[str, Motion]]) -> list[PokeVerdict]:
     verdicts = []
     for engine in motions[0]:
         done = [one for one in motions if not one[engine].failure and not one["twin"].failure]
-        pairs = [(_stopped(one["twin"]), _stopped(one[engine])) for one in done]
-        ways = np.array([np.linalg.norm(mine[0] - other[0]) for mine, other in pairs])
-        turns = np.array([float(angles_between(mine[1], other[1])) for mine, other in pairs])
+        pairs = [(one["twin"], one[engine]) for one in done]
+        ways = np.array([np.linalg.norm(a.p_WO[a.stop] - b.p_WO[b.stop]) for a, b in pairs])
+        turns = np.array([float(angles_between(a.q_WO[a.stop], b.q_WO[b.stop])) for a, b in pairs])
         verdicts.append(
             PokeVerdict(
                 engine,
@@ -173,11 +173,6 @@ def _tilt(motion: Motion) -> float:
 def _up(q_WO: np.ndarray) -> np.ndarray:
     """The world's z (3,) in the object's axes."""
     return np.asarray(RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO))).matrix()[2])
-
-
-def _stopped(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Position (3,) [m] and orientation (4,) of the object when the pusher has stopped."""
-    return motion.p_WO[motion.stop], motion.q_WO[motion.stop]
 
 
 def _is_other(motions: dict[str, Motion], engine: str) -> bool:
