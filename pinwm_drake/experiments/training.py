@@ -203,9 +203,9 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
 
 def _setup(request: TrainRequest) -> Setup:
     """The scene; a twin stands in the one that is named, or in that of the task."""
-    usual, where = recipe_of(request.task or DEFAULT_TASK).scene, request.in_scene
-    if where is None and Path(request.scene).is_dir() and usual != recipe_of(DEFAULT_TASK).scene:
-        where = usual
+    task, where = request.task or DEFAULT_TASK, request.in_scene
+    if where is None and Path(request.scene).is_dir() and recipe_of(task).scene != recipe_of(DEFAULT_TASK).scene:
+        where = recipe_of(task).scene
     return load_setup(request.scene) if where is None else load_setup(where, twin=request.scene)
 
 
