@@ -25,12 +25,12 @@ from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_op
 from pinwm_drake.systems.envs.vector import TaskVecEnv
 from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.systems.sdf.twin import twin_solid
-from pinwm_drake.tasks.flip import FlipTask
+from pinwm_drake.tasks.recipes.flip import FLIP
 
 SCENE, WORLDS, THREADS, EPISODE = "flip_mug", 32, 2, 25
 KINDS = {"state": "state", "rgb": "rgb_state"}  # the policy that acts needs the state
 BARS = {"mujoco": 1.0, "images": 4 / 3}
-LONGEST = FlipTask.max_translation or 0.1  # m, of an action
+LONGEST = FLIP.max_translation or 0.1  # m, of an action
 GAIN = 1e6  # N s/m, of the actuators that hold the pusher's velocity
 
 

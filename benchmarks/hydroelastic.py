@@ -21,9 +21,11 @@ import numpy as np
 
 from benchmarks.hydroelastic_scene import Findings, measure, scene
 from benchmarks.hydroelastic_settings import applied, variants
-from pinwm_drake.systems.crosscheck.crosscheck import CrossCheckOptions, cross_check
+from pinwm_drake.systems.crosscheck.crosscheck import cross_check
 from pinwm_drake.systems.crosscheck.difference import Difference, difference_of
 from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
+from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
+from pinwm_drake.systems.crosscheck.pushes import PushCheck
 from pinwm_drake.systems.crosscheck.trials import draw_trials
 from pinwm_drake.systems.scenario.schema import Physics
 
@@ -113,6 +115,7 @@ def agreement() -> str:
     for name, friction in _AGREEMENT:
         setup = scene(name, friction)
         found = cross_check(setup, CrossCheckOptions(pushes=20))
+        assert isinstance(found, PushCheck)
         rig = SceneRig(setup.with_theta(friction_floor=1.01 * friction), "twin")
         ends = {engine: [push.differences[engine] for push in found.pushes] for engine in ("hydroelastic", "point")}
         ends["itself with 1 % more friction on the floor"] = [

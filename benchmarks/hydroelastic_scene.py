@@ -8,8 +8,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.systems.crosscheck.crosscheck import unlimited
-from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
+from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig, unlimited
 from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from pinwm_drake.cli.console import say, stages_bar
+from pinwm_drake.tasks import DEFAULT_TASK
 
 
 def simulate(
@@ -16,7 +17,7 @@ def simulate(
     task: Annotated[
         str,
         typer.Option(help="push, or flip: pokes that make a cube, or a mug that lies, slide and rock without a flip."),
-    ] = "push",
+    ] = DEFAULT_TASK,
     friction: Annotated[float, typer.Option(help="Friction coefficient of object and floor.")] = 0.03,
     pusher_friction: Annotated[
         float | None,

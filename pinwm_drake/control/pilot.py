@@ -11,6 +11,7 @@ from pinwm_drake.control.safety_filter import HALTED, Mode, Safety, SafetyFilter
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.tasks.registry import recipe_of
 
 _NEAR = 4  # actions in a row with the object at the goal by the policy's estimate, until it is taken for done
 _SHARE = 0.8  # of the tolerances, as the estimate is some millimetres off
@@ -218,7 +219,8 @@ class Pilot:
         return np.asarray(d_W, float), replace(memory, state=known, near=memory.near + 1 if near else 0)
 
     def _words(self, memory: Memory) -> str:
-        return self.spec.task.estimate_words(np.array(memory.state)) if memory.state else ""
+        task = self.spec.task
+        return recipe_of(task).estimate_words(task, np.array(memory.state)) if memory.state else ""
 
     def _fault(self, memory: Memory, inputs: Inputs) -> str:
         """Fault of the station, of times or of the pusher, in words."""

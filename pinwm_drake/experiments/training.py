@@ -28,8 +28,9 @@ from pinwm_drake.systems.mpc.waypoints import STAGE as WAYPOINTS
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.tasks.push import PushTask
-from pinwm_drake.tasks.task import Task, default_scene
+from pinwm_drake.tasks import DEFAULT_TASK
+from pinwm_drake.tasks.registry import recipe_of, task_names
+from pinwm_drake.tasks.task import Task
 from pinwm_drake.twin.twin import Twin
 
 METHODS = ("distil", "ppo", "state")
@@ -98,8 +99,9 @@ class TrainRequest:
         require("--seed", self.seed, self.seed >= 0, "0 or more")
         require("--yaw", self.yaw, self.yaw is None or 0.0 <= self.yaw <= math.pi + 1e-9, "0 to pi")
         require("--goals", repr(self.goals), self.goals in GOALS, ", ".join(GOALS))
-        drawn = self.goals == "fixed" or self.task in (None, PushTask.name)
-        require("--goals", f"{self.goals} with task {self.task}", drawn, "fixed, or random with push")
+        draws = task_names("goal_range")
+        drawn = self.goals == "fixed" or self.task in (None, *draws)
+        require("--goals", f"{self.goals} with task {self.task}", drawn, f"fixed, or random with {', '.join(draws)}")
         require("--goal-reach", self.goal_reach, 0.0 <= self.goal_reach < math.inf, "0 or more")
         require("--goal-turn", self.goal_turn, 0.0 <= self.goal_turn <= math.pi + 1e-9, "0 to pi")
         least, most = self.latency
@@ -144,7 +146,7 @@ def train(
     begun, worlds = time.monotonic(), worlds_of(request, domains)
     if request.method != "state" and not request.resume and not request.history:  # that asks for one without a bundle
         check_exportable(worlds.spec("rgb"))
-    if worlds.setup.task.waypoints and request.teacher is None:
+    if recipe_of(worlds.setup.task).waypoints and request.teacher is None:
         folder = prepare_folder(out / WAYPOINTS)
         worlds.waypoints = find_waypoints(
             worlds, folder, search, seed=request.seed, resume=request.resume, report=report
@@ -169,7 +171,7 @@ def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]
     return {
         "task": worlds.setup.task.name,
         "method": request.method,
-        "algorithm": "ppo" if request.method == "ppo" else _algorithm(request, worlds.setup.task),
+        "algorithm": "ppo" if request.method == "ppo" else request.algorithm or recipe_of(worlds.setup.task).algorithm,
         **({"auxiliary": request.auxiliary} if request.method == "ppo" else {}),
         "trained_in": worlds.about,
         "seed": request.seed,
@@ -200,11 +202,10 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
 
 
 def _setup(request: TrainRequest) -> Setup:
-    """The scene; a twin stands in the one that is named, or in that of the task where the task is not push."""
-    task = request.task or PushTask.name
-    where = request.in_scene
-    if where is None and Path(request.scene).is_dir() and default_scene(task) != PushTask.scene:
-        where = default_scene(task)
+    """The scene; a twin stands in the one that is named, or in that of the task."""
+    task, where = request.task or DEFAULT_TASK, request.in_scene
+    if where is None and Path(request.scene).is_dir() and recipe_of(task).scene != recipe_of(DEFAULT_TASK).scene:
+        where = recipe_of(task).scene
     return load_setup(request.scene) if where is None else load_setup(where, twin=request.scene)
 
 
@@ -222,24 +223,16 @@ def _view(twin: Twin) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _algorithm(request: TrainRequest, task: Task) -> str:
-    """Algorithm that the teacher learns with: the task's, where the request names none."""
-    return request.algorithm or task.algorithm
-
-
 def method_of(request: TrainRequest, task: Task, spent: float = 0.0) -> Method:
     """The method of a request, with the settings that are given, of whose minutes some are spent."""
-    limits = {
-        "target": request.target,
-        "minutes": None if request.minutes is None else max(request.minutes - spent, 0.01),
-    }
-    until = _with(ANY, **limits)
+    left = None if request.minutes is None else max(request.minutes - spent, 0.01)
+    until = _with(ANY, target=request.target, minutes=left)
     steps = {"steps": request.steps, "round_steps": request.round_steps, "episodes": request.episodes}
     if request.method == "ppo":
         options = PpoOptions.for_images(auxiliary=request.auxiliary)
         return ImagePpo(_with(options, **steps, shift=request.shift), until, request.device)
-    sac = _algorithm(request, task) == "sac"
-    teacher = StateSac(_with(SacOptions(), **steps)) if sac else StatePpo(_with(PpoOptions(), **steps))
+    algorithm = request.algorithm or recipe_of(task).algorithm
+    teacher = StateSac(_with(SacOptions(), **steps)) if algorithm == "sac" else StatePpo(_with(PpoOptions(), **steps))
     if request.method == "state":
         return replace(teacher, until=until, device=request.device)
     options = _with(

@@ -24,6 +24,7 @@ from pinwm_drake.learning.heading import Heading
 from pinwm_drake.learning.images.window import Window
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.tasks.history import history_size
+from pinwm_drake.tasks.registry import recipe_of
 from pinwm_drake.tasks.task import Task
 
 # rad for a unit of the state, and up to twice that: 10 mm of an object turn a wave by 3 to 6 rad. With 100, rounding in
@@ -243,7 +244,7 @@ class ImageActor(nn.Module):
         self.mixed_precision = False
         self.task = task = spec.task
         self._history = spec.history
-        self.assembly = task.assembly(np.array(spec.pusher_low), np.array(spec.pusher_high))
+        self.assembly = recipe_of(task).assembly(task, np.array(spec.pusher_low), np.array(spec.pusher_high))
         size_of_estimate = task.state_size if self.assembly is None else self.assembly.estimate_size
         known = history_size(task.action_size, task.action_size, spec.history) + (0 if spec.window is None else 2)
         self.estimate = nn.Sequential(

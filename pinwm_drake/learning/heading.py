@@ -3,7 +3,6 @@
 What was learned at one yaw is so known at all of them.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor, nn
 
 from pinwm_drake.learning.worlds import SeenWorlds
+from pinwm_drake.tasks.registry import recipe_of
 from pinwm_drake.tasks.task import Task
 
 
@@ -25,8 +25,8 @@ class Heading(nn.Module):
     def __init__(self, task: Task) -> None:
         """Takes the state's vectors and the action's axes of a task."""
         super().__init__()
-        self._pusher = task.heading
-        self._vectors: Sequence[int] = () if task.heading is None else task.level_vectors
+        recipe = recipe_of(task)
+        self._pusher, self._vectors = recipe.heading, recipe.level_vectors
         self._state_size, self._action_size = task.state_size, task.action_size
 
     def state(self, state: Tensor) -> Tensor:

@@ -10,7 +10,8 @@ from pydantic import BeforeValidator, Field, InstanceOf
 from pydantic_core import to_jsonable_python
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.tasks.task import Task, task_from_document
+from pinwm_drake.tasks.registry import task_from_document
+from pinwm_drake.tasks.task import Task
 from pinwm_drake.validation import check_fields, document_of, from_document
 
 Observes = Literal["rgb", "state"]

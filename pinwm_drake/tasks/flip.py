@@ -4,20 +4,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
-from pinwm_drake.errors import ParameterError
-from pinwm_drake.tasks.task import Progress, Task, register
+from pinwm_drake.errors import require
+from pinwm_drake.tasks.task import Progress, Reward, Task, check_fields, lengths
 
-Reward = Literal["paper", "shaped"]
-REWARDS = ("paper", "shaped")
 LENGTH, SPEED, TURN = 0.1, 1.0, 10.0  # m, m/s, rad/s: units of the state's components
 NEAR = 0.1  # m, from which on the pusher counts as at the object, in the shaped reward
 
 
-@register
 @dataclass(frozen=True)
 class FlipTask(Task):
     """Task of turning an object until an axis of its own points up, in any place and at any yaw.
@@ -63,20 +60,6 @@ class FlipTask(Task):
     axes: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     state_size: ClassVar[int] = 18
     max_steps: ClassVar[int] = 25
-    scene: ClassVar[str] = "flip_mug"
-    training_step: ClassVar[float | None] = 1 / 480  # at 1 m/s the pusher moves 2 mm
-    heading: ClassVar[int | None] = 15
-    level_vectors: ClassVar[tuple[int, ...]] = (0, 3, 6, 9, 12, 15)
-    algorithm: ClassVar[str] = "ppo"
-    disturbance: ClassVar[float] = 0.1  # one action of random ones ends 0.1 rad from where another engine has it
-    waypoints: ClassVar[bool] = True  # chance hardly ever turns an object over
-    # Down to its foot, then up along its side as fast as may be: friction lifts it.
-    manoeuvre: ClassVar[tuple[tuple[float, float, float], ...]] = (
-        (-0.028, 0.0, -0.05),
-        (0.0, 0.0, -0.03),
-        (-0.065, 0.0, 0.1),
-        (-0.02, 0.0, 0.09),
-    )
 
     up: tuple[float, float, float] = (0.0, 0.0, -1.0)
     side: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -92,19 +75,12 @@ class FlipTask(Task):
 
     def __post_init__(self) -> None:
         """Validates reward, axes, tolerances and limits of rest."""
-        if self.reward not in REWARDS:
-            raise ParameterError(f"reward: got {self.reward!r}; allowed: {', '.join(REWARDS)}")
-        if not 0.0 < math.hypot(*self.up) < math.inf:
-            raise ParameterError(f"up: got {self.up}; allowed: an axis in O, finite and not zero")
-        along = float(np.linalg.norm(np.cross(self.up, self.side)))
-        if not math.isfinite(math.hypot(*self.side)) or (any(self.side) and along == 0.0):
-            raise ParameterError(f"side: got {self.side}; allowed: zero, or an axis in O that is not along `up`")
-        for name in ("cost", "bonus", "height"):
-            if not math.isfinite(getattr(self, name)):
-                raise ParameterError(f"{name}: got {getattr(self, name)}; allowed: a finite number")
-        for name in ("tolerance", "turn_tolerance", "rest_speed", "rest_turn", "room"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ParameterError(f"{name}: got {getattr(self, name)}; allowed: more than 0")
+        positive = ("tolerance", "turn_tolerance", "rest_speed", "rest_turn", "room")
+        check_fields(self, finite=("cost", "bonus", "height"), positive=positive)
+        require("up", self.up, 0.0 < math.hypot(*self.up) < math.inf, "an axis in O, finite and not zero")
+        across = not any(self.side) or float(np.linalg.norm(np.cross(self.up, self.side))) > 0.0
+        finite = math.isfinite(math.hypot(*self.side))
+        require("side", self.side, finite and across, "zero, or an axis in O that is not along `up`")
 
     @cached_property
     def _axes_O(self) -> np.ndarray:
@@ -121,20 +97,16 @@ class FlipTask(Task):
         """The task with the shaped reward."""
         return replace(self, reward="shaped")
 
-    def success_words(self) -> str:
-        """Criterion of success in words."""
-        return f"success is rest on the floor within {self.turn_tolerance:g} rad of upright"
-
     def measure(self, object_state: np.ndarray, p_WP: np.ndarray) -> Progress:
         """Height from the goal's, angle and success of W worlds; see `Task.measure`."""
         p_WO = object_state[:, 4:7]
         distance = np.abs(p_WO[:, 2] - self.height)
         angle = np.arccos(np.clip(self._axes_W(object_state[:, :4])[:, 0, 2], -1.0, 1.0))
-        reach = _lengths(p_WP - p_WO)
-        speed, turn = _lengths(object_state[:, 10:13]), _lengths(object_state[:, 7:10])
+        reach = lengths(p_WP - p_WO)
+        speed, turn = lengths(object_state[:, 10:13]), lengths(object_state[:, 7:10])
         at_rest = (speed < self.rest_speed) & (turn < self.rest_turn)
         success = (distance < self.tolerance) & (angle < self.turn_tolerance) & at_rest
-        return Progress(distance, angle, reach, at_rest, success, _lengths(p_WO[:, :2]))
+        return Progress(distance, angle, reach, at_rest, success, lengths(p_WO[:, :2]))
 
     def worth(self, progress: Progress) -> np.ndarray:
         """Worth (W,) of successes: 1 in the room, and less farther off; see the class."""
@@ -185,21 +157,11 @@ class FlipTask(Task):
 
     def near_goal(self, state: np.ndarray, share: float = 1.0) -> bool:
         """Flag: the axis is within a share of the tolerance of upright, by components 3 to 5 of a state."""
-        return bool(_tilt(state) < share * self.turn_tolerance)
-
-    def estimate_words(self, state: np.ndarray) -> str:
-        """Angle from upright by a state, such as "12 deg from upright"."""
-        return f"{math.degrees(_tilt(state)):.0f} deg from upright"
-
-    def assembly(self, low: np.ndarray, high: np.ndarray) -> Any:
-        """Torch module from an estimate (B, 15) and the pusher (B, 3) to the state (B, 18); see `Task.assembly`."""
-        from pinwm_drake.tasks.flip_assembly import FlipAssembly
-
-        return FlipAssembly(self.height, LENGTH, low, high, round=not any(self.side))
+        return bool(tilt(state) < share * self.turn_tolerance)
 
     def _axes_W(self, q_WO: np.ndarray) -> np.ndarray:
         """Axes `up` and `side` (W, 2, 3) in the world at orientations q_WO (W, 4) wxyz, of any norm but zero."""
-        q = q_WO / _lengths(q_WO)[:, None]
+        q = q_WO / lengths(q_WO)[:, None]
         w, v = q[:, None, :1], q[:, None, 1:]
         a = self._axes_O[None]
         twice = 2.0 * np.cross(v, a)
@@ -227,16 +189,10 @@ def _frame(up: np.ndarray, side: np.ndarray) -> np.ndarray:
     return np.stack([up, side, np.cross(up, side)], axis=1)
 
 
-def _tilt(state: np.ndarray) -> float:
+def tilt(state: np.ndarray) -> float:
     """Angle [rad] between the axis of a state (18,) and the world's z; NaN where its components are."""
     x, y, z = (float(value) for value in state[3:6])
     return math.atan2(math.hypot(x, y), z)
-
-
-def _lengths(vectors: np.ndarray) -> np.ndarray:
-    """Lengths (W,) of vectors (W, n)."""
-    lengths: np.ndarray = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
-    return lengths
 
 
 def _potential(progress: Progress) -> np.ndarray:

@@ -4,23 +4,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from pinwm_drake.errors import ParameterError
-from pinwm_drake.tasks.task import Progress, Task, register
+from pinwm_drake.errors import require
+from pinwm_drake.tasks.task import Progress, Reward, Task, check_fields, lengths
 
 if TYPE_CHECKING:
     from pinwm_drake.spatial.poses import Pose
 
-Reward = Literal["paper", "shaped"]
-REWARDS = ("paper", "shaped")
 LENGTH, SPEED, TURN = 0.1, 0.3, 3.0  # m, m/s, rad/s: units of the state's components
 _NEARER = 0.9  # share of the tolerances in training: images tell an object's place to some millimetres
 
 
-@register
 @dataclass(frozen=True)
 class PushTask(Task):
     """Task of pushing an object to a fixed pose on the floor, where it is to rest.
@@ -67,8 +64,6 @@ class PushTask(Task):
     name: ClassVar[str] = "push"
     axes: ClassVar[tuple[str, ...]] = ("x", "y")
     state_size: ClassVar[int] = 11
-    max_translation: ClassVar[float | None] = 0.02
-    training_step: ClassVar[float | None] = 1 / 120  # twelve steps an action: tenths of a millimetre do not count
 
     goal: tuple[float, float, float] = (0.0, 0.0, 0.0)
     q_WO: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
@@ -83,27 +78,21 @@ class PushTask(Task):
 
     def __post_init__(self) -> None:
         """Validates reward, goal, tolerances and limits of rest."""
-        if self.reward not in REWARDS:
-            raise ParameterError(f"reward: got {self.reward!r}; allowed: {', '.join(REWARDS)}")
-        if len(self.goal) != 3 or not all(math.isfinite(value) for value in self.goal):
-            raise ParameterError(f"goal: got {self.goal}; allowed: x [m], y [m] and yaw [rad], finite")
-        if len(self.goal_range) != 3 or not all(0.0 <= value < math.inf for value in self.goal_range):
-            raise ParameterError(f"goal_range: got {self.goal_range}; allowed: x [m], y [m] and yaw [rad], 0 or more")
-        if not 0.0 < math.hypot(*self.q_WO) < math.inf:
-            raise ParameterError(f"q_WO: got {self.q_WO}; allowed: a quaternion wxyz that is finite and not zero")
-        for name in ("cost", "bonus"):
-            if not math.isfinite(getattr(self, name)):
-                raise ParameterError(f"{name}: got {getattr(self, name)}; allowed: a finite number")
-        for name in ("tolerance", "turn_tolerance", "rest_speed", "rest_turn"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ParameterError(f"{name}: got {getattr(self, name)}; allowed: more than 0")
+        check_fields(
+            self, finite=("cost", "bonus"), positive=("tolerance", "turn_tolerance", "rest_speed", "rest_turn")
+        )
+        finite, wide = len(self.goal) == 3, len(self.goal_range) == 3
+        finite = finite and all(math.isfinite(value) for value in self.goal)
+        wide = wide and all(0.0 <= value < math.inf for value in self.goal_range)
+        require("goal", self.goal, finite, "x [m], y [m] and yaw [rad], finite")
+        require("goal_range", self.goal_range, wide, "x [m], y [m] and yaw [rad], 0 or more")
+        length = math.hypot(*self.q_WO)
+        require("q_WO", self.q_WO, 0.0 < length < math.inf, "a quaternion wxyz that is finite and not zero")
 
     @cached_property
     def q_WG(self) -> np.ndarray:
         """Orientation (4,) wxyz of the object at the goal, unit norm."""
-        w, x, y, z = np.array(self.q_WO) / np.linalg.norm(self.q_WO)
-        c, s = math.cos(0.5 * self.goal[2]), math.sin(0.5 * self.goal[2])
-        return np.array([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w])
+        return _turned_about_z(np.array(self.q_WO) / np.linalg.norm(self.q_WO), self.goal[2])
 
     @property
     def goal_size(self) -> int:
@@ -136,9 +125,7 @@ class PushTask(Task):
             return object_state, p_WP
         turn = self.goal[2] - goal[:, 2]
         moved, pusher = object_state.copy(), p_WP.copy()
-        c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
-        w, x, y, z = object_state[:, :4].T
-        moved[:, :4] = np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=1)
+        moved[:, :4] = _turned_about_z(object_state[:, :4], turn)
         moved[:, 4:6] = _turned(object_state[:, 4:6] - goal[:, :2], -turn) + self.goal[:2]
         for k in (7, 10):
             moved[:, k : k + 2] = _turned(object_state[:, k : k + 2], -turn)
@@ -182,19 +169,15 @@ class PushTask(Task):
         nearer = {name: _NEARER * getattr(self, name) for name in ("tolerance", "turn_tolerance")}
         return replace(self, reward="shaped", **nearer)
 
-    def success_words(self) -> str:
-        """Criterion of success in words."""
-        return f"success is rest within {1e3 * self.tolerance:g} mm and {self.turn_tolerance:g} rad of the goal"
-
     def measure(self, object_state: np.ndarray, p_WP: np.ndarray) -> Progress:
         """Horizontal distance, angle and success of W worlds; see `Task.measure`."""
         q_WO, p_WO = object_state[:, :4], object_state[:, 4:6]
         offset = p_WO - self.goal[:2]
         distance = np.hypot(offset[:, 0], offset[:, 1])
-        share = np.abs(q_WO @ self.q_WG) / _lengths(q_WO)
+        share = np.abs(q_WO @ self.q_WG) / lengths(q_WO)
         angle = 2.0 * np.arccos(np.minimum(share, 1.0))
         reach = np.hypot(*(p_WP[:, :2] - p_WO).T)
-        speed, turn = _lengths(object_state[:, 10:13]), _lengths(object_state[:, 7:10])
+        speed, turn = lengths(object_state[:, 10:13]), lengths(object_state[:, 7:10])
         at_rest = (speed < self.rest_speed) & (turn < self.rest_turn)
         success = (distance < self.tolerance) & (angle < self.turn_tolerance) & at_rest
         return Progress(distance, angle, reach, at_rest, success)
@@ -223,11 +206,9 @@ class PushTask(Task):
     def object_state(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Object (W, 13) and pusher (W, 3), both of no height; see `Task.object_state`."""
         state = np.asarray(state, float)
-        half = 0.5 * (np.arctan2(state[:, 3], state[:, 2]) + self.goal[2])
-        c, s = np.cos(half), np.sin(half)
-        w, x, y, z = np.array(self.q_WO) / np.linalg.norm(self.q_WO)
+        yaw = np.arctan2(state[:, 3], state[:, 2]) + self.goal[2]
         found, p_WP = np.zeros((len(state), 13)), np.full((len(state), 3), np.nan)
-        found[:, :4] = np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=1)
+        found[:, :4] = _turned_about_z(np.array(self.q_WO) / np.linalg.norm(self.q_WO), yaw)
         found[:, 4:6] = _turned(LENGTH * state[:, 0:2], -self.goal[2]) + self.goal[:2]
         found[:, 6] = np.nan
         found[:, 9] = TURN * state[:, 6]
@@ -255,19 +236,8 @@ class PushTask(Task):
 
     def near_goal(self, state: np.ndarray, share: float = 1.0) -> bool:
         """Flag: the object is within a share of the tolerances of the goal, by components 0 to 3 of a state."""
-        distance, turn = _from_goal(state)
+        distance, turn = offset_from_goal(state)
         return distance < share * self.tolerance and turn < share * self.turn_tolerance
-
-    def estimate_words(self, state: np.ndarray) -> str:
-        """Distance and turn from the goal by a state, such as "12 mm, 3.1 deg from the goal"."""
-        distance, turn = _from_goal(state)
-        return f"{1e3 * distance:.0f} mm, {math.degrees(turn):.1f} deg from the goal"
-
-    def assembly(self, low: np.ndarray, high: np.ndarray) -> Any:
-        """Torch module from an estimate (B, 7) and the pusher (B, 2) to the state (B, 11); see `Task.assembly`."""
-        from pinwm_drake.tasks.push_assembly import PushAssembly
-
-        return PushAssembly(np.array(self.goal), LENGTH, low, high)
 
 
 def turn_from(q_WO: np.ndarray, q_WB: np.ndarray) -> np.ndarray:
@@ -284,16 +254,16 @@ def turn_from(q_WO: np.ndarray, q_WB: np.ndarray) -> np.ndarray:
     return turn
 
 
-def _from_goal(state: np.ndarray) -> tuple[float, float]:
+def offset_from_goal(state: np.ndarray) -> tuple[float, float]:
     """Distance [m] and turn [rad], 0 to pi, of a state (11,) from the goal; NaN where its components are."""
     x, y, c, s = (float(value) for value in state[:4])
     return LENGTH * math.hypot(x, y), abs(math.atan2(s, c))
 
 
-def _lengths(vectors: np.ndarray) -> np.ndarray:
-    """Lengths (W,) of vectors (W, n); numpy's norm takes three times as long for so few."""
-    lengths: np.ndarray = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
-    return lengths
+def _turned_about_z(q: np.ndarray, turn: np.ndarray | float) -> np.ndarray:
+    """Orientations (4,) or (W, 4) wxyz after turns about the world's z [rad], one or (W,)."""
+    (w, x, y, z), c, s = q.T, np.cos(0.5 * turn), np.sin(0.5 * turn)
+    return np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=-1)
 
 
 def _turned(vectors: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:

@@ -4,21 +4,22 @@ A task is a frozen dataclass whose fields are plain numbers, texts and tuples, s
 policy and in a bundle. It sees W worlds at once.
 """
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
 
 if TYPE_CHECKING:  # it loads torch, which a robot's controller does without
     from pinwm_drake.spatial.poses import Pose
 
 _AXES = ("x", "y", "z")
-_NAME = "name"
+Reward = Literal["paper", "shaped"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class Progress:
 
 
 class Task(ABC):
-    """One task; subclasses are frozen dataclasses that `register` makes known by their names.
+    """One task; subclasses are frozen dataclasses that `registry.register` makes known by their names.
 
     Attributes:
         name: Name of the task, such as "push".
@@ -51,19 +52,6 @@ class Task(ABC):
         state_size: Number of components of `state`.
         state_bound: Largest absolute value of a component of `state`.
         max_steps: Largest number of actions in an episode, unless an environment is told otherwise.
-        scene: Name of a scenario that ships with this task.
-        max_translation: m, longest translation in an action that policies are trained for and controllers are tried
-            with; None for the longest that the pusher's speed allows.
-        training_step: s, step of the physics that policies are trained in; None for that of the scene.
-        heading: Index in the state of the x of the pusher from the object, whose y follows, where the task is the same
-            at any yaw: policies see and act along that way. None where directions of the world matter.
-        level_vectors: Indices in the state of the x of each vector, whose y follows, where there is a heading.
-        algorithm: Name of the algorithm that a teacher learns with: "sac" or "ppo".
-        disturbance: Standard deviation of what training adds to the object's velocities after each action, in shares of
-            them: as far as engines differ, where little things have other outcomes.
-        waypoints: Flag: most episodes of a training begin in states of plans, as chance hardly ever succeeds.
-        manoeuvre: Translations (n, 3) m of the pusher that more or less do the task from a start with the pusher along
-            x from the object: a first guess for the search of such plans, where there are any.
     """
 
     name: ClassVar[str]
@@ -71,15 +59,6 @@ class Task(ABC):
     state_size: ClassVar[int]
     state_bound: ClassVar[float] = 20.0
     max_steps: ClassVar[int] = 100
-    scene: ClassVar[str] = "push_t"
-    max_translation: ClassVar[float | None] = None
-    training_step: ClassVar[float | None] = None
-    heading: ClassVar[int | None] = None
-    level_vectors: ClassVar[tuple[int, ...]] = ()
-    algorithm: ClassVar[str] = "sac"
-    disturbance: ClassVar[float] = 0.0
-    waypoints: ClassVar[bool] = False
-    manoeuvre: ClassVar[tuple[tuple[float, float, float], ...]] = ()
 
     @abstractmethod
     def measure(self, object_state: np.ndarray, p_WP: np.ndarray) -> Progress:
@@ -210,22 +189,6 @@ class Task(ABC):
         """The task with the rewards that a policy learns from."""
         return self
 
-    def changed(self, changes: Mapping[str, Any]) -> "Task":
-        """The task with some fields changed, or another one where the changes name it.
-
-        Args:
-            changes: Fields by name, and "name" where that is another one.
-
-        Raises:
-            ParameterError: There is no such task or field, or a value is of the wrong kind or out of range.
-        """
-        same = changes.get(_NAME, self.name) == self.name
-        return task_from_document({**(self.to_document() if same else {}), **changes})
-
-    def success_words(self) -> str:
-        """Criterion of success in words, for reports."""
-        return f"success in the task {self.name}"
-
     def state_components(self) -> tuple[tuple[str, str], ...]:
         """Meaning and unit of each component of `state`; with the unit "0.1 m" a 1 stands for 0.1 m."""
         return tuple((f"component {k} of the state of the task {self.name}", "1") for k in range(self.state_size))
@@ -239,86 +202,31 @@ class Task(ABC):
         """
         return False
 
-    def estimate_words(self, state: np.ndarray) -> str:
-        """Distance of a state (state_size,) from the goal in words, for displays; empty where there are none."""
-        return ""
-
-    def assembly(self, low: np.ndarray, high: np.ndarray) -> Any:
-        """A torch module from a network's estimate (B, n) and the pusher (B, action_size) to the state (B, state_size).
-
-        Its third argument is a place (B, 2) m on the floor from which the estimated one of the object counts, or None,
-        the fourth, of tasks with a `goal_size`, the episodes' goals (B, goal_size), or None for the task's own.
-        It has `estimate_size`, n, which may be less than `state_size`, as the pusher is known and need not be
-        estimated. None means that the estimate is the state itself.
-
-        Args:
-            low: (action_size,) m, world: lower corner of the pusher's box along `axes`, where its observation is -1.
-            high: (action_size,) m, world: upper corner, where it is 1.
-        """
-        return None
-
     def to_document(self) -> dict[str, Any]:
         """The task as plain data, for YAML and JSON: its name and all fields."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        return {_NAME: self.name} | {key: list(v) if isinstance(v, tuple) else v for key, v in values.items()}
+        return {"name": self.name} | {key: list(v) if isinstance(v, tuple) else v for key, v in values.items()}
 
 
-TaskClass = TypeVar("TaskClass", bound=type[Task])
-_TASKS: dict[str, type[Task]] = {}
-
-
-def register(task: TaskClass) -> TaskClass:
-    """Makes a task known by its name; a class decorator."""
-    _TASKS[task.name] = task
-    return task
-
-
-def default_scene(name: str) -> str:
-    """Name of the scenario that ships with a task.
-
-    Raises:
-        ParameterError: There is no such task.
-    """
-    if name not in _TASKS:
-        raise ParameterError(f"task: got {name!r}; allowed: {', '.join(sorted(_TASKS))}")
-    return _TASKS[name].scene
-
-
-def task_from_document(document: Any) -> Task:
-    """The task that `Task.to_document` described; fields that are left out have their defaults.
+def check_fields(task: Any, finite: Sequence[str], positive: Sequence[str]) -> None:
+    """Checks fields of a task whose `reward` is a `Reward`.
 
     Args:
-        document: A mapping with "name" and any of the fields.
+        task: The task.
+        finite: Names of the fields that are to be finite.
+        positive: Names of those that are to be finite and more than 0.
 
     Raises:
-        ParameterError: There is no such task or field, or a value is of the wrong kind or out of range.
+        ParameterError: One is not, or there is no such reward.
     """
-    if not isinstance(document, Mapping) or document.get(_NAME) not in _TASKS:
-        given = document.get(_NAME) if isinstance(document, Mapping) else document
-        allowed = f"a mapping whose name is one of {', '.join(sorted(_TASKS))}"
-        raise ParameterError(f"task: got {given!r}; allowed: {allowed}")
-    kind = _TASKS[document[_NAME]]
-    known = {field.name: field for field in fields(kind)}  # type: ignore[arg-type]
-    values = {}
-    for name, value in document.items():
-        if name == _NAME:
-            continue
-        if name not in known:
-            raise ParameterError(f"task.{name}: got an unknown key; allowed: {', '.join(known)}")
-        values[name] = _like(f"task.{name}", value, known[name].default)
-    return kind(**values)
+    require("reward", repr(task.reward), task.reward in get_args(Reward), ", ".join(get_args(Reward)))
+    for name in finite:
+        require(name, getattr(task, name), math.isfinite(getattr(task, name)), "a finite number")
+    for name in positive:
+        require(name, getattr(task, name), 0 < getattr(task, name) < math.inf, "more than 0")
 
 
-def _like(name: str, value: Any, default: Any) -> Any:
-    """A value of the kind of a field's default: a number, a text, or a tuple of numbers; raises ParameterError."""
-    if isinstance(default, tuple):
-        if not isinstance(value, list | tuple) or len(value) != len(default):
-            raise ParameterError(f"{name}: got {value!r}; allowed: {len(default)} numbers")
-        return tuple(_like(name, item, part) for item, part in zip(value, default, strict=True))
-    if isinstance(default, str):
-        if not isinstance(value, str):
-            raise ParameterError(f"{name}: got {value!r}; allowed: a text")
-        return value
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ParameterError(f"{name}: got {value!r}; allowed: a number")
-    return type(default)(value)
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """Lengths (W,) of vectors (W, n); numpy's norm takes three times as long for so few."""
+    found: np.ndarray = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    return found

@@ -1,7 +1,11 @@
-"""One push through one engine of the station, until the object rests."""
+"""Pushes through engines of the station, each until the object rests."""
 
+import dataclasses
+import uuid
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
@@ -10,8 +14,10 @@ from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.errors import SolverError
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.parallel import Executor
 from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
+from pinwm_drake.systems.pusher.choice import SPEEDS
 from pinwm_drake.systems.runs.rest import REST_SPEED, REST_TIME, RestCount
 from pinwm_drake.systems.runs.scripted import AddScriptedStation, ScriptedStation
 from pinwm_drake.systems.scenario.setup import Setup
@@ -25,6 +31,8 @@ SEPARATED, STICKING, SLIDING = 0, 1, 2
 MODES = ("separated", "sticking", "sliding")
 PAIRS = (FLOOR_PAIR, PUSHER_PAIR)
 _SLOW = 2e-3  # m/s, between the surfaces, up to which they stick
+Cases = dict[str, Setup]
+"""Setups of stations, by the engine's name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,22 +66,6 @@ class Motion:
     failure: str
 
 
-class _Row(NamedTuple):
-    """Sample of a `Motion` at one time, and an upper bound of the speed of the object's fastest point, m/s."""
-
-    p_WO: np.ndarray
-    q_WO: np.ndarray
-    p_WP: np.ndarray
-    kinetic: float
-    height: float
-    floor: int
-    pusher: int
-    speed: float
-
-
-_UNTOUCHED = _Row(np.zeros(3), np.zeros(4), np.zeros(3), 0.0, 0.0, SEPARATED, SEPARATED, 0.0)
-
-
 class SceneRig(ScriptedStation):
     """A station with a scripted pusher: push after push through one engine.
 
@@ -105,20 +97,17 @@ class SceneRig(ScriptedStation):
         period, push = self.setup.period, trial.push
         stop, rest = int(np.ceil(push.end_time / period)), RestCount(int(np.ceil(REST_TIME / period)))
         times = period * np.arange(stop + int(self._patience(push.speed) / period))
-        rows, failure = [_UNTOUCHED], ""
+        rows: list[dict[str, Any]] = []
+        failure = ""
         self.begin(Place(trial.X_WO, push.p_WP), push)
         try:
             for k in self.advance_to(times):
-                rows.append(self._sample(rows[-1]))
-                if rest.add(k >= stop and rows[-1].speed < REST_SPEED):
+                rows.append(self._sample(rows[-1] if rows else {}))
+                if rest.add(k >= stop and rows[-1]["speed"] < REST_SPEED):
                     break
         except (SolverError, RuntimeError) as error:
             failure = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
-        del rows[0]
-        columns: dict[str, Any] = {
-            name: np.array(column) for name, column in zip(_Row._fields, zip(*rows, strict=True), strict=True)
-        }
-        del columns["speed"]
+        columns: dict[str, Any] = {name: np.array([row[name] for row in rows]) for name in rows[0] if name != "speed"}
         t = period * np.arange(len(rows))
         first = len(rows) - rest.slow if rest.at_rest else None
         return Motion(t=t, **columns, stop=min(stop, len(rows) - 1), rest=first, failure=failure)
@@ -128,7 +117,8 @@ class SceneRig(ScriptedStation):
         friction = self.setup.twin.theta["friction_floor"].value
         return min(REST_TIME + 0.5 + _PATIENCE * speed / max(friction * self.setup.twin.gravity, 1e-3), _LONGEST)
 
-    def _sample(self, before: _Row) -> _Row:
+    def _sample(self, before: dict[str, Any]) -> dict[str, Any]:
+        """Row of a `Motion` now, and an upper bound of the speed of the object's fastest point, m/s."""
         state, pusher = self.evaluate("object_state"), self.evaluate("pusher_state")
         q_WO, p_WO, w_WO, v_WO = state[:4] / np.linalg.norm(state[:4]), state[4:7], state[7:10], state[10:13]
         R_WO = RotationMatrix(Quaternion(wxyz=q_WO)).matrix()
@@ -138,17 +128,17 @@ class SceneRig(ScriptedStation):
             floor, touching = contact_modes(self.evaluate("contact_forces"), state, pusher[3:])
         except SolverError:
             # No shorter step has a solution either: the next update will say so.
-            floor, touching = before.floor, before.pusher
-        return _Row(
-            p_WO=p_WO,
-            q_WO=q_WO,
-            p_WP=pusher[:3],
-            kinetic=0.5 * (self._mass * v_WB @ v_WB + w_O @ self._inertia @ w_O),
-            height=float((p_WO + arm)[2]),
-            floor=floor,
-            pusher=touching,
-            speed=float(np.linalg.norm(v_WB) + self._reach * np.linalg.norm(w_WO)),
-        )
+            floor, touching = before.get("floor", SEPARATED), before.get("pusher", SEPARATED)
+        return {
+            "p_WO": p_WO,
+            "q_WO": q_WO,
+            "p_WP": pusher[:3],
+            "kinetic": 0.5 * (self._mass * v_WB @ v_WB + w_O @ self._inertia @ w_O),
+            "height": float((p_WO + arm)[2]),
+            "floor": floor,
+            "pusher": touching,
+            "speed": float(np.linalg.norm(v_WB) + self._reach * np.linalg.norm(w_WO)),
+        }
 
 
 def contact_modes(forces: ContactForces, object_state: np.ndarray, v_WP: np.ndarray) -> tuple[int, int]:
@@ -175,3 +165,49 @@ def _mode(forces: ContactForces, pair: str, p_WO: np.ndarray, w_WO: np.ndarray, 
         return SEPARATED
     speeds = np.linalg.norm(v_W + np.cross(w_WO, forces.p_WC[mine] - p_WO), axis=1)
     return STICKING if np.average(speeds, weights=weights) <= _SLOW else SLIDING
+
+
+def unlimited(setup: Setup) -> Setup:
+    """The setup with one world, and a pusher that may go wherever it is told."""
+    far = 1e2
+    pusher = dataclasses.replace(
+        setup.scenario.pusher, max_speed=4 * SPEEDS[1], low=[-far, -far, -far], high=[far, far, far]
+    )
+    return dataclasses.replace(setup, scenario=dataclasses.replace(setup.scenario, num_worlds=1, pusher=pusher))
+
+
+_rigs: dict[str, dict[str, SceneRig]] = {}  # of a process: those of the last call, by its name and the engine
+
+
+def run_trials(
+    cases: Cases, trials: Sequence[Trial], *, processes: int = 1, report: Callable[[], None] = lambda: None
+) -> list[dict[str, Motion]]:
+    """Runs every push in every engine.
+
+    Args:
+        cases: Setups by the engine's name.
+        trials: The pushes.
+        processes: Number of processes that share the pushes, 1 or more; with one thread each. Results do not depend on
+            it.
+        report: Called after each push.
+
+    Returns:
+        For each push the motion in each engine, in the order of the trials.
+
+    Raises:
+        PinwmError: A station cannot be made.
+    """
+    # Cases cannot be compared, so that each call has a name of its own.
+    run = partial(_run, uuid.uuid4().hex, cases)
+    try:
+        return Executor(workers=processes, option="--processes").map(run, trials, on_result=lambda *_: report())
+    finally:
+        _rigs.clear()
+
+
+def _run(name: str, cases: Cases, trial: Trial) -> dict[str, Motion]:
+    """A push through every engine, whose stations are made for the first one and kept."""
+    if name not in _rigs:
+        _rigs.clear()
+        _rigs[name] = {engine: SceneRig(setup, engine) for engine, setup in cases.items()}
+    return {engine: rig.run(trial) for engine, rig in _rigs[name].items()}

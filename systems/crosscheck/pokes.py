@@ -6,19 +6,20 @@ that only few engines come to is wrong as far as anyone can tell.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
+from rich.table import Table
 
 from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.scene import resting_height
-from pinwm_drake.systems.crosscheck.crosscheck import CrossCheckOptions, run_trials, unlimited
 from pinwm_drake.systems.crosscheck.difference import angles_between
 from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
 from pinwm_drake.systems.crosscheck.trials import Trial
@@ -74,6 +75,18 @@ class PokeCheck:
         near = all(one.translation[0] <= _TRANSLATION and one.rotation[0] <= _ROTATION for one in others)
         return near and twin.other_face + twin.failed <= _SHARE * len(self.trials)
 
+    def table(self) -> Table | None:
+        """Table of the differences: None, as the lines of `words` tell all."""
+        return None
+
+    def results(self) -> list[tuple[bool, str]]:
+        """Verdict on the twin."""
+        return [(self.passed, "twin")]
+
+    def write(self, out: Path, setup: Setup, title: str) -> list[Path]:
+        """Files of the check: there are none."""
+        return []
+
     def words(self) -> list[str]:
         """Lines, one for each engine."""
         lines = []
@@ -86,25 +99,6 @@ class PokeCheck:
                 )
             lines.append(line + (f"; gave up in {one.failed}" if one.failed else ""))
         return lines
-
-
-def poke_check(setup: Setup, options: CrossCheckOptions, *, report: Callable[[], None] = lambda: None) -> PokeCheck:
-    """Compares the motions of an object that is poked in the twin and in plants, from the same states.
-
-    Args:
-        setup: The scene of the twin. Limits of its pusher, and the number of its worlds, do not count.
-        options: Engines, number of pokes, seed and processes.
-        report: Called after each poke.
-
-    Raises:
-        ParameterError: The pusher cannot meet a side of the object, or no poke tips it.
-        InputError: A mesh cannot be used.
-    """
-    setup = unlimited(setup)
-    trials = draw_pokes(setup, options.pushes, options.seed)
-    cases = {"twin": setup, **dict.fromkeys(options.engines, setup)}
-    motions = run_trials(cases, trials, processes=options.processes, report=report)
-    return PokeCheck(trials, motions, judge(motions))
 
 
 def draw_pokes(setup: Setup, number: int, seed: int) -> list[Trial]:
@@ -141,9 +135,9 @@ def judge(motions: Sequence[dict[str, Motion]]) -> list[PokeVerdict]:
     verdicts = []
     for engine in motions[0]:
         done = [one for one in motions if not one[engine].failure and not one["twin"].failure]
-        pairs = [(_stopped(one["twin"]), _stopped(one[engine])) for one in done]
-        ways = np.array([np.linalg.norm(mine[0] - other[0]) for mine, other in pairs])
-        turns = np.array([float(angles_between(mine[1], other[1])) for mine, other in pairs])
+        pairs = [(one["twin"], one[engine]) for one in done]
+        ways = np.array([np.linalg.norm(a.p_WO[a.stop] - b.p_WO[b.stop]) for a, b in pairs])
+        turns = np.array([float(angles_between(a.q_WO[a.stop], b.q_WO[b.stop])) for a, b in pairs])
         verdicts.append(
             PokeVerdict(
                 engine,
@@ -179,11 +173,6 @@ def _tilt(motion: Motion) -> float:
 def _up(q_WO: np.ndarray) -> np.ndarray:
     """The world's z (3,) in the object's axes."""
     return np.asarray(RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO))).matrix()[2])
-
-
-def _stopped(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Position (3,) [m] and orientation (4,) of the object when the pusher has stopped."""
-    return motion.p_WO[motion.stop], motion.q_WO[motion.stop]
 
 
 def _is_other(motions: dict[str, Motion], engine: str) -> bool:

@@ -1,6 +1,6 @@
 """Random pushes that tell about friction: after each, the object slides on by itself."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -73,9 +73,5 @@ def draw_trials(setup: Setup, reference: Setup, number: int, seed: int) -> list[
             speed=speed * generator.uniform(*_VARIATION),
             distance=generator.uniform(*_DISTANCES),
         )
-        trials.append(Trial(X_WO, _delayed(push)))
+        trials.append(Trial(X_WO, replace(push, delay=_DELAY)))
     return trials
-
-
-def _delayed(push: StraightPush) -> StraightPush:
-    return StraightPush(push.p_WP, push.direction_W, push.speed, push.distance, push.acceleration, _DELAY)

@@ -12,6 +12,7 @@ from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.envs.observation import Kind
 from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario.setup import Setup, placed_task
+from pinwm_drake.tasks.registry import changed_task
 from pinwm_drake.tasks.task import Task
 
 _ROUNDING = 1e-9  # relative, by which a translation may exceed the allowed one
@@ -63,8 +64,7 @@ class EnvOptions:
         Raises:
             ParameterError: There is no such task or field, or a value is out of range.
         """
-        task = self.task if isinstance(self.task, Task) else setup.task.changed(self.task or {})
-        return placed_task(task, setup.scenario, setup.twin)
+        return placed_task(changed_task(setup.task, self.task), setup.scenario, setup.twin)
 
 
 def environment_setup(setup: Setup, options: EnvOptions | None = None, *, num_worlds: int = 1) -> Setup:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from pinwm_drake.systems.envs.env import TaskEnv, changed_options
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup, longest_translation
 from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.tasks.task import Task, default_scene
+from pinwm_drake.tasks.registry import changed_task, recipe_of
 
 # Largest distances of a scene's camera from the policy's: an identified floor lies within a millimetre of the true one.
 _OFF, _TURNED = 2e-3, 5e-3  # m, rad
@@ -100,7 +100,7 @@ def scene_spec(setup: Setup, camera: CameraSpec | None = None) -> SceneSpec:
 def usual_scene(spec: PolicySpec) -> str:
     """Name of the scenario that ships for a policy's task and object, or for its task where none is of the object."""
     name = "" if spec.scene is None else f"{spec.task.name}_{spec.scene.object.name}"
-    return name if name in shipped_scenarios() else default_scene(spec.task.name)
+    return name if name in shipped_scenarios() else recipe_of(spec.task).scene
 
 
 def spec_environment(
@@ -128,11 +128,10 @@ def spec_environment(
     camera = spec.camera
     if camera.width != camera.height:
         raise ParameterError(f"camera: got {camera.width} by {camera.height} px; allowed: as wide as high")
-    wanted: Task | Mapping[str, Any] | None = changes.pop("task", None)
     options = EnvOptions(
         observation="state" if spec.observes == "state" else "rgb",
         frames=spec.frames,
-        task=wanted if isinstance(wanted, Task) else spec.task.changed(wanted or {}),
+        task=changed_task(spec.task, changes.pop("task", None)),
         max_steps=spec.max_steps,
         max_translation=spec.max_translation,
         image_size=camera.width,

@@ -19,6 +19,7 @@ from pinwm_drake.systems.envs.policy_scene import policy_spec
 from pinwm_drake.systems.envs.vector import TaskVecEnv
 from pinwm_drake.systems.scenario.load import Scene, load_setup, scene_hash
 from pinwm_drake.systems.scenario.start import with_start_yaw
+from pinwm_drake.tasks.registry import recipe_of
 from pinwm_drake.tasks.waypoints import Waypoints
 
 _OPTIONS = EnvOptions(frames=3, image_size=64)
@@ -113,11 +114,11 @@ class TrainingWorlds:
             ParameterError: An option is out of range.
         """
         loaded, options = load_setup(scene), options or training_options()
-        task = options.task_in(loaded)
+        recipe = recipe_of(options.task_in(loaded))
         self.options = dataclasses.replace(
             options,
-            max_translation=options.max_translation or task.max_translation,
-            time_step=options.time_step or task.training_step,
+            max_translation=options.max_translation or recipe.max_translation,
+            time_step=options.time_step or recipe.training_step,
         )
         setup = environment_setup(loaded, self.options)
         if yaw is not None:
@@ -133,7 +134,7 @@ class TrainingWorlds:
             "task": setup.task.to_document(),
             **domains.about(),
             "start_yaw": list(setup.scenario.start.yaw),
-            "disturbance": setup.task.disturbance,
+            "disturbance": recipe.disturbance,
             "latency": list(self.options.latency),
             "view": list(self.options.view),
         }
@@ -148,7 +149,7 @@ class TrainingWorlds:
         task = self.setup.task.for_training()
         options = dataclasses.replace(self.options, observation=observation, task=task)
         env = TaskVecEnv(self.setup, self._num_worlds, options, domain=self.pool)
-        env.worlds.waypoints, env.worlds.disturbance = self.waypoints, task.disturbance
+        env.worlds.waypoints, env.worlds.disturbance = self.waypoints, recipe_of(task).disturbance
         return env
 
     def worlds(self, observation: Kind) -> VecEnv:

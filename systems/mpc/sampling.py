@@ -6,18 +6,19 @@ Source: cross-entropy method with elites that are kept, noise that is correlated
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from pydrake.math import RotationMatrix
 
-from pinwm_drake.errors import ParameterError, require
+from pinwm_drake.errors import require
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.worlds import Advance, Worlds
+from pinwm_drake.systems.mpc.acting import MpcPolicy
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
+from pinwm_drake.tasks.registry import recipe_of
 from pinwm_drake.tasks.task import Task
 
 _MANOEUVRES = 0.5  # share of a first round's sequences that are like the task's manoeuvre
@@ -91,8 +92,11 @@ class ActionPlan:
     success: bool
 
 
-class SamplingMpc:
-    """Planner of a task by sequences of actions that are tried in the twin's worlds.
+class SamplingMpc(MpcPolicy[ActionPlan]):
+    """Planner of a task by sequences of actions that are tried in the twin's worlds, and a policy.
+
+    What it draws as a policy follows from its seed and the observation, so that an episode repeats in whatever world,
+    after whatever others.
 
     Attributes:
         worlds: The twin's worlds, one for each sample.
@@ -120,16 +124,28 @@ class SamplingMpc:
             ParameterError: The translation is not positive or longer than the pusher's speed allows.
         """
         self.options = options or SamplingOptions()
-        task = (setup.task if task is None else task).for_training()
+        task = setup.task if task is None else task
+        self._recipe = recipe_of(task)
         settings = EnvOptions(
-            task=task, max_translation=max_translation, max_steps=self.options.horizon, time_step=task.training_step
+            task=task.for_training(),
+            max_translation=max_translation,
+            max_steps=self.options.horizon,
+            time_step=self._recipe.training_step,
         )
         self.worlds = Worlds(setup, "twin", self.options.samples, settings)
         self.task = self.worlds.task
         self._random = np.random.default_rng(self.options.seed)
-        self._manoeuvre = self._as_actions(self.task.manoeuvre)
+        self._manoeuvre = self._as_actions(self._recipe.manoeuvre)
         place = StartDistribution(self.worlds.setup).middle()
         self._usual = place.object_state, place.p_WP
+
+    def act(self, row: np.ndarray, last: ActionPlan | None) -> tuple[ActionPlan, np.ndarray]:
+        """Plan of one world, and its first action; see `MpcPolicy.act`."""
+        object_state, p_WP = self.task.object_state(row[None])
+        digest = hashlib.blake2b(row.tobytes(), digest_size=16).digest()
+        self.reseed([self.options.seed, int.from_bytes(digest, "little")])
+        plan = self.plan(object_state[0], p_WP[0], last)
+        return plan, plan.actions[0]
 
     def plan(
         self,
@@ -197,7 +213,7 @@ class SamplingMpc:
             p_WP: (3,) m, world: position of the pusher.
         """
         away = p_WP - object_state[4:7]
-        yaw = 0.0 if self.task.heading is None else math.atan2(away[1], away[0])
+        yaw = 0.0 if self._recipe.heading is None else math.atan2(away[1], away[0])
         axes = self.task.axis_indices
         return np.asarray(RotationMatrix.MakeZRotation(yaw).matrix()[np.ix_(axes, axes)])
 
@@ -248,56 +264,3 @@ def carried_out(worlds: Worlds, actions: np.ndarray) -> Iterator[tuple[np.ndarra
         going[list(out.failures)] = False
         if not going.any():
             return
-
-
-class SamplingMpcPolicy:
-    """Policy of any task that plans from the observation `state`, with the signature of SB3's `predict`.
-
-    It hands its plans out as the policy's state and takes them back with the next observation. What it draws follows
-    from the planner's seed and the observation, so that an episode repeats in whatever world, after whatever others.
-
-    Attributes:
-        planner: Planner of the actions.
-    """
-
-    def __init__(
-        self,
-        setup: Setup,
-        task: Task | None = None,
-        max_translation: float | None = None,
-        options: SamplingOptions | None = None,
-    ) -> None:
-        self.planner = SamplingMpc(setup, task, max_translation, options)
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, tuple[ActionPlan | None, ...]]:
-        """Actions (n,) or (W, n) in [-1, 1]^n, and the plans behind them.
-
-        Args:
-            observation: The task's state, (state_size,) or (W, state_size), or a dict that has it under `state`.
-            state: The plans that came back last; None to plan anew.
-            episode_start: (W,) bool, true where an episode begins: plans before it are dropped.
-            deterministic: Not used.
-
-        Raises:
-            ParameterError: The observation has no state.
-        """
-        task = self.planner.task
-        seen = observation.get("state") if isinstance(observation, Mapping) else observation
-        rows = np.asarray(seen if seen is not None else np.zeros(0), float)
-        if rows.ndim not in (1, 2) or rows.shape[-1] != task.state_size:
-            raise ParameterError(f"observation: got {np.shape(rows)}; allowed: `state`, {task.state_size} numbers")
-        worlds = np.atleast_2d(rows)
-        plans: list[ActionPlan | None] = list(state) if state is not None else [None] * len(worlds)
-        begins = np.broadcast_to(np.asarray(False if episode_start is None else episode_start, bool), len(worlds))
-        made: list[ActionPlan | None] = []
-        for row, plan, begin in zip(worlds, plans, begins, strict=True):
-            object_state, p_WP = task.object_state(row[None])
-            digest = hashlib.blake2b(row.tobytes(), digest_size=16).digest()
-            self.planner.reseed([self.planner.options.seed, int.from_bytes(digest, "little")])
-            fine = bool(np.isfinite(row).all())
-            made.append(self.planner.plan(object_state[0], p_WP[0], None if begin else plan) if fine else None)
-        actions = np.array([np.zeros(task.action_size) if plan is None else plan.actions[0] for plan in made])
-        actions = actions.astype(np.float32)
-        return (actions[0] if rows.ndim == 1 else actions), tuple(made)

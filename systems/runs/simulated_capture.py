@@ -40,9 +40,8 @@ from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import on_floor
 from pinwm_drake.systems.scenario.viewpoints import around, framed
-from pinwm_drake.tasks.flip import FlipTask
-from pinwm_drake.tasks.push import PushTask
-from pinwm_drake.tasks.task import default_scene
+from pinwm_drake.tasks import DEFAULT_TASK
+from pinwm_drake.tasks.registry import recipe_of, task_names
 from pinwm_drake.twin.rollout import twin_parameters, twin_scene
 
 CaptureProgress = Callable[[str, float, str], None]
@@ -57,8 +56,7 @@ _SPEEDS = (0.12, 0.4)  # m/s, of a push whose speed is not given
 _ANY_SPEED = (0.05, 0.3)  # m/s, of one in a realistic capture
 _FROM_ORIGIN = 0.02  # m, of the object at first, along x and y
 _RECORD_RATE = 240.0  # Hz, the lowest of the pusher's log
-_TASKS = (PushTask.name, FlipTask.name)
-_LYING = ("mug", "mug_handle")
+_LYING = {"mug": "flip_mug", "mug_handle": "flip_mug_handle"}  # scenarios in which objects lie on their side
 _LONGEST_STEP = 1 / 3800  # s
 _BOUNCING_STEPS = 2  # times more of them where an impact of some 3 ms is to keep its energy
 
@@ -89,14 +87,14 @@ class SimulateOptions:
     lying: bool
     supersampling: int
     realistic: bool = False
-    task: str = PushTask.name
+    task: str = DEFAULT_TASK
     forces: bool = False
     stand_in: bool = False
     rise: tuple[float, float] = RISES
 
     def __post_init__(self) -> None:
         """Checks them; those of the scenario within its bounds."""
-        require("--task", self.task, self.task in _TASKS, ", ".join(_TASKS))
+        require("--task", self.task, self.task in task_names(), ", ".join(task_names()))
         require("--object", self.object_name, self.object_name in OBJECT_NAMES, ", ".join(OBJECT_NAMES))
         require("--lying", self.lying, not self.lying or self.object_name in _LYING, "with a mug only")
         _require_quantity("--friction", self.friction, Theta, "friction_floor")
@@ -125,7 +123,7 @@ class SimulateOptions:
     @property
     def pokes(self) -> bool:
         """Flag: the object is poked, so that it slides and rocks, and not pushed."""
-        return self.task == FlipTask.name
+        return recipe_of(self.task).motion == "poke"
 
     @property
     def push_speed(self) -> float:
@@ -194,7 +192,7 @@ class _Capture:
         R_WO = self._first_turn()
         station = StandIn() if options.stand_in else None
         # A station has one camera, by which its policies see: where it is believed to be, and where it is.
-        self.X_WC_believed = None if station is None else load_setup(default_scene(options.task)).X_WC
+        self.X_WC_believed = None if station is None else load_setup(recipe_of(options.task).scene).X_WC
         self.X_WC_fixed = None if station is None else station.camera(self.X_WC_believed)
         if options.in_a_lab:
             setup = _uneven_setup(setup, R_WO, options, station, models)
@@ -255,7 +253,7 @@ class _Capture:
         R_WO = RotationMatrix.MakeZRotation(self.generator.uniform(-math.pi, math.pi))
         options = self.options
         if options.lying or (options.pokes and options.object_name in _LYING):
-            lying = load_setup(f"{FlipTask.name}_{options.object_name}").scenario.start.q_WO
+            lying = load_setup(_LYING[options.object_name]).scenario.start.q_WO
             R_WO = R_WO @ RotationMatrix(Quaternion(np.array(lying) / np.linalg.norm(lying)))
         return R_WO
 
@@ -270,7 +268,8 @@ class _Capture:
         folder = self.folder / "static"
         (folder / "images").mkdir(parents=True)
         turn = self.generator.uniform(0, 2 * math.pi)
-        distance = _reach(self.mesh.vertices) / (1 - _STATIC_MARGIN) / math.sin(0.5 * _FIELD_OF_VIEW)
+        reach = float(np.linalg.norm(self.mesh.vertices, axis=1).max())
+        distance = reach / (1 - _STATIC_MARGIN) / math.sin(0.5 * _FIELD_OF_VIEW)
         viewpoints = around(self.X_WO.translation(), distance, self.options.static_views, turn)
         if self.lab is None:
             pictures = self.recorder.pictures([self.X_WO] * len(viewpoints), viewpoints)
@@ -279,7 +278,7 @@ class _Capture:
         frames = []
         for k, (X_WC, picture) in enumerate(zip(viewpoints, pictures, strict=True)):
             name = f"images/{k:05d}.png"
-            _write_image(folder / name, picture)
+            Image.fromarray(picture).save(folder / name)
             if self.lab is not None:
                 realism = self.lab.realism
                 X_WC = moved_camera(X_WC, realism.static_place, realism.static_turn, self.mistakes)
@@ -289,10 +288,8 @@ class _Capture:
 
     def _write_episode(self, number: int, advance: Callable[[], None]) -> None:
         options, generator = self.options, np.random.default_rng([self.options.seed, 1, number])
-        p_WO, mesh_W = self.X_WO.translation(), self.mesh.copy()
-        mesh_W.apply_transform(self.X_WO.GetAsMatrix4())
-        draw = self._poke if options.pokes else self._push
-        push, recording = draw(mesh_W, p_WO, generator)
+        draw = {"push": self._push, "poke": self._poke}[recipe_of(options.task).motion]
+        push, recording = draw(generator)
         side = generator.choice([-1, 1]) * generator.uniform(math.radians(40), math.radians(110))
         angle, level = math.atan2(push.direction_W[1], push.direction_W[0]) + side, generator.uniform(0.6, 0.8)
         flat = math.sqrt(1 - level**2)
@@ -308,7 +305,7 @@ class _Capture:
         else:
             pictures = self.lab.film(log.t, recording.logged, log.p_WP, recording.t, X_WC)
         for name, picture in zip(names, pictures, strict=True):
-            _write_image(folder / name, picture)
+            Image.fromarray(picture).save(folder / name)
             advance()
         if self.lab is not None:
             realism = self.lab.realism
@@ -317,11 +314,10 @@ class _Capture:
             log = late_log(log, self.mistakes.uniform(-realism.clock, realism.clock), MARGIN)
         write_episode_tables(folder, self.camera, to_pose(X_WC), names, recording.t, log, recording.object_poses)
 
-    def _push(
-        self, mesh_W: trimesh.Trimesh, p_WO: np.ndarray, generator: np.random.Generator
-    ) -> tuple[StraightPush, Recording]:
+    def _push(self, generator: np.random.Generator) -> tuple[StraightPush, Recording]:
         """A random push of the object at rest, and what came of it."""
-        options = self.options
+        options, p_WO, mesh_W = self.options, self.X_WO.translation(), self.mesh.copy()
+        mesh_W.apply_transform(self.X_WO.GetAsMatrix4())
         speed = options.push_speed * generator.uniform(0.85, 1.15)
         if options.in_a_lab and options.speed is None:
             # A lab does not know the friction when it chooses a speed.
@@ -337,9 +333,7 @@ class _Capture:
         )
         return push, self.recorder.push(self.X_WO, push, options.frames)
 
-    def _poke(
-        self, mesh_W: trimesh.Trimesh, p_WO: np.ndarray, generator: np.random.Generator
-    ) -> tuple[StraightPush, Recording]:
+    def _poke(self, generator: np.random.Generator) -> tuple[StraightPush, Recording]:
         """A random poke that rocks the object at rest, and what came of it."""
         given = self.options.speed
         speeds = SPEEDS if given is None else (0.85 * given, 1.15 * given)
@@ -362,19 +356,10 @@ def _uneven_setup(
     )
 
 
-def _reach(vertices: np.ndarray) -> float:
-    """Distance of the farthest corner from the origin, m."""
-    return float(np.linalg.norm(vertices, axis=1).max())
-
-
 def to_pose(X: RigidTransform) -> Pose:
     """Drake's pose as this project's own: q (4,) wxyz, p (3,) [m], float64."""
     q = torch.tensor(X.rotation().ToQuaternion().wxyz(), dtype=torch.float64)
     return Pose(q, torch.tensor(X.translation(), dtype=torch.float64))
-
-
-def _write_image(path: Path, picture: np.ndarray) -> None:
-    Image.fromarray(picture).save(path)
 
 
 def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:

@@ -16,13 +16,14 @@ from pinwm_drake.models import PACKAGE_NAME, SCENARIO_SUFFIX, object_model, ship
 from pinwm_drake.systems.scenario.schema import LOCAL, MEMORY, Scenario, load_scenario
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import level_height
+from pinwm_drake.tasks import DEFAULT_TASK
+from pinwm_drake.tasks.registry import recipe_of
 from pinwm_drake.twin.origin import Origin
 from pinwm_drake.twin.read import read_twin
 from pinwm_drake.twin.twin import Twin
 
 Scene: TypeAlias = Setup | Scenario | str | Path
 _FOLDER = "scenarios/"
-_USUAL = "push_t"  # the scene in which a twin without a scenario stands
 _LARGE = 1.2  # times as large as that scene's own object, from which on the camera is moved away
 
 
@@ -108,7 +109,7 @@ def scene_hash(setup: Setup) -> str:
 
 def _twin_scenario(folder: str) -> Scenario:
     """Scenario of the usual scene, with a twin in the place of the object; see `load_setup`."""
-    usual, twin = load_scenario(scenario_path(_USUAL)), read_twin(Path(folder))
+    usual, twin = load_scenario(scenario_path(recipe_of(DEFAULT_TASK).scene)), read_twin(Path(folder))
     floor = np.array([0.0, 0.0, twin.floor_height])
     size = _reach(twin.mesh_path) / _reach(object_model(str(usual.object)).mesh_path)
     size = size if size > _LARGE else 1.0

@@ -14,7 +14,8 @@ from pinwm_drake.capture.scene import PusherKind
 from pinwm_drake.documents import LONGEST_TEXT, ROUND_CONE, Entry, read_yaml
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.models import OBJECT_NAMES, resolve
-from pinwm_drake.tasks.task import task_from_document
+from pinwm_drake.tasks import DEFAULT_TASK
+from pinwm_drake.tasks.registry import task_from_document
 from pinwm_drake.validation import Refusal, first_problem, place
 
 Engine = Literal["twin", "hydroelastic", "point"]
@@ -321,12 +322,12 @@ class Scenario(_Checked):
     """
 
     units: Units = field(default_factory=Units)
-    name: _Text = "push"
+    name: _Text = DEFAULT_TASK
     object: Annotated[str, _where(OBJECT_NAMES.__contains__, ", ".join(OBJECT_NAMES))] | None = None
     twin: _Text | None = None
     engine: Engine = "twin"
     theta: Theta | None = None
-    task: Annotated[dict[str, Any], PlainValidator(_known)] = field(default_factory=lambda: {"name": "push"})
+    task: Annotated[dict[str, Any], PlainValidator(_known)] = field(default_factory=lambda: {"name": DEFAULT_TASK})
     pusher: Pusher = field(default_factory=Pusher)
     physics: Physics = field(default_factory=Physics)
     plant: Plant = field(default_factory=Plant)

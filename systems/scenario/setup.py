@@ -19,7 +19,8 @@ from pinwm_drake.rendering.painted import painted_surfels
 from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario.schema import Scenario, Theta, check_scenario
 from pinwm_drake.systems.scenario.viewpoints import look_at
-from pinwm_drake.tasks.task import Task, task_from_document
+from pinwm_drake.tasks.registry import task_from_document
+from pinwm_drake.tasks.task import Task
 from pinwm_drake.twin.read import read_twin
 from pinwm_drake.twin.twin import THETA, Estimate, Twin
 

@@ -20,7 +20,8 @@ from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.policy_scene import policy_spec
 from pinwm_drake.systems.scenario.load import load_setup
-from pinwm_drake.tasks.task import Progress, Task, register
+from pinwm_drake.tasks.registry import register
+from pinwm_drake.tasks.task import Progress, Task
 
 
 @register

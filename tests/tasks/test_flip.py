@@ -9,7 +9,8 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.tasks.flip import FlipTask
 from pinwm_drake.tasks.push import PushTask
-from pinwm_drake.tasks.task import task_from_document
+from pinwm_drake.tasks.recipes.flip import FLIP
+from pinwm_drake.tasks.registry import task_from_document
 
 UP, SIDE = (0.0, 0.6, -0.8), (1.0, 0.2, 0.1)
 CUBE = 0.03 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -123,7 +124,7 @@ def test_what_a_network_estimates_makes_the_state(side):
     task, low, high = FlipTask(up=UP, side=side, height=0.05), np.array([-0.4, -0.3, 0.01]), np.array([0.3, 0.3, 0.3])
     states, p_WP = rows(5)
     state = task.state(states, p_WP)
-    module = task.assembly(low, high)
+    module = FLIP.assembly(task, low, high)
     estimate = state[:, : module.estimate_size].copy()
     estimate[:, 3:6] *= 3.0
     pusher = 2.0 * (p_WP - low) / (high - low) - 1.0
@@ -136,7 +137,7 @@ def test_nearness_by_a_state_is_that_of_the_axis():
     for tilt, near in ((0.19, True), (0.21, False), (math.pi, False)):
         state = task.state(np.array([lying(tilt=tilt, turn=1.0)]), np.zeros((1, 3)))[0]
         assert task.near_goal(state) is near
-        assert task.estimate_words(state) == f"{math.degrees(tilt):.0f} deg from upright"
+        assert FLIP.estimate_words(task, state) == f"{math.degrees(tilt):.0f} deg from upright"
     assert not task.near_goal(np.full(18, np.nan))
 
 

@@ -7,7 +7,8 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.tasks.flip import FlipTask
 from pinwm_drake.tasks.push import PushTask
-from pinwm_drake.tasks.task import task_from_document
+from pinwm_drake.tasks.recipes.push import PUSH
+from pinwm_drake.tasks.registry import task_from_document
 
 LOW, HIGH = np.array([-0.3, -0.2]), np.array([0.4, 0.35])
 TASK = PushTask(goal=(0.02, -0.03, 0.4), q_WO=(0.8, 0.6, 0.0, 0.0), goal_range=(0.1, 0.1, np.pi))
@@ -70,7 +71,7 @@ def test_progress_and_state_are_those_of_a_task_with_that_goal_alone():
 
 def test_the_estimate_of_an_object_in_the_world_is_told_from_any_goal():
     object_state, p_WP, goals = poses(np.random.default_rng(2), 20)
-    assembly = TASK.assembly(LOW, HIGH)
+    assembly = PUSH.assembly(TASK, LOW, HIGH)
     own = TASK.with_goal(np.array(TASK.goal))
     estimate = torch.from_numpy(own.state(object_state, p_WP)[:, :7])
     pusher = torch.from_numpy((2.0 * (p_WP[:, :2] - LOW) / (HIGH - LOW) - 1.0).astype(np.float32))

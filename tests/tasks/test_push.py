@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.tasks.push import PushTask
+from pinwm_drake.tasks.recipes.push import PUSH
 
 
 def row(x=0.0, y=0.0, yaw=0.0, roll=0.0, speed=0.0, turn=0.0):
@@ -121,7 +122,7 @@ def test_nearness_by_a_state_is_that_of_the_pose(x, y, yaw, near):
     state = task.state(np.array([row(moved[0], moved[1], 0.5 + yaw, speed=0.1)]), np.array([[0.0, 0.3, 0.025]]))[0]
     assert task.near_goal(state) is near  # at any speed
     turned = f"{abs(math.degrees(yaw)):.1f}"
-    assert task.estimate_words(state) == f"{1e3 * math.hypot(x, y):.0f} mm, {turned} deg from the goal"
+    assert PUSH.estimate_words(task, state) == f"{1e3 * math.hypot(x, y):.0f} mm, {turned} deg from the goal"
 
 
 def test_a_state_that_is_no_number_is_not_near():

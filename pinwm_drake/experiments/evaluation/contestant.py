@@ -23,8 +23,8 @@ from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.scenario.load import load_setup, scene_hash
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import with_start_yaw
-from pinwm_drake.tasks.push import PushTask
-from pinwm_drake.tasks.task import default_scene
+from pinwm_drake.tasks import DEFAULT_TASK
+from pinwm_drake.tasks.registry import recipe_of
 
 
 class RandomActions:
@@ -111,16 +111,14 @@ def usual_scene(policy: str, task: str | None) -> str:
 
     Args:
         policy: The contestant, as `EvaluateRequest` has it.
-        task: Name of the task of "mpc" and "random"; None for push.
+        task: Name of the task of "mpc" and "random"; None for the default one.
 
     Raises:
         InputError: There is no such policy or bundle, or a file of it cannot be used.
         ParameterError: There is no such task.
     """
-    if task is not None or policy in (MPC, RANDOM):
-        return default_scene(task or PushTask.name)
-    spec = read_contestant(EvaluateRequest(policy)).spec
-    return default_scene(PushTask.name) if spec is None else policy_scene.usual_scene(spec)
+    spec = None if task is not None or policy in (MPC, RANDOM) else read_contestant(EvaluateRequest(policy)).spec
+    return recipe_of(task or DEFAULT_TASK).scene if spec is None else policy_scene.usual_scene(spec)
 
 
 def make_environment(contestant: Contestant, request: EvaluateRequest, models: Path) -> TaskEnv:
@@ -149,7 +147,8 @@ def make_environment(contestant: Contestant, request: EvaluateRequest, models: P
             task=task, max_steps=request.max_steps, max_translation=request.max_translation, latency=latency
         )
         if request.max_translation is None:
-            options = dataclasses.replace(options, max_translation=options.task_in(setup).max_translation)
+            usual = recipe_of(options.task_in(setup)).max_translation
+            options = dataclasses.replace(options, max_translation=usual)
         return TaskEnv(setup if truth is None else truth(setup), request.engine, options)
     steps: dict[str, Any] = {} if request.max_steps is None else {"max_steps": request.max_steps}
     env = policy_scene.spec_environment(spec, setup, request.engine, truth=truth, task=task, latency=latency, **steps)
@@ -162,29 +161,22 @@ def _model(request: EvaluateRequest) -> Setup:
     """The scene that a controller plans in: that of the evaluation, or as it would be with the twin `request.model`."""
     if request.model is None:
         return load_setup(request.scene)
-    is_push = (request.task or PushTask.name) == PushTask.name
-    if is_push or not Path(request.model).is_dir():
-        return load_setup(request.model)
-    return load_setup(request.scene, twin=request.model)
+    planner = recipe_of(request.task or DEFAULT_TASK).planner
+    if planner == "sampling" and Path(request.model).is_dir():  # it plans in the worlds of the evaluation's scene
+        return load_setup(request.scene, twin=request.model)
+    return load_setup(request.model)
 
 
 def _mpc(model: Setup) -> Contestant:
     """Contestant of the task's model-predictive controller, which plans with a scene's parameters, true or not."""
     from pinwm_drake.systems.mpc.policy import PushMpcPolicy
-    from pinwm_drake.systems.mpc.sampling import SamplingMpcPolicy
+    from pinwm_drake.systems.mpc.sampling import SamplingMpc
 
+    planners: dict[str, Callable[..., Acts]] = {"outline": PushMpcPolicy, "sampling": SamplingMpc}
     known = environment_setup(model)
     theta = {name: float(estimate.value) for name, estimate in known.twin.theta.items()}
 
     def make(env: TaskEnv) -> Acts:
-        if isinstance(env.task, PushTask):
-            return PushMpcPolicy(known, env.task, env.run.max_translation)
-        return SamplingMpcPolicy(known, env.task, env.run.max_translation)
+        return planners[recipe_of(env.task).planner](known, env.task, env.run.max_translation)
 
-    return Contestant(
-        MPC,
-        scene_hash(known),
-        None,
-        {"model": known.scenario.name, "theta": theta},
-        make,
-    )
+    return Contestant(MPC, scene_hash(known), None, {"model": known.scenario.name, "theta": theta}, make)

@@ -27,6 +27,7 @@ from pinwm_drake.report.evaluation.report import EvaluationStory
 from pinwm_drake.report.scene import coloured_actors
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.tasks.registry import recipe_of
 
 _TILE, _SECTIONS = 200, 12  # px of a picture of an episode, and sides of a pusher that is shown that small
 _COLUMNS = (
@@ -132,7 +133,7 @@ def story_of(
     task, setup = env.task, env.setup
     return EvaluationStory(
         title=f"Evaluation of {request.policy}",
-        about=f"{request.policy} in {setup.scenario.name}, {env.engine}; {task.success_words()}",
+        about=f"{request.policy} in {setup.scenario.name}, {env.engine}; {recipe_of(task).success_words(task)}",
         records=records,
         max_steps=env.max_steps,
         horizon=setup.period,

@@ -35,6 +35,7 @@ from pinwm_drake.systems.envs.vector import TaskVecEnv
 from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.tasks.registry import recipe_of
 
 _ANYWHERE = {"tolerance": 1.0, "turn_tolerance": 3.1}  # m, rad: everything is near
 _STEPS, _FEW_STEPS = 30, 4  # actions of an episode without a task
@@ -75,7 +76,9 @@ class DemonstrationsCell(Cell):
         setup = load_setup(scene)
         known = setup.task.to_document() if self.expert.quick else {}
         near = {name: value for name, value in _ANYWHERE.items() if name in known}
-        options = training_options(observation="rgb_state", task=near, max_translation=setup.task.max_translation)
+        options = training_options(
+            observation="rgb_state", task=near, max_translation=recipe_of(setup.task).max_translation
+        )
         env = recording_plant(setup, options, root / self.key / "models", stand_in=stand_in)
         about = {"expert": weights_digest(expert), "scene": scene, "engine": "hydroelastic", "stand_in": stand_in}
         out, told = prepare_folder(root / self.key / "episodes"), _counted(say, f"for {self.episodes} that succeed")
@@ -144,7 +147,7 @@ class TrajectoriesCell(Cell):
         """Records the episodes; see `Cell.make`."""
         scene, stand_in = task_scene(self.task).scene, self.stand_in
         setup = load_setup(scene)
-        translation = setup.task.max_translation
+        translation = recipe_of(setup.task).max_translation
         options = training_options(observation="rgb_state", max_translation=translation, max_steps=self.steps)
         env = recording_plant(setup, options, root / self.key / "models", stand_in=stand_in)
         explore = random_pushes(policy_spec(environment_setup(setup, options), options, "rgb"), 1)

@@ -7,7 +7,7 @@ from pinwm_drake.cousins.randomization import FLIP_SPANS, Spans
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.runs.simulated_capture import SimulateOptions
 from pinwm_drake.systems.scenario.load import load_setup
-from pinwm_drake.tasks.task import task_from_document
+from pinwm_drake.tasks.registry import recipe_of
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class TaskScene:
     @property
     def max_translation(self) -> float | None:
         """Longest translation of an action that policies are trained for, m; None for that of the pusher's speed."""
-        return task_from_document({"name": self.task}).max_translation
+        return recipe_of(self.task).max_translation
 
     def capture(self, seed: int, *, quick: bool) -> SimulateOptions:
         """Options of the capture; a quick one has fewer and smaller images."""

@@ -7,16 +7,20 @@ import trimesh
 
 from pinwm_drake.errors import ParameterError, SolverError
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.systems.crosscheck.crosscheck import (
-    CrossCheckOptions,
-    PushResult,
-    _judge,
-    cross_check,
+from pinwm_drake.systems.crosscheck.crosscheck import cross_check
+from pinwm_drake.systems.crosscheck.difference import course_of, difference_of
+from pinwm_drake.systems.crosscheck.motion import (
+    SEPARATED,
+    SLIDING,
+    STICKING,
+    Motion,
+    SceneRig,
+    contact_modes,
     run_trials,
     unlimited,
 )
-from pinwm_drake.systems.crosscheck.difference import course_of, difference_of
-from pinwm_drake.systems.crosscheck.motion import SEPARATED, SLIDING, STICKING, Motion, SceneRig, contact_modes
+from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
+from pinwm_drake.systems.crosscheck.pushes import PushComparison, _judge
 from pinwm_drake.systems.crosscheck.trials import draw_trials
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.engines.twin.physics import WorldPhysics
@@ -120,7 +124,7 @@ def test_a_verdict_takes_medians_and_counts_failures_as_infinite():
         for way in translations:
             motion = motion_of([0, way]) if way is not None else motion_of([0, 0], rest=False)
             courses = {"twin": course_of(still, G), "point": course_of(motion, G)}
-            results.append(PushResult(None, {}, courses, {"point": difference_of(still, motion)}))
+            results.append(PushComparison(None, {}, courses, {"point": difference_of(still, motion)}))
         return _judge("point", results, options)
 
     good = judge(0.001, 0.002, 0.9)
@@ -131,7 +135,7 @@ def test_a_verdict_takes_medians_and_counts_failures_as_infinite():
     lost = judge(0.001, None, None)
     assert (lost.passed, lost.unsound, lost.median_translation) == (False, 2, math.inf)
     assert judge(None, None).median_translation == math.inf
-    turned = PushResult(None, {}, {name: course_of(still, G) for name in ("twin", "point")}, {})
+    turned = PushComparison(None, {}, {name: course_of(still, G) for name in ("twin", "point")}, {})
     turned.differences["point"] = difference_of(still, motion_of([0, 0], yaw=0.11))
     assert not _judge("point", [turned], options).passed
 

@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -7,10 +8,12 @@ import trimesh
 from pydrake.math import RotationMatrix
 
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.systems.crosscheck.crosscheck import CrossCheckOptions, unlimited
-from pinwm_drake.systems.crosscheck.motion import SLIDING, Motion
-from pinwm_drake.systems.crosscheck.pokes import PokeCheck, draw_pokes, judge, poke_check
+from pinwm_drake.systems.crosscheck.crosscheck import CHECKS, cross_check
+from pinwm_drake.systems.crosscheck.motion import SLIDING, Motion, unlimited
+from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
+from pinwm_drake.systems.crosscheck.pokes import PokeCheck, draw_pokes, judge
 from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.tasks.recipe import Recipe
 
 
 def motion_of(roll, yaw=0.0, x=0.0, failure=""):
@@ -73,9 +76,13 @@ def test_pokes_start_clear_of_the_object_and_go_up(cube):
     np.testing.assert_array_equal(again.push.to_vector(), trials[0].push.to_vector())
 
 
+def test_every_check_that_a_recipe_may_name_is_there():
+    assert set(CHECKS) == set(get_args(get_type_hints(Recipe)["check"]))
+
+
 def test_a_poked_cube_moves_alike_in_point_contact(cube):
     seen = []
-    found = poke_check(cube, CrossCheckOptions(engines=("point",), pushes=3), report=lambda: seen.append(1))
+    found = cross_check(cube, CrossCheckOptions(engines=("point",), pushes=3), report=lambda: seen.append(1))
     assert len(seen) == 3
     assert [one.engine for one in found.verdicts] == ["twin", "point"]
     point = found.verdicts[1]

@@ -6,7 +6,7 @@ import pytest
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions
-from pinwm_drake.systems.mpc.sampling import SamplingMpc, SamplingMpcPolicy, SamplingOptions
+from pinwm_drake.systems.mpc.sampling import SamplingMpc, SamplingOptions
 from pinwm_drake.systems.scenario.load import load_setup
 
 COARSE = EnvOptions(time_step=1 / 480)
@@ -20,7 +20,7 @@ def cube():
 
 def test_a_cube_is_flipped_in_the_twin(cube):
     env = TaskEnv(cube, "twin", COARSE)
-    policy = SamplingMpcPolicy(cube, env.task)
+    policy = SamplingMpc(cube, env.task)
     observation, info = env.reset(seed=0)
     assert info["angle"] == pytest.approx(np.pi / 2)
     plans = None
@@ -34,7 +34,7 @@ def test_a_cube_is_flipped_in_the_twin(cube):
 
 
 def test_a_plan_follows_from_what_is_seen_whatever_was_planned_before(cube):
-    policy = SamplingMpcPolicy(cube, options=SamplingOptions(samples=16, horizon=4, first_iterations=1))
+    policy = SamplingMpc(cube, options=SamplingOptions(samples=16, horizon=4, first_iterations=1))
     env = TaskEnv(cube, "twin", COARSE)
     one, two = (np.asarray(env.reset(seed=seed)[0]) for seed in (3, 4))
     (first, _), (both, plans) = policy.predict(one), policy.predict(np.stack([two, one]))
@@ -122,7 +122,7 @@ def test_more_rounds_find_no_worse_plans(cube):
 
 
 def test_a_state_that_is_no_number_moves_nothing_and_a_wrong_one_is_refused(cube):
-    policy = SamplingMpcPolicy(cube, options=SamplingOptions(samples=4, elites=2, kept=1, horizon=2))
+    policy = SamplingMpc(cube, options=SamplingOptions(samples=4, elites=2, kept=1, horizon=2))
     action, plans = policy.predict(np.full(18, np.nan))
     assert action.tolist() == [0.0, 0.0, 0.0]
     assert plans == (None,)

@@ -1,0 +1,61 @@
+"""The recipe beside a task: how it is learned, planned, filmed, checked and displayed.
+
+What stands in higher layers is named by plain words, which these layers look up: no one asks which task it is.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Recipe of a task; the defaults do for any task.
+
+    Attributes:
+        scene: Name of a scenario that ships, in which the task is done where none is named.
+        algorithm: Algorithm that a teacher of the state learns with.
+        max_translation: m, longest translation in an action that policies are trained for and controllers are tried
+            with; None for the longest that the pusher's speed allows.
+        training_step: s, step of the physics that policies are trained in; None for that of the scene.
+        heading: Index in the state of the x of the pusher from the object, whose y follows, where the task is the same
+            at any yaw: policies see and act along that way. None where directions of the world matter.
+        level_vectors: Indices in the state of the x of each vector, whose y follows, where there is a heading.
+        disturbance: Standard deviation of what training adds to the object's velocities after each action, in shares of
+            them: as far as engines differ, where little things have other outcomes.
+        assembly: Function of the task and of the corners `low` and `high`, each (action_size,) m, world, of the
+            pusher's box along the task's axes, where its observation is -1 and 1. It gives a torch module from a
+            network's estimate (B, n) and the pusher (B, action_size) to the state (B, state_size), or None where the
+            estimate is the state itself. The module has `estimate_size`, n, which may be less than `state_size`, as
+            the pusher is known. Its third argument is a place (B, 2) m on the floor from which the estimated one of
+            the object counts, or None; the fourth, of tasks with a `goal_size`, the episodes' goals (B, goal_size), or
+            None for the task's own.
+        waypoints: Flag: most episodes of a training begin in states of plans, as chance hardly ever succeeds.
+        manoeuvre: Translations (n, 3) m of the pusher that more or less do the task from a start with the pusher along
+            x from the object: a first guess for the search of such plans, where there are any.
+        planner: Planner of the model-predictive controller: "outline" pushes at the object's planar outline,
+            "sampling" tries sequences of actions in the twin's worlds.
+        motion: Motion that a simulated capture films: level pushes, or pokes that rock the object.
+        check: Motions by which a twin of this task is compared with Drake's plants.
+        success_words: Function of the task: its criterion of success in words, for reports.
+        estimate_words: Function of the task and a state (state_size,): the state's distance from the goal in words, for
+            displays; empty where there are none.
+    """
+
+    scene: str = "push_t"
+    algorithm: Literal["sac", "ppo"] = "sac"
+    max_translation: float | None = None
+    training_step: float | None = None
+    heading: int | None = None
+    level_vectors: tuple[int, ...] = ()
+    disturbance: float = 0.0
+    assembly: Callable[[Any, np.ndarray, np.ndarray], Any] = lambda task, low, high: None
+    waypoints: bool = False
+    manoeuvre: tuple[tuple[float, float, float], ...] = ()
+    planner: Literal["outline", "sampling"] = "sampling"
+    motion: Literal["push", "poke"] = "push"
+    check: Literal["pushes", "pokes"] = "pushes"
+    success_words: Callable[[Any], str] = lambda task: f"success in the task {task.name}"
+    estimate_words: Callable[[Any, np.ndarray], str] = lambda task, state: ""

@@ -1,0 +1,33 @@
+"""Recipe of the flip task: PPO from waypoints, a planner that samples, captures and cross-checks of pokes."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pinwm_drake.tasks.flip import LENGTH, FlipTask, tilt
+from pinwm_drake.tasks.recipe import Recipe
+
+
+def _assembly(task: FlipTask, low: np.ndarray, high: np.ndarray) -> Any:
+    from pinwm_drake.tasks.flip_assembly import FlipAssembly
+
+    return FlipAssembly(task.height, LENGTH, low, high, round=not any(task.side))
+
+
+FLIP = Recipe(
+    scene="flip_mug",
+    algorithm="ppo",
+    training_step=1 / 480,  # at 1 m/s the pusher moves 2 mm
+    heading=15,
+    level_vectors=(0, 3, 6, 9, 12, 15),
+    disturbance=0.1,  # one action of random ones ends 0.1 rad from where another engine has it
+    assembly=_assembly,
+    waypoints=True,  # chance hardly ever turns an object over
+    # Down to its foot, then up along its side as fast as may be: friction lifts it.
+    manoeuvre=((-0.028, 0.0, -0.05), (0.0, 0.0, -0.03), (-0.065, 0.0, 0.1), (-0.02, 0.0, 0.09)),
+    motion="poke",
+    check="pokes",
+    success_words=lambda task: f"success is rest on the floor within {task.turn_tolerance:g} rad of upright",
+    estimate_words=lambda task, state: f"{math.degrees(tilt(state)):.0f} deg from upright",
+)

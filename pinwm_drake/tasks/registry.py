@@ -1,0 +1,103 @@
+"""Tasks and their recipes by name: those that ship, and what `register` adds."""
+
+from collections.abc import Mapping
+from dataclasses import Field, fields
+from typing import Any, TypeVar
+
+from pinwm_drake.errors import ParameterError, require
+from pinwm_drake.tasks.flip import FlipTask
+from pinwm_drake.tasks.push import PushTask
+from pinwm_drake.tasks.recipe import Recipe
+from pinwm_drake.tasks.recipes.flip import FLIP
+from pinwm_drake.tasks.recipes.push import PUSH
+from pinwm_drake.tasks.task import Task
+
+TaskClass = TypeVar("TaskClass", bound=type[Task])
+_TASKS: dict[str, tuple[type[Task], Recipe]] = {PushTask.name: (PushTask, PUSH), FlipTask.name: (FlipTask, FLIP)}
+
+
+def register(task: TaskClass, recipe: Recipe | None = None) -> TaskClass:
+    """Makes a task known by its name; a class decorator where the default recipe does.
+
+    Args:
+        task: Class of the task.
+        recipe: Its recipe; None for the default one.
+    """
+    _TASKS[task.name] = task, recipe or Recipe()
+    return task
+
+
+def recipe_of(task: Task | str) -> Recipe:
+    """Recipe of a task, or of the task of a name.
+
+    Raises:
+        ParameterError: There is no such task.
+    """
+    name = task if isinstance(task, str) else task.name
+    if name not in _TASKS:
+        raise ParameterError(f"task: got {name!r}; allowed: {', '.join(sorted(_TASKS))}")
+    return _TASKS[name][1]
+
+
+def task_names(field: str | None = None) -> list[str]:
+    """Names of the known tasks, or of those that have a field, such as "goal_range"; the ones that ship first."""
+    return [name for name, (kind, _) in _TASKS.items() if field is None or field in _fields(kind)]
+
+
+def task_from_document(document: Any) -> Task:
+    """The task that `Task.to_document` described; fields that are left out have their defaults.
+
+    Args:
+        document: A mapping with "name" and any of the fields.
+
+    Raises:
+        ParameterError: There is no such task or field, or a value is of the wrong kind or out of range.
+    """
+    if not isinstance(document, Mapping) or document.get("name") not in _TASKS:
+        given = document.get("name") if isinstance(document, Mapping) else document
+        allowed = f"a mapping whose name is one of {', '.join(sorted(_TASKS))}"
+        raise ParameterError(f"task: got {given!r}; allowed: {allowed}")
+    kind, _ = _TASKS[document["name"]]
+    known = _fields(kind)
+    values = {}
+    for name, value in document.items():
+        if name == "name":
+            continue
+        if name not in known:
+            raise ParameterError(f"task.{name}: got an unknown key; allowed: {', '.join(known)}")
+        values[name] = _like(f"task.{name}", value, known[name].default)
+    return kind(**values)
+
+
+def changed_task(task: Task, changes: Task | Mapping[str, Any] | None) -> Task:
+    """A task with some fields changed, or another one where the changes are one or name it.
+
+    Args:
+        task: The task.
+        changes: Another task; or fields by name, and "name" where that is another one; or None.
+
+    Raises:
+        ParameterError: There is no such task or field, or a value is of the wrong kind or out of range.
+    """
+    if isinstance(changes, Task):
+        return changes
+    same = not changes or changes.get("name", task.name) == task.name
+    return task_from_document({**(task.to_document() if same else {}), **(changes or {})})
+
+
+def _fields(kind: type[Task]) -> dict[str, Field[Any]]:
+    return {field.name: field for field in fields(kind)}  # type: ignore[arg-type]
+
+
+def _like(name: str, value: Any, default: Any) -> Any:
+    """A value of the kind of a field's default: a number, a text, or a tuple of numbers; raises ParameterError."""
+    if isinstance(default, tuple):
+        many = isinstance(value, list | tuple) and len(value) == len(default)
+        require(name, repr(value), many, f"{len(default)} numbers")
+        return tuple(_like(name, item, part) for item, part in zip(value, default, strict=True))
+    if isinstance(default, str):
+        require(name, repr(value), isinstance(value, str), "a text")
+        return value
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    require(name, repr(value), number, "a number")
+    return type(default)(value)
