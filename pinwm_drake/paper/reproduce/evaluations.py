@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pinwm_drake.experiments.evaluation.request import MPC as EVALUATED_MPC
-from pinwm_drake.experiments.evaluation.request import RANDOM, EvaluateRequest
 from pinwm_drake.experiments.evaluation.run import SUMMARY_FILE, EvaluationProgress, evaluate
+from pinwm_drake.experiments.requests.evaluate import MPC as EVALUATED_MPC
+from pinwm_drake.experiments.requests.evaluate import RANDOM, EvaluateRequest
 from pinwm_drake.paper.reproduce.cell import Cell, Say
 from pinwm_drake.paper.reproduce.policies import PolicyCell
 from pinwm_drake.paper.reproduce.recordings import DemonstrationsCell, DiffusionCell, dreamer

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pinwm_drake.experiments.training import TrainRequest, train
+from pinwm_drake.experiments.requests.train import TrainRequest
+from pinwm_drake.experiments.training import train
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.progress import Report, Step
 from pinwm_drake.paper.reproduce.cell import Cell, Say
