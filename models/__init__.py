@@ -17,6 +17,8 @@ contact, with the meshes in pieces/.
     floor/floor.sdf       top at z = 0
     pusher/KIND.sdf       sphere, capsule or cylinder of 20 mm on three driven slides along x, y and z of the world
     policies/NAME/        bundles of trained policies, which `policy_path` finds
+    twins/NAME/           twins that `pinwm identify` made, which `twin_path` finds
+    captures/NAME/        captures, which `capture_path` finds
 
 In SDFormat every pair has friction 0.1. `systems/sdf/shipped.py` writes these files.
 
@@ -93,11 +95,26 @@ def policy_path(text: str) -> Path:
     Raises:
         InputError: There is no such folder, and no policy of that name.
     """
-    if not Path(text).exists() and text in shipped_policies():
-        return _ROOT / _POLICIES / text
-    if not Path(text).is_dir():
+    path = _named(_POLICIES, text)
+    if not path.is_dir():
         raise InputError(text, allowed=f"a folder, or one of {', '.join(shipped_policies()) or 'none that ship'}")
-    return Path(text)
+    return path
+
+
+def twin_path(text: str | Path) -> Path:
+    """The folder of a twin: that of a name that ships, such as "t_block", else the path as it is, unchecked."""
+    return _named("twins", text)
+
+
+def capture_path(text: str | Path) -> Path:
+    """The folder of a capture; see `twin_path`."""
+    return _named("captures", text)
+
+
+def _named(folder: str, text: str | Path) -> Path:
+    """Path of a folder that ships, where its name is given and nothing beside the user has that name."""
+    ships = _ROOT / folder / text
+    return ships if not Path(text).exists() and ships.parent == _ROOT / folder and ships.is_dir() else Path(text)
 
 
 def model_names() -> list[str]:

@@ -9,7 +9,7 @@ from pydantic.dataclasses import dataclass
 from pydantic.fields import FieldInfo
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.validation import first_problem
+from pinwm_drake.validation import first_problem, words
 
 Group = Literal["Goal", "Data", "Budget", "Lab", "Advanced"]
 GOAL, DATA, BUDGET, LAB, ADVANCED = get_args(Group)
@@ -103,6 +103,11 @@ def request(cls: _Class) -> _Class:
     check = made.__init__
 
     def __init__(self: Any, *args: Any, **values: Any) -> None:
+        for name, value in values.items():
+            if isinstance(value, bool) and (field := made.__pydantic_fields__.get(name)) and not _takes_flags(field):
+                raise ParameterError(
+                    f"{option_name(name, shown_of(field))}: got {value}; allowed: {words(field.annotation, field)}"
+                )
         try:
             check(self, *args, **values)
         except ValidationError as error:
@@ -110,6 +115,12 @@ def request(cls: _Class) -> _Class:
 
     made.__init__ = __init__
     return made
+
+
+def _takes_flags(field: FieldInfo) -> bool:
+    """Flag: a field takes true and false, which are numbers to pydantic."""
+    kinds = (field.annotation, *get_args(field.annotation))
+    return bool in kinds or Any in kinds
 
 
 def _words(error: ValidationError, cls: type) -> str:

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LINES = (
     {"errors"},
     {"files", "jit", "threads", "provenance", "validation"},
-    {"checkpoints", "parallel", "documents"},
+    {"checkpoints", "parallel", "documents", "request"},
     {"models"},
     {"spatial"},
     {"geometry"},
@@ -49,10 +49,10 @@ SYSTEMS = (
 )
 RANK = {name: rank for rank, line in enumerate(LINES) for name in line}
 SYSTEMS_RANK = {name: rank for rank, line in enumerate(SYSTEMS) for name in line}
-# The core is a library of its own: nothing in it may count on the models or the Drake systems; learning takes from the
-# models where a bundle that ships is.
+# The core is a library of its own: nothing in it may count on the models or the Drake systems; twin and
+# learning take from the models where twins and bundles that ship are.
 ONLY_IMPORTED_BY = {
-    "models": {"learning", "systems", "experiments", "paper", "demo", "cli"},
+    "models": {"twin", "learning", "systems", "experiments", "paper", "demo", "cli"},
     "systems": {"experiments", "paper", "demo", "cli"},
 }
 MOST_MODULES = 25  # in a folder

@@ -9,7 +9,6 @@ from rich.console import Console
 from rich.markup import escape
 
 from pinwm_drake.cli.capture_import import import_app
-from pinwm_drake.cli.capture_simulate import simulate
 from pinwm_drake.cli.command import add_command
 from pinwm_drake.cli.console import say, stages_bar
 from pinwm_drake.experiments.requests.captures import CheckRequest, RefineRequest
@@ -51,6 +50,15 @@ def refine(request: RefineRequest) -> None:
         f"masks differ by {100 * found.after:.1f} % of the object's pixels instead of {100 * found.before:.1f} %; "
         f"vertices moved by {1e3 * found.moved.mean():.1f} mm on average, {1e3 * found.moved.max():.1f} mm at most"
     )
+    say(f"wrote {request.out}")
+
+
+def simulate(request: SimulateCaptureRequest) -> None:
+    """Makes a capture from Drake: a stand-in for a robot that pushes an object in front of a camera."""
+    from pinwm_drake.systems.runs.simulated_capture import simulate_capture
+
+    with stages_bar() as progress:
+        simulate_capture(request.options, request.out, progress=progress)
     say(f"wrote {request.out}")
 
 

@@ -2,14 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
+from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.errors import SolverError
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.physics.impulses import contact_impulses
+from pinwm_drake.physics.model import Model
 from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import State
 from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.scene import (
     PAIR_PUSHER,
@@ -24,7 +29,7 @@ from pinwm_drake.scene import (
     start_state,
     step_count,
 )
-from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.poses import Pose, transform
 from pinwm_drake.twin.drift import grips
 from pinwm_drake.twin.twin import Twin
 
@@ -32,6 +37,7 @@ from pinwm_drake.twin.twin import Twin
 _RESTS = 5e-3
 # Where the contacts of a step have no solution that the solvers find, smaller steps meet others.
 _HALVINGS = 4
+_GAP = 5e-3  # m, between pusher and the circle around the object at the start of `twin_physics`
 # Nuisances that have a part in the physics, and their values without effect.
 NO_EFFECT = {f"center_{axis}": 0.0 for axis in "xyz"} | {f"support_{axis}": 1.0 for axis in "xyz"}
 NO_EFFECT |= {"contact_offset": 0.0}
@@ -210,3 +216,42 @@ def pusher_impulses(
         record = Stepper(scene.model, num_threads=num_threads).rollout(parameters, start, V_WP)
     on_object = contact_impulses(scene.model, parameters, record, V_WP, num_threads=num_threads)
     return -on_object[:, :, PAIR_PUSHER]
+
+
+class TwinPhysics(NamedTuple):
+    """Physics of a twin in one world, for `Stepper`.
+
+    Attributes:
+        model: Bodies, pusher, floor and time step.
+        parameters: Mass, inertia, frictions and the like, of the twin's estimates.
+        start: State in which the object rests on the floor at the world's origin; the pusher is beside it on -x.
+    """
+
+    model: Model
+    parameters: Parameters
+    start: State
+
+
+def twin_physics(twin: Twin, q_WO: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> TwinPhysics:
+    """Physics of a twin whose object rests on the floor.
+
+    Args:
+        twin: The twin.
+        q_WO: (4,) wxyz, orientation of the object at the start.
+
+    Returns:
+        Model, parameters and start; all tensors are leaves, so that any may ask for a gradient.
+
+    Raises:
+        InputError: A mesh cannot be used.
+    """
+    q = torch.tensor(q_WO, dtype=torch.float64)
+    scene = twin_scene(twin, q)
+    parameters = twin_parameters(twin, scene)
+    X_WO = Pose(q[None], torch.tensor([[0.0, 0.0, resting_height(scene, q)]], dtype=torch.float64))
+    p_WB = transform(X_WO, scene.p_OB + parameters.center[:, 0])
+    mesh, shape = load_mesh(twin.mesh_path), upright_shape(twin.pusher)
+    away = float(np.linalg.norm(mesh.vertices[:, :2], axis=1).max()) + shape.radius + _GAP
+    p_WP = (-away, 0.0, float(p_WB[0, 2]))
+    start = State.at_rest(scene.model, p_WB=tuple(p_WB[0].tolist()), q_WB=tuple(q.tolist()), p_WP=p_WP)
+    return TwinPhysics(scene.model, parameters, start)

@@ -69,8 +69,8 @@ class SimulateOptions:
         """Checks names, and options that depend on each other."""
         from pinwm_drake.tasks.registry import task_names
 
-        require("--task", repr(self.task), self.task in task_names(), ", ".join(task_names()))
-        require("--object", repr(self.object_name), self.object_name in OBJECT_NAMES, ", ".join(OBJECT_NAMES))
+        require("--task", self.task, self.task in task_names(), ", ".join(task_names()))
+        require("--object", self.object_name, self.object_name in OBJECT_NAMES, ", ".join(OBJECT_NAMES))
         require("--lying", self.lying, not self.lying or self.object_name.startswith("mug"), "with a mug only")
         low, high = self.rise
         require("--rise", f"{low} to {high}", 0.0 <= low <= high <= 1.4, "0 to 1.4 rad, the least first")

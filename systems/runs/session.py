@@ -15,6 +15,7 @@ from pinwm_drake.systems.runs.episode import Episode, Record
 from pinwm_drake.systems.runs.episode_folder import EpisodeFolder, start_of_log
 from pinwm_drake.systems.runs.film import Film
 from pinwm_drake.systems.runs.session_options import SessionOptions
+from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import SceneStation, make_station
@@ -127,6 +128,22 @@ class Session:
             if film is not None:
                 p_WP = self.station.GetOutputPort("pusher_state").Eval(mine)[:3]
                 yield film.frame(t, self.station.object_pose(context), p_WP, rgb)
+
+
+def simulate(scene: Scene, options: SessionOptions | None = None) -> Record:
+    """Pushes the object of a scene once in a station.
+
+    Args:
+        scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
+        options: Engine, push, duration, and files to write; None for a straight push in the scene's own engine.
+
+    Returns:
+        The motion of object and pusher.
+
+    Raises:
+        PinwmError: The scene or an option cannot be used, or a file cannot be written.
+    """
+    return Session(load_setup(scene), options or SessionOptions()).first()
 
 
 def _retries(station: SceneStation) -> int:

@@ -163,12 +163,12 @@ def test_resuming_nothing_says_so(pinwm, capture, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--iterations", "0"], "iterations is 0; allowed: 1 to"),
-        (["--max-surfels", "0"], "max_surfels is 0"),
-        (["--sh-degree", "4"], "sh_degree is 4; allowed: 0 to 3"),
-        (["--held-out", "1"], "held_out is 1"),
-        (["--seed", "-1"], "seed is -1"),
-        (["--threads", "0"], "num_threads is 0"),
+        (["--iterations", "0"], "--iterations: got 0; allowed: 1 to"),
+        (["--max-surfels", "0"], "--max-surfels: got 0"),
+        (["--sh-degree", "4"], "--sh-degree: got 4; allowed: 0 to 3"),
+        (["--held-out", "1"], "--held-out: got 1"),
+        (["--seed", "-1"], "--seed: got -1"),
+        (["--threads", "0"], "--threads: got 0"),
         (["--mesh", "nothing.obj"], "nothing.obj: got no such file"),
     ],
 )

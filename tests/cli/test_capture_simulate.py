@@ -26,12 +26,13 @@ def files(folder: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     # Not through the command line: its fixture is one of functions.
-    from pinwm_drake.cli.capture_simulate import simulate
+    from pinwm_drake.cli.capture import simulate
+    from pinwm_drake.systems.runs.capture_options import SimulateCaptureRequest, SimulateOptions
 
     out = tmp_path_factory.mktemp("simulate") / "capture"
-    simulate(out, object_name="cube", friction=0.2, pusher_friction=0.4, mass=0.5, size=48, episodes=2,
-             static_views=2, frames=8, rate=12.0, supersampling=1, distance=0.02, restitution=0.0, seed=3,
-             speed=None, pusher="sphere", pusher_radius=0.01, lying=False)  # fmt: skip
+    options = SimulateOptions(object_name="cube", friction=0.2, pusher_friction=0.4, mass=0.5, size=48, episodes=2,
+                              static_views=2, frames=8, rate=12.0, supersampling=1, distance=0.02, seed=3)  # fmt: skip
+    simulate(SimulateCaptureRequest(out, options))
     return out
 
 
@@ -132,7 +133,7 @@ def test_a_folder_with_files_is_left_alone(pinwm, tmp_path):
         (["--task", "juggle"], "--task: got juggle; allowed: push, flip"),
         (["--object", "teapot"], "--object: got teapot"),
         (["--friction", "-1"], "--friction: got -1"),
-        (["--pusher", "hand"], "--pusher: got hand"),
+        (["--pusher", "hand"], "--pusher: got 'hand'"),
         (["--lying"], "--lying: got True; allowed: with a mug only"),
         (["--speed", "nan"], "--speed: got nan"),
         (["--rise", "0.9", "0.8"], "--rise: got 0.9 to 0.8"),

@@ -81,9 +81,9 @@ def test_one_unknown_alone(pinwm, capture, tmp_path):
         (("--hold", "mass=heavy"), "--hold: got 'mass=heavy'"),
         (("--without", "gravity"), "--without: got 'gravity'"),
         (tuple(f"--without={name}" for name in DEFAULT_FREE), "no unknown is left"),
-        (("--support", "edges"), "support is 'edges'"),
-        (("--starts", "0"), "starts is 0"),
-        (("--time-step", "0.1"), "time_step is 0.1; allowed: 1e-05 to 0.05"),
+        (("--support", "edges"), "--support: got 'edges'"),
+        (("--starts", "0"), "--starts: got 0"),
+        (("--time-step", "0.1"), "--time-step: got 0.1; allowed: 1e-05 to 0.05"),
         (("--episode", "0007"), "no episode '0007'"),
     ],
 )
@@ -100,7 +100,7 @@ def test_directions_are_accepted_with_a_warning(pinwm, capture, tmp_path, monkey
     with pytest.warns(FutureWarning, match="pinwm identify: --directions has no effect"):
         code, _, errors = pinwm("identify", str(capture), str(tmp_path), "--directions", "8", "--starts", "0")
     assert code == 1
-    assert "starts is 0" in errors
+    assert "--starts: got 0" in errors
 
 
 def test_a_capture_without_a_push_is_refused(pinwm, capture, tmp_path):

@@ -49,7 +49,7 @@ def moved(output: str) -> list[float]:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--engine", "bullet"], "--engine: got bullet; allowed: twin, hydroelastic, point"),
+        (["--engine", "bullet"], "--engine: got 'bullet'; allowed: twin, hydroelastic, point"),
         (["--seed", "-1"], "--seed: got -1; allowed: 0 to 4294967295"),
         (["--duration", "nan"], "--duration: got nan; allowed: 0.01 to 600 s"),
         (["--video", "a.avi"], "--video: got a.avi; allowed: a name that ends in .mp4"),

@@ -2,9 +2,12 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pinwm_drake.request import ADVANCED, FLATTEN, LAB, option, request
+
+PusherShape = Literal["sphere", "capsule", "cylinder"]
+PUSHER_SHAPES = get_args(PusherShape)
 
 
 @request
@@ -17,7 +20,7 @@ class PushOptions:
 
     friction: Annotated[float, option("Friction coefficient of block and floor.", ge=0)] = 0.03
     pusher_friction: Annotated[float, option("Friction coefficient of block and pusher.", ge=0)] = 0.1
-    pusher: Annotated[Literal["sphere", "capsule", "cylinder"], option("Shape of the pusher.")] = "sphere"
+    pusher: Annotated[PusherShape, option("Shape of the pusher.")] = "sphere"
     speed: Annotated[float, option("Speed of the pusher along y.", group=LAB, unit="m/s", gt=0, le=2)] = 0.15
     offset: Annotated[
         float, option("Place of the hit, sideways of the centre of mass.", group=LAB, unit="m", ge=-0.05, le=0.05)
