@@ -5,7 +5,7 @@
     pw.load_capture, check_capture                      a robot's records: read, checked
     pw.align, identify, load_twin                       surfels, theta: a twin of a capture
     pw.predict, next_push, crosscheck                   what a twin predicts, lacks, and is worth beside Drake's plants
-    pw.make_station, simulate, register_envs            scenes as Drake diagrams and in gymnasium (pinwm/Push-v0, ...)
+    pw.make_station, simulate, ENV_IDS                  scenes as Drake diagrams and in gymnasium (pinwm/Push-v0, ...)
     pw.train, evaluate, export_bundle, read_bundle      policies; `TrainRequest` and `EvaluateRequest` have the options
     pw.Runner                                           a bundle at a robot's own pace
     pw.Parameters, State, Stepper, twin_physics         the differentiable step

@@ -18,7 +18,7 @@ from .rendering.camera import Camera as Camera
 from .rendering.render import render as render
 from .rendering.surfels import Surfels as Surfels
 from .systems.crosscheck.crosscheck import crosscheck as crosscheck
-from .systems.envs.registration import register_envs as register_envs
+from .systems.envs.registration import ENV_IDS as ENV_IDS
 from .systems.runs.session import simulate as simulate
 from .systems.station.station import make_station as make_station
 from .twin.read import load_twin as load_twin

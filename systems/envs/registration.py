@@ -1,6 +1,7 @@
 """Name of the environments in gymnasium, which importing this module registers; nothing heavy is loaded for that.
 
-    gymnasium.make("pinwm_drake.systems.envs.registration:pinwm/Push-v0")     imports this by itself
+    gymnasium.make(pinwm_drake.ENV_IDS["push"])                               imports this by itself
+    gymnasium.make("pinwm_drake.systems.envs.registration:pinwm/Push-v0")     so does this
     import pinwm_drake.systems.envs.registration                              from here on "pinwm/Flip-v0" will do
 
 Each known task has a name, and its recipe's scene as default; the options `scene` and `task` choose others. gymnasium
@@ -11,8 +12,8 @@ import gymnasium
 
 from pinwm_drake.tasks.registry import recipe_of, task_names
 
-NAMES = {task: f"pinwm/{task.capitalize()}-v0" for task in task_names()}
-for _task, _name in NAMES.items():
+ENV_IDS = {task: f"pinwm/{task.capitalize()}-v0" for task in task_names()}
+for _task, _name in ENV_IDS.items():
     if _name not in gymnasium.registry:
         gymnasium.register(
             _name,

@@ -12,7 +12,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 
 from pinwm_drake.errors import InputError, ParameterError, SolverError
 from pinwm_drake.systems.envs.env import TaskEnv
-from pinwm_drake.systems.envs.registration import NAMES
+from pinwm_drake.systems.envs.registration import ENV_IDS
 from pinwm_drake.systems.scenario.schema import ENGINES
 from pinwm_drake.systems.scenario.start import Place
 from tests.systems.stations import FAR, REST, TURNED, setup_of
@@ -31,7 +31,7 @@ def test_it_passes_both_checkers(engine, observation):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         env = gymnasium.make(
-            NAMES["push"],
+            ENV_IDS["push"],
             scene=setup_of(),
             engine=engine,
             observation=observation,
@@ -207,5 +207,5 @@ def test_what_knows_the_name_loads_nothing_heavy():
 
 
 def test_gymnasium_imports_it_when_told_where():
-    env = gymnasium.make(f"pinwm_drake.systems.envs.registration:{NAMES['push']}", scene=setup_of())
+    env = gymnasium.make(f"pinwm_drake.systems.envs.registration:{ENV_IDS['push']}", scene=setup_of())
     assert isinstance(env.unwrapped, TaskEnv)

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform
 
 from pinwm_drake.errors import ParameterError, SolverError
 from pinwm_drake.systems.envs.env import TaskEnv
-from pinwm_drake.systems.envs.registration import NAMES
+from pinwm_drake.systems.envs.registration import ENV_IDS
 from pinwm_drake.systems.envs.vector import TaskVecEnv, TaskVectorEnv
 from tests.systems.stations import FAR, REST, setup_of
 
@@ -63,7 +63,7 @@ def test_spaces_and_mode_are_declared():
     assert env.observation_space.contains(seen)
     assert env.single_observation_space.contains(part(seen, 1))
     assert env.action_space.shape == (W, 2)
-    made = gymnasium.make_vec(NAMES["push"], num_envs=2, vectorization_mode="vector_entry_point", scene=setup_of())
+    made = gymnasium.make_vec(ENV_IDS["push"], num_envs=2, vectorization_mode="vector_entry_point", scene=setup_of())
     assert made.unwrapped.worlds.num_worlds == 2
 
 
