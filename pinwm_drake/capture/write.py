@@ -76,11 +76,6 @@ def write_capture_yaml(
     _write_text(prepare_folder(folder) / CAPTURE_FILE, text)
 
 
-def write_transforms(path: Path, camera: Camera, frames: list[tuple[str, Pose]]) -> None:
-    """Writes a `transforms.json` for images of one camera; see `write_posed_images`."""
-    write_posed_images(path, [(name, camera, X_WC) for name, X_WC in frames])
-
-
 def write_posed_images(path: Path, frames: list[tuple[str, Camera, Pose]]) -> None:
     """Writes a `transforms.json` of nerfstudio, with poses in OpenGL's axes.
 

@@ -88,7 +88,7 @@ def test_text_and_binary_are_equal(scan, tmp_path):
     write_text(tmp_path / "text", cameras, images)
     write_binary(tmp_path / "binary", cameras, images)
     for one, other in zip(read_model(tmp_path / "text"), read_model(tmp_path / "binary"), strict=True):
-        assert one.name == other.name
+        assert one.path == other.path
         assert one.camera.intrinsics.tolist() == other.camera.intrinsics.tolist()
         assert [part.tolist() for part in one.X_SC] == [part.tolist() for part in other.X_SC]
 
