@@ -64,11 +64,7 @@ class Cousin:
         return dataclasses.replace(self._physical(), surfels=surfels)
 
     def parameters(self, scene: Scene) -> Parameters:
-        """Parameters theta of the cousin, one world.
-
-        Args:
-            scene: The twin's scene, of any orientation.
-        """
+        """Parameters theta of the cousin, one world of the twin's scene in any orientation."""
         return twin_parameters(self._physical(), scene)
 
     def _physical(self) -> Twin:
@@ -136,12 +132,7 @@ def twin_shape(twin: Twin) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class Cousins:
-    """Cousins 0 to n - 1 of a twin.
-
-    Attributes:
-        draw: The draw that they come from; it gives further ones.
-        members: The cousins, by number.
-    """
+    """Cousins 0 to n - 1 of a twin, and the draw that gives further ones."""
 
     draw: CousinDraw
     members: tuple[Cousin, ...]

@@ -19,12 +19,10 @@ _ROUNDING = 1e-9  # relative error of the triangle inequality that the physics a
 
 @dataclass(frozen=True)
 class Range:
-    """Range from which a parameter is drawn, evenly.
+    """Range from which a parameter is drawn, evenly, in its unit.
 
-    Attributes:
-        low, high: Ends of the range, in the parameter's unit.
-        source: Origin of the ends: "delta" for (1 - delta) to (1 + delta) times the twin's value, "interval" for the
-            identified interval; "interval to delta" and "delta to interval" where low and high end differ in it.
+    The source of its ends is "delta" for (1 - delta) to (1 + delta) times the twin's value, "interval" for the
+    identified interval, and "interval to delta" or "delta to interval" where they differ in it.
     """
 
     low: float

@@ -106,16 +106,7 @@ class TwinDocument(Document):
 
 
 def to_document(twin: Twin, mesh: str, pusher_mesh: str | None) -> dict[str, Any]:
-    """The plain data of a twin, without the hashes.
-
-    Args:
-        twin: The twin.
-        mesh: Name of the object's mesh in the folder.
-        pusher_mesh: Name of the pusher's, or None where it has none.
-
-    Returns:
-        What `twin.yaml` is to hold, in its order; not checked.
-    """
+    """Plain data for `twin.yaml`, in its order, with the meshes' names in the folder; not checked, and without hashes."""
     shape = twin.pusher.shape
     return {
         "schema_version": SCHEMA_VERSION,

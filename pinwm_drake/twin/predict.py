@@ -33,9 +33,6 @@ def predict_poses(
         push: Number of the identified push that it is, see `origin.identified_push`; None for another one.
         start: Pose of the object in the first frame, where it is known better; q (4,), p (3,) [m].
 
-    Returns:
-        The poses at `episode.t`.
-
     Raises:
         PinwmError: A mesh cannot be used, or the physics found no solution.
     """
@@ -46,12 +43,7 @@ def predict_poses(
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Standard deviations of a prediction in n frames.
-
-    Attributes:
-        x, y: Of the position of O in the world, (n,) [m].
-        yaw: Of the rotation about z, (n,) [rad].
-    """
+    """Standard deviations of a prediction in n frames: x, y of O in the world (n,) [m], yaw about z (n,) [rad]."""
 
     x: np.ndarray
     y: np.ndarray
@@ -66,17 +58,9 @@ class Spread:
 def predict_spread(
     twin: Twin, capture: Capture, episode: Episode, push: int | None, *, start: Pose | None = None, number: int = 64
 ) -> Spread | None:
-    """Spread of `predict_poses`: of the physics by the twin's draws, and of what no physics of the twin's could tell.
+    """Spread of `predict_poses`: of the physics by a number of the twin's draws, and of what its physics cannot tell.
 
-    Args:
-        twin, capture, episode, push, start: As for `predict_poses`.
-        number: Number of draws that are rolled out.
-
-    Returns:
-        The spread; None for a twin without draws.
-
-    Raises:
-        PinwmError: A mesh cannot be used, or the physics found no solution.
+    Arguments and errors are those of `predict_poses`. The spread of a twin without draws is None.
     """
     if twin.draws is None:
         return None

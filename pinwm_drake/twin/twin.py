@@ -50,15 +50,10 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """Draws from the joint posterior of what belongs to an object: theta, and the nuisances that are not of one push.
+    """Draws from the joint posterior of what belongs to an object: theta, and nuisances that are not of one push."""
 
-    Attributes:
-        names: Names of the p quantities, in the units of the estimates of these names.
-        values: (N, p).
-    """
-
-    names: list[str]
-    values: np.ndarray
+    names: list[str]  # of the p quantities, in the units of the estimates of these names
+    values: np.ndarray  # (N, p)
 
     def column(self, name: str) -> np.ndarray:
         """Values (N,) of a quantity."""
