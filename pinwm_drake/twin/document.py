@@ -106,7 +106,7 @@ class TwinDocument(Document):
 
 
 def to_document(twin: Twin, mesh: str, pusher_mesh: str | None) -> dict[str, Any]:
-    """Plain data for `twin.yaml`, in its order, with the meshes' names in the folder; not checked, and without hashes."""
+    """Plain data for `twin.yaml` in its order, with the meshes' names in the folder; not checked, no hashes."""
     shape = twin.pusher.shape
     return {
         "schema_version": SCHEMA_VERSION,

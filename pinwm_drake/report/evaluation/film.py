@@ -22,11 +22,7 @@ _BORDER, _STAYS = 3, 8  # px, and pictures that the end of a film shows
 
 
 class EpisodeFilm:
-    """Draws episodes of one scene.
-
-    Attributes:
-        camera: The view.
-    """
+    """Pictures of episodes of one scene by one camera."""
 
     def __init__(
         self,
@@ -83,7 +79,7 @@ class EpisodeFilm:
 
 
 class FilmGrid:
-    """Episodes side by side from their first action on; one that has ended stays as it is.
+    """Episodes side by side from their first action on, one or more; one that has ended stays as it is.
 
     Attributes:
         size: (width, height) px, even.
@@ -94,14 +90,6 @@ class FilmGrid:
     def __init__(
         self, film: EpisodeFilm, records: Sequence[EpisodeRecord], columns: int = 4, *, keep: int = 40
     ) -> None:
-        """Takes the episodes, one or more.
-
-        Args:
-            film: Pictures of single episodes.
-            records: The episodes.
-            columns: Number of episodes side by side.
-            keep: Number of pictures that are kept at most.
-        """
         self._film, self._records = film, list(records)
         self._columns = min(columns, len(self._records))
         rows = -(-len(self._records) // self._columns)

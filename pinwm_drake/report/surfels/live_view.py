@@ -44,19 +44,12 @@ _CAMERA = "/Cameras/default/rotated/<object>"
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Mesh beside the surfels; the page's controls hide and show it.
+    """Mesh beside the surfels; the page's controls hide and show it."""
 
-    Attributes:
-        name: Name of its node in the scene.
-        mesh: m, object frame O.
-        colour: Colour as 0xrrggbb.
-        opacity: 0 to 1.
-    """
-
-    name: str
-    mesh: trimesh.Trimesh
-    colour: int
-    opacity: float
+    name: str  # of its node in the scene
+    mesh: trimesh.Trimesh  # m, object frame O
+    colour: int  # 0xrrggbb
+    opacity: float  # 0 to 1
 
 
 def serve_surfels(

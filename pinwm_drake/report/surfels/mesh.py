@@ -33,14 +33,7 @@ class SurfelMesh:
 
     @classmethod
     def from_surfels(cls, surfels: Surfels) -> "SurfelMesh":
-        """Mesh of surfels, each cut off where it is down to half of its height.
-
-        Args:
-            surfels: Surfels, one or more, with one set of colours.
-
-        Returns:
-            The mesh.
-        """
+        """Mesh of surfels, one or more with one set of colours, each cut off where it is down to half of its height."""
         opacity = surfels.logit_opacity.detach().sigmoid().numpy()
         kept = opacity >= min(_FAINT, opacity.max(initial=0))
         R_OS = quaternion_to_matrix(normalize_quaternion(surfels.q_OS.detach().double())).numpy()[kept]

@@ -60,12 +60,11 @@ class Story:
 def read_story(folder: Path, capture: Path | None = None) -> Story:
     """Reads a twin folder and, where it is still there, the capture.
 
+    Parts that cannot be read but are not needed stand in the notices.
+
     Args:
         folder: The twin.
         capture: Present folder of the capture; None for that at the time of the identification.
-
-    Returns:
-        The story; what cannot be read but is not needed stands in its notices.
 
     Raises:
         InputError: The twin cannot be read, or the capture that `capture` names.
@@ -122,14 +121,9 @@ def _read_episode(story: Story, capture: Capture) -> None:
 
 
 def read_ground_truth(path: Path) -> dict[str, float]:
-    """True values of physical parameters, by their names in a twin.
+    """True values of physical parameters from a YAML file, by their names in a twin; other keys do not count.
 
-    Args:
-        path: A YAML file with the names of a twin's parameters, or `restitution` for all contacts; other keys do not
-            count.
-
-    Raises:
-        InputError: The file cannot be read, or a value is no finite number.
+    Key `restitution` stands for all contacts. Raises InputError where a value is no finite number.
     """
     document = read_yaml(path)
     found = {key: document.find(key) or document.find(_COMMON.get(key, key)) for key in THETA}
