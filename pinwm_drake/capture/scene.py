@@ -192,13 +192,7 @@ def read_capture_object(folder: Path) -> CaptureObject:
 
 
 def read_capture(folder: Path) -> Capture:
-    """Reads `capture.yaml`, and the names of the episodes.
-
-    Args:
-        folder: The capture.
-
-    Returns:
-        The capture.
+    """Reads `capture.yaml` of a folder, and the names of the episodes.
 
     Raises:
         InputError: The file is missing or no YAML, of another schema version or in other units, a key is

@@ -18,6 +18,7 @@ from pinwm_drake.twin.twin import Twin
 
 # Differences that are taken for rounding: of gravity [m/s^2], and of a floor on which the object was said to rest [m].
 _SAME_GRAVITY, _SAME_FLOOR = 1e-3, 1e-3
+_DRAWS = 64  # that are rolled out for a spread
 TWO_SIDED = 1.96  # standard deviations within which are 95 % of a normal distribution
 
 
@@ -56,7 +57,7 @@ class Spread:
 
 
 def predict_spread(
-    twin: Twin, capture: Capture, episode: Episode, push: int | None, *, start: Pose | None = None, number: int = 64
+    twin: Twin, capture: Capture, episode: Episode, push: int | None, *, start: Pose | None = None
 ) -> Spread | None:
     """Spread of `predict_poses`: of the physics by a number of the twin's draws, and of what its physics cannot tell.
 
@@ -65,7 +66,7 @@ def predict_spread(
     if twin.draws is None:
         return None
     start, t = start or start_pose(twin, capture, push), episode.t + time_offset(twin, push)
-    placed, rows = _in_place_of(in_push(twin, push), capture), twin.draws.rows(number)
+    placed, rows = _in_place_of(in_push(twin, push), capture), twin.draws.rows(_DRAWS)
     return spread_of(rollout_draws(placed, start, episode.trajectory, t, rows), episode.t, twin)
 
 

@@ -145,29 +145,6 @@ def resting_start(scene: Scene, X_WO: Pose) -> Pose:
     return Pose(X_WO.q, p_WO)
 
 
-def pusher_force(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Force that the object exerts on the pusher, as a sensor in the pusher's stem reads it.
-
-    Args:
-        twin, X_WO, trajectory: As for `rollout`; the forces of the trajectory are not used.
-        t: (n,) [s], not decreasing; the force is told from its first to its last.
-
-    Returns:
-        Times (T + 1,) [s] at which the steps of the physics begin and end, and the mean force in each step (T, 3) [N],
-        world axes.
-
-    Raises:
-        InputError: A mesh cannot be used.
-        SolverError: The physics found no solution.
-    """
-    scene = twin_scene(twin, X_WO.q)
-    h, first, start = scene.model.time_step, float(t[0]), resting_start(scene, X_WO)
-    steps = step_count(float(t[-1]) - first, h)
-    motion = pusher_motion(trajectory, first, steps, h)
-    impulses = pusher_impulses(scene, twin_parameters(twin, scene), Pose(start.q[None], start.p[None]), motion)
-    return first + h * np.arange(steps + 1), impulses[:, 0] / h
-
-
 def pusher_impulses(
     scene: Scene, parameters: Parameters, X_WO: Pose, motion: PusherMotion, *, num_threads: int | None = None
 ) -> np.ndarray:

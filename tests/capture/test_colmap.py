@@ -8,11 +8,11 @@ from PIL import Image
 from pinwm_drake.capture.importers.colmap import import_colmap, read_model
 from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
 from pinwm_drake.capture.importers.target import Scenery
-from pinwm_drake.capture.static_views import read_static_views, read_views
+from pinwm_drake.capture.static_views import read_views
 from pinwm_drake.capture.transforms import read_transforms
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import inverse
-from tests.capture.cube import write_mesh, write_views
+from tests.capture.cube import read_static_views, write_mesh, write_views
 from tests.capture.pushed_cube import X_WO
 from tests.capture.test_nerfstudio import same_views
 

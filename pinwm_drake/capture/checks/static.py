@@ -11,7 +11,7 @@ import trimesh
 from pinwm_drake.capture.checks.findings import Findings
 from pinwm_drake.capture.checks.pictures import check_area, check_camera, check_sharpness, compare, sharpness
 from pinwm_drake.capture.checks.scene import Scene
-from pinwm_drake.capture.refusals import attempt, passes
+from pinwm_drake.capture.refusals import attempt
 from pinwm_drake.capture.static_views import TRANSFORMS, read_frame_image, require_outside, require_seen
 from pinwm_drake.capture.transforms import Frame, read_frame, require_different
 from pinwm_drake.documents import Entry, read_json
@@ -55,10 +55,10 @@ def _check_view(frame: Frame, scene: Scene, findings: Findings, sharp: list[tupl
     mesh, X_WO = scene.mesh, scene.X_WO
     if mesh is not None and X_WO is not None:
         X_CO = compose(inverse(frame.X_WC), X_WO)
-        passes(lambda: require_outside(frame, X_CO, mesh), findings.error)
+        attempt(lambda: require_outside(frame, X_CO, mesh), findings.error)
         if not in_picture(mesh, frame.camera, X_CO):
             findings.error(unseen(frame.entry["transform_matrix"]))
-        elif picture is not None and passes(lambda: require_seen(frame, X_CO, picture[1], mesh), findings.error):
+        elif picture is not None and attempt(lambda: require_seen(frame, X_CO, picture[1], mesh), findings.error):
             outline = silhouette(mesh, frame.camera, X_CO)
             agreement = None if outline is None else compare(outline, picture[1])
             if agreement is not None and agreement.poor:

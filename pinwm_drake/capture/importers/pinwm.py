@@ -66,6 +66,8 @@ def import_pinwm(
 ) -> list[str]:
     """Makes a capture of a folder in the layout of PIN-WM's authors.
 
+    Returns the files of the pushes, which become episodes 0000, 0001, ...
+
     Args:
         source: The folder.
         out: The capture; not there yet, or empty.
@@ -74,8 +76,7 @@ def import_pinwm(
         camera: Number of one of several cameras; None for the one with the lowest number.
         static: The static views' file; None for `transforms_train.json` or `transforms.json` in `source`.
 
-    Returns:
-        The files of the pushes, which become episodes 0000, 0001, ...
+
 
     Raises:
         InputError: A file is missing or unreadable, a value is missing or out of range, a camera moves, or there
@@ -149,9 +150,6 @@ def trajectory(start: np.ndarray, goal: np.ndarray, count: int) -> PusherTraject
         start: (3,) [m], position at frame 0.
         goal: (3,) [m], position aimed at; its height does not count.
         count: Number of frames.
-
-    Returns:
-        Pose of the pusher at each frame, and its velocity from there to the next.
     """
     p_WP, v_WP = np.zeros((count, 3)), np.zeros((count, 3))
     p = start.copy()

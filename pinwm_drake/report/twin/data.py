@@ -26,27 +26,16 @@ _Result = TypeVar("_Result")
 
 @dataclass
 class Story:
-    """Twin, and the records of its identification that are at hand.
-
-    Attributes:
-        twin: The twin.
-        origin: Capture and episode that it was identified from; None where its provenance does not say.
-        history: History of the optimiser, or None.
-        poses: The identified poses at the frames, or None.
-        capture: The capture where it is still at hand; else None.
-        episode: The identified one, where it is at hand; else None.
-        truth: True values of physical parameters, where the capture knows them.
-        notices: Missing parts and contradictions, in words.
-    """
+    """Twin, and the records of its identification that are at hand; None where one is not."""
 
     twin: Twin
-    origin: Origin | None
+    origin: Origin | None  # None where its provenance does not say
     history: History | None = None
-    poses: ObjectPoses | None = None
+    poses: ObjectPoses | None = None  # identified, at the frames
     capture: Capture | None = None
-    episode: Episode | None = None
-    truth: dict[str, float] = field(default_factory=dict)
-    notices: list[str] = field(default_factory=list)
+    episode: Episode | None = None  # the identified one
+    truth: dict[str, float] = field(default_factory=dict)  # of physical parameters, where the capture knows them
+    notices: list[str] = field(default_factory=list)  # missing parts and contradictions, in words
 
     def attempt(self, work: Callable[[], _Result], consequence: str) -> _Result | None:
         """Result of `work`; None and a notice where an input is refused."""
