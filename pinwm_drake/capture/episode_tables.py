@@ -219,7 +219,6 @@ def read_frame_table(
 
 
 def _require_numbers(table: Table) -> None:
-    """Requires column `frame` of `frames.csv` to be whole and increasing."""
     values = table.numbers(("frame",), 1e9)[:, 0]
     for row, value in enumerate(values.tolist()):
         before = values[row - 1] if row else -1.0

@@ -181,7 +181,6 @@ def draw_cousins(twin: Twin, n: int, delta: float = 0.1, *, seed: int = 0, from_
 
 
 def _whole(name: str, value: int, low: int, high: int | None) -> int:
-    """Validated whole number; raises ParameterError for anything else."""
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not whole or value < low or (high is not None and value > high):
         allowed = f"a whole number, {low} or more" if high is None else f"a whole number from {low} to {high}"

@@ -75,7 +75,6 @@ def read_cousins(path: Path, twin: Twin) -> Cousins:
 
 
 def _check(path: Path, about: dict[str, Any], arrays: dict[str, np.ndarray], twin: Twin) -> None:
-    """Raises InputError unless a file is whole and of this twin."""
     if about.get("version") != _VERSION or set(about) != set(_KEYS) or set(arrays) != set(_ARRAYS):
         raise InputError(path, value=f"version {about.get('version')} of something", allowed=_ALLOWED)
     if about["sha256"] != _hash({key: value for key, value in about.items() if key != "sha256"}, arrays):

@@ -49,7 +49,6 @@ def run_demo(out: Path, options: DemoOptions | None = None) -> None:
 
 
 def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
-    """All stages, one after the other."""
     with stages.stage("check the capture"):
         capture, episodes = _read(options.capture)
     with compiling(options.capture, options.identify) as wait:
@@ -126,7 +125,6 @@ def _part(report: Report, low: float, high: float) -> Report:
 
 
 def _compare(twin: Twin, episode: Episode, poses: ObjectPoses, push: int | None, report: Report) -> DemoPush:
-    """A push with its frames and, where the truth is known, its errors."""
     cast, truth, words = Cast.of(twin, push), episode.object_poses, f"episode {episode.name}"
     number = len(episode.t)
     shots = draw_shots(episode, poses, cast, size=_PANEL, most=number, report=lambda share: report(share, words))
@@ -134,7 +132,6 @@ def _compare(twin: Twin, episode: Episode, poses: ObjectPoses, push: int | None,
 
 
 def _conclude(out: Path, result: DemoResult) -> None:
-    """The result in a few lines."""
     stages = result.stages
     friction = result.twin.theta["friction_floor"]
     interval = "" if friction.interval is None else " ({:.4f} to {:.4f})".format(*friction.interval)

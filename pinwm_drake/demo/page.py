@@ -82,7 +82,6 @@ def write_page(out: Path, result: DemoResult, films: Mapping[str, Sequence[page.
 
 
 def _tiles(result: DemoResult) -> Iterator[tuple[str, str, str]]:
-    """The main results: name, figure and more words of each."""
     friction, truth = result.twin.theta["friction_floor"], result.truth.get("friction_floor")
     words = [] if friction.interval is None else ["95 %: {:.4f} to {:.4f}".format(*friction.interval)]
     words += [] if truth is None else [f"true: {truth:g}"]
@@ -99,7 +98,6 @@ def _tiles(result: DemoResult) -> Iterator[tuple[str, str, str]]:
 
 
 def _views(result: DemoResult) -> list[list[tuple[np.ndarray, str]]]:
-    """Some static views, held-out ones first, and the surfels from the same place."""
     held = [view for view in result.views if view.name in result.fit.psnr_test]
     seen, rendered = [], []
     for view in (held or result.views)[:_VIEWS]:
@@ -112,7 +110,6 @@ def _views(result: DemoResult) -> list[list[tuple[np.ndarray, str]]]:
 
 
 def _seen(performance: Performance) -> list[tuple[np.ndarray, str]]:
-    """Some of the images that the policy saw."""
     record = performance.record
     words = (f"{performance.engine}, action {step}" for step in record.at.tolist())
     return list(zip(record.views, words, strict=True))
@@ -142,7 +139,6 @@ def write_films(
 
 
 def _push_frames(push: DemoPush) -> list[page.Frame]:
-    """Camera and twin side by side, with the time and, where known, the distance from the truth."""
     frames, errors = [], push.errors
     for k, shot in enumerate(push.shots):
         words = f"t = {shot.t:.2f} s"
@@ -173,7 +169,6 @@ def _beside(pictures: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _place(performance: Performance, step: int) -> str:
-    """The number of the action and the outcome, once there is one."""
     record = performance.record
     ended = f", {record.result.outcome}" if step >= record.last else ""
     return f"{performance.engine}: action {min(step, record.last)}{ended}"

@@ -166,7 +166,6 @@ def to_plain(value: object) -> Any:
 
 
 def _require_plain(entry: Entry) -> None:
-    """Requires plain data of at most 32 levels; raises InputError otherwise."""
     queue, count = [(entry, 0)], 0
     while queue:
         here, depth = queue.pop()

@@ -67,7 +67,6 @@ def _locate(folder: Path, entry: Entry) -> Path:
 
 
 def _check_hashes(paths: dict[str, Path], hashes: Entry) -> None:
-    """Raises InputError where a file is another one than when `twin.yaml` was written."""
     hashes.only(*sorted(paths))
     for name, path in sorted(paths.items()):
         expected = hashes[name].text()

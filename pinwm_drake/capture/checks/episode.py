@@ -86,7 +86,6 @@ def _check_view(folder: Path, scene: Scene, findings: Findings) -> tuple[Camera,
 
 
 def _check_times(folder: Path, t: np.ndarray, findings: Findings) -> None:
-    """Warns of few images and of gaps between them."""
     path = folder / FRAMES_FILE
     if len(t) < _FEWEST_IMAGES:
         findings.warn(path, f"{len(t)} images", f"{_FEWEST_IMAGES} or more")

@@ -50,7 +50,6 @@ def check_static(scene: Scene, findings: Findings, progress: Callable[[str], Non
 
 
 def _check_view(frame: Frame, scene: Scene, findings: Findings, sharp: list[tuple[Path, float | None]]) -> None:
-    """Checks one view, and adds its sharpness to the list."""
     picture = attempt(lambda: read_frame_image(frame), findings.error)
     mesh, X_WO = scene.mesh, scene.X_WO
     if mesh is not None and X_WO is not None:
@@ -84,7 +83,6 @@ def unseen(entry: Entry) -> InputError:
 
 
 def _check_surroundings(path: Path, frames: list[Frame], mesh: trimesh.Trimesh, X_WO: Pose, findings: Findings) -> None:
-    """Warns of few views, of a side without views, and of a surface that no camera looks at."""
     if len(frames) < _FEWEST_VIEWS:
         findings.warn(path, f"{len(frames)} views", f"{_FEWEST_VIEWS} or more, all around the object")
     R_WO, p_WO = quaternion_to_matrix(X_WO.q).numpy(), X_WO.p.numpy()

@@ -203,7 +203,6 @@ def _numbers(path: Path, row: int, cells: list[str]) -> list[float]:
 
 
 def _camera(path: Path, row: int, model: str, values: list[float]) -> Camera:
-    """A camera from its width, height and parameters."""
     if model not in _PINHOLES:
         hint = "PINHOLE or SIMPLE_PINHOLE: undistort the images first (colmap image_undistorter)"
         raise InputError(path, row=row, value=f"camera model {quote(model)}", allowed=hint)

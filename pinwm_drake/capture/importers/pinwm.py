@@ -94,7 +94,6 @@ def import_pinwm(
 
 
 def _push_files(source: Path) -> list[Path]:
-    """Files of pushes: those to train with by number, then those to test with."""
     if not is_folder(source):
         raise InputError(source, value="no such folder", allowed="a folder with dynamic_train0.json")
     matches = ((path, _FILES.fullmatch(path.name)) for path in source.iterdir())
@@ -210,7 +209,6 @@ def _intrinsics(entry: Entry) -> torch.Tensor:
 
 
 def _require_still(entry: Entry, X_WC: Pose, intrinsics: torch.Tensor) -> None:
-    """Requires the camera of an image to be that of the first one; raises InputError otherwise."""
     own = _pose(entry)
     still = torch.allclose(own.p, X_WC.p, rtol=0, atol=_SAME) and float((own.q @ X_WC.q).abs()) > 1 - _SAME
     if not still:

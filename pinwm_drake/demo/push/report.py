@@ -82,7 +82,6 @@ def _write_table(path: Path, record: PushRecord) -> None:
 
 
 def _summary(record: PushRecord) -> Table:
-    """Table of the outcome, with the derivatives of the final yaw."""
     table = Table("", "result", "by differences", title="Push of the T-block")
     moved = 1e3 * (record.p_WB[-1] - record.p_WB[0])
     table.add_row("moved in x and y", f"{moved[0]:.2f}, {moved[1]:.2f} mm")

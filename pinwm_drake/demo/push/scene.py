@@ -106,7 +106,6 @@ def simulate_push(options: PushOptions, report: Callable[[str, float], None]) ->
 
 
 def _model(options: PushOptions) -> Model:
-    """The block on the floor, and the pusher, upright and centred in its frame."""
     properties = mass_properties(load_mesh(model_path(BLOCK_MESH)), mass=BLOCK_MASS)
     block = Body(name="t_block", pieces=t_block(), mass=BLOCK_MASS, inertia=properties.inertia)
     pusher = {

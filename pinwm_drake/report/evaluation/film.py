@@ -47,7 +47,6 @@ class EpisodeFilm:
         return self._stage.picture([*actors, (self._pusher, np.eye(3), record.p_WP[k])], self._goal(record))
 
     def _goal(self, record: EpisodeRecord) -> Lines:
-        """Outline of the object at an episode's goal; none where there is no one pose for it."""
         key = tuple(record.goal.tolist())
         if key not in self._goals:
             X_WG, outline = self.X_WG(record), np.zeros((0, 2, 2))

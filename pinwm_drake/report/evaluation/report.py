@@ -117,7 +117,6 @@ def _film(story: EvaluationStory, report: Callable[[float], None]) -> Iterator[F
 
 
 def _strip(film: EpisodeFilm, record: EpisodeRecord) -> dict[str, list[Any]]:
-    """Strip of the scene at a few times and, where the policy sees images, of those below."""
     chosen = record.at.tolist() if len(record.at) else strip_steps(record.last)
     rows = [[(film.picture(record, step), f"scene after {step} actions") for step in chosen]]
     if len(record.at):

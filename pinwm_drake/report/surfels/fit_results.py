@@ -122,7 +122,6 @@ def _mean(values: dict[str, float]) -> float | None:
 
 
 def _draw(path: Path, views: list[View], result: FitResult, title: str) -> None:
-    """The figure, with held-out views or, where there are none, fitted ones."""
     history, shown = result.history, result.psnr_test or result.psnr_train
     # One point for each time that all views were seen.
     epoch = len(result.psnr_train)

@@ -102,8 +102,6 @@ async def _serve(scene: list[dict[str, Any]], host: str, port: int, ready: Calla
 
 
 class _Bridge(ZMQWebSocketBridge):  # type: ignore[misc]  # meshcat has no types
-    """Server of meshcat that listens on one address only."""
-
     def make_app(self) -> tornado.web.Application:
         """Web application that listens on the server's address; the base class gives it the port only."""
         app = super().make_app()
@@ -112,7 +110,6 @@ class _Bridge(ZMQWebSocketBridge):  # type: ignore[misc]  # meshcat has no types
 
 
 def _free_port(host: str, port: int | None) -> int:
-    """Free port: the given one, or the first one from 7000 on; ParameterError where there is none."""
     ports = range(FIRST_PORT, FIRST_PORT + _PORTS) if port is None else [port]
     reason = ""
     for candidate in ports:
@@ -159,7 +156,6 @@ class _Triangles(geometry.TriangularMeshGeometry):  # type: ignore[misc]
         self.normals = normals
 
     def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
-        """Message that shows the mesh in the browser."""
         message: dict[str, Any] = super().lower(object_data)
         message["data"]["attributes"]["normal"] = geometry.pack_numpy_array(self.normals.T)
         return message

@@ -90,7 +90,6 @@ def _read_poses(folder: Path, origin: Origin | None) -> ObjectPoses:
 
 
 def _read_episode(story: Story, capture: Capture) -> None:
-    """Reads episode and truth into the story; notes where they are not those of the twin."""
     origin = story.origin
     name = origin.episodes[0] if origin is not None else next(iter(capture.episode_names), "")
     story.episode = story.attempt(lambda: read_episode(capture, name), "So there are no pictures here.")

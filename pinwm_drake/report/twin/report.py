@@ -109,7 +109,6 @@ def _judge(twin: Twin, shots: list[Shot], errors: PoseErrors | None, history: Hi
 
 
 def _draw(story: Story, report: Callable[[float], None]) -> list[Shot]:
-    """The frames of the identified episode; none where it is not at hand."""
     if story.episode is None or story.poses is None:
         return []
     cast = Cast.of(story.twin, 0)
