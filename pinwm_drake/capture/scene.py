@@ -59,14 +59,9 @@ class PusherShape:
 
 @dataclass(frozen=True, eq=False)
 class PusherGeometry:
-    """Geometry of a pusher: a shape, which wins where both are there, or a mesh.
+    """Geometry of a pusher: a shape, which wins where both are there, or a mesh; neither without episodes only."""
 
-    Attributes:
-        mesh_path: File of the mesh, metres, pusher frame P; or None.
-        shape: The shape; or None. Both are None in captures without episodes only.
-    """
-
-    mesh_path: Path | None
+    mesh_path: Path | None  # m, pusher frame P
     shape: PusherShape | None
 
 

@@ -108,14 +108,9 @@ def require_seen(frame: Frame, X_CO: Pose, mask: np.ndarray, mesh: trimesh.Trime
 
 
 def winding_number(mesh: trimesh.Trimesh, p_O: np.ndarray) -> float:
-    """Winding number of a closed surface around a point: 0 outside, 1 or more inside.
+    """Winding number of a closed surface [m] around a point p_O (3,) [m] in its frame: 0 outside, 1 or more inside.
 
-    Args:
-        mesh: Closed, faces turned outwards, m.
-        p_O: (3,) [m], in the frame of the mesh.
-
-    Returns:
-        The number, whole up to rounding away from the surface.
+    It is whole up to rounding away from the surface, whose faces are turned outwards.
 
     Source: A. van Oosterom and J. Strackee, "The solid angle of a plane triangle" (1983), eq. 8.
     """

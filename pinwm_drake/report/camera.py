@@ -8,21 +8,13 @@ import numpy as np
 
 @dataclass(frozen=True)
 class ViewCamera:
-    """Pinhole camera whose frame C has x to the right, y down and z forward.
+    """Pinhole camera whose frame C has x to the right, y down and z forward."""
 
-    Attributes:
-        R_WC: (3, 3), orientation in the world.
-        p_WC: (3,) [m], position in the world.
-        focal: Focal length [px].
-        width: Image width [px].
-        height: Image height [px].
-    """
-
-    R_WC: np.ndarray
-    p_WC: np.ndarray
-    focal: float
-    width: int
-    height: int
+    R_WC: np.ndarray  # (3, 3)
+    p_WC: np.ndarray  # (3,) [m]
+    focal: float  # px
+    width: int  # px
+    height: int  # px
 
     @classmethod
     def look_at(

@@ -57,13 +57,9 @@ def twin_parameters(twin: Twin, scene: Scene) -> Parameters:
 
 
 def drawn_parameters(twin: Twin, scene: Scene, rows: np.ndarray, *, anew: bool = True) -> Parameters:
-    """Parameters of W worlds by draws from the posterior of a twin.
+    """Parameters of W worlds by rows (W,) of the draws of a twin; the same W times without draws.
 
-    Args:
-        twin: The twin; the same W times without draws.
-        scene: Scene of the object.
-        rows: (W,), rows of the draws.
-        anew: Flag: each world has the frictions of a push that was not seen, see `drift.grips`.
+    With `anew`, each world has the frictions of a push that was not seen, see `drift.grips`.
     """
     known = {name: [estimate.value] * len(rows) for name, estimate in (twin.theta | twin.nuisance).items()}
     drawn = {} if twin.draws is None else {name: twin.draws.column(name)[rows].tolist() for name in twin.draws.names}
