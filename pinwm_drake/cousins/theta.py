@@ -21,8 +21,8 @@ _ROUNDING = 1e-9  # relative error of the triangle inequality that the physics a
 class Range:
     """Range from which a parameter is drawn, evenly, in its unit.
 
-    The source of its ends is "delta" for (1 - delta) to (1 + delta) times the twin's value, "interval" for the
-    identified interval, and "interval to delta" or "delta to interval" where they differ in it.
+    The source of its ends is "delta" for (1 - delta) to (1 + delta) times the twin's value. It is "interval" for the
+    identified interval, and "interval to delta" or "delta to interval" where the ends differ in it.
     """
 
     low: float
