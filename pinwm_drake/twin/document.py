@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, create_model, model_validator
 
 from pinwm_drake.capture.scene import GRAVITIES, UNITS, FloorDocument, PusherDocument
-from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, schema_version
+from pinwm_drake.documents import ROUND_CONE, Document, Entry, FromList, Number, Text, finite, in_words, schema_version
 from pinwm_drake.scene import Support
 from pinwm_drake.twin.twin import SCHEMA_VERSION, THETA, Estimate, Twin
 
@@ -136,6 +136,9 @@ def read_document(entry: Entry) -> TwinDocument:
     Raises:
         InputError: A key is missing or unknown, or a value is of the wrong kind or out of range.
     """
+    if isinstance(entry.value, dict) and isinstance(entry.value.get("physics"), dict):
+        physics = entry["physics"].without("friction_directions", ROUND_CONE).value
+        entry = Entry(entry.path, entry.place, entry.value | {"physics": physics})
     document = entry.read(TwinDocument)
     theta, _ = document.estimates()
     low, middle, high = sorted((theta[key].value, key) for key in _INERTIA)
