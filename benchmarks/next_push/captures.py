@@ -20,7 +20,7 @@ from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.capture.ground_truth import write_ground_truth
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import PusherGeometry
-from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_transforms
+from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_posed_images
 from pinwm_drake.files import appearing
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.runs.realism.camera import LabCamera
@@ -151,8 +151,8 @@ class _Writer:
             Image.fromarray(picture).save(folder / name)
             if self.lab is not None:
                 X_WC = moved_camera(X_WC, realism.static_place, realism.static_turn, self.generator)
-            frames.append((name, to_pose(X_WC)))
-        write_transforms(folder / "transforms.json", self.recorder.rig.camera, frames)
+            frames.append((name, self.recorder.rig.camera, to_pose(X_WC)))
+        write_posed_images(folder / "transforms.json", frames)
 
     def _write_episode(self, number: int) -> dict[str, Any]:
         X_WC = X_WC_told = episode_viewpoint(self.spec, self.thing, self.posed, number)

@@ -15,13 +15,7 @@ from pinwm_drake.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class CheckResult:
-    """Result of the check of a capture.
-
-    Attributes:
-        problems: Errors and warnings, in the order of the files.
-        views: Number of static views.
-        images: Number of images of each episode, by its name.
-    """
+    """Problems of a capture in the order of its files, number of its static views, and of each episode's images."""
 
     problems: list[Problem]
     views: int
@@ -39,15 +33,9 @@ class CheckResult:
 
 
 def check_capture(folder: Path, progress: Callable[[str], None] = lambda part: None) -> CheckResult:
-    """Checks a capture: every file, each by itself and against the others.
+    """Checks a capture: every file, each by itself and against the others; `progress` is told what comes next.
 
-    Args:
-        folder: The capture.
-        progress: Is told what comes next.
-
-    Returns:
-        The problems. A part that others build on, such as the mesh, is left out of their checks where it is
-        refused itself.
+    A part that others build on, such as the mesh, is left out of their checks where it is refused itself.
 
     Raises:
         InputError: There is no such folder.

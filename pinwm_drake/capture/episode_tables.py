@@ -1,7 +1,4 @@
-"""Tables of an episode: times of its images, poses of the pusher and of the object.
-
-Every problem of a table names file, line, column and value.
-"""
+"""Tables of an episode: times of its images, poses of the pusher and of the object."""
 
 import csv
 import io
@@ -34,19 +31,12 @@ _LONGEST_QUOTE = 60  # characters of a value that a message repeats
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Table of a CSV file, its cells as text.
-
-    Attributes:
-        path: The file.
-        lines: The line of each row, counted from 1, the header's being 1.
-        cells: The texts of each column, by its name.
-        refuse: Receives each problem.
-    """
+    """Table of a CSV file, its cells as text; each problem of it names file, line, column and value."""
 
     path: Path
-    lines: list[int]
-    cells: dict[str, list[str]]
-    refuse: Refuse = raise_it
+    lines: list[int]  # of each row; the header's is 1
+    cells: dict[str, list[str]]  # of each column, by its name
+    refuse: Refuse
 
     def refusal(self, row: int, column: str, allowed: str, found: str | None = None) -> InputError:
         """Error of one cell, its row counted from 0 without the header; `found` stands for its text, in words."""
@@ -54,18 +44,7 @@ class Table:
         return InputError(self.path, row=self.lines[row], value=f"{column} = {found}", allowed=allowed)
 
     def numbers(self, columns: tuple[str, ...], bound: float = math.inf) -> np.ndarray:
-        """Values of columns of finite numbers.
-
-        Args:
-            columns: Names of the columns.
-            bound: The largest magnitude, in the unit of the columns.
-
-        Returns:
-            (rows, len(columns)) float64 in the unit of the file; NaN where a problem was only noted.
-
-        Raises:
-            InputError: A cell is no finite number of at most that magnitude.
-        """
+        """Values (rows, columns) of finite numbers up to a bound, in the unit of the file; NaN for refused ones."""
         allowed = "a finite number" + ("" if math.isinf(bound) else f" from {-bound:g} to {bound:g}")
         values = np.full((len(self.lines), len(columns)), np.nan)
         for row in range(len(self.lines)):
@@ -79,11 +58,7 @@ class Table:
         return values
 
     def times(self) -> np.ndarray:
-        """Times (rows,) [s] of column t, each later than the one before.
-
-        Raises:
-            InputError: A cell is no finite number, or not later than the one above it.
-        """
+        """Times (rows,) [s] of column t, each later than the one before."""
         times = self.numbers(("t",), _LATEST)[:, 0]
         for row in (np.nonzero(np.diff(times) <= 0)[0] + 1).tolist():
             same = "the time of the row before again" if times[row] == times[row - 1] else "an earlier time"
@@ -92,18 +67,13 @@ class Table:
         return times
 
     def quaternions(self) -> np.ndarray:
-        """Unit quaternions, w first: (rows, 4), normalised to rounding.
-
-        Raises:
-            InputError: A cell is no finite number, or a norm is not 1.
-        """
+        """Unit quaternions (rows, 4), wxyz, normalised to rounding."""
         values = self.numbers(QUATERNION)
         with np.errstate(over="ignore"):
             norms = np.linalg.norm(values, axis=-1, keepdims=True)
         for row in np.nonzero(np.abs(norms[:, 0] - 1) > UNIT_NORM)[0].tolist():
-            found = (
-                f"({', '.join(quote(self.cells[column][row]) for column in QUATERNION)}), of norm {norms[row, 0]:.6g}"
-            )
+            cells = ", ".join(quote(self.cells[column][row]) for column in QUATERNION)
+            found = f"({cells}), of norm {norms[row, 0]:.6g}"
             self.refuse(self.refusal(row, "qw, qx, qy, qz", "a quaternion (w, x, y, z) of norm 1", found))
         return values / np.where(norms > 0, norms, 1)
 
@@ -111,7 +81,7 @@ class Table:
 def read_table(
     path: Path, columns: tuple[str, ...], optional: tuple[str, ...] = (), refuse: Refuse = raise_it
 ) -> Table:
-    """Reads a CSV file with a header.
+    """Reads a CSV file with a header, one row or more, and its columns in any order.
 
     Args:
         path: The file.
@@ -119,12 +89,8 @@ def read_table(
         optional: Columns that it may have besides, all of them or none.
         refuse: Receives the problems of the table's rows and cells.
 
-    Returns:
-        The table, with one row or more, columns in any order.
-
     Raises:
-        InputError: The file cannot be read, has other columns, or no rows; the message names the line. A row
-            with another number of cells goes to `refuse`.
+        InputError: The file cannot be read, has other columns, or no rows; the message names the line.
     """
     allowed = f"columns {','.join(columns)}" + (f" and, if measured, {','.join(optional)}" if optional else "")
     reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
@@ -228,13 +194,8 @@ def read_frame_table(
 ) -> tuple[list[str], np.ndarray]:
     """The images of an episode from `frames.csv`: their names as written, and their times (n,) [s].
 
-    Args:
-        folder: Folder of the episode.
-        trajectory_t: (m,) [s], the times of the pusher's log; None leaves the comparison out.
-        refuse: Receives problems, as for `read_pose_table`.
-
-    Raises:
-        InputError: The table cannot be used, or an image is missing; see `episodes.read_episode`.
+    They are compared with the times (m,) [s] of the pusher's log, unless that is None. Errors are those of
+    `read_pose_table`, and that an image is missing.
     """
     table = read_table(folder / FRAMES_FILE, FRAME_COLUMNS, refuse=refuse)
     t = table.times()
@@ -258,12 +219,9 @@ def read_frame_table(
 
 
 def _require_numbers(table: Table) -> None:
-    """Requires column `frame` of `frames.csv` to be whole and increasing."""
     values = table.numbers(("frame",), 1e9)[:, 0]
     for row, value in enumerate(values.tolist()):
         before = values[row - 1] if row else -1.0
-        if np.isnan(value):
-            continue  # refused as no number
-        if value != np.floor(value) or value <= before:
+        if not np.isnan(value) and (value != np.floor(value) or value <= before):  # NaN was refused as no number
             allowed = "a whole number, larger than the one in the row before" if row else "a whole number from 0"
             table.refuse(table.refusal(row, "frame", allowed))

@@ -74,16 +74,12 @@ class Episode(View):
 
 
 def pose_at(t: np.ndarray, p: np.ndarray, q: np.ndarray, time: float) -> Pose:
-    """Pose between the rows of a table: straight in p, shortest in q.
+    """Pose at a time [s] between the rows of a table: straight in p, shortest in q; outside, that of the nearest row.
 
     Args:
         t: (n,) [s], increasing.
         p: (n, 3) [m].
         q: (n, 4), wxyz.
-        time: s; before the first row it is that of the first, after the last that of the last.
-
-    Returns:
-        q (4,), p (3,) [m].
     """
     k = int(np.clip(np.searchsorted(t, time, side="right") - 1, 0, len(t) - 1))
     after = min(k + 1, len(t) - 1)
@@ -94,14 +90,7 @@ def pose_at(t: np.ndarray, p: np.ndarray, q: np.ndarray, time: float) -> Pose:
 
 
 def read_episode(capture: Capture, name: str) -> Episode:
-    """Reads an episode; of its images, only whether they are there.
-
-    Args:
-        capture: The capture.
-        name: Name of the episode, one of `capture.episode_names`.
-
-    Returns:
-        The episode.
+    """Reads an episode by its name; of its images, only whether they are there.
 
     Raises:
         InputError: There is no such episode, a file is missing or unreadable, a table has other columns, a
@@ -121,13 +110,7 @@ def read_episode(capture: Capture, name: str) -> Episode:
 
 
 def read_episode_folder(folder: Path) -> tuple[Capture, Episode]:
-    """Reads an episode by its folder, and the capture that it belongs to.
-
-    Args:
-        folder: `.../episodes/<name>`.
-
-    Returns:
-        The capture and the episode.
+    """Reads an episode by its folder `.../episodes/<name>`, and the capture that it belongs to.
 
     Raises:
         InputError: The folder is not in the `episodes` of a capture, or one of the two is refused.

@@ -11,15 +11,10 @@ _CLEARANCE = 0.004  # m, between floor and pusher
 
 
 def pusher_surface(pusher: PusherGeometry, *, sections: int = 48) -> trimesh.Trimesh:
-    """Closed surface of a pusher.
+    """Closed surface of a pusher, m, frame P: of its shape, or else its mesh.
 
-    Args:
-        pusher: The pusher's shape, or else its mesh.
-        sections: Number of edges around a round shape, 8 or more.
-
-    Returns:
-        The surface, m, frame P. Round shapes are inscribed by 1 % of the radius or less with 48 sections, 3 % with
-        24, 10 % with 12.
+    Round shapes have 8 or more sections. They are inscribed by 1 % of the radius or less with 48, 3 % with 24, 10 %
+    with 12.
 
     Raises:
         InputError: The mesh is refused; see `load_mesh`.
@@ -41,11 +36,7 @@ def pusher_surface(pusher: PusherGeometry, *, sections: int = 48) -> trimesh.Tri
 
 
 def upright_shape(pusher: PusherGeometry) -> PusherShape:
-    """Shape of a pusher; an upright cylinder around one that is a mesh.
-
-    Raises:
-        InputError: The mesh cannot be used.
-    """
+    """Shape of a pusher; an upright cylinder around one that is a mesh, which InputError refuses if of no use."""
     if pusher.shape is not None:
         return pusher.shape
     corners = pusher_surface(pusher).vertices

@@ -28,8 +28,7 @@ def refine_capture(
         out: Folder of the copy: not there yet, or empty. It appears when all is done.
         progress: Called after each step with the share of the work that is done, and the mean square of the misfit.
 
-    Returns:
-        The fitted mesh, and how well it fits.
+
 
     Raises:
         InputError: A file is missing or refused, the mesh has more than 64 vertices or lies elsewhere, or a file cannot

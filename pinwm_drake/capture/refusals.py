@@ -25,13 +25,3 @@ def attempt(work: Callable[[], _Result], refuse: Refuse) -> _Result | None:
     except PinwmError as error:
         refuse(error)
         return None
-
-
-def passes(work: Callable[[], None], refuse: Refuse) -> bool:
-    """Flag: `work`, a check, found nothing to refuse; `refuse` receives its PinwmError."""
-
-    def done() -> bool:
-        work()
-        return True
-
-    return attempt(done, refuse) or False

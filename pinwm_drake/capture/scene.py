@@ -59,14 +59,9 @@ class PusherShape:
 
 @dataclass(frozen=True, eq=False)
 class PusherGeometry:
-    """Geometry of a pusher: a shape, which wins where both are there, or a mesh.
+    """Geometry of a pusher: a shape, which wins where both are there, or a mesh; neither without episodes only."""
 
-    Attributes:
-        mesh_path: File of the mesh, metres, pusher frame P; or None.
-        shape: The shape; or None. Both are None in captures without episodes only.
-    """
-
-    mesh_path: Path | None
+    mesh_path: Path | None  # m, pusher frame P
     shape: PusherShape | None
 
 
@@ -192,13 +187,7 @@ def read_capture_object(folder: Path) -> CaptureObject:
 
 
 def read_capture(folder: Path) -> Capture:
-    """Reads `capture.yaml`, and the names of the episodes.
-
-    Args:
-        folder: The capture.
-
-    Returns:
-        The capture.
+    """Reads `capture.yaml` of a folder, and the names of the episodes.
 
     Raises:
         InputError: The file is missing or no YAML, of another schema version or in other units, a key is

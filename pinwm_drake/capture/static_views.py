@@ -8,26 +8,13 @@ import torch
 import trimesh
 
 from pinwm_drake.capture.images import read_image, require_size
-from pinwm_drake.capture.paths import is_file, is_folder
-from pinwm_drake.capture.scene import CAPTURE_FILE, read_capture_object
+from pinwm_drake.capture.paths import is_folder
 from pinwm_drake.capture.transforms import Frame, read_transforms
 from pinwm_drake.errors import InputError
-from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.views import View, project
 from pinwm_drake.spatial.poses import Pose, compose, identity, inverse
 
 TRANSFORMS = "transforms.json"
-
-
-def is_capture(folder: Path) -> bool:
-    """Flag: a folder is a capture, as it has a `capture.yaml`."""
-    return is_file(folder / CAPTURE_FILE)
-
-
-def read_static_views(folder: Path) -> list[View]:
-    """Static views of a capture, in the order of its file; raises InputError as `read_views` and `read_capture`."""
-    about = read_capture_object(folder)
-    return read_views(folder / "static", about.X_WO, mesh=load_mesh(about.mesh_path))
 
 
 def read_views(path: Path, X_WO: Pose | None = None, *, mesh: trimesh.Trimesh | None = None) -> list[View]:
@@ -98,8 +85,8 @@ def require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:
         raise frame.entry["transform_matrix"].refusal("a camera outside the object", found)
 
 
-def require_seen(frame: Frame, X_CO: Pose, mask: np.ndarray, mesh: trimesh.Trimesh) -> None:
-    """Requires a camera to see the object, with pose X_CO [m] in it, and not beside where the mask (H, W) shows it.
+def require_seen(frame: Frame, X_CO: Pose, mask: np.ndarray, mesh: trimesh.Trimesh) -> bool:
+    """True for a camera that sees the object, with pose X_CO [m] in it, where the mask (H, W) shows it.
 
     Raises:
         InputError: The camera looks away from it, or the boxes around mesh and mask do not even overlap.
@@ -109,7 +96,7 @@ def require_seen(frame: Frame, X_CO: Pose, mask: np.ndarray, mesh: trimesh.Trime
     if (depths <= 0).all():
         raise entry.refusal(hint, "a camera that looks away from the object")
     if (depths <= 0).any():
-        return
+        return True
     rows, columns = np.nonzero(mask)
     low, high = np.array([columns.min(), rows.min()]), np.array([columns.max(), rows.max()])
     if (pixels.max(axis=0) < low).any() or (pixels.min(axis=0) > high + 1).any():
@@ -117,17 +104,13 @@ def require_seen(frame: Frame, X_CO: Pose, mask: np.ndarray, mesh: trimesh.Trime
         seen = f"columns {x0:.0f} to {x1:.0f}, rows {y0:.0f} to {y1:.0f}"
         there = f"columns {low[0]} to {high[0]}, rows {low[1]} to {high[1]} of {frame.file_path}"
         raise entry.refusal(hint, f"a camera that sees the mesh at {seen}, while it shows at {there}")
+    return True
 
 
 def winding_number(mesh: trimesh.Trimesh, p_O: np.ndarray) -> float:
-    """Winding number of a closed surface around a point: 0 outside, 1 or more inside.
+    """Winding number of a closed surface [m] around a point p_O (3,) [m] in its frame: 0 outside, 1 or more inside.
 
-    Args:
-        mesh: Closed, faces turned outwards, m.
-        p_O: (3,) [m], in the frame of the mesh.
-
-    Returns:
-        The number, whole up to rounding away from the surface.
+    It is whole up to rounding away from the surface, whose faces are turned outwards.
 
     Source: A. van Oosterom and J. Strackee, "The solid angle of a plane triangle" (1983), eq. 8.
     """

@@ -26,23 +26,14 @@ _DISTORTIONS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One posed image of a `transforms.json`.
+    """One posed image of a `transforms.json`."""
 
-    Attributes:
-        entry: Entry of the frame, for error messages.
-        file_path: The image, as written in the file.
-        image_path: The image.
-        mask_path: Path of its mask as the file names it, or None.
-        camera: Size and intrinsics.
-        X_WC: Pose of the camera in the world, OpenCV axes; q (4,), p (3,) [m].
-    """
-
-    entry: Entry
-    file_path: str
+    entry: Entry  # for error messages
+    file_path: str  # the image, as written in the file
     image_path: Path
-    mask_path: Path | None
+    mask_path: Path | None  # as the file names it, or None
     camera: Camera
-    X_WC: Pose
+    X_WC: Pose  # of the camera in the world, OpenCV axes; q (4,), p (3,) [m]
 
 
 def read_transforms(path: Path) -> list[Frame]:
@@ -88,11 +79,7 @@ def read_frame(document: Entry, frame: Entry) -> Frame:
 
 
 def read_camera(document: Entry, frame: Entry) -> Camera:
-    """Size and intrinsics [px], the frame's own before the document's.
-
-    Raises:
-        InputError: A key is missing or out of range, or the camera is not a pinhole without distortion.
-    """
+    """Size and intrinsics [px], the frame's own before the document's; raises InputError as `read_transforms` does."""
 
     # By `Entry`: a frame's keys stand in for the file's, and the bounds of cx and cy are those of w and h.
     def find(key: str) -> Entry:
@@ -119,11 +106,7 @@ def require_last_row(entry: Entry, matrix: np.ndarray) -> None:
 
 
 def read_pose(entry: Entry) -> Pose:
-    """A camera's pose in OpenCV axes from a 4 x 4 matrix [m] in OpenGL axes.
-
-    Raises:
-        InputError: The entry is not a rigid transform of finite numbers, or is a kilometre away.
-    """
+    """A camera's pose in OpenCV axes from a 4 x 4 matrix [m] in OpenGL axes; raises InputError as `opencv_pose`."""
     return opencv_pose(entry, entry.numbers(4, 4))
 
 

@@ -44,11 +44,9 @@ def write_capture_yaml(
 
     Args:
         folder: The capture; made if need be.
-        name: Name of the object.
-        mesh: Path of the object's mesh, from `folder`.
-        mass: Mass of the object, kg; None where it was not measured.
+        name, mass: Name of the object, and its mass, kg; None where it was not measured.
+        mesh, pusher_mesh: Paths of the meshes from `folder`.
         X_WO: Pose of the object in the static views and at the start of an episode; q (4,), p (3,) [m].
-        pusher_mesh: Path of the pusher's mesh, from `folder`; or None.
         pusher_shape: The pusher's shape; or None.
         floor_height: Height of the floor, m.
         gravity: m/s^2, downwards.
@@ -74,11 +72,6 @@ def write_capture_yaml(
     }
     text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
     _write_text(prepare_folder(folder) / CAPTURE_FILE, text)
-
-
-def write_transforms(path: Path, camera: Camera, frames: list[tuple[str, Pose]]) -> None:
-    """Writes a `transforms.json` for images of one camera; see `write_posed_images`."""
-    write_posed_images(path, [(name, camera, X_WC) for name, X_WC in frames])
 
 
 def write_posed_images(path: Path, frames: list[tuple[str, Camera, Pose]]) -> None:

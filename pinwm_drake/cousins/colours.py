@@ -27,11 +27,7 @@ class ColourDraw:
     """Colours of one twin, and the limits that each has in a draw."""
 
     def __init__(self, surfels: Surfels) -> None:
-        """Computes the range of every surfel's colours over all directions.
-
-        Args:
-            surfels: Surfels of the twin; sh (N, K, 3).
-        """
+        """Computes the range of every surfel's colours over all directions; sh is (N, K, 3)."""
         self._sh = surfels.sh.detach().to(torch.float32).numpy()
         bands = [2 * band + 1 for band in range(surfels.degree + 1)]
         # The largest value of a band's harmonics with coefficients of norm 1, by the addition theorem.
@@ -77,13 +73,9 @@ class ColourDraw:
         return share.astype(np.float32)
 
     def _limit(self, share: np.ndarray, at: np.ndarray, changes: np.ndarray, basis: np.ndarray) -> None:
-        """Lowers the shares (3 N,) of the colours with indices `at` (n,) to those that their limits leave.
+        """Lowers the shares (3 N,) of the colours `at` (n,) to those that their limits leave in some directions.
 
-        Args:
-            share: (3 N,), 0 to 1; changed in place.
-            at: (n,) indices of colours.
-            changes: (3 N, K), changes of all colours' harmonics.
-            basis: (K, directions), harmonics in the directions to look from.
+        `changes` (3 N, K) are those of all colours' harmonics, `basis` (K, directions) the harmonics to look from.
         """
         after = (self._twin[at] + changes[at]) @ basis.astype(np.float32) + np.float32(0.5)
         at = at[(after.max(1) > self._ceiling[at] - _NEAR) | (after.min(1) < self._floor[at] + _NEAR)]

@@ -64,11 +64,7 @@ class Cousin:
         return dataclasses.replace(self._physical(), surfels=surfels)
 
     def parameters(self, scene: Scene) -> Parameters:
-        """Parameters theta of the cousin, one world.
-
-        Args:
-            scene: The twin's scene, of any orientation.
-        """
+        """Parameters theta of the cousin, one world of the twin's scene in any orientation."""
         return twin_parameters(self._physical(), scene)
 
     def _physical(self) -> Twin:
@@ -136,12 +132,7 @@ def twin_shape(twin: Twin) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class Cousins:
-    """Cousins 0 to n - 1 of a twin.
-
-    Attributes:
-        draw: The draw that they come from; it gives further ones.
-        members: The cousins, by number.
-    """
+    """Cousins 0 to n - 1 of a twin, and the draw that gives further ones."""
 
     draw: CousinDraw
     members: tuple[Cousin, ...]
@@ -190,7 +181,6 @@ def draw_cousins(twin: Twin, n: int, delta: float = 0.1, *, seed: int = 0, from_
 
 
 def _whole(name: str, value: int, low: int, high: int | None) -> int:
-    """Validated whole number; raises ParameterError for anything else."""
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not whole or value < low or (high is not None and value > high):
         allowed = f"a whole number, {low} or more" if high is None else f"a whole number from {low} to {high}"

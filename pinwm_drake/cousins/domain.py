@@ -3,34 +3,14 @@
 Cousins of a twin are domains; methods that randomise otherwise differ from them in the domain alone.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from torch import Tensor
-
-from pinwm_drake.cousins.cousin import CousinDraw
-from pinwm_drake.physics.parameters import Parameters
-from pinwm_drake.scene import Scene
+from pinwm_drake.cousins.cousin import Cousin, CousinDraw
 from pinwm_drake.twin.twin import Twin
 
-
-class Domain(Protocol):
-    """Physical parameters and colours of one world."""
-
-    @property
-    def theta(self) -> Mapping[str, float]:
-        """Values of `THETA`'s parameters, SI units."""
-
-    @property
-    def sh(self) -> Tensor:
-        """Harmonics (N, K, 3) float32 of the surfels; asked for only where images are seen."""
-
-    def parameters(self, scene: Scene) -> Parameters:
-        """Parameters of one world of a scene, with this theta."""
-
-
-DomainDraw = Callable[[int], Domain]
+DomainDraw = Callable[[int], Cousin]
 
 
 class DomainSource(Protocol):

@@ -12,6 +12,7 @@ import torch
 from pinwm_drake.checkpoints import load_arrays, write_arrays
 from pinwm_drake.cousins.cousin import Cousin, CousinDraw, Cousins, twin_shape
 from pinwm_drake.cousins.theta import KEYS
+from pinwm_drake.documents import read_bytes
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.twin.rollout import NO_EFFECT
 from pinwm_drake.twin.twin import Twin
@@ -52,14 +53,7 @@ def write_cousins(path: Path, cousins: Cousins) -> None:
 
 
 def read_cousins(path: Path, twin: Twin) -> Cousins:
-    """Reads the cousins of a twin from a file.
-
-    Args:
-        path: A file that `write_cousins` wrote.
-        twin: The twin of these cousins.
-
-    Returns:
-        The very cousins that were written, and the draw that gives further ones.
+    """Reads the cousins of a twin from a file: the very ones that `write_cousins` wrote.
 
     Raises:
         InputError: The file is missing, is no file of cousins, was changed, or its cousins are another twin's.
@@ -75,28 +69,20 @@ def read_cousins(path: Path, twin: Twin) -> Cousins:
     thetas = [dict(zip(KEYS, row, strict=True)) for row in found["theta"].tolist()]
     shapes = [dict(zip(NO_EFFECT, row, strict=True)) for row in found["shape"].tolist()]
     looks = zip(torch.from_numpy(found["sh"]), found["moved"].tolist(), strict=True)
-    return Cousins(
-        draw,
-        tuple(
-            Cousin(twin, number, theta, shape, partial(tuple, own))
-            for number, (theta, shape, own) in enumerate(zip(thetas, shapes, looks, strict=True))
-        ),
-    )
+    rows = enumerate(zip(thetas, shapes, looks, strict=True))
+    members = (Cousin(twin, number, theta, shape, partial(tuple, own)) for number, (theta, shape, own) in rows)
+    return Cousins(draw, tuple(members))
 
 
 def _check(path: Path, about: dict[str, Any], arrays: dict[str, np.ndarray], twin: Twin) -> None:
-    """Raises InputError unless a file is whole and of this twin."""
     if about.get("version") != _VERSION or set(about) != set(_KEYS) or set(arrays) != set(_ARRAYS):
         raise InputError(path, value=f"version {about.get('version')} of something", allowed=_ALLOWED)
     if about["sha256"] != _hash({key: value for key, value in about.items() if key != "sha256"}, arrays):
         raise InputError(path, value="contents that were changed", allowed=_ALLOWED)
     expected = hash_twin(twin)
     if about["twin"] != expected:
-        raise InputError(
-            path,
-            value=f"cousins of the twin {str(about['twin'])[:12]}...",
-            allowed=f"of {expected[:12]}..., the one at hand ({twin.name})",
-        )
+        allowed = f"of {expected[:12]}..., the one at hand ({twin.name})"
+        raise InputError(path, value=f"cousins of the twin {str(about['twin'])[:12]}...", allowed=allowed)
     n, wanted = arrays["moved"].size, dict.fromkeys(_ARRAYS, np.float64) | {"sh": np.float32}
     shapes = {"theta": (n, len(KEYS)), "shape": (n, len(NO_EFFECT)), "sh": (n, *twin.surfels.sh.shape), "moved": (n,)}
     for name, array in arrays.items():
@@ -108,14 +94,7 @@ def _check(path: Path, about: dict[str, Any], arrays: dict[str, np.ndarray], twi
 def hash_twin(twin: Twin) -> str:
     """SHA-256 of all that a twin's motion and looks depend on: not of its name, provenance or place on disk.
 
-    Args:
-        twin: The twin, read or in memory; writing and reading does not change its hash.
-
-    Returns:
-        The hash, 64 hexadecimal digits.
-
-    Raises:
-        InputError: A mesh cannot be read.
+    Writing and reading a twin does not change its hash. Raises InputError where a mesh cannot be read.
     """
     shape = twin.pusher.shape
     plain = {
@@ -137,10 +116,7 @@ def hash_twin(twin: Twin) -> str:
     if twin.pusher.mesh_path is not None and shape is None:
         meshes.append(twin.pusher.mesh_path)
     for path in meshes:
-        try:
-            digest.update(hashlib.sha256(path.read_bytes()).digest())
-        except OSError as error:
-            raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+        digest.update(hashlib.sha256(read_bytes(path)).digest())
     for name, tensor in twin.surfels.tensors().items():
         digest.update(f"{name} {tuple(tensor.shape)}".encode())
         digest.update(np.ascontiguousarray(tensor.detach().numpy()).tobytes())

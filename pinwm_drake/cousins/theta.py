@@ -19,12 +19,10 @@ _ROUNDING = 1e-9  # relative error of the triangle inequality that the physics a
 
 @dataclass(frozen=True)
 class Range:
-    """Range from which a parameter is drawn, evenly.
+    """Range from which a parameter is drawn, evenly, in its unit.
 
-    Attributes:
-        low, high: Ends of the range, in the parameter's unit.
-        source: Origin of the ends: "delta" for (1 - delta) to (1 + delta) times the twin's value, "interval" for the
-            identified interval; "interval to delta" and "delta to interval" where low and high end differ in it.
+    The source of its ends is "delta" for (1 - delta) to (1 + delta) times the twin's value. It is "interval" for the
+    identified interval, and "interval to delta" or "delta to interval" where the ends differ in it.
     """
 
     low: float
@@ -33,16 +31,13 @@ class Range:
 
 
 def theta_ranges(theta: Mapping[str, Estimate], delta: float, *, from_intervals: bool) -> dict[str, Range]:
-    """Range of each parameter, cut to values that a body can have.
+    """Range of each parameter in the order of `THETA`, cut to values that a body can have.
 
     Args:
         theta: Estimates of the twin's parameters, by name.
         delta: Relative half-width, 0 or more, less than 1.
         from_intervals: Flag: the identified 95 % intervals are the ranges. An interval that was not computed, and an
             end that is infinite or (of mass and inertia) not above 0, is replaced by that of delta; `source` says so.
-
-    Returns:
-        A range for each key of `THETA`, in its order.
     """
     return {key: _range(key, theta[key], delta, from_intervals) for key in THETA}
 
@@ -94,16 +89,10 @@ def draw_theta(generator: np.random.Generator, twin: np.ndarray, ranges: Mapping
 
 
 def drawn_theta(twin: Twin, theta: Mapping[str, float], drawn: Mapping[str, float]) -> dict[str, float]:
-    """Parameters by a draw from a twin's posterior where they were identified, else as they are.
+    """Values of `THETA` by one draw from a twin's posterior where its intervals tell that they were identified.
 
-    Args:
-        twin: The twin, whose intervals tell what was identified.
-        theta: Values of `THETA`'s parameters.
-        drawn: Values of one draw, by name; moments of inertia are for the twin's mass, and are scaled to that of the
-            result: a video shows their ratio.
-
-    Returns:
-        Values of `THETA`'s parameters.
+    Others stay as they are. Moments of inertia are drawn for the twin's mass, and are scaled to that of the result: a
+    video shows their ratio.
     """
     known = {key: drawn[key] for key, one in twin.theta.items() if one.interval is not None and key in drawn}
     found = dict(theta) | known

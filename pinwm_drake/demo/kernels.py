@@ -25,11 +25,7 @@ from pinwm_drake.identification.unknowns import Coordinates
 
 @contextmanager
 def compiling(capture: Path, options: IdentifyOptions) -> Iterator[Callable[[], Cost | None]]:
-    """Compiles in a second process, from the beginning of a `with` block to its end at most.
-
-    Args:
-        capture: The capture that will be identified.
-        options: Options of that identification.
+    """Compiles what the identification of a capture needs in a second process, to the end of a `with` block at most.
 
     Yields:
         Function that waits for the process and returns what it took; None where it failed, and the identification

@@ -8,10 +8,9 @@ from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode
 from pinwm_drake.capture.scene import Capture, read_capture
 from pinwm_drake.capture.write import write_pose_table
-from pinwm_drake.demo.films import write_films
 from pinwm_drake.demo.kernels import compiling
 from pinwm_drake.demo.options import DemoOptions
-from pinwm_drake.demo.page import PAGE_FILE, DemoPush, DemoResult, write_page
+from pinwm_drake.demo.page import PAGE_FILE, DemoPush, DemoResult, write_films, write_page
 from pinwm_drake.demo.policy import run_policy
 from pinwm_drake.demo.stages import Report, Stages
 from pinwm_drake.errors import InputError
@@ -32,9 +31,7 @@ _PANEL = 480  # px, at most, of the films of a push
 def run_demo(out: Path, options: DemoOptions | None = None) -> None:
     """Runs all stages and writes their files, the page last. Files of an earlier run are replaced.
 
-    Args:
-        out: Folder of the results; made if need be.
-        options: None for the capture and the policy that ship.
+    Without options, capture and policy are those that ship.
 
     Raises:
         PinwmError: An input was refused, the physics found no solution, or a file cannot be written.
@@ -52,7 +49,6 @@ def run_demo(out: Path, options: DemoOptions | None = None) -> None:
 
 
 def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
-    """All stages, one after the other."""
     with stages.stage("check the capture"):
         capture, episodes = _read(options.capture)
     with compiling(options.capture, options.identify) as wait:
@@ -129,7 +125,6 @@ def _part(report: Report, low: float, high: float) -> Report:
 
 
 def _compare(twin: Twin, episode: Episode, poses: ObjectPoses, push: int | None, report: Report) -> DemoPush:
-    """A push with its frames and, where the truth is known, its errors."""
     cast, truth, words = Cast.of(twin, push), episode.object_poses, f"episode {episode.name}"
     number = len(episode.t)
     shots = draw_shots(episode, poses, cast, size=_PANEL, most=number, report=lambda share: report(share, words))
@@ -137,7 +132,6 @@ def _compare(twin: Twin, episode: Episode, poses: ObjectPoses, push: int | None,
 
 
 def _conclude(out: Path, result: DemoResult) -> None:
-    """The result in a few lines."""
     stages = result.stages
     friction = result.twin.theta["friction_floor"]
     interval = "" if friction.interval is None else " ({:.4f} to {:.4f})".format(*friction.interval)

@@ -22,28 +22,16 @@ _HEIGHT = 320  # px, of the film
 
 @dataclass(frozen=True, eq=False)
 class Performance:
-    """An episode and what is needed to show it.
+    """An episode and what is needed to show it."""
 
-    Attributes:
-        engine: "twin" or "hydroelastic".
-        record: The episode.
-        film: Draws it.
-        horizon: Duration of an action [s].
-    """
-
-    engine: str
+    engine: str  # "twin" or "hydroelastic"
     record: EpisodeRecord
     film: EpisodeFilm
-    horizon: float
+    horizon: float  # s, that an action takes
 
 
 def run_policy(options: DemoOptions, scene: str, engine: Literal["twin", "hydroelastic"]) -> Performance:
-    """Lets the policy act in one episode.
-
-    Args:
-        options: The policy, and the seed and the longest length of the episode.
-        scene: The name of a scenario that ships, or the folder of a twin.
-        engine: "twin" or "hydroelastic".
+    """Lets the policy act in one episode of a scene: the name of one that ships, or the folder of a twin.
 
     Raises:
         PinwmError: The policy or the scene cannot be used.

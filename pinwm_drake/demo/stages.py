@@ -15,13 +15,7 @@ _STEP = 0.25  # share of a stage after which a line follows where there is no te
 
 @dataclass(frozen=True)
 class Cost:
-    """Time that a stage took.
-
-    Attributes:
-        name: Of the stage.
-        seconds: Wall time [s].
-        cpu_seconds: Time of all cores [s].
-    """
+    """Time that a stage took, on the wall and of all cores."""
 
     name: str
     seconds: float
@@ -29,15 +23,9 @@ class Cost:
 
 
 class Stages:
-    """Runs stages one after the other, with a bar each on a terminal and plain lines elsewhere.
-
-    Attributes:
-        console: Where they are shown.
-        costs: Of the stages that have ended.
-    """
+    """Runs stages one after the other, with a bar each on a terminal and plain lines elsewhere."""
 
     def __init__(self, console: Console) -> None:
-        """Takes the console."""
         self.console = console
         self.costs: list[Cost] = []
         self._begun = time.perf_counter()
@@ -51,19 +39,12 @@ class Stages:
     def stage(self, name: str) -> Iterator[Report]:
         """Shows one stage and measures it.
 
-        Args:
-            name: What is done.
-
         Yields:
             A function to call with the share that is done, 0 to 1, and figures in words.
         """
         seconds, cpu, live = time.perf_counter(), cpu_seconds(), self.console.is_terminal
-        columns = (
-            TextColumn("{task.description:<24}"),
-            BarColumn(bar_width=20),
-            TimeElapsedColumn(),
-            TextColumn("{task.fields[words]}"),
-        )
+        bar, figures = BarColumn(bar_width=20), TextColumn("{task.fields[words]}")
+        columns = (TextColumn("{task.description:<24}"), bar, TimeElapsedColumn(), figures)
         if not live:
             self.say(f"{name} ...")
         with Progress(*columns, console=self.console, transient=True, disable=not live) as progress:

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from pinwm_drake.capture.paths import is_file
 from pinwm_drake.capture.scene import CAPTURE_FILE, read_capture_object
-from pinwm_drake.capture.static_views import is_capture, read_views
+from pinwm_drake.capture.static_views import read_views
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.experiments.progress import Progress, silent
 from pinwm_drake.files import prepare_folder
@@ -112,7 +113,7 @@ def read_source(path: Path, mesh_path: Path | None) -> Source:
         InputError: One of the files is missing or refused.
         ParameterError: The folder is no capture, and there is no mesh.
     """
-    if is_capture(path):
+    if is_file(path / CAPTURE_FILE):
         about = read_capture_object(path)
         mesh_path, X_WO, images = mesh_path or about.mesh_path, about.X_WO, path / "static"
         up = quaternion_to_matrix(X_WO.q)[2].numpy()

@@ -233,7 +233,7 @@ def write_proposal(folder: Path, twin: Twin, proposal: Proposal) -> list[Path]:
 
     from pinwm_drake.capture.write import write_trajectory
     from pinwm_drake.files import replacing
-    from pinwm_drake.report.figures.next_push import PushPicture, next_push_figure
+    from pinwm_drake.report.figures.next_push import next_push_figure
 
     best = proposal.candidates[0]
     motion, (position, yaw) = best.motion, proposal.spread
@@ -254,16 +254,16 @@ def write_proposal(folder: Path, twin: Twin, proposal: Proposal) -> list[Path]:
         temporary.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
     write_trajectory(folder / "trajectory.csv", trajectory_of(motion))
     motions = [one.motion for one in proposal.candidates]
-    picture = PushPicture(
-        mesh=load_mesh(twin.mesh_path),
-        X_WO=proposal.X_WO,
+    next_push_figure(
+        folder / "next_push.png",
+        load_mesh(twin.mesh_path),
+        proposal.X_WO,
+        best.X_WO,
         starts=np.array([motion.p_WP[:2] for motion in motions]),
         ends=np.array([(motion.p_WP + motion.distance * motion.direction_W)[:2] for motion in motions]),
         informations=np.array([one.information for one in proposal.candidates]),
         spreads=np.array([one.position for one in proposal.candidates]),
-        X_WO_after=best.X_WO,
     )
-    next_push_figure(folder / "next_push.png", picture)
     return [path, folder / "trajectory.csv", folder / "next_push.png"]
 
 

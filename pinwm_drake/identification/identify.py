@@ -26,10 +26,9 @@ from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Scene, make_scene, resting_height
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
-from pinwm_drake.twin.assembly import assemble_twin
 from pinwm_drake.twin.document import to_plain
 from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
-from pinwm_drake.twin.twin import Twin
+from pinwm_drake.twin.twin import Twin, assemble_twin
 
 # Options that a continued search may have otherwise; threads count with the number that is used.
 _MAY_CHANGE = ("checkpoint_every", "num_threads")

@@ -8,21 +8,13 @@ import numpy as np
 
 @dataclass(frozen=True)
 class ViewCamera:
-    """Pinhole camera whose frame C has x to the right, y down and z forward.
+    """Pinhole camera whose frame C has x to the right, y down and z forward."""
 
-    Attributes:
-        R_WC: (3, 3), orientation in the world.
-        p_WC: (3,) [m], position in the world.
-        focal: Focal length [px].
-        width: Image width [px].
-        height: Image height [px].
-    """
-
-    R_WC: np.ndarray
-    p_WC: np.ndarray
-    focal: float
-    width: int
-    height: int
+    R_WC: np.ndarray  # (3, 3)
+    p_WC: np.ndarray  # (3,) [m]
+    focal: float  # px
+    width: int  # px
+    height: int  # px
 
     @classmethod
     def look_at(
@@ -36,9 +28,6 @@ class ViewCamera:
             width: Image width [px].
             height: Image height [px].
             field_of_view: Vertical angle of view [rad].
-
-        Returns:
-            The camera.
         """
         z = np.asarray(target, float) - eye
         z /= np.linalg.norm(z)
@@ -53,13 +42,9 @@ class ViewCamera:
         return ViewCamera(self.R_WC, self.p_WC, self.focal * factor, self.width * factor, self.height * factor)
 
     def project(self, p_W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixel positions and depths of points.
+        """Pixels (n, 2) and depths (n,) [m] of points p_W (n, 3) [m] in front of the camera.
 
-        Args:
-            p_W: (n, 3) [m], world, in front of the camera.
-
-        Returns:
-            Pixel positions (n, 2), x to the right and y down from the top left corner, and depths (n,) [m].
+        Pixels count to the right and down from the top left corner.
         """
         p_C = (p_W - self.p_WC) @ self.R_WC
         centre = 0.5 * np.array([self.width, self.height])

@@ -19,9 +19,6 @@ def write_caption(image: np.ndarray, *texts: str) -> np.ndarray:
     Args:
         image: (height, width, 3) uint8, sRGB, changed in place; its width is a multiple of the number of panels.
         texts: The caption of each panel.
-
-    Returns:
-        The picture.
     """
     height, size = image.shape[0], max(8, image.shape[0] // 27)
     for panel, text in zip(np.split(image, len(texts), axis=1), texts, strict=True):

@@ -23,28 +23,15 @@ _MARGIN = 1.15  # of the picture, around a ball that holds the object
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """Orbit of cameras at one distance from a point, looking at it.
+    """Orbit of cameras at one distance from a point, looking at it."""
 
-    Attributes:
-        target: (3,) [m], object frame O.
-        distance: [m].
-        up: (3,), unit, O: shows upwards in the pictures.
-    """
-
-    target: np.ndarray
-    distance: float
-    up: np.ndarray
+    target: np.ndarray  # (3,) [m], object frame O
+    distance: float  # m
+    up: np.ndarray  # (3,), unit, O: shows upwards in the pictures
 
     @classmethod
     def around(cls, surfels: Surfels, up: np.ndarray | None = None) -> "Orbit":
-        """Orbit from which a camera of `FIELD_OF_VIEW` sees all of an object.
-
-        Args:
-            surfels: The object.
-            up: (3,), not zero, O; None for z.
-
-        Returns:
-            The orbit.
+        """Orbit from which a camera of `FIELD_OF_VIEW` sees all of an object; `up` (3,) in O is not zero, None for z.
 
         Raises:
             RenderingError: There are no surfels.
@@ -67,14 +54,9 @@ class Orbit:
         return np.stack((first, np.cross(self.up, first), self.up))
 
     def pose(self, azimuth: float, elevation: float) -> Pose:
-        """Pose of the object in the camera at two angles.
+        """Pose X_CO of the object in a camera with OpenCV's axes, q (4,), p (3,) [m], at two angles [rad].
 
-        Args:
-            azimuth: [rad].
-            elevation: [rad], more than -pi/2, less than pi/2.
-
-        Returns:
-            X_CO of a camera with OpenCV's axes; q (4,), p (3,) [m].
+        The elevation is more than -pi/2 and less than pi/2.
         """
         first, second, up = self.axes()
         level = math.cos(azimuth) * first + math.sin(azimuth) * second

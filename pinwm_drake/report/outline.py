@@ -13,11 +13,7 @@ _AT_ONCE = 300_000  # pairs of point and triangle
 
 
 def silhouette(mesh: trimesh.Trimesh, R_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Silhouette of a mesh: its triangles that face up, and the edges where they end.
-
-    Args:
-        mesh: The body, m, its own frame.
-        R_WB: (3, 3), its orientation in the world.
+    """Silhouette of a mesh [m], turned by R_WB (3, 3): its triangles that face up, and the edges where they end.
 
     Returns:
         Triangles (n, 3, 2) and outline segments (m, 2, 2), x and y of the world from the body's origin [m].

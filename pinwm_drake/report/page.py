@@ -2,6 +2,7 @@
 
 import base64
 import io
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -13,19 +14,14 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from pinwm_drake.files import replacing
-from pinwm_drake.report.twin.estimates import error_words, interval_words
+from pinwm_drake.twin.twin import Estimate
 
 Frame = tuple[float, np.ndarray, str]  # time [s], picture (height, width, 3) uint8 sRGB, caption
 _QUALITY = 88  # of JPEG
 
 
 def write_page(path: Path, template: str, **contents: Any) -> None:
-    """Writes a page that loads nothing from anywhere.
-
-    Args:
-        path: File of the page; its folder exists.
-        template: Its template, from the package's folder on.
-        contents: Variables of the template.
+    """Writes a page that loads nothing from anywhere, from a template in the package and its variables.
 
     Raises:
         InputError: The file cannot be written.
@@ -51,6 +47,31 @@ def data_uri(shown: Figure | np.ndarray) -> str:
 
 def _frames(pictures: Iterable[Frame]) -> list[dict[str, Any]]:
     return [{"t": round(t, 6), "src": data_uri(picture), "words": words} for t, picture, words in pictures]
+
+
+def interval_words(estimate: Estimate) -> tuple[str, str]:
+    """Value and interval in words, both to the digits that the interval leaves."""
+    if estimate.interval is None:
+        return f"{estimate.value:.4g}", "–"
+    low, high = estimate.interval
+    digits = 4
+    if 0.0 < high - low < math.inf and estimate.value != 0.0:
+        digits = min(max(1 + math.ceil(math.log10(abs(estimate.value) / (high - low))), 3), 8)
+    return _rounded(estimate.value, digits), f"{_rounded(low, digits)} to {_rounded(high, digits)}"
+
+
+def _rounded(value: float, digits: int) -> str:
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    return f"{value:#.{digits}g}".rstrip(".") if value else "0"
+
+
+def error_words(estimate: Estimate, truth: float | None) -> tuple[str, str]:
+    """The true value, and the error of an estimate in per cent of it."""
+    if truth is None:
+        return "–", "–"
+    error = f"{100 * (estimate.value - truth) / abs(truth):+.1f} %" if truth else f"{estimate.value - truth:+.3g}"
+    return f"{truth:.4g}", error
 
 
 templates = Environment(

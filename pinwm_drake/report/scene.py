@@ -22,29 +22,17 @@ _SUPERSAMPLING = 2
 
 @dataclass(frozen=True)
 class Actor:
-    """Mesh to be shown at changing poses.
+    """Mesh to be shown at changing poses."""
 
-    Attributes:
-        corners_B: (n, 3, 3) [m], corners of each triangle, counter-clockwise from outside, body frame.
-        normals_B: (n, 3, 3), outward unit normals at the corners, body frame.
-        colour: (3,), linear RGB in [0, 1].
-    """
-
-    corners_B: np.ndarray
-    normals_B: np.ndarray
-    colour: np.ndarray
+    corners_B: np.ndarray  # (n, 3, 3) [m], of each triangle, counter-clockwise from outside, body frame
+    normals_B: np.ndarray  # (n, 3, 3), outward unit normals at the corners, body frame
+    colour: np.ndarray  # (3,), linear RGB in [0, 1]
 
     @classmethod
     def from_mesh(cls, mesh: trimesh.Trimesh, colour: tuple[float, float, float], *, smooth: bool) -> "Actor":
-        """Actor from a triangle mesh.
+        """Actor from a triangle mesh [m, body frame] and a linear RGB colour in [0, 1].
 
-        Args:
-            mesh: Triangles in metres, body frame.
-            colour: Linear RGB in [0, 1].
-            smooth: Whether the normals are interpolated, as on a sphere, or constant on each face.
-
-        Returns:
-            The actor.
+        Its normals are interpolated where it is smooth, as on a sphere, and constant on each face otherwise.
         """
         flat = np.repeat(mesh.face_normals[:, None], 3, axis=1)
         return cls(mesh.triangles, mesh.vertex_normals[mesh.faces] if smooth else flat, np.array(colour))
@@ -55,14 +43,7 @@ class Actor:
 
 
 def coloured_actors(path: Path) -> list[Actor]:
-    """The surfaces of a mesh file, one for each of its materials; of one colour where it has none.
-
-    Args:
-        path: The file, m, object frame.
-
-    Returns:
-        The surfaces.
-    """
+    """The surfaces of a mesh file [m, object frame], one for each of its materials; of one colour where it has none."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         parts = trimesh.load_scene(path, process=False, group_material=True).geometry.values()
@@ -79,17 +60,11 @@ def coloured_actors(path: Path) -> list[Actor]:
 
 @dataclass
 class Surface:
-    """Buffers of the surface that each pixel shows: the nearest one so far.
+    """Buffers of the surface that each pixel shows: the nearest one so far."""
 
-    Attributes:
-        inverse_depth: (height, width) [1/m], 0 where there is nothing.
-        normal: (height, width, 3), outward, world, not quite of unit length where it is interpolated.
-        colour: (height, width, 3), linear RGB in [0, 1].
-    """
-
-    inverse_depth: np.ndarray
-    normal: np.ndarray
-    colour: np.ndarray
+    inverse_depth: np.ndarray  # (height, width) [1/m], 0 where there is nothing
+    normal: np.ndarray  # (height, width, 3), outward, world, not quite of unit length where it is interpolated
+    colour: np.ndarray  # (height, width, 3), linear RGB in [0, 1]
 
     @classmethod
     def empty(cls, camera: ViewCamera) -> "Surface":
@@ -140,12 +115,7 @@ class Stage:
     """Stage: a floor at one height, and the camera that looks at it."""
 
     def __init__(self, camera: ViewCamera, floor_height: float = 0.0) -> None:
-        """Draws the empty floor once.
-
-        Args:
-            camera: The view.
-            floor_height: z of the floor in the world [m].
-        """
+        """Draws the empty floor once; its height is z in the world [m]."""
         self.camera = camera
         self.floor_height = floor_height
         self._large = camera.scaled(_SUPERSAMPLING)

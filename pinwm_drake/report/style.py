@@ -60,18 +60,12 @@ def evenly(number: int, most: int) -> list[int]:
 
 
 def box_around(shown: np.ndarray, share: float, pixels: int) -> tuple[slice, slice]:
-    """Rows and columns of the box around the pixels that are true, or of all, with a margin.
+    """Rows and columns of the box around the true pixels of a mask (height, width), or of all.
 
-    Args:
-        shown: (height, width) bool.
-        share: Margin, as a share of the box.
-        pixels: More margin [px].
+    Its margin is a share of the box, and some pixels more.
     """
     x, y, width, height = cv2.boundingRect(shown.astype(np.uint8))
     if not width:
         height, width = shown.shape
-    margins = int(share * height) + pixels, int(share * width) + pixels
-    return (
-        slice(max(y - margins[0], 0), y + height + margins[0]),
-        slice(max(x - margins[1], 0), x + width + margins[1]),
-    )
+    above, aside = int(share * height) + pixels, int(share * width) + pixels
+    return slice(max(y - above, 0), y + height + above), slice(max(x - aside, 0), x + width + aside)

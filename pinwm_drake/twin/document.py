@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, create_model, model_validator
 
 from pinwm_drake.capture.scene import GRAVITIES, UNITS, FloorDocument, PusherDocument
-from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, schema_version
+from pinwm_drake.documents import ROUND_CONE, Document, Entry, FromList, Number, Text, finite, in_words, schema_version
 from pinwm_drake.scene import Support
 from pinwm_drake.twin.twin import SCHEMA_VERSION, THETA, Estimate, Twin
 
@@ -106,16 +106,7 @@ class TwinDocument(Document):
 
 
 def to_document(twin: Twin, mesh: str, pusher_mesh: str | None) -> dict[str, Any]:
-    """The plain data of a twin, without the hashes.
-
-    Args:
-        twin: The twin.
-        mesh: Name of the object's mesh in the folder.
-        pusher_mesh: Name of the pusher's, or None where it has none.
-
-    Returns:
-        What `twin.yaml` is to hold, in its order; not checked.
-    """
+    """Plain data for `twin.yaml` in its order, with the meshes' names in the folder; not checked, no hashes."""
     shape = twin.pusher.shape
     return {
         "schema_version": SCHEMA_VERSION,
@@ -145,6 +136,9 @@ def read_document(entry: Entry) -> TwinDocument:
     Raises:
         InputError: A key is missing or unknown, or a value is of the wrong kind or out of range.
     """
+    if isinstance(entry.value, dict) and isinstance(entry.value.get("physics"), dict):
+        physics = entry["physics"].without("friction_directions", ROUND_CONE).value
+        entry = Entry(entry.path, entry.place, entry.value | {"physics": physics})
     document = entry.read(TwinDocument)
     theta, _ = document.estimates()
     low, middle, high = sorted((theta[key].value, key) for key in _INERTIA)
@@ -175,7 +169,6 @@ def to_plain(value: object) -> Any:
 
 
 def _require_plain(entry: Entry) -> None:
-    """Requires plain data of at most 32 levels; raises InputError otherwise."""
     queue, count = [(entry, 0)], 0
     while queue:
         here, depth = queue.pop()

@@ -41,9 +41,7 @@ def way(X_WO: Pose, times: Tensor, radius: float) -> Tensor:
 def drift(radius: float, walk: float) -> Tensor:
     """Standard deviations (6,) of rotation vector [rad] and position [m], world axes, after a way of one metre.
 
-    Args:
-        radius: Radius of the object, m.
-        walk: Standard deviation of a position in the floor's plane, m.
+    That of a position in the floor's plane is `walk` [m]; the object has a radius [m].
     """
     share = torch.tensor([OUT_OF_PLANE, OUT_OF_PLANE, 1.0, 1.0, 1.0, OUT_OF_PLANE], dtype=torch.float64)
     return walk * share * per_radius(radius)

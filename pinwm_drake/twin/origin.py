@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from pinwm_drake.capture.episode_tables import POSES_FILE
@@ -25,13 +24,7 @@ _SIZES = (("q", 4), ("p", 3))
 
 @dataclass(frozen=True)
 class Origin:
-    """Capture and episodes that a twin was identified from.
-
-    Attributes:
-        path: Folder of the capture at that time.
-        sha256: Hash of the capture, as `hash_capture` gives it.
-        episodes: The names of the episodes.
-    """
+    """Capture, its hash by `hash_capture`, and the names of the episodes that a twin was identified from."""
 
     path: Path
     sha256: str
@@ -64,17 +57,7 @@ class Origin:
 def hash_capture(folder: Path, episodes: Sequence[str]) -> str:
     """SHA-256 of all files of a capture that a twin is made from: names and contents, in the order of the names.
 
-    Ground truth and other episodes do not count.
-
-    Args:
-        folder: The capture.
-        episodes: The names of the episodes.
-
-    Returns:
-        64 hexadecimal digits.
-
-    Raises:
-        InputError: A file cannot be read.
+    Ground truth and other episodes than the named ones do not count. Raises InputError where a file cannot be read.
     """
     parts = ("meshes", "static", *(f"episodes/{episode}" for episode in episodes))
     files = [folder / "capture.yaml"]
@@ -117,9 +100,7 @@ def registration_entry(written: Pose, seen: Pose) -> dict[str, Any]:
 def seen_start(twin: Twin, capture: Capture) -> Pose:
     """Pose X_WO of the object at the start of a capture's episodes: as its static views show it, where that is known.
 
-    Args:
-        twin: The twin; of its own capture, it knows where the static views have the object.
-        capture: The capture.
+    A twin knows where the static views of its own capture have the object.
     """
     X_WO, known = capture.object.X_WO, twin.provenance.get("start")
     if not isinstance(known, dict):
@@ -139,15 +120,7 @@ def start_pose(twin: Twin, capture: Capture, push: int | None) -> Pose:
     """Pose of the object at the start of an episode.
 
     The offsets start_x, start_y [m] and start_yaw [rad], which were estimated, belong to a push that the twin was
-    identified from, and are used for it only.
-
-    Args:
-        twin: The twin.
-        capture: The capture of the episode.
-        push: Number of the identified push, see `identified_push`; None for another one.
-
-    Returns:
-        X_WO; q (4,), p (3,) [m].
+    identified from, and are used for it only: that of a number, see `identified_push`, or None for another one.
     """
     X_WO = seen_start(twin, capture)
     if push is None:
@@ -168,10 +141,10 @@ def in_push(twin: Twin, push: int | None) -> Twin:
         return twin
     factors = {f"friction_{one}": of_push(twin, f"grip_{one}", push, 1.0) for one in ("floor", "pusher")}
     theta = {name: replace(one, value=one.value * factors.get(name, 1.0)) for name, one in twin.theta.items()}
-    if twin.draws is None:
-        return replace(twin, theta=theta)
-    scale = np.array([factors.get(name, 1.0) for name in twin.draws.names])
-    return replace(twin, theta=theta, draws=replace(twin.draws, values=twin.draws.values * scale))
+    draws = twin.draws
+    if draws is not None:
+        draws = replace(draws, values=draws.values * [factors.get(name, 1.0) for name in draws.names])
+    return replace(twin, theta=theta, draws=draws)
 
 
 def of_push(twin: Twin, name: str, push: int, otherwise: float) -> float:

@@ -18,6 +18,7 @@ from pinwm_drake.twin.twin import Twin
 
 # Differences that are taken for rounding: of gravity [m/s^2], and of a floor on which the object was said to rest [m].
 _SAME_GRAVITY, _SAME_FLOOR = 1e-3, 1e-3
+_DRAWS = 64  # that are rolled out for a spread
 TWO_SIDED = 1.96  # standard deviations within which are 95 % of a normal distribution
 
 
@@ -33,9 +34,6 @@ def predict_poses(
         push: Number of the identified push that it is, see `origin.identified_push`; None for another one.
         start: Pose of the object in the first frame, where it is known better; q (4,), p (3,) [m].
 
-    Returns:
-        The poses at `episode.t`.
-
     Raises:
         PinwmError: A mesh cannot be used, or the physics found no solution.
     """
@@ -46,12 +44,7 @@ def predict_poses(
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Standard deviations of a prediction in n frames.
-
-    Attributes:
-        x, y: Of the position of O in the world, (n,) [m].
-        yaw: Of the rotation about z, (n,) [rad].
-    """
+    """Standard deviations of a prediction in n frames: x, y of O in the world (n,) [m], yaw about z (n,) [rad]."""
 
     x: np.ndarray
     y: np.ndarray
@@ -64,24 +57,16 @@ class Spread:
 
 
 def predict_spread(
-    twin: Twin, capture: Capture, episode: Episode, push: int | None, *, start: Pose | None = None, number: int = 64
+    twin: Twin, capture: Capture, episode: Episode, push: int | None, *, start: Pose | None = None
 ) -> Spread | None:
-    """Spread of `predict_poses`: of the physics by the twin's draws, and of what no physics of the twin's could tell.
+    """Spread of `predict_poses`: of the physics by a number of the twin's draws, and of what its physics cannot tell.
 
-    Args:
-        twin, capture, episode, push, start: As for `predict_poses`.
-        number: Number of draws that are rolled out.
-
-    Returns:
-        The spread; None for a twin without draws.
-
-    Raises:
-        PinwmError: A mesh cannot be used, or the physics found no solution.
+    Arguments and errors are those of `predict_poses`. The spread of a twin without draws is None.
     """
     if twin.draws is None:
         return None
     start, t = start or start_pose(twin, capture, push), episode.t + time_offset(twin, push)
-    placed, rows = _in_place_of(in_push(twin, push), capture), twin.draws.rows(number)
+    placed, rows = _in_place_of(in_push(twin, push), capture), twin.draws.rows(_DRAWS)
     return spread_of(rollout_draws(placed, start, episode.trajectory, t, rows), episode.t, twin)
 
 

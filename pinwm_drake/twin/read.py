@@ -17,13 +17,7 @@ from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Draws, Tw
 
 
 def read_twin(folder: Path) -> Twin:
-    """Reads a twin and checks all of it.
-
-    Args:
-        folder: Folder of the twin, as `write_twin` leaves it.
-
-    Returns:
-        The twin; its meshes are those in the folder.
+    """Reads a twin from a folder, as `write_twin` leaves it, and checks all of it; its meshes are those in the folder.
 
     Raises:
         InputError: A file is missing, unreadable or not the one that `twin.yaml` was written with, a key is
@@ -73,7 +67,6 @@ def _locate(folder: Path, entry: Entry) -> Path:
 
 
 def _check_hashes(paths: dict[str, Path], hashes: Entry) -> None:
-    """Raises InputError where a file is another one than when `twin.yaml` was written."""
     hashes.only(*sorted(paths))
     for name, path in sorted(paths.items()):
         expected = hashes[name].text()

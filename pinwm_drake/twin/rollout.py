@@ -44,11 +44,7 @@ NO_EFFECT |= {"contact_offset": 0.0}
 
 
 def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
-    """The physics of a twin that starts in an orientation q_WO (4,).
-
-    Raises:
-        InputError: A mesh cannot be used.
-    """
+    """The physics of a twin that starts in an orientation q_WO (4,); raises InputError where a mesh cannot be used."""
     return make_scene(
         twin.mesh_path,
         twin.pusher,
@@ -67,13 +63,9 @@ def twin_parameters(twin: Twin, scene: Scene) -> Parameters:
 
 
 def drawn_parameters(twin: Twin, scene: Scene, rows: np.ndarray, *, anew: bool = True) -> Parameters:
-    """Parameters of W worlds by draws from the posterior of a twin.
+    """Parameters of W worlds by rows (W,) of the draws of a twin; the same W times without draws.
 
-    Args:
-        twin: The twin; the same W times without draws.
-        scene: Scene of the object.
-        rows: (W,), rows of the draws.
-        anew: Flag: each world has the frictions of a push that was not seen, see `drift.grips`.
+    With `anew`, each world has the frictions of a push that was not seen, see `drift.grips`.
     """
     known = {name: [estimate.value] * len(rows) for name, estimate in (twin.theta | twin.nuisance).items()}
     drawn = {} if twin.draws is None else {name: twin.draws.column(name)[rows].tolist() for name in twin.draws.names}
@@ -123,18 +115,9 @@ def rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray)
 
 
 def rollout_draws(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray, rows: np.ndarray) -> Pose:
-    """Poses of the object along a motion of the pusher, by draws from the posterior of a twin.
+    """Poses q (n, W, 4), p (n, W, 3) [m] as of `rollout`, by rows (W,) of the draws of a twin, at its time step only.
 
-    Args:
-        twin, X_WO, trajectory, t: As for `rollout`; without draws, all W are the same.
-        rows: (W,), rows of the draws.
-
-    Returns:
-        q (n, W, 4), p (n, W, 3) [m].
-
-    Raises:
-        InputError: A mesh cannot be used.
-        SolverError: The physics found no solution.
+    Without draws, all W are the same.
     """
     scene = twin_scene(twin, X_WO.q)
     return rollout_worlds(scene, drawn_parameters(twin, scene, rows), X_WO, trajectory, np.asarray(t, float))
@@ -143,15 +126,7 @@ def rollout_draws(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.nd
 def rollout_worlds(
     scene: Scene, parameters: Parameters, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray
 ) -> Pose:
-    """Poses of W worlds that start alike.
-
-    Args:
-        scene: Physics.
-        parameters: Parameters of W worlds.
-        X_WO, trajectory, t: As for `rollout`.
-
-    Returns:
-        q (n, W, 4), p (n, W, 3) [m].
+    """Poses q (n, W, 4), p (n, W, 3) [m] of W worlds that start alike; see `rollout`.
 
     Raises:
         SolverError: The physics found no solution.
@@ -172,44 +147,12 @@ def resting_start(scene: Scene, X_WO: Pose) -> Pose:
     return Pose(X_WO.q, p_WO)
 
 
-def pusher_force(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Force that the object exerts on the pusher, as a sensor in the pusher's stem reads it.
-
-    Args:
-        twin, X_WO, trajectory: As for `rollout`; the forces of the trajectory are not used.
-        t: (n,) [s], not decreasing; the force is told from its first to its last.
-
-    Returns:
-        Times (T + 1,) [s] at which the steps of the physics begin and end, and the mean force in each step (T, 3) [N],
-        world axes.
-
-    Raises:
-        InputError: A mesh cannot be used.
-        SolverError: The physics found no solution.
-    """
-    scene = twin_scene(twin, X_WO.q)
-    h, first = scene.model.time_step, float(t[0])
-    steps = step_count(float(t[-1]) - first, h)
-    start = resting_start(scene, X_WO)
-    motion = pusher_motion(trajectory, first, steps, h)
-    impulses = pusher_impulses(scene, twin_parameters(twin, scene), Pose(start.q[None], start.p[None]), motion)
-    return first + h * np.arange(steps + 1), impulses[:, 0] / h
-
-
 def pusher_impulses(
     scene: Scene, parameters: Parameters, X_WO: Pose, motion: PusherMotion, *, num_threads: int | None = None
 ) -> np.ndarray:
-    """Impulses of the object on the pusher in every step of W rollouts.
+    """Impulses (T, W, 3) N s of the object on the pusher in every step of W rollouts, world axes.
 
-    Args:
-        scene, parameters, X_WO, motion, num_threads: As for `scene.rollout_poses`.
-
-    Returns:
-        (T, W, 3) N s, world axes.
-
-    Raises:
-        StateError: Shapes do not fit.
-        SolverError: The physics found no solution.
+    Arguments and errors are those of `scene.rollout_poses`.
     """
     start, V_WP = start_state(scene, parameters, X_WO, motion)
     with torch.no_grad():

@@ -1,12 +1,13 @@
 """Twin of an object: geometry, physical parameters with their uncertainty, appearance, and provenance."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pinwm_drake.capture.scene import PusherGeometry
+from pinwm_drake.capture.scene import Capture, PusherGeometry
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Support
 
@@ -50,15 +51,10 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """Draws from the joint posterior of what belongs to an object: theta, and the nuisances that are not of one push.
+    """Draws from the joint posterior of what belongs to an object: theta, and nuisances that are not of one push."""
 
-    Attributes:
-        names: Names of the p quantities, in the units of the estimates of these names.
-        values: (N, p).
-    """
-
-    names: list[str]
-    values: np.ndarray
+    names: list[str]  # of the p quantities, in the units of the estimates of these names
+    values: np.ndarray  # (N, p)
 
     def column(self, name: str) -> np.ndarray:
         """Values (N,) of a quantity."""
@@ -103,3 +99,45 @@ class Twin:
     surfels: Surfels
     provenance: dict[str, Any]
     draws: Draws | None = None
+
+
+def assemble_twin(
+    capture: Capture,
+    surfels: Surfels,
+    camera_offset: tuple[float, float],
+    theta: Mapping[str, Estimate],
+    nuisance: Mapping[str, Estimate],
+    provenance: Mapping[str, Any],
+    *,
+    lift: float,
+    time_step: float,
+    draws: Draws | None = None,
+) -> Twin:
+    """Twin of a capture's object, whose weight a patch of the floor carries.
+
+    Args:
+        capture: Names, meshes, floor and gravity.
+        surfels: The object's appearance, frame O.
+        camera_offset: px, added to the principal points of the capture's cameras.
+        theta: Estimates with the keys of `THETA`.
+        nuisance: Other estimates, by name.
+        provenance: Plain data.
+        lift: Height of the floor over the one that the capture says, m.
+        time_step: Time step of the physics that theta was found with, s.
+        draws: Draws from the posterior; None where there are none.
+    """
+    return Twin(
+        name=capture.object.name,
+        mesh_path=capture.object.mesh_path,
+        pusher=capture.pusher,
+        gravity=capture.gravity,
+        floor_height=capture.floor_height + lift,
+        time_step=time_step,
+        support="patch",
+        theta=dict(theta),
+        nuisance=dict(nuisance),
+        camera_offset=camera_offset,
+        surfels=surfels,
+        provenance=dict(provenance),
+        draws=draws,
+    )

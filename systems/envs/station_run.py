@@ -7,7 +7,7 @@ import torch
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
-from pinwm_drake.cousins.domain import Domain
+from pinwm_drake.cousins.cousin import Cousin
 from pinwm_drake.errors import SolverError
 from pinwm_drake.systems.engines.twin.domains import SetDomain
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
@@ -83,7 +83,7 @@ class StationRun:
         object_state[..., :4] /= np.linalg.norm(object_state[..., :4], axis=-1, keepdims=True)
         model.SetState(model.GetMyMutableContextFromRoot(self._context), object_state, p_WP, world)
 
-    def set_domain(self, domain: Domain, world: int, *, colours: bool = True) -> None:
+    def set_domain(self, domain: Cousin, world: int, *, colours: bool = True) -> None:
         """Gives one of the twin's worlds the theta and colours of a domain.
 
         Args:

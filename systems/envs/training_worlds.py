@@ -8,7 +8,8 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.checkpoints import generator_state, set_generator_state
-from pinwm_drake.cousins.domain import CousinDomains, Domain, DomainDraw, DomainSource
+from pinwm_drake.cousins.cousin import Cousin
+from pinwm_drake.cousins.domain import CousinDomains, DomainDraw, DomainSource
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import Observes, PolicySpec
 from pinwm_drake.learning.worlds import TowardGoal
@@ -75,7 +76,7 @@ class DomainPool:
         """Restores the arrays of `get_state`."""
         set_generator_state(self._random, arrays["generator"])
 
-    def __call__(self, world: int) -> Domain:
+    def __call__(self, world: int) -> Cousin:
         """Domain of a world's next episode, one of the pool, drawn evenly."""
         return self._members[int(self._random.integers(self.size))]
 

@@ -9,7 +9,7 @@ from gymnasium.utils import seeding
 from pydrake.math import RigidTransform
 
 from pinwm_drake.checkpoints import Resumable, generator_state, set_generator_state
-from pinwm_drake.cousins.domain import Domain
+from pinwm_drake.cousins.cousin import Cousin
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.delay import Delay
 from pinwm_drake.systems.envs.observation import Observation, Observer
@@ -23,7 +23,7 @@ from pinwm_drake.tasks.waypoints import Waypoints
 _DOMAIN = "domain."
 _MIDWAY = 0.7  # share of the episodes that begin in a waypoint, where there are any
 RESET_OPTIONS = ("place", "X_WO", "p_WP", "goal")
-OnReset = Callable[[int], Domain | None]
+OnReset = Callable[[int], Cousin | None]
 Spoil = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 
 

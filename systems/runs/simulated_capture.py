@@ -17,7 +17,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pinwm_drake.capture.ground_truth import write_ground_truth
 from pinwm_drake.capture.pusher import pusher_surface, pushing_height
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
-from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_transforms
+from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_posed_images
 from pinwm_drake.files import appearing
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.camera import Camera
@@ -216,9 +216,9 @@ class _Capture:
             if self.lab is not None:
                 realism = self.lab.realism
                 X_WC = moved_camera(X_WC, realism.static_place, realism.static_turn, self.mistakes)
-            frames.append((name, to_pose(X_WC)))
+            frames.append((name, self.camera, to_pose(X_WC)))
             advance()
-        write_transforms(folder / "transforms.json", self.camera, frames)
+        write_posed_images(folder / "transforms.json", frames)
 
     def _write_episode(self, number: int, advance: Callable[[], None]) -> None:
         options, generator = self.options, np.random.default_rng([self.options.seed, 1, number])

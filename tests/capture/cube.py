@@ -8,6 +8,10 @@ import numpy as np
 import trimesh
 from PIL import Image
 
+from pinwm_drake.capture.scene import read_capture_object
+from pinwm_drake.capture.static_views import read_views
+from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.rendering.views import View
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.scene import Surface, draw_triangles
 
@@ -90,3 +94,9 @@ def write_capture(folder: Path, **options) -> Path:
     write_mesh(folder / "meshes/object.obj")
     (folder / "capture.yaml").write_text(CAPTURE)
     return folder
+
+
+def read_static_views(folder: Path) -> list[View]:
+    """The static views of a capture, in the order of its file."""
+    about = read_capture_object(folder)
+    return read_views(folder / "static", about.X_WO, mesh=load_mesh(about.mesh_path))

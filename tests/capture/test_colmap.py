@@ -8,11 +8,11 @@ from PIL import Image
 from pinwm_drake.capture.importers.colmap import import_colmap, read_model
 from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
 from pinwm_drake.capture.importers.target import Scenery
-from pinwm_drake.capture.static_views import read_static_views, read_views
+from pinwm_drake.capture.static_views import read_views
 from pinwm_drake.capture.transforms import read_transforms
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import inverse
-from tests.capture.cube import write_mesh, write_views
+from tests.capture.cube import read_static_views, write_mesh, write_views
 from tests.capture.pushed_cube import X_WO
 from tests.capture.test_nerfstudio import same_views
 
@@ -88,7 +88,7 @@ def test_text_and_binary_are_equal(scan, tmp_path):
     write_text(tmp_path / "text", cameras, images)
     write_binary(tmp_path / "binary", cameras, images)
     for one, other in zip(read_model(tmp_path / "text"), read_model(tmp_path / "binary"), strict=True):
-        assert one.name == other.name
+        assert one.path == other.path
         assert one.camera.intrinsics.tolist() == other.camera.intrinsics.tolist()
         assert [part.tolist() for part in one.X_SC] == [part.tolist() for part in other.X_SC]
 

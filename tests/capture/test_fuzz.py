@@ -14,9 +14,8 @@ from pinwm_drake.capture.importers.pinwm import import_pinwm
 from pinwm_drake.capture.importers.similarity import scaled_world
 from pinwm_drake.capture.importers.target import Scenery
 from pinwm_drake.capture.scene import PusherShape, read_capture
-from pinwm_drake.capture.static_views import read_static_views
 from pinwm_drake.errors import PinwmError
-from tests.capture.cube import write_mesh, write_views
+from tests.capture.cube import read_static_views, write_mesh, write_views
 from tests.capture.mutations import mutate
 from tests.capture.pushed_cube import read_frames
 from tests.capture.test_colmap import model_of, write_binary, write_text

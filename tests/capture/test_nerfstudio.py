@@ -11,10 +11,10 @@ from pinwm_drake.capture.importers.nerfstudio import import_nerfstudio
 from pinwm_drake.capture.importers.similarity import Similarity, read_similarity, scaled_world
 from pinwm_drake.capture.importers.target import Scenery
 from pinwm_drake.capture.scene import read_capture
-from pinwm_drake.capture.static_views import read_static_views, read_views
+from pinwm_drake.capture.static_views import read_views
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
-from tests.capture.cube import SIDE, write_mesh, write_views
+from tests.capture.cube import SIDE, read_static_views, write_mesh, write_views
 from tests.capture.pushed_cube import X_WO
 
 

@@ -9,10 +9,9 @@ from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.importers.pinwm import RATE, import_pinwm, trajectory
 from pinwm_drake.capture.importers.target import Scenery
 from pinwm_drake.capture.scene import PusherShape, read_capture
-from pinwm_drake.capture.static_views import read_static_views
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import pose_to_matrix
-from tests.capture.cube import HEIGHT
+from tests.capture.cube import HEIGHT, read_static_views
 from tests.capture.pushed_cube import FRAMES, RADIUS
 from tests.capture.test_nerfstudio import same_views
 

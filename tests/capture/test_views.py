@@ -10,11 +10,11 @@ import trimesh
 from PIL import Image
 
 from pinwm_drake.capture.scene import read_capture_object
-from pinwm_drake.capture.static_views import read_static_views, read_views, winding_number
+from pinwm_drake.capture.static_views import read_views, winding_number
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.spatial.poses import Pose
-from tests.capture.cube import CAPTURE, HEIGHT, SIDE, cameras, write_capture, write_views
+from tests.capture.cube import CAPTURE, HEIGHT, SIDE, cameras, read_static_views, write_capture, write_views
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import torch
 from pinwm_drake.capture.episodes import PusherTrajectory, read_episode
 from pinwm_drake.capture.scene import PusherShape, read_capture
 from pinwm_drake.capture.transforms import read_transforms
-from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_posed_images, write_transforms
+from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_posed_images
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
@@ -57,7 +57,8 @@ def test_views_come_back_as_they_were_written(tmp_path):
     rng = np.random.default_rng(1)
     poses = [random_pose(rng) for _ in range(3)]
     path = tmp_path / "static/transforms.json"
-    write_transforms(path, camera(np.random.default_rng(2)), [(f"{k}.png", X) for k, X in enumerate(poses)])
+    own = camera(np.random.default_rng(2))
+    write_posed_images(path, [(f"{k}.png", own, X) for k, X in enumerate(poses)])
     for k, frame in enumerate(read_transforms(path)):
         assert frame.file_path == f"{k}.png"
         assert frame.camera.intrinsics.tolist() == camera(np.random.default_rng(2)).intrinsics.tolist()
@@ -104,4 +105,4 @@ def test_an_episode_comes_back_as_it_was_written(pushed_cube, force):
 def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError):
-        write_transforms(tmp_path / "file/t.json", camera(np.random.default_rng(0)), [])
+        write_posed_images(tmp_path / "file/t.json", [])

@@ -2,8 +2,7 @@ import pytest
 import yaml
 
 from pinwm_drake.capture.scene import PusherShape, read_capture
-from pinwm_drake.capture.static_views import read_static_views
-from tests.capture.cube import HEIGHT, write_mesh, write_views
+from tests.capture.cube import HEIGHT, read_static_views, write_mesh, write_views
 from tests.capture.pushed_cube import write_pushed_cube
 from tests.capture.test_colmap import model_of, write_binary
 from tests.capture.test_pinwm import GOAL, START, write_like_theirs

@@ -7,12 +7,12 @@ import yaml
 
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.scene import read_capture
-from pinwm_drake.capture.static_views import read_static_views
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 from pinwm_drake.systems.runs.realism import camera
 from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.scenario.load import load_setup
+from tests.capture.cube import read_static_views
 from tests.capture.pushed_cube import read_frames
 
 SMALL = ["--size", "48", "--episodes", "2", "--static-views", "2", "--frames", "8", "--rate", "12"]

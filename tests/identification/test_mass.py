@@ -7,11 +7,10 @@ import torch
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.identification.mass import MassScale, fit_mass_scale, with_mass
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin.rollout import pusher_force
 from pinwm_drake.twin.twin import Draws
 from tests.capture.cube import SIDE
 from tests.report.samples import log
-from tests.twin.samples import cube_twin, estimates, weighing
+from tests.twin.samples import cube_twin, estimates, pusher_force, weighing
 
 LEVEL = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
 STEP, GAP_TIME, END = 1 / 240, 0.25, 1.5

@@ -3,7 +3,13 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
+from pinwm_drake.scene import pusher_motion, step_count
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.twin.rollout import pusher_impulses, resting_start, twin_parameters, twin_scene
 from pinwm_drake.twin.twin import THETA, Estimate, Twin
 from tests.capture.cube import SIDE, write_mesh
 from tests.rendering.scenes import cloud
@@ -51,3 +57,13 @@ def cube_twin(folder: Path, **fields) -> Twin:
         "provenance": {"capture": "/somewhere", "episode": "1e3", "seeds": [0, 1], "loss": 1e-5},
     }
     return Twin(**(given | fields))
+
+
+def pusher_force(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times (T + 1,) [s] of the physics' steps from t[0] to t[-1], and the mean force on the pusher in each."""
+    scene = twin_scene(twin, X_WO.q)
+    h, first, start = scene.model.time_step, float(t[0]), resting_start(scene, X_WO)
+    steps = step_count(float(t[-1]) - first, h)
+    motion = pusher_motion(trajectory, first, steps, h)
+    impulses = pusher_impulses(scene, twin_parameters(twin, scene), Pose(start.q[None], start.p[None]), motion)
+    return first + h * np.arange(steps + 1), impulses[:, 0] / h

@@ -3,10 +3,9 @@ import pytest
 import torch
 
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin.rollout import pusher_force
 from tests.capture.cube import SIDE
 from tests.report.samples import log
-from tests.twin.samples import MASS, cube_twin, estimates, weighing
+from tests.twin.samples import MASS, cube_twin, estimates, pusher_force, weighing
 
 START = Pose(
     torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64),

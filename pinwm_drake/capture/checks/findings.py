@@ -9,23 +9,14 @@ from pinwm_drake.errors import InputError, PinwmError
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One problem of a capture.
-
-    Attributes:
-        severity: An error makes the capture unusable; a warning may cost accuracy.
-        problem: File, row, value, and what is allowed.
-    """
+    """Problem of a capture: an error makes it unusable, a warning may cost accuracy."""
 
     severity: Literal["error", "warning"]
     problem: InputError
 
 
 class Findings:
-    """Collection of the problems of a capture, each noted once.
-
-    Attributes:
-        problems: Problems noted so far, in order.
-    """
+    """Collection of the problems of a capture, each noted once, in their order."""
 
     def __init__(self, folder: Path) -> None:
         self.problems: list[Problem] = []

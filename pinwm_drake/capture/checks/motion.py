@@ -53,7 +53,6 @@ def check_motion(
 
 
 def _check_velocity(path: Path, trajectory: PusherTrajectory, findings: Findings) -> None:
-    """Warns where the pusher does not go where it is commanded to, and of high speeds."""
     moved, v = np.diff(trajectory.p_WP, axis=0), trajectory.v_WP[:-1]
     expected = v * np.diff(trajectory.t)[:, None]
     off = np.linalg.norm(moved - expected, axis=-1)
@@ -82,17 +81,11 @@ def _check_floor(
 
 
 class Approach(NamedTuple):
-    """Nearest approach of a pusher to an object that stays where it starts.
+    """Nearest approach of a pusher to an object that stays where it starts."""
 
-    Attributes:
-        distance: Least distance of the surfaces, m; exact to the spacing of points on the pusher, some 2 mm.
-        t: Time of that distance, s.
-        inside: Whether the pusher is in the object from the start, or the other way round.
-    """
-
-    distance: float
-    t: float
-    inside: bool
+    distance: float  # m, of the surfaces; exact to the spacing of points on the pusher, some 2 mm
+    t: float  # s
+    inside: bool  # one is in the other from the start
 
 
 def approach(

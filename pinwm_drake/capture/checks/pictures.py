@@ -22,17 +22,11 @@ _AGREEMENT = 0.92  # of the union, away from the outlines: edges 5 % off cost 0.
 
 @dataclass(frozen=True)
 class Agreement:
-    """Agreement of a silhouette and a mask.
+    """Agreement of a silhouette and a mask."""
 
-    Attributes:
-        iou: Intersection over union, leaving out what is near the outline.
-        area_ratio: Pixels of the mask for each of the silhouette.
-        shift: Mask's middle from the silhouette's; x and y in px.
-    """
-
-    iou: float
-    area_ratio: float
-    shift: tuple[float, float]
+    iou: float  # leaving out what is near the outline
+    area_ratio: float  # pixels of the mask for each of the silhouette
+    shift: tuple[float, float]  # px, x and y: the mask's middle from the silhouette's
 
     @property
     def poor(self) -> bool:
@@ -46,16 +40,7 @@ class Agreement:
 
 
 def compare(outline: np.ndarray, mask: np.ndarray, ignored: np.ndarray | None = None) -> Agreement | None:
-    """Compares a silhouette with a mask.
-
-    Args:
-        outline: (H, W) bool, the silhouette.
-        mask: (H, W) bool.
-        ignored: (H, W) bool, pixels that do not count, such as those of the pusher; None for none.
-
-    Returns:
-        The agreement; None where too little is left to compare.
-    """
+    """Agreement of a silhouette with a mask but for ignored pixels, all (H, W) bool; None where too little is left."""
     visible = np.ones_like(mask) if ignored is None else ~ignored
     one, other = outline & visible, mask & visible
     width = round(max(_TOLERANCE[0], _TOLERANCE[1] * mask.shape[1]))
@@ -71,11 +56,7 @@ def compare(outline: np.ndarray, mask: np.ndarray, ignored: np.ndarray | None = 
 
 
 def sharpness(image: np.ndarray, mask: np.ndarray) -> float | None:
-    """Sharpness of an object in its image, independent of its colours and contrast.
-
-    Args:
-        image: (H, W, 3) float32.
-        mask: (H, W) bool.
+    """Sharpness of an object in its image (H, W, 3) float32 with mask (H, W) bool, whatever its colours and contrast.
 
     Returns:
         Variance of the Laplacian over that of the gradient, inside the mask, in 1/px^2: 5 to 10 for edges of a

@@ -33,22 +33,13 @@ _SUNK = 0.005  # m, between the object's lowest point and the floor
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Scene of a capture as far as it could be read; None where a part could not.
-
-    Attributes:
-        folder: The capture.
-        mesh: The object, m, O.
-        X_WO: Pose of the object in the static views and at the start of an episode.
-        pusher: The pusher's surface, m, P.
-        floor_height: m.
-        episode_names: The episodes.
-    """
+    """Scene of a capture as far as it could be read; None where a part could not."""
 
     folder: Path
-    mesh: trimesh.Trimesh | None
-    X_WO: Pose | None
-    pusher: trimesh.Trimesh | None
-    floor_height: float | None
+    mesh: trimesh.Trimesh | None  # m, O
+    X_WO: Pose | None  # in the static views and at the start of an episode
+    pusher: trimesh.Trimesh | None  # m, P
+    floor_height: float | None  # m
     episode_names: list[str]
 
 

@@ -11,7 +11,7 @@ import trimesh
 from pinwm_drake.capture.checks.findings import Findings
 from pinwm_drake.capture.checks.pictures import check_area, check_camera, check_sharpness, compare, sharpness
 from pinwm_drake.capture.checks.scene import Scene
-from pinwm_drake.capture.refusals import attempt, passes
+from pinwm_drake.capture.refusals import attempt
 from pinwm_drake.capture.static_views import TRANSFORMS, read_frame_image, require_outside, require_seen
 from pinwm_drake.capture.transforms import Frame, read_frame, require_different
 from pinwm_drake.documents import Entry, read_json
@@ -50,15 +50,14 @@ def check_static(scene: Scene, findings: Findings, progress: Callable[[str], Non
 
 
 def _check_view(frame: Frame, scene: Scene, findings: Findings, sharp: list[tuple[Path, float | None]]) -> None:
-    """Checks one view, and adds its sharpness to the list."""
     picture = attempt(lambda: read_frame_image(frame), findings.error)
     mesh, X_WO = scene.mesh, scene.X_WO
     if mesh is not None and X_WO is not None:
         X_CO = compose(inverse(frame.X_WC), X_WO)
-        passes(lambda: require_outside(frame, X_CO, mesh), findings.error)
+        attempt(lambda: require_outside(frame, X_CO, mesh), findings.error)
         if not in_picture(mesh, frame.camera, X_CO):
             findings.error(unseen(frame.entry["transform_matrix"]))
-        elif picture is not None and passes(lambda: require_seen(frame, X_CO, picture[1], mesh), findings.error):
+        elif picture is not None and attempt(lambda: require_seen(frame, X_CO, picture[1], mesh), findings.error):
             outline = silhouette(mesh, frame.camera, X_CO)
             agreement = None if outline is None else compare(outline, picture[1])
             if agreement is not None and agreement.poor:
@@ -84,7 +83,6 @@ def unseen(entry: Entry) -> InputError:
 
 
 def _check_surroundings(path: Path, frames: list[Frame], mesh: trimesh.Trimesh, X_WO: Pose, findings: Findings) -> None:
-    """Warns of few views, of a side without views, and of a surface that no camera looks at."""
     if len(frames) < _FEWEST_VIEWS:
         findings.warn(path, f"{len(frames)} views", f"{_FEWEST_VIEWS} or more, all around the object")
     R_WO, p_WO = quaternion_to_matrix(X_WO.q).numpy(), X_WO.p.numpy()

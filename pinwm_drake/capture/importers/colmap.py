@@ -9,7 +9,7 @@ some truncated and damaged files without one, and takes 135 MB.
 
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,21 +38,6 @@ _UNIT_NORM = 1e-3
 _FARTHEST = 1e9
 
 
-@dataclass(frozen=True, eq=False)
-class ModelImage:
-    """One image of a model.
-
-    Attributes:
-        name: Path of its file from the folder of the images.
-        camera: Size and intrinsics (4,).
-        X_SC: Pose of the camera in the model's world S; q (4,), p (3,) in its unit.
-    """
-
-    name: str
-    camera: Camera
-    X_SC: Pose
-
-
 def import_colmap(
     source: Path,
     out: Path,
@@ -62,7 +47,7 @@ def import_colmap(
     images: Path | None = None,
     masks: Path | None = None,
 ) -> int:
-    """Makes a capture of a COLMAP model: static views, without episodes.
+    """Makes a capture of a COLMAP model: static views, without episodes. Returns how many views there are.
 
     Args:
         source: The model, or a folder with the model in `sparse/0` and its images in `images`.
@@ -72,9 +57,6 @@ def import_colmap(
         images: Folder of the images; None for `images` in `source` or beside the model.
         masks: Folder of the masks, as `NAME.png` for an image `NAME`, or with its name up to the suffix; None
             where the images have alpha or a white background.
-
-    Returns:
-        How many views there are.
 
     Raises:
         InputError: The model, an image or a mesh is refused; see `read_model` and `read_image`.
@@ -103,25 +85,21 @@ def _image_folder(source: Path, model: Path) -> Path:
     raise InputError(source / "images", value="no such folder", allowed="the images, or --images DIR")
 
 
-def _posed(image: ModelImage, images: Path, masks: Path | None) -> PosedImage:
-    path = require_file(images / image.name, "the image that the model names")
-    mask = None
+def _posed(image: PosedImage, images: Path, masks: Path | None) -> PosedImage:
+    path, mask = require_file(images / image.path, "the image that the model names"), None
     if masks is not None:
-        names = [masks / f"{image.name}.png", (masks / image.name).with_suffix(".png")]
+        names = [masks / f"{image.path}.png", (masks / image.path).with_suffix(".png")]
         mask = next((name for name in names if is_file(name)), None)
         if mask is None:
-            raise InputError(names[0], value="no such file", allowed=f"the mask of {image.name}")
-    return PosedImage(path, mask, image.camera, image.X_SC)
+            raise InputError(names[0], value="no such file", allowed=f"the mask of {image.path}")
+    return replace(image, path=path, mask_path=mask)
 
 
-def read_model(folder: Path) -> list[ModelImage]:
-    """Reads a COLMAP model.
+def read_model(folder: Path) -> list[PosedImage]:
+    """Images of a COLMAP model in the order of their paths, which count from the folder of the images; no masks.
 
     Args:
         folder: Folder with `cameras.bin` and `images.bin`, or else `cameras.txt` and `images.txt`.
-
-    Returns:
-        Its images, by name.
 
     Raises:
         InputError: A file is missing, truncated or wrong, or a camera is neither PINHOLE nor SIMPLE_PINHOLE.
@@ -134,7 +112,7 @@ def read_model(folder: Path) -> list[ModelImage]:
         images = _read_text_images(path, _read_text_cameras(folder / "cameras.txt"))
     if not images:
         raise InputError(path, value="no image", allowed="a model with one image or more")
-    return sorted(images, key=lambda image: image.name)
+    return sorted(images, key=lambda image: str(image.path))
 
 
 def _read_text_cameras(path: Path) -> dict[int, Camera]:
@@ -152,7 +130,7 @@ def _read_text_cameras(path: Path) -> dict[int, Camera]:
     return cameras
 
 
-def _read_text_images(path: Path, cameras: dict[int, Camera]) -> list[ModelImage]:
+def _read_text_images(path: Path, cameras: dict[int, Camera]) -> list[PosedImage]:
     images = []
     expected = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points"
     lines = iter(enumerate(read_text(path).splitlines(), start=1))
@@ -200,7 +178,7 @@ def _read_binary_cameras(path: Path) -> dict[int, Camera]:
     return cameras
 
 
-def _read_binary_images(path: Path, cameras: dict[int, Camera]) -> list[ModelImage]:
+def _read_binary_images(path: Path, cameras: dict[int, Camera]) -> list[PosedImage]:
     data, images = _Binary(path), []
     for row in range(1, data.count() + 1):
         _, *values, camera = data.take("i7di", row)
@@ -225,7 +203,6 @@ def _numbers(path: Path, row: int, cells: list[str]) -> list[float]:
 
 
 def _camera(path: Path, row: int, model: str, values: list[float]) -> Camera:
-    """A camera from its width, height and parameters."""
     if model not in _PINHOLES:
         hint = "PINHOLE or SIMPLE_PINHOLE: undistort the images first (colmap image_undistorter)"
         raise InputError(path, row=row, value=f"camera model {quote(model)}", allowed=hint)
@@ -243,7 +220,7 @@ def _camera(path: Path, row: int, model: str, values: list[float]) -> Camera:
     return Camera(int(width), int(height), torch.tensor([focal[0], focal[-1], *centre], dtype=torch.float64))
 
 
-def _image(path: Path, row: int, name: str, camera: int, pose: list[float], cameras: dict[int, Camera]) -> ModelImage:
+def _image(path: Path, row: int, name: str, camera: int, pose: list[float], cameras: dict[int, Camera]) -> PosedImage:
     """An image from the number of its camera and q, t of X_CS."""
     if camera not in cameras:
         raise InputError(path, row=row, value=f"camera {camera}", allowed="a camera of the model")
@@ -256,4 +233,4 @@ def _image(path: Path, row: int, name: str, camera: int, pose: list[float], came
         found = f"pose {np.round(values, 6).tolist()}"
         raise InputError(path, row=row, value=found, allowed="QW QX QY QZ of norm 1, and finite TX TY TZ")
     X_CS = Pose(torch.from_numpy(values[:4] / norm), torch.from_numpy(values[4:]))
-    return ModelImage(name, cameras[camera], inverse(X_CS))
+    return PosedImage(Path(name), None, cameras[camera], inverse(X_CS))

@@ -18,16 +18,13 @@ _SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG")
 
 
 def import_nerfstudio(source: Path, out: Path, scenery: Scenery, similarity: Similarity | None = None) -> int:
-    """Makes a capture of a nerfstudio folder: static views, without episodes.
+    """Makes a capture of a nerfstudio folder: static views, without episodes. Returns how many views there are.
 
     Args:
         source: The folder, or its `transforms.json`.
         out: The capture; not there yet, or empty.
         scenery: The parts of the scene that the file does not have.
         similarity: Similarity from its world to that of the capture; None where they are the same, in metres.
-
-    Returns:
-        How many views there are.
 
     Raises:
         InputError: The file, an image or a mesh is refused; see `read_transforms` and `read_image`.

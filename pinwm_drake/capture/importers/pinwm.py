@@ -66,6 +66,8 @@ def import_pinwm(
 ) -> list[str]:
     """Makes a capture of a folder in the layout of PIN-WM's authors.
 
+    Returns the files of the pushes, which become episodes 0000, 0001, ...
+
     Args:
         source: The folder.
         out: The capture; not there yet, or empty.
@@ -74,8 +76,7 @@ def import_pinwm(
         camera: Number of one of several cameras; None for the one with the lowest number.
         static: The static views' file; None for `transforms_train.json` or `transforms.json` in `source`.
 
-    Returns:
-        The files of the pushes, which become episodes 0000, 0001, ...
+
 
     Raises:
         InputError: A file is missing or unreadable, a value is missing or out of range, a camera moves, or there
@@ -93,7 +94,6 @@ def import_pinwm(
 
 
 def _push_files(source: Path) -> list[Path]:
-    """Files of pushes: those to train with by number, then those to test with."""
     if not is_folder(source):
         raise InputError(source, value="no such folder", allowed="a folder with dynamic_train0.json")
     matches = ((path, _FILES.fullmatch(path.name)) for path in source.iterdir())
@@ -149,9 +149,6 @@ def trajectory(start: np.ndarray, goal: np.ndarray, count: int) -> PusherTraject
         start: (3,) [m], position at frame 0.
         goal: (3,) [m], position aimed at; its height does not count.
         count: Number of frames.
-
-    Returns:
-        Pose of the pusher at each frame, and its velocity from there to the next.
     """
     p_WP, v_WP = np.zeros((count, 3)), np.zeros((count, 3))
     p = start.copy()
@@ -212,7 +209,6 @@ def _intrinsics(entry: Entry) -> torch.Tensor:
 
 
 def _require_still(entry: Entry, X_WC: Pose, intrinsics: torch.Tensor) -> None:
-    """Requires the camera of an image to be that of the first one; raises InputError otherwise."""
     own = _pose(entry)
     still = torch.allclose(own.p, X_WC.p, rtol=0, atol=_SAME) and float((own.q @ X_WC.q).abs()) > 1 - _SAME
     if not still:

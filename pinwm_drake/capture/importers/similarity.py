@@ -17,17 +17,11 @@ _SCALES = (1e-6, 1e6)
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """Similarity p_W = scale R_WS p_S + p_WS, from the source's world S to the capture's world W.
+    """Similarity p_W = scale R_WS p_S + p_WS, from the source's world S to the capture's world W."""
 
-    Attributes:
-        scale: m for each unit of S.
-        R_WS: (3, 3).
-        p_WS: (3,) [m].
-    """
-
-    scale: float
-    R_WS: np.ndarray
-    p_WS: np.ndarray
+    scale: float  # m for each unit of S
+    R_WS: np.ndarray  # (3, 3)
+    p_WS: np.ndarray  # (3,) [m]
 
     def pose(self, X_SC: Pose) -> Pose:
         """Pose in W of a camera whose pose in S, in its units, is X_SC; q (4,), p (3,) [m]."""

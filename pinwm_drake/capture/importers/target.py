@@ -18,45 +18,26 @@ from pinwm_drake.spatial.poses import Pose
 
 @dataclass(frozen=True, eq=False)
 class Scenery:
-    """Parts of a scene that the images of others do not have.
-
-    Attributes:
-        name: Name of the object.
-        mesh: The object's mesh, m, O.
-        X_WO: Pose of the object in the world of the capture; None where the imported data have it, or for the
-            identity.
-        mass: Mass of the object, kg; None where it was not measured.
-        pusher_mesh: The pusher's mesh, m, P; or None.
-        pusher_shape: The pusher's shape; or None.
-        floor_height: Height of the floor, m.
-        gravity: m/s^2, downwards.
-    """
+    """Parts of a scene that the images of others do not have."""
 
     name: str
-    mesh: Path
-    X_WO: Pose | None = None
-    mass: float | None = None
-    pusher_mesh: Path | None = None
+    mesh: Path  # m, O
+    X_WO: Pose | None = None  # in the world of the capture; None where the imported data have it, or for the identity
+    mass: float | None = None  # kg; None where it was not measured
+    pusher_mesh: Path | None = None  # m, P
     pusher_shape: PusherShape | None = None
-    floor_height: float = 0.0
-    gravity: float = 9.8
+    floor_height: float = 0.0  # m
+    gravity: float = 9.8  # m/s^2, downwards
 
 
 @dataclass(frozen=True, eq=False)
 class PosedImage:
-    """Posed image of others, with its camera.
-
-    Attributes:
-        path: The image.
-        mask_path: The image of its mask, or None.
-        camera: Size and intrinsics (4,).
-        X_SC: Pose of the camera in the world S of the source, OpenCV axes; q (4,), p (3,) in the unit of S.
-    """
+    """Posed image of others, with its camera and maybe a mask."""
 
     path: Path
     mask_path: Path | None
     camera: Camera
-    X_SC: Pose
+    X_SC: Pose  # of the camera in the world S of the source, OpenCV axes; q (4,), p (3,) in the unit of S
 
 
 def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
@@ -84,12 +65,7 @@ def copy_file(source: Path, target: Path) -> None:
 
 
 def write_static(folder: Path, images: list[PosedImage], similarity: Similarity) -> None:
-    """Copies images and masks to `static/` and writes its `transforms.json`.
-
-    Args:
-        folder: The capture.
-        images: All with masks, or none.
-        similarity: Similarity from their world to that of the capture.
+    """Copies images and masks to `static/` of a capture and writes its `transforms.json`.
 
     Raises:
         InputError: An image is refused or of another size than its camera's, some have a mask and some not, or

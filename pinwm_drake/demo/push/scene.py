@@ -34,39 +34,23 @@ _DIFFERENCE_STEP = 1e-5
 
 @dataclass(frozen=True)
 class Derivative:
-    """Derivative of the final yaw with respect to one input.
+    """Derivative of the final yaw with respect to one input."""
 
-    Attributes:
-        name: The input, in words.
-        unit: Unit of the derivative.
-        adjoint: From the backward pass through the rollout.
-        difference: From central differences of the rollout.
-    """
-
-    name: str
+    name: str  # of the input, in words
     unit: str
-    adjoint: float
-    difference: float
+    adjoint: float  # from the backward pass through the rollout
+    difference: float  # from central differences of the rollout
 
 
 @dataclass(frozen=True)
 class PushRecord:
-    """The recorded push of N states, in the world frame.
+    """The recorded push of N states, in the world frame."""
 
-    Attributes:
-        times: (N,) [s].
-        q_WB: (N, 4), wxyz, orientation of the block.
-        p_WB: (N, 3) [m], its centre of mass.
-        V_WB: (N, 6) [rad/s; m/s], its spatial velocity at the centre of mass.
-        p_WP: (N, 3) [m], centre of the pusher.
-        derivatives: Derivatives of the final yaw.
-    """
-
-    times: np.ndarray
-    q_WB: np.ndarray
-    p_WB: np.ndarray
-    V_WB: np.ndarray
-    p_WP: np.ndarray
+    times: np.ndarray  # (N,) [s]
+    q_WB: np.ndarray  # (N, 4), wxyz, orientation of the block
+    p_WB: np.ndarray  # (N, 3) [m], its centre of mass
+    V_WB: np.ndarray  # (N, 6) [rad/s; m/s], its spatial velocity at the centre of mass
+    p_WP: np.ndarray  # (N, 3) [m], centre of the pusher
     derivatives: tuple[Derivative, ...]
 
     @property
@@ -91,9 +75,6 @@ def simulate_push(options: PushOptions, report: Callable[[str, float], None]) ->
     Args:
         options: The push.
         report: Called with a stage ("simulate", "differentiate", "check") and the share of it that is done.
-
-    Returns:
-        The recorded push.
 
     Raises:
         PinwmError: When a parameter is refused or the solver fails.
@@ -125,7 +106,6 @@ def simulate_push(options: PushOptions, report: Callable[[str, float], None]) ->
 
 
 def _model(options: PushOptions) -> Model:
-    """The block on the floor, and the pusher, upright and centred in its frame."""
     properties = mass_properties(load_mesh(model_path(BLOCK_MESH)), mass=BLOCK_MASS)
     block = Body(name="t_block", pieces=t_block(), mass=BLOCK_MASS, inertia=properties.inertia)
     pusher = {
@@ -139,16 +119,9 @@ def _model(options: PushOptions) -> Model:
 def _roll_out(
     stepper: Stepper, options: PushOptions, inputs: torch.Tensor, report: Callable[[float], None]
 ) -> dict[str, torch.Tensor]:
-    """Rolls out W worlds, differentiably.
+    """Rolls out W worlds, differentiably: the fields of the states, each with a leading axis of N recorded frames.
 
-    Args:
-        stepper: Steps the model.
-        options: The push.
-        inputs: (W, 3): friction of block and floor, of block and pusher, offset of the pusher [m].
-        report: Called with the share of the work that is done.
-
-    Returns:
-        The fields of the states, each with a leading axis of N recorded frames.
+    The inputs (W, 3) are the friction of block and floor, of block and pusher, and the offset of the pusher [m].
     """
     model, worlds, every = stepper.model, len(inputs), options.steps_per_record
     parameters = replace(Parameters.nominal(model, num_worlds=worlds), friction=inputs[:, :2])

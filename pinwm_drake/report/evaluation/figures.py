@@ -57,9 +57,7 @@ def steps_figure(evaluation: Evaluation, max_steps: int) -> Figure:
 def start_figure(records: Sequence[EpisodeRecord], q_WO: tuple[float, float, float, float]) -> Figure:
     """Figure of the object's starts, as arrows along its x axis, and of the number of actions over the start yaw.
 
-    Args:
-        records: The episodes.
-        q_WO: (4,) wxyz, orientation of the lying object at yaw 0.
+    The object lies in the orientation q_WO (4,) wxyz at yaw 0.
     """
     figure = new_figure(10, 4.4)
     place, turn = figure.subplots(1, 2)

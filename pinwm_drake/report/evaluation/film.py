@@ -1,6 +1,7 @@
 """Pictures of an evaluation's episodes: one episode after some actions, and many side by side as a film."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -21,53 +22,37 @@ _GOAL, _PUSHER = (0.02, 0.42, 0.10), (0.10, 0.25, 0.55)  # linear RGB
 _BORDER, _STAYS = 3, 8  # px, and pictures that the end of a film shows
 
 
+@dataclass(eq=False)
 class EpisodeFilm:
-    """Draws episodes of one scene.
+    """Pictures of episodes of one scene by one camera."""
 
-    Attributes:
-        camera: The view.
-    """
+    camera: ViewCamera
+    floor_height: float  # m, world
+    actors: Sequence[Actor]  # the object's surfaces, frame O
+    mesh: trimesh.Trimesh  # the object, m, frame O
+    pusher: trimesh.Trimesh  # m, frame P
+    # The object's pose at an episode's goal, of which height does not count; None where any of many will do.
+    X_WG: Callable[[EpisodeRecord], Pose | None]
 
-    def __init__(
-        self,
-        camera: ViewCamera,
-        floor_height: float,
-        actors: Sequence[Actor],
-        mesh: trimesh.Trimesh,
-        pusher: trimesh.Trimesh,
-        X_WG: Callable[[EpisodeRecord], Pose | None],
-    ) -> None:
-        """Takes over the parts of the scene that do not move.
-
-        Args:
-            camera: The view.
-            floor_height: m, world.
-            actors: The object's surfaces, frame O.
-            mesh: The object, m, frame O.
-            pusher: m, frame P.
-            X_WG: Function that gives the object's pose at an episode's goal, of which height does not count; None where
-                any of many will do.
-        """
-        self.camera, self._stage = camera, Stage(camera, floor_height)
-        self._object, self._pusher = list(actors), Actor.from_mesh(pusher, _PUSHER, smooth=True)
-        self._mesh, self._X_WG = mesh, X_WG
+    def __post_init__(self) -> None:
+        self._stage = Stage(self.camera, self.floor_height)
+        self._pusher = Actor.from_mesh(self.pusher, _PUSHER, smooth=True)
         self._goals: dict[tuple[float, ...], Lines] = {}
 
     def picture(self, record: EpisodeRecord, step: int) -> np.ndarray:
         """Picture of an episode after some actions, or at its end: (height, width, 3) uint8, sRGB."""
         k = min(step, record.last)
         R_WO, p_WO = rotation(record.q_WO[k]).as_matrix(), record.p_WO[k]
-        actors = [(actor, R_WO, p_WO) for actor in self._object]
+        actors = [(actor, R_WO, p_WO) for actor in self.actors]
         return self._stage.picture([*actors, (self._pusher, np.eye(3), record.p_WP[k])], self._goal(record))
 
     def _goal(self, record: EpisodeRecord) -> Lines:
-        """Outline of the object at an episode's goal; none where there is no one pose for it."""
         key = tuple(record.goal.tolist())
         if key not in self._goals:
-            X_WG, outline = self._X_WG(record), np.zeros((0, 2, 2))
+            X_WG, outline = self.X_WG(record), np.zeros((0, 2, 2))
             if X_WG is not None:
                 rotated = rotation(X_WG.q.numpy()).as_matrix()
-                outline = boundary(*silhouette(self._mesh, rotated)) + X_WG.p[:2].numpy()
+                outline = boundary(*silhouette(self.mesh, rotated)) + X_WG.p[:2].numpy()
             self._goals[key] = [(segment, _GOAL) for segment in outline]
         return self._goals[key]
 
@@ -83,7 +68,7 @@ class EpisodeFilm:
 
 
 class FilmGrid:
-    """Episodes side by side from their first action on; one that has ended stays as it is.
+    """Episodes side by side from their first action on, one or more; one that has ended stays as it is.
 
     Attributes:
         size: (width, height) px, even.
@@ -94,14 +79,6 @@ class FilmGrid:
     def __init__(
         self, film: EpisodeFilm, records: Sequence[EpisodeRecord], columns: int = 4, *, keep: int = 40
     ) -> None:
-        """Takes the episodes, one or more.
-
-        Args:
-            film: Pictures of single episodes.
-            records: The episodes.
-            columns: Number of episodes side by side.
-            keep: Number of pictures that are kept at most.
-        """
         self._film, self._records = film, list(records)
         self._columns = min(columns, len(self._records))
         rows = -(-len(self._records) // self._columns)

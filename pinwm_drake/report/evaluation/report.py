@@ -21,31 +21,18 @@ _STRIP, _MOST_FRAMES = 6, 30  # pictures of an episode, and of the film
 
 @dataclass(frozen=True, eq=False)
 class EvaluationStory:
-    """Contents of the report of an evaluation.
-
-    Attributes:
-        title: Title of the page.
-        about: Policy, scene and engine in a line.
-        records: The episodes, 1 or more.
-        max_steps: Actions after which an episode ended.
-        horizon: Time that an action takes, s.
-        q_WO: (4,) wxyz, orientation of the lying object at yaw 0.
-        settings: Plain data: scene, engine, tolerances and the like.
-        provenance: Plain data: the policy, its training, versions.
-        film: Pictures of the episodes.
-        shown: Number of episodes that the film shows.
-    """
+    """Contents of the report of an evaluation."""
 
     title: str
-    about: str
-    records: Sequence[EpisodeRecord]
-    max_steps: int
-    horizon: float
-    q_WO: tuple[float, float, float, float]
-    settings: Mapping[str, Any]
-    provenance: Mapping[str, Any]
+    about: str  # policy, scene and engine in a line
+    records: Sequence[EpisodeRecord]  # 1 or more
+    max_steps: int  # actions after which an episode ended
+    horizon: float  # s, that an action takes
+    q_WO: tuple[float, float, float, float]  # wxyz, of the lying object at yaw 0
+    settings: Mapping[str, Any]  # plain data: scene, engine, tolerances and the like
+    provenance: Mapping[str, Any]  # plain data: the policy, its training, versions
     film: EpisodeFilm
-    shown: int = 16
+    shown: int = 16  # episodes in the film
 
     @property
     def evaluation(self) -> Evaluation:
@@ -61,12 +48,7 @@ class EvaluationStory:
 def write_evaluation_report(
     path: Path, story: EvaluationStory, report: Callable[[float], None] = lambda share: None
 ) -> None:
-    """Writes the report of an evaluation.
-
-    Args:
-        path: File of the report; its folder exists.
-        story: Contents of the report.
-        report: Called with the share of the pictures that is done.
+    """Writes the report of an evaluation; `report` is called with the share of the pictures that is done.
 
     Raises:
         InputError: The file cannot be written.
@@ -135,7 +117,6 @@ def _film(story: EvaluationStory, report: Callable[[float], None]) -> Iterator[F
 
 
 def _strip(film: EpisodeFilm, record: EpisodeRecord) -> dict[str, list[Any]]:
-    """Strip of the scene at a few times and, where the policy sees images, of those below."""
     chosen = record.at.tolist() if len(record.at) else strip_steps(record.last)
     rows = [[(film.picture(record, step), f"scene after {step} actions") for step in chosen]]
     if len(record.at):

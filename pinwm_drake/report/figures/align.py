@@ -15,19 +15,12 @@ _MARGIN = 0.08  # of the object's box in the strips
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """Strip of one view, as it is and as it is rendered.
-
-    Attributes:
-        name: Name of the view.
-        target: (height, width, 3) in [0, 1], sRGB.
-        rendered: The same of the surfels.
-        psnr: PSNR of the rendering [dB].
-    """
+    """Strip of one view, as it is and as it is rendered: pictures (height, width, 3) in [0, 1], sRGB."""
 
     name: str
     target: np.ndarray
     rendered: np.ndarray
-    psnr: float
+    psnr: float  # dB, of the rendering
 
 
 def align_figure(

@@ -91,7 +91,6 @@ def _pictures(surfels: Surfels, colours: Sequence[torch.Tensor]) -> list[torch.T
 
 
 def _text(key: str, value: float, twin: float | None) -> str:
-    """Parameter with its unit, and its difference from the twin's, in words."""
     name, unit, scale = _NAMES[key]
     words = f"{name} {scale * value:.3g}" + (f" {unit}" if unit else "")
     return words if not twin else f"{words} ({100 * (value / twin - 1):+.0f} %)"

@@ -19,19 +19,12 @@ _LEAST = 1e-2  # of a threshold: what is nearer than that is drawn there
 
 @dataclass(frozen=True)
 class Differences:
-    """Differences of the twin and an engine, one number for each push.
-
-    Attributes:
-        engine: Name of the engine.
-        translation: Distance of the objects after rest, m.
-        rotation: Angle between the objects after rest, rad.
-        passed: Verdict: whether the medians are within the thresholds.
-    """
+    """Differences of the twin and an engine after rest, one number for each push."""
 
     engine: str
-    translation: Sequence[float]
-    rotation: Sequence[float]
-    passed: bool
+    translation: Sequence[float]  # m
+    rotation: Sequence[float]  # rad
+    passed: bool  # the medians are within the thresholds
 
 
 def crosscheck_figure(

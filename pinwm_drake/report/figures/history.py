@@ -59,7 +59,6 @@ def theta_figure(history: History, final: dict[str, Estimate], truth: dict[str, 
 
 
 def _line(history: History, number: int, rows: np.ndarray) -> dict[str, Any]:
-    """Style of the line of a start; one evaluation is a point."""
     marker = "o" if len(rows) == 1 else ""
     return {"color": start_colour(number), "linewidth": 1.3, "alpha": 0.85, "marker": marker, "markersize": 4}
 

@@ -20,7 +20,7 @@ from pinwm_drake.rendering.views import View
 from pinwm_drake.report.figures.align import Strip, align_figure
 from pinwm_drake.report.surfels.page import write_surfel_page
 from pinwm_drake.report.surfels.turntable import FRAME_RATE, write_turntable
-from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.poses import Pose, identity
 from pinwm_drake.twin.twin import SURFELS_FILE
 
 ALIGN_FILE, FIGURE_FILE, PAGE_FILE, VIDEO_FILE = "align.json", "align.png", "view.html", "turntable.mp4"
@@ -41,16 +41,14 @@ def write_fit_results(
     registration: Registration,
     report: Callable[[float], None] = lambda share: None,
 ) -> None:
-    """Writes `FILES`, the surfels first.
+    """Writes `FILES` into an existing folder, the surfels first.
 
     Args:
-        out: An existing folder.
-        source: Where the images came from.
-        mesh_path: Where the mesh came from.
-        views: All of them.
+        out: The folder.
+        source, mesh_path: Where the images and the mesh came from.
+        views: All views of the fit.
         up: (3,), unit, object frame: upwards in the pictures.
-        options: Of the fit.
-        result: Of the fit.
+        options, result: Options and result of the fit.
         registration: Where the views have the object, against the pose that was given.
         report: Called with the share of the turntable that is drawn.
 
@@ -70,30 +68,22 @@ def write_fit_results(
 
 
 def read_offset(path: Path) -> tuple[float, float]:
-    """The camera's offset [px] that a fit found.
-
-    Args:
-        path: `align.json`.
-
-    Raises:
-        InputError: The file cannot be used.
-    """
+    """The camera's offset [px] that a fit found, from its `align.json`; raises InputError where that cannot be used."""
     x, y = read_json(path)["camera_offset"].numbers(2).tolist()
     return x, y
 
 
 def read_registration(path: Path) -> Pose:
-    """The pose X_OS of the object that the static views show, against the one that was given.
+    """The pose X_OS of the object that the static views show, against the one that was given, from `align.json`.
 
-    Args:
-        path: `align.json`; one of an older release tells no registration, which is that of the pose that was given.
+    A file of an older release tells no registration, which is that of the pose that was given.
 
     Raises:
         InputError: The file cannot be used.
     """
     found = read_json(path).find("object")
     if found is None:
-        return Pose(torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64), torch.zeros(3, dtype=torch.float64))
+        return identity()
     entry = found["X_OS"]
     q, p = torch.from_numpy(entry["q"].numbers(4)), torch.from_numpy(entry["p"].numbers(3))
     return Pose(q / q.norm(), p)
@@ -132,7 +122,6 @@ def _mean(values: dict[str, float]) -> float | None:
 
 
 def _draw(path: Path, views: list[View], result: FitResult, title: str) -> None:
-    """The figure, with held-out views or, where there are none, fitted ones."""
     history, shown = result.history, result.psnr_test or result.psnr_train
     # One point for each time that all views were seen.
     epoch = len(result.psnr_train)

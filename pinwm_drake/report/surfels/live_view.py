@@ -44,19 +44,12 @@ _CAMERA = "/Cameras/default/rotated/<object>"
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Mesh beside the surfels; the page's controls hide and show it.
+    """Mesh beside the surfels; the page's controls hide and show it."""
 
-    Attributes:
-        name: Name of its node in the scene.
-        mesh: m, object frame O.
-        colour: Colour as 0xrrggbb.
-        opacity: 0 to 1.
-    """
-
-    name: str
-    mesh: trimesh.Trimesh
-    colour: int
-    opacity: float
+    name: str  # of its node in the scene
+    mesh: trimesh.Trimesh  # m, object frame O
+    colour: int  # 0xrrggbb
+    opacity: float  # 0 to 1
 
 
 def serve_surfels(
@@ -109,8 +102,6 @@ async def _serve(scene: list[dict[str, Any]], host: str, port: int, ready: Calla
 
 
 class _Bridge(ZMQWebSocketBridge):  # type: ignore[misc]  # meshcat has no types
-    """Server of meshcat that listens on one address only."""
-
     def make_app(self) -> tornado.web.Application:
         """Web application that listens on the server's address; the base class gives it the port only."""
         app = super().make_app()
@@ -119,7 +110,6 @@ class _Bridge(ZMQWebSocketBridge):  # type: ignore[misc]  # meshcat has no types
 
 
 def _free_port(host: str, port: int | None) -> int:
-    """Free port: the given one, or the first one from 7000 on; ParameterError where there is none."""
     ports = range(FIRST_PORT, FIRST_PORT + _PORTS) if port is None else [port]
     reason = ""
     for candidate in ports:
@@ -166,7 +156,6 @@ class _Triangles(geometry.TriangularMeshGeometry):  # type: ignore[misc]
         self.normals = normals
 
     def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
-        """Message that shows the mesh in the browser."""
         message: dict[str, Any] = super().lower(object_data)
         message["data"]["attributes"]["normal"] = geometry.pack_numpy_array(self.normals.T)
         return message

@@ -17,30 +17,16 @@ _FAINT = 0.3  # surfels of less opacity are left out, unless there are no others
 
 @dataclass(frozen=True, eq=False)
 class SurfelMesh:
-    """Mesh with an octagon for each surfel that is not faint.
+    """Mesh with an octagon for each surfel that is not faint."""
 
-    Attributes:
-        vertices: (8 n, 3) float32 [m], object frame O.
-        normals: (8 n, 3) float32, unit, O.
-        colours: (8 n, 3) float32, sRGB in [0, 1]: the mean of a surfel's colour over all directions.
-        faces: (6 n, 3) uint32, counter-clockwise around the normal.
-    """
-
-    vertices: np.ndarray
-    normals: np.ndarray
-    colours: np.ndarray
-    faces: np.ndarray
+    vertices: np.ndarray  # (8 n, 3) float32 [m], object frame O
+    normals: np.ndarray  # (8 n, 3) float32, unit, O
+    colours: np.ndarray  # (8 n, 3) float32, sRGB in [0, 1]: the mean of a surfel's colour over all directions
+    faces: np.ndarray  # (6 n, 3) uint32, counter-clockwise around the normal
 
     @classmethod
     def from_surfels(cls, surfels: Surfels) -> "SurfelMesh":
-        """Mesh of surfels, each cut off where it is down to half of its height.
-
-        Args:
-            surfels: Surfels, one or more, with one set of colours.
-
-        Returns:
-            The mesh.
-        """
+        """Mesh of surfels, one or more with one set of colours, each cut off where it is down to half of its height."""
         opacity = surfels.logit_opacity.detach().sigmoid().numpy()
         kept = opacity >= min(_FAINT, opacity.max(initial=0))
         R_OS = quaternion_to_matrix(normalize_quaternion(surfels.q_OS.detach().double())).numpy()[kept]

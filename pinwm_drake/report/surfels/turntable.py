@@ -23,7 +23,7 @@ def turntable(
     up: np.ndarray | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Iterator[np.ndarray]:
-    """Draws an object from all around.
+    """Draws an object from all around: frames (size, size, 3) uint8, sRGB.
 
     Args:
         surfels: The object; one set of colours.
@@ -31,9 +31,6 @@ def turntable(
         num_frames: Number of pictures in a turn.
         up: (3,), the axis it turns about, object frame; None for z.
         report: Called with the share of the frames that are done.
-
-    Yields:
-        Frames (size, size, 3) uint8, sRGB.
 
     Raises:
         RenderingError: There are no surfels.

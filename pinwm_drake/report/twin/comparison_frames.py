@@ -29,34 +29,19 @@ _LOOKED_AT = 6  # frames in which the object is looked for
 
 @dataclass(frozen=True, eq=False)
 class Cast:
-    """Bodies to draw, and corrections of camera and clock.
+    """Bodies to draw, and corrections of camera and clock."""
 
-    Attributes:
-        mesh: The object's surface, m, frame O.
-        surfels: Appearance of the object, frame O.
-        pusher: The pusher's surface, m, frame P.
-        camera_offset: Offset to add to cx and cy [px].
-        time_offset: Offset to add to a frame's time for that of the pusher [s].
-        outline: Factor by which the object is larger in the images than its surfels are.
-        view: By how much the camera shows the object aside of where it is, world [m].
-    """
-
-    mesh: trimesh.Trimesh
-    surfels: Surfels
-    pusher: trimesh.Trimesh
-    camera_offset: tuple[float, float]
-    time_offset: float = 0.0
-    outline: float = 1.0
-    view: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mesh: trimesh.Trimesh  # m, frame O
+    surfels: Surfels  # frame O
+    pusher: trimesh.Trimesh  # m, frame P
+    camera_offset: tuple[float, float]  # px, to add to cx and cy
+    time_offset: float = 0.0  # s, to add to a frame's time for that of the pusher
+    outline: float = 1.0  # factor by which the object is larger in the images than its surfels are
+    view: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, world: how far aside the camera shows the object
 
     @staticmethod
     def of(twin: Twin, push: int | None) -> "Cast":
-        """Cast of a twin; raises InputError where a mesh cannot be used.
-
-        Args:
-            twin: The twin.
-            push: Number of the identified push that the episode is, whose clock was estimated; None for another.
-        """
+        """Cast of a twin for an identified push, by its number, or for another one; InputError for a mesh of no use."""
         outline = of_push(twin, "outline", push or 0, 1.0)
         x, y, z = (of_push(twin, f"view_{axis}", push or 0, 0.0) for axis in "xyz")
         return Cast(
@@ -72,23 +57,14 @@ class Cast:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Picture of one frame, as it is and as it is rendered.
+    """Picture of one frame, as it is and as it is rendered."""
 
-    Attributes:
-        t: s.
-        image: (height, width, 3) float32 in [0, 1], sRGB, white where the object is not.
-        mask: (height, width) bool, true where the image shows the object.
-        rendered: Rendering of the surfels, in the form of `image`.
-        covered: Pixels of the rendered surfels, in the form of `mask`.
-        hidden: (height, width) bool: the pusher is there, and the image shows no object.
-    """
-
-    t: float
-    image: np.ndarray
-    mask: np.ndarray
-    rendered: np.ndarray
-    covered: np.ndarray
-    hidden: np.ndarray
+    t: float  # s
+    image: np.ndarray  # (height, width, 3) float32 in [0, 1], sRGB, white where the object is not
+    mask: np.ndarray  # (height, width) bool, true where the image shows the object
+    rendered: np.ndarray  # rendering of the surfels, in the form of `image`
+    covered: np.ndarray  # pixels of the rendered surfels, in the form of `mask`
+    hidden: np.ndarray  # (height, width) bool: the pusher is there, and the image shows no object
 
     def shown_difference(self) -> np.ndarray:
         """Difference (height, width, 3) of the two in [0, 1], on white; light blue where the pusher hides."""
@@ -104,16 +80,7 @@ class Picture:
 
 
 def draw_frame(episode: Episode, k: int, poses: ObjectPoses, cast: Cast) -> Picture:
-    """Frame k of an episode and its rendering.
-
-    Args:
-        episode: The episode.
-        k: Number of the frame.
-        poses: Poses of the object; row k is that of the frame.
-        cast: Object, pusher and corrections.
-
-    Returns:
-        Both pictures, in the size of the camera.
+    """Frame k of an episode and its rendering at row k of the poses, in the size of the camera.
 
     Raises:
         InputError: The image cannot be used.
@@ -145,18 +112,9 @@ def _zoomed(camera: Camera, mask: np.ndarray, outline: float) -> Camera:
 
 
 def window_of(episode: Episode, poses: ObjectPoses, mesh: trimesh.Trimesh) -> tuple[slice, slice]:
-    """The box of pixels in which the object moves, as posed and as seen, with a margin.
+    """The rows and columns in which the object moves, as posed and as seen in a few images, with a margin.
 
-    Args:
-        episode: The episode; a few of its images are looked at.
-        poses: Poses of the object.
-        mesh: Surface of the object, m, frame O.
-
-    Returns:
-        Rows and columns; all of them where the poses lead behind the camera.
-
-    Raises:
-        InputError: An image cannot be used.
+    They are all of them where the poses lead behind the camera. Raises InputError where an image cannot be used.
     """
     X_WO = Pose(torch.from_numpy(poses.q_WO)[:, None], torch.from_numpy(poses.p_WO)[:, None])
     X_CO = compose(inverse(episode.X_WC), X_WO)
@@ -182,19 +140,12 @@ def window_of(episode: Episode, poses: ObjectPoses, mesh: trimesh.Trimesh) -> tu
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """Panels of one frame, and the measures of their agreement.
+    """Panels of one frame, and the measures of their agreement."""
 
-    Attributes:
-        t: Time of the frame, s.
-        overlap: Intersection over union of the outlines in the image and in the rendering.
-        difference: Mean absolute difference of the colours, 0 to 1, on the pixels where one of them shows the object.
-        panels: Camera, twin and difference: (height, width, 3) uint8 each, sRGB, of one size.
-    """
-
-    t: float
-    overlap: float
-    difference: float
-    panels: tuple[np.ndarray, np.ndarray, np.ndarray]
+    t: float  # s
+    overlap: float  # intersection over union of the outlines in the image and in the rendering
+    difference: float  # mean absolute difference of the colours, 0 to 1, where one of them shows the object
+    panels: tuple[np.ndarray, np.ndarray, np.ndarray]  # of `PANELS`: (height, width, 3) uint8, sRGB, of one size
 
     def joined(self) -> np.ndarray:
         """Picture of the three panels side by side."""
@@ -210,18 +161,15 @@ def draw_shots(
     most: int,
     report: Callable[[float], None] = lambda share: None,
 ) -> list[Shot]:
-    """Draws the frames of an episode as camera, twin and difference.
+    """Draws the frames of an episode as camera, twin and difference, all of one size with even width and height.
 
     Args:
-        episode: The episode, of n frames.
+        episode: The episode.
         poses: Poses of the object at its frames.
         cast: Object, pusher and corrections.
         size: The longer side of a panel [px] at most.
         most: Number of frames at most; of more, this many at equal distances.
         report: Called with the share that is done.
-
-    Returns:
-        Panels of each of the chosen frames, all of one size with even width and height.
 
     Raises:
         InputError: An image cannot be used.

@@ -26,27 +26,16 @@ _Result = TypeVar("_Result")
 
 @dataclass
 class Story:
-    """Twin, and the records of its identification that are at hand.
-
-    Attributes:
-        twin: The twin.
-        origin: Capture and episode that it was identified from; None where its provenance does not say.
-        history: History of the optimiser, or None.
-        poses: The identified poses at the frames, or None.
-        capture: The capture where it is still at hand; else None.
-        episode: The identified one, where it is at hand; else None.
-        truth: True values of physical parameters, where the capture knows them.
-        notices: Missing parts and contradictions, in words.
-    """
+    """Twin, and the records of its identification that are at hand; None where one is not."""
 
     twin: Twin
-    origin: Origin | None
+    origin: Origin | None  # None where its provenance does not say
     history: History | None = None
-    poses: ObjectPoses | None = None
+    poses: ObjectPoses | None = None  # identified, at the frames
     capture: Capture | None = None
-    episode: Episode | None = None
-    truth: dict[str, float] = field(default_factory=dict)
-    notices: list[str] = field(default_factory=list)
+    episode: Episode | None = None  # the identified one
+    truth: dict[str, float] = field(default_factory=dict)  # of physical parameters, where the capture knows them
+    notices: list[str] = field(default_factory=list)  # missing parts and contradictions, in words
 
     def attempt(self, work: Callable[[], _Result], consequence: str) -> _Result | None:
         """Result of `work`; None and a notice where an input is refused."""
@@ -60,12 +49,11 @@ class Story:
 def read_story(folder: Path, capture: Path | None = None) -> Story:
     """Reads a twin folder and, where it is still there, the capture.
 
+    Parts that cannot be read but are not needed stand in the notices.
+
     Args:
         folder: The twin.
         capture: Present folder of the capture; None for that at the time of the identification.
-
-    Returns:
-        The story; what cannot be read but is not needed stands in its notices.
 
     Raises:
         InputError: The twin cannot be read, or the capture that `capture` names.
@@ -102,7 +90,6 @@ def _read_poses(folder: Path, origin: Origin | None) -> ObjectPoses:
 
 
 def _read_episode(story: Story, capture: Capture) -> None:
-    """Reads episode and truth into the story; notes where they are not those of the twin."""
     origin = story.origin
     name = origin.episodes[0] if origin is not None else next(iter(capture.episode_names), "")
     story.episode = story.attempt(lambda: read_episode(capture, name), "So there are no pictures here.")
@@ -122,14 +109,9 @@ def _read_episode(story: Story, capture: Capture) -> None:
 
 
 def read_ground_truth(path: Path) -> dict[str, float]:
-    """True values of physical parameters, by their names in a twin.
+    """True values of physical parameters from a YAML file, by their names in a twin; other keys do not count.
 
-    Args:
-        path: A YAML file with the names of a twin's parameters, or `restitution` for all contacts; other keys do not
-            count.
-
-    Raises:
-        InputError: The file cannot be read, or a value is no finite number.
+    Key `restitution` stands for all contacts. Raises InputError where a value is no finite number.
     """
     document = read_yaml(path)
     found = {key: document.find(key) or document.find(_COMMON.get(key, key)) for key in THETA}

@@ -30,9 +30,7 @@ def write_prediction_film(
 
     Args:
         path: An .mp4 file; its folder exists.
-        twin: The twin.
-        episode: The episode, with its images.
-        poses: Of the object, as predicted.
+        twin, episode, poses: The twin, and the poses of the object that it predicts for an episode with images.
         push: Number of the identified push that it is; None for another one.
         spread: Standard deviations of the prediction, which are written on the film; None for none.
         report: Called with the share of the frames that are drawn.

@@ -1,6 +1,7 @@
 """The report of a twin: one page that loads nothing from anywhere."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from matplotlib.figure import Figure
 
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.identification.history import History
 from pinwm_drake.report.figures.history import loss_figure, theta_figure
 from pinwm_drake.report.figures.poses import error_figure, motion_figure, top_figure
 from pinwm_drake.report.page import write_page
@@ -15,21 +17,31 @@ from pinwm_drake.report.style import evenly
 from pinwm_drake.report.twin.comparison_frames import PANELS, Cast, Shot, draw_shots
 from pinwm_drake.report.twin.data import Story
 from pinwm_drake.report.twin.score import PoseErrors, pose_errors
-from pinwm_drake.report.twin.verdict import Verdict, judge
+from pinwm_drake.twin.twin import Twin
 
 _PANEL, _MOST_SHOTS, _STRIPS = 360, 64, 6  # px and frames of the player, frames of the strips
 
 
+# By the intersection over union of the outlines in image and rendering, on average over the frames.
+_GRADES = (
+    (0.95, "good", "The twin reproduces the video"),
+    (0.85, "fair", "The twin follows the video roughly"),
+    (-np.inf, "poor", "The twin does not reproduce the video"),
+)
+_CLOSE = 0.05  # relative, of final losses that count as the same
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Verdict on a twin, in words."""
+
+    status: str  # "good", "fair", "poor" or, without pictures, "unknown"
+    headline: str
+    lines: list[str]  # grounds of the verdict, one sentence each
+
+
 def write_twin_report(path: Path, story: Story, report: Callable[[float], None] = lambda share: None) -> Verdict:
-    """Writes the report of a twin.
-
-    Args:
-        path: File of the report; its folder exists.
-        story: Contents of the report.
-        report: Called with the share of the pictures that is done.
-
-    Returns:
-        Verdict of the report.
+    """Writes the report of a twin, and returns its verdict; `report` hears the share of the pictures that is done.
 
     Raises:
         InputError: An image of the capture cannot be used, or the file cannot be written.
@@ -38,7 +50,7 @@ def write_twin_report(path: Path, story: Story, report: Callable[[float], None] 
     shots = story.attempt(lambda: _draw(story, report), "So there are no pictures here.") or []
     truth = None if story.episode is None else story.episode.object_poses
     errors = None if truth is None or story.poses is None else pose_errors(story.poses, truth)
-    verdict = judge(twin, shots, errors, story.history)
+    verdict = _judge(twin, shots, errors, story.history)
     chosen = [shots[k] for k in evenly(len(shots), _STRIPS)] if shots else []
     provenance = dict(twin.provenance)
     spent = provenance.pop("timings", None)
@@ -68,8 +80,35 @@ def write_twin_report(path: Path, story: Story, report: Callable[[float], None] 
     return verdict
 
 
+def _judge(twin: Twin, shots: list[Shot], errors: PoseErrors | None, history: History | None) -> Verdict:
+    """The verdict, from the images where they are at hand; ground truth is reported beside it."""
+    status, headline = "unknown", "No images at hand: how well the twin reproduces the video is not shown"
+    lines = []
+    if shots:
+        overlap = np.array([shot.overlap for shot in shots])
+        status, headline = next(words for least, *words in _GRADES if overlap.mean() >= least)
+        worst, colour = int(overlap.argmin()), np.mean([shot.difference for shot in shots])
+        lines.append(
+            f"Outlines of image and rendering overlap by {100 * overlap.mean():.1f} % on average, "
+            f"{100 * overlap[worst]:.1f} % in the worst frame (t = {shots[worst].t:.2f} s); "
+            f"colours differ by {100 * colour:.1f} % on average."
+        )
+    if errors is not None:
+        lines.append(f"Against ground truth, which was never fitted: {errors.words()} ({len(errors.t)} frames).")
+    known = [name for name, estimate in twin.theta.items() if estimate.identifiable]
+    others = [name for name in twin.theta if name not in known]
+    known_words, other_words = (", ".join(names) or "none of the parameters" for names in (known, others))
+    lines.append(f"The data determine {known_words}; they do not determine {other_words}.")
+    final = np.array([history.loss[rows[-1]] for _, rows in history.starts()] if history is not None else [])
+    if np.isfinite(final).any():
+        best = float(np.nanmin(final))
+        close = int((final <= best + _CLOSE * abs(best)).sum())
+        starts = "1 random start" if len(final) == 1 else f"{len(final)} random starts"
+        lines.append(f"{starts}; the best ends at a loss of {best:.4g}, and {close} within {_CLOSE:.0%} of it.")
+    return Verdict(status, headline, lines)
+
+
 def _draw(story: Story, report: Callable[[float], None]) -> list[Shot]:
-    """The frames of the identified episode; none where it is not at hand."""
     if story.episode is None or story.poses is None:
         return []
     cast = Cast.of(story.twin, 0)

@@ -12,17 +12,11 @@ _ROUNDING = 1.5e-6
 
 @dataclass(frozen=True, eq=False)
 class PoseErrors:
-    """Errors at the n times for which the truth is known.
+    """Errors at the n times for which the truth is known."""
 
-    Attributes:
-        t: (n,) [s].
-        position: (n,) [m], distance of the origins of O in the horizontal plane.
-        rotation: (n,) [rad], geodesic angle between the orientations, 0 to pi.
-    """
-
-    t: np.ndarray
-    position: np.ndarray
-    rotation: np.ndarray
+    t: np.ndarray  # (n,) [s]
+    position: np.ndarray  # (n,) [m], distance of the origins of O in the horizontal plane
+    rotation: np.ndarray  # (n,) [rad], geodesic angle between the orientations, 0 to pi
 
     def words(self) -> str:
         """Both errors in one line, mean and largest."""
@@ -34,14 +28,9 @@ class PoseErrors:
 
 
 def pose_errors(poses: ObjectPoses, truth: ObjectPoses) -> PoseErrors | None:
-    """Compares poses with recorded ones.
+    """Errors of poses at the times that a record covers; None where it covers none.
 
-    Args:
-        poses: Poses to score.
-        truth: Recorded poses; between two of them the object moves straight and turns evenly.
-
-    Returns:
-        The errors at the times of `poses` that the record covers; None where it covers none.
+    Between two recorded poses the object moves straight and turns evenly.
     """
     from scipy.spatial.transform import Rotation, Slerp
 

@@ -2,14 +2,13 @@
 
 from pydrake.systems.framework import Context
 
-from pinwm_drake.cousins.cousin import Cousins
-from pinwm_drake.cousins.domain import Domain
+from pinwm_drake.cousins.cousin import Cousin, Cousins
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
 
 
 def SetDomain(
-    world_model: WorldModel, context: Context, domain: Domain, world: int | None = None, *, colors: bool = True
+    world_model: WorldModel, context: Context, domain: Cousin, world: int | None = None, *, colors: bool = True
 ) -> None:
     """Gives one world the theta and colours of a domain; states stay as they are, and so do the other worlds.
 

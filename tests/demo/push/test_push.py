@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from pinwm_drake.demo.push.figure import push_figure
 from pinwm_drake.demo.push.options import PUSHER_SHAPES, PushOptions
+from pinwm_drake.demo.push.report import push_figure
 from pinwm_drake.demo.push.scene import PushRecord, simulate_push
 
 

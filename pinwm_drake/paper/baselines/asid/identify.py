@@ -28,11 +28,10 @@ from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Scene, resting_height
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.threads import available
-from pinwm_drake.twin.assembly import assemble_twin
 from pinwm_drake.twin.document import to_plain
 from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
 from pinwm_drake.twin.rollout import NO_EFFECT
-from pinwm_drake.twin.twin import THETA, Estimate, Twin
+from pinwm_drake.twin.twin import THETA, Estimate, Twin, assemble_twin
 
 _NOTE = "by a cross-entropy search: a point, without an interval"
 _MASS_NOTE = f"{_NOTE}; with a velocity-driven pusher only ratios to the mass have an effect"

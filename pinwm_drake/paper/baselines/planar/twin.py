@@ -13,9 +13,8 @@ from pinwm_drake.paper.baselines.planar.body import PlanarBody
 from pinwm_drake.paper.baselines.planar.identify import PlanarProperties
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin.assembly import assemble_twin
 from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
-from pinwm_drake.twin.twin import THETA, Estimate, Twin
+from pinwm_drake.twin.twin import THETA, Estimate, Twin, assemble_twin
 
 _HELD, _SCALED = "held", "of the mesh, scaled by what was found about the vertical"
 
