@@ -45,23 +45,17 @@ class SafetyFilter:
 
     The filter itself has no state, so that a Drake Context can hold it: methods take a `Safety` and return the next.
 
-    Attributes:
-        limits: Limits of the pusher's motion, kept whatever comes in.
-        horizon: s, over which a translation is spread.
+    Args:
+        limits: Limits: box, speed, acceleration, and age of images.
+        horizon: s, between actions.
+        image_size: Height and width, px, of images.
+        task: Axes of the actions.
+
+    Raises:
+        ParameterError: There are no limits, or the horizon is not positive.
     """
 
     def __init__(self, limits: SafetyLimits, horizon: float, image_size: tuple[int, int], task: Task) -> None:
-        """Takes the limits; there is no filter without.
-
-        Args:
-            limits: Limits: box, speed, acceleration, and age of images.
-            horizon: s, between actions.
-            image_size: Height and width, px, of images.
-            task: Axes of the actions.
-
-        Raises:
-            ParameterError: There are no limits, or the horizon is not positive.
-        """
         if not isinstance(limits, SafetyLimits):
             raise ParameterError(f"limits: got a {type(limits).__name__}; allowed: SafetyLimits")
         self.limits, self.horizon, self._size, self._task = limits, horizon, image_size, task

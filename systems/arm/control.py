@@ -87,7 +87,6 @@ def AddArmControl(
 
 
 def _parameters(model: ArmModel) -> DifferentialInverseKinematicsParameters:
-    """Limits of the joints, and the angles that they keep near."""
     plant = model.plant
     parameters = DifferentialInverseKinematicsParameters(JOINTS, JOINTS)
     low, high = plant.GetPositionLowerLimits() + _MARGIN, plant.GetPositionUpperLimits() - _MARGIN
@@ -106,11 +105,10 @@ class ToolPose(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
         desired_state  (6): p_WP [m],  ────►│ ToolPose │─► X_WP  RigidTransform: axes of the world, at p_WP
                             v_WP [m/s], W   └──────────┘   direct feedthrough
 
-    With a height of its own, commands along z have no effect.
+    With a `height` [m, world] of its own, commands along z have no effect; None is that of the desired state.
     """
 
     def __init__(self, height: float | None) -> None:
-        """Declares the ports; `height` is in m, world, None for that of the desired state."""
         super().__init__()
         state = self.DeclareVectorInputPort("desired_state", 6)
 
@@ -129,11 +127,10 @@ class ToolState(LeafSystem):  # type: ignore[misc]  # pydrake has no usable type
         body_velocities  Value[list[SpatialVelocity]] ─►│           │
                                                         └───────────┘   direct feedthrough
 
-    Both inputs are the outputs of a MultibodyPlant, in the order of its bodies.
+    Both inputs are the outputs of a MultibodyPlant, in the order of its bodies; frame P is that of `body`.
     """
 
     def __init__(self, body: BodyIndex) -> None:
-        """Declares the ports; `body` is the tool's, whose frame is P."""
         super().__init__()
         poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         velocities = self.DeclareAbstractInputPort("body_velocities", AbstractValue.Make([SpatialVelocity()]))

@@ -62,7 +62,6 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         latency: float,
         meshcat: Meshcat | None,
     ) -> None:
-        """Assembles the diagram; arguments as for `MakeArmDriver`."""
         super().__init__()
         link = setup.scenario.lcm
         self.setup, self.limits, self._lcm = setup, arm_limits(setup), lcm

@@ -74,18 +74,16 @@ class ImageSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
 
     Pictures are timed such that each comes two periods before a controller acts that acts at multiples of
     `image_period`.
+
+    Args:
+        lcm: LCM that the messages go through.
+        link: Channel and periods.
+        width: px.
+        height: px.
+        latency: s, from the moment that a picture shows to that at which it is sent; a period at least.
     """
 
     def __init__(self, lcm: DrakeLcmInterface, link: LcmLink, width: int, height: int, latency: float) -> None:
-        """Declares port and events.
-
-        Args:
-            lcm: LCM that the messages go through.
-            link: Channel and periods.
-            width: px.
-            height: px.
-            latency: s, from the moment that a picture shows to that at which it is sent; a period at least.
-        """
         super().__init__()
         self._lcm, self._channel = lcm, link.image_channel
         self._rgb = self.DeclareAbstractInputPort("rgb", AbstractValue.Make(ImageRgba8U(width, height)))
@@ -98,7 +96,6 @@ class ImageSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         self.DeclarePeriodicPublishEvent(link.period, 0.0, self._Send)
 
     def _Update(self, context: Context, state: State) -> EventStatus:
-        """Forgets what has been sent, and takes a picture where one is due."""
         kept, number = self._pictures(context), period_index(context.get_time(), self._period)
         waiting = tuple(entry for entry in kept if entry[0] > number)
         if number % self._pause == self._first:

@@ -169,16 +169,14 @@ class ObjectImage(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
                                                    └─────────────┘   direct feedthrough
 
     The picture is made once for both ports. See `downsample`.
+
+    Args:
+        width: W, px.
+        height: H, px.
+        supersampling: Number s of rendered pixels that make one, along each side.
     """
 
     def __init__(self, width: int, height: int, supersampling: int) -> None:
-        """Declares the ports.
-
-        Args:
-            width: W, px.
-            height: H, px.
-            supersampling: Number s of rendered pixels that make one, along each side.
-        """
         super().__init__()
         self._factor = supersampling
         size = (supersampling * width, supersampling * height)

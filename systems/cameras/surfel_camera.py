@@ -47,6 +47,21 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
     but the batch come from one rendering, made when the first of them is evaluated, and kept by Drake until an input
     changes. All outputs but image_time depend on the inputs directly. The pusher is not seen; it is in the `rgb` port
     of WorldModel.
+
+    Args:
+        surfels: Surfels of the object, frame O; one set of colours, or one for each world.
+        camera: Camera with intrinsics (4,).
+        mesh: Mesh of the object, m, frame O, whose outline images have. None takes all that surfels cover, which
+            is a little more.
+        num_worlds: W.
+        near: Least depth, m; depths below it are too close.
+        far: Largest depth, m; depths above it are too far.
+        label: Label of the object.
+        num_threads: Threads of the renderer; None for one on each core. It does not change images.
+
+    Raises:
+        ParameterError: A number is out of range.
+        RenderingError: Shapes of the surfels do not fit.
     """
 
     def __init__(
@@ -61,23 +76,6 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         label: RenderLabel = OBJECT_LABEL,
         num_threads: int | None = None,
     ) -> None:
-        """Declares the ports and the cache.
-
-        Args:
-            surfels: Surfels of the object, frame O; one set of colours, or one for each world.
-            camera: Camera with intrinsics (4,).
-            mesh: Mesh of the object, m, frame O, whose outline images have. None takes all that surfels cover, which
-                is a little more.
-            num_worlds: W.
-            near: Least depth, m; depths below it are too close.
-            far: Largest depth, m; depths above it are too far.
-            label: Label of the object.
-            num_threads: Threads of the renderer; None for one on each core. It does not change images.
-
-        Raises:
-            ParameterError: A number is out of range.
-            RenderingError: Shapes of the surfels do not fit.
-        """
         super().__init__()
         if num_worlds < 1 or not 0.0 < near < far:
             raise ParameterError(
@@ -156,7 +154,6 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         return np.where(self._view.Eval(context).shown[0], self._label, int(RenderLabel.kEmpty))[..., None]
 
     def _depth(self, context: Context) -> np.ndarray:
-        """Depths (height, width) float32 [m], within the range or at one of its marks."""
         view: _Views = self._view.Eval(context)
         assert view.images.depth is not None
         alpha = np.maximum(view.images.alpha[0].numpy(), 0.5)

@@ -18,7 +18,15 @@ _NOTHING = 0x00FFFFFF  # white, alpha 0, as the bytes of a little-endian number
 
 
 class WorldImages:
-    """Cameras that see the objects of W worlds, each with its own pusher."""
+    """Cameras that see the objects of W worlds, each with its own pusher.
+
+    Args:
+        surfels: Surfels of the object, frame O.
+        object_mesh: m, frame O; tells where the object is, and whether the pusher stands before or behind it.
+        pusher_mesh: m, frame P.
+        camera: Intrinsics (4,).
+        num_threads: Threads of the renderer; None for one on each core.
+    """
 
     def __init__(
         self,
@@ -28,15 +36,6 @@ class WorldImages:
         camera: Camera,
         num_threads: int | None = None,
     ) -> None:
-        """Takes over the parts of the picture that do not move.
-
-        Args:
-            surfels: Surfels of the object, frame O.
-            object_mesh: m, frame O; tells where the object is, and whether the pusher stands before or behind it.
-            pusher_mesh: m, frame P.
-            camera: Intrinsics (4,).
-            num_threads: Threads of the renderer; None for one on each core.
-        """
         self.surfels, self.camera, self._width = surfels, camera, narrow_width(surfels)
         self._object = np.asarray(object_mesh.vertices), np.asarray(object_mesh.faces)
         self._pusher = np.asarray(pusher_mesh.vertices), np.asarray(pusher_mesh.faces)

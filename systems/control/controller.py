@@ -52,25 +52,22 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
     instant, Drake runs after it, so that the worlds which step at k H move by the action on the image of k H, as in
     `TaskEnv`.
 
+    Args:
+        bundle: The policy.
+        limits: Limits of the pusher's motion.
+        period: s, period of the worlds that take the velocity; H is a whole multiple of it. None for H itself.
+        live: Flag: images come from a real camera; see `Pilot`.
+
     Attributes:
         spec: Specification of the policy; n is its number of action components.
-        limits: Limits of the pusher's motion.
+
+    Raises:
+        ParameterError: The policy sees no images, limits are missing, or the horizon is no whole multiple.
     """
 
     def __init__(
         self, bundle: Acting, limits: SafetyLimits, period: float | None = None, *, live: bool = False
     ) -> None:
-        """Declares state, ports and event; there is no controller without limits.
-
-        Args:
-            bundle: The policy.
-            limits: Limits of the pusher's motion.
-            period: s, period of the worlds that take the velocity; H is a whole multiple of it. None for H itself.
-            live: Flag: images come from a real camera; see `Pilot`.
-
-        Raises:
-            ParameterError: The policy sees no images, limits are missing, or the horizon is no whole multiple.
-        """
         super().__init__()
         spec = bundle.spec
         if spec.observes != "rgb":

@@ -59,12 +59,25 @@ class ControlRow:
 class ControlLoop:
     """A controller and a station, and where wanted the simulated arm behind it, in one diagram.
 
+    Args:
+        bundle: The policy.
+        limits: Limits of the pusher's motion.
+        setup: The scene, of one world, as `environment_setup` makes it.
+        engine: Engine of the station: "twin", "hydroelastic", "point" or "lcm".
+        armed: Flag: the pusher may move. Without, everything is computed and nothing is sent.
+        simulate_arm: Flag, with "lcm": an arm is simulated behind the station, in this process.
+        contact: Contact model of the simulated arm.
+        meshcat: Shows the scene, if given; with "lcm", the simulated arm.
+
     Attributes:
         station: The station.
         controller: The controller by the policy; disarmed until `listen`.
         driver: The simulated arm; None where there is none.
-        armed: Flag: the pusher may move.
         simulator: Simulator of the diagram.
+
+    Raises:
+        InputError: A mesh cannot be used.
+        ParameterError: The station does not fit the policy, or an arm is wanted with another engine.
     """
 
     def __init__(
@@ -79,22 +92,6 @@ class ControlLoop:
         contact: ContactName = "hydroelastic",
         meshcat: Meshcat | None = None,
     ) -> None:
-        """Makes the diagram.
-
-        Args:
-            bundle: The policy.
-            limits: Limits of the pusher's motion.
-            setup: The scene, of one world, as `environment_setup` makes it.
-            engine: Engine of the station: "twin", "hydroelastic", "point" or "lcm".
-            armed: Flag: the pusher may move. Without, everything is computed and nothing is sent.
-            simulate_arm: Flag, with "lcm": an arm is simulated behind the station, in this process.
-            contact: Contact model of the simulated arm.
-            meshcat: Shows the scene, if given; with "lcm", the simulated arm.
-
-        Raises:
-            InputError: A mesh cannot be used.
-            ParameterError: The station does not fit the policy, or an arm is wanted with another engine.
-        """
         if simulate_arm and engine != "lcm":
             raise ParameterError(f"engine: got {engine!r} with a simulated arm; allowed: lcm")
         spec = bundle.spec

@@ -137,6 +137,5 @@ def angles_between(q: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _shares(modes: np.ndarray) -> tuple[float, float, float]:
-    """Shares (3,) of the time in each of `MODES`, of modes (n,)."""
     a, b, c = (float((modes == mode).mean()) for mode in range(len(MODES)))
     return a, b, c

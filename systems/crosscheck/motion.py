@@ -69,21 +69,15 @@ class Motion:
 class SceneRig(ScriptedStation):
     """A station with a scripted pusher: push after push through one engine.
 
-    Attributes:
-        setup: What it was made from.
-        engine: Its name.
+    Args:
+        setup: The scene, of one world.
+        engine: "twin", "hydroelastic" or "point".
+
+    Raises:
+        InputError: A mesh cannot be used.
     """
 
     def __init__(self, setup: Setup, engine: str) -> None:
-        """Makes the diagram.
-
-        Args:
-            setup: The scene, of one world.
-            engine: "twin", "hydroelastic" or "point".
-
-        Raises:
-            InputError: A mesh cannot be used.
-        """
         self.setup, self.engine = setup, engine
         solid = twin_solid(setup.twin)
         self._mass, self._p_OB, self._inertia = solid.mass, np.asarray(solid.p_OB), np.asarray(solid.inertia)
@@ -113,7 +107,6 @@ class SceneRig(ScriptedStation):
         return Motion(t=t, **columns, stop=min(stop, len(rows) - 1), rest=first, failure=failure)
 
     def _patience(self, speed: float) -> float:
-        """Longest time [s] to wait for the object's rest after a pusher of a speed [m/s] has stopped."""
         friction = self.setup.twin.theta["friction_floor"].value
         return min(REST_TIME + 0.5 + _PATIENCE * speed / max(friction * self.setup.twin.gravity, 1e-3), _LONGEST)
 
@@ -206,7 +199,6 @@ def run_trials(
 
 
 def _run(name: str, cases: Cases, trial: Trial) -> dict[str, Motion]:
-    """A push through every engine, whose stations are made for the first one and kept."""
     if name not in _rigs:
         _rigs.clear()
         _rigs[name] = {engine: SceneRig(setup, engine) for engine, setup in cases.items()}

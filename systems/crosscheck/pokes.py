@@ -151,7 +151,6 @@ def judge(motions: Sequence[dict[str, Motion]]) -> list[PokeVerdict]:
 
 
 def _draw(setup: Setup, generator: np.random.Generator) -> Trial:
-    """Draws one poke, whether it tips the object or not."""
     twin = setup.twin
     mesh_W, shape = load_mesh(twin.mesh_path), upright_shape(twin.pusher)
     X_WO = StartDistribution(setup).draw(generator).X_WO
@@ -176,7 +175,6 @@ def _up(q_WO: np.ndarray) -> np.ndarray:
 
 
 def _is_other(motions: dict[str, Motion], engine: str) -> bool:
-    """Flag: an engine has the object on another face in the end than most of those that came to one."""
     ups = {name: _up(motion.q_WO[-1]) for name, motion in motions.items() if not motion.failure}
     if engine not in ups:
         return False
@@ -186,7 +184,6 @@ def _is_other(motions: dict[str, Motion], engine: str) -> bool:
 
 
 def _median_and_most(values: np.ndarray) -> tuple[float, float]:
-    """Median, and what nine of ten are below, of values (n,); infinite where there are none."""
     if not len(values):
         return math.inf, math.inf
     return float(np.median(values)), float(np.quantile(values, 0.9))

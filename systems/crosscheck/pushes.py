@@ -267,5 +267,4 @@ def _numbers(values: Sequence[float]) -> list[str]:
 
 
 def _pair(translation: float, rotation: float) -> tuple[str, str]:
-    """Texts of a translation [m] and a rotation [rad] in mm and degrees."""
     return f"{1e3 * translation:.1f}", f"{math.degrees(rotation):.1f}"

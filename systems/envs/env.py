@@ -26,13 +26,23 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
 
     `info`: `distance` [m], `angle` [rad], `success`, `step` and `engine`; after a failure also `failure`.
 
+    Args:
+        scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
+        engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
+        options: Options of the environment; None for the defaults.
+        render_mode: "rgb_array" for pictures by `render`, or None.
+        changes: Single fields of `EnvOptions`, in the place of those of `options`.
+
     Attributes:
         worlds: `Worlds` of one world.
         setup: The scene, with the task.
         task: Goal, success and rewards.
         run: The station, and the Simulator that advances it.
-        engine: Name of the engine.
         max_steps: Actions after which an episode is truncated.
+
+    Raises:
+        InputError: The scene, or one of its files, cannot be used.
+        ParameterError: An option is none of those allowed.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # as gymnasium has it
@@ -46,19 +56,6 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
         render_mode: Literal["rgb_array"] | None = None,
         **changes: Any,
     ) -> None:
-        """Builds the station.
-
-        Args:
-            scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
-            engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
-            options: Options of the environment; None for the defaults.
-            render_mode: "rgb_array" for pictures by `render`, or None.
-            changes: Single fields of `EnvOptions`, in the place of those of `options`.
-
-        Raises:
-            InputError: The scene, or one of its files, cannot be used.
-            ParameterError: An option is none of those allowed.
-        """
         if render_mode not in (None, "rgb_array"):
             raise ParameterError(f"render_mode: got {render_mode!r}; allowed: rgb_array, or None")
         if engine is not None and engine not in ENGINES:

@@ -31,24 +31,21 @@ class Observer:
     With a history of h actions, `state` and `pusher` go on with what was before, as `tasks.history` has it: state or
     position before each of the last h actions, and the action, as it was asked for, in [-1, 1] along the task's axes.
 
-    Attributes:
+    Args:
+        setup: The scene: task, camera, pusher's box and number of worlds.
         kind: "state", "rgb" or "rgb_state".
+        frames: Number k of the last images that are seen, 1 or more.
+        history: Number h of the last actions that are seen, 0 or more.
+
+    Attributes:
         space: Observation space of one world.
+
+    Raises:
+        ParameterError: There is no such kind, or no frame; or a history beside goals that episodes draw, from
+            which the state is told, and the actions are not.
     """
 
     def __init__(self, setup: Setup, kind: Kind, frames: int = 1, history: int = 0) -> None:
-        """Builds the observation space.
-
-        Args:
-            setup: The scene: task, camera, pusher's box and number of worlds.
-            kind: "state", "rgb" or "rgb_state".
-            frames: Number k of the last images that are seen, 1 or more.
-            history: Number h of the last actions that are seen, 0 or more.
-
-        Raises:
-            ParameterError: There is no such kind, or no frame; or a history beside goals that episodes draw, from
-                which the state is told, and the actions are not.
-        """
         if kind not in KINDS:
             raise ParameterError(f"observation: got {kind!r}; allowed: {', '.join(KINDS)}")
         if frames < 1:

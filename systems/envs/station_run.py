@@ -22,24 +22,20 @@ FAILURES = (SolverError, RuntimeError)  # errors of the twin's physics, and of D
 class StationRun:
     """A station with its Simulator, which advances by one translation an action.
 
+    Args:
+        setup: The scene, as `environment_setup` makes it.
+        engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
+        max_translation: m, the longest in an action; None for the longest that the pusher's speed allows.
+
     Attributes:
-        setup: The scene, as `environment_setup` makes it: one update of the state an action.
         station: The station; its input is `pusher_translation_W`.
         num_worlds: Number of worlds, W.
-        max_translation: m, longest translation of the pusher in an action.
+
+    Raises:
+        ParameterError: The translation is not positive, or longer than the pusher's speed allows.
     """
 
     def __init__(self, setup: Setup, engine: str | None, max_translation: float | None) -> None:
-        """Makes the station.
-
-        Args:
-            setup: The scene, as `environment_setup` makes it.
-            engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
-            max_translation: m, the longest in an action; None for the longest that the pusher's speed allows.
-
-        Raises:
-            ParameterError: The translation is not positive, or longer than the pusher's speed allows.
-        """
         self.max_translation = longest_translation(setup, max_translation)
         self.setup, self.num_worlds = setup, setup.scenario.num_worlds
         self.station = make_station(setup, engine, command="translation")

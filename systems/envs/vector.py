@@ -30,8 +30,19 @@ class TaskVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     `infos`: `distance`, `angle`, `success`, `step` (W,) at the end of the action, also of worlds that ended; where
     some did, `final_obs` and `final_info`, as `SyncVectorEnv` has them with AutoresetMode.SAME_STEP.
 
+    Args:
+        scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
+        num_envs: Number of worlds, W.
+        options: Options of the environment; None for the defaults.
+        domain: Gives the domain of a world's next episode; see `Worlds`.
+        changes: Single fields of `EnvOptions`, in the place of those of `options`.
+
     Attributes:
         worlds: The worlds, which begin episodes and advance by actions.
+
+    Raises:
+        InputError: The scene, or one of its files, cannot be used.
+        ParameterError: An option is none of those allowed.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012  # as gymnasium has it
@@ -45,19 +56,6 @@ class TaskVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         domain: OnReset | None = None,
         **changes: Any,
     ) -> None:
-        """Builds the worlds.
-
-        Args:
-            scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
-            num_envs: Number of worlds, W.
-            options: Options of the environment; None for the defaults.
-            domain: Gives the domain of a world's next episode; see `Worlds`.
-            changes: Single fields of `EnvOptions`, in the place of those of `options`.
-
-        Raises:
-            InputError: The scene, or one of its files, cannot be used.
-            ParameterError: An option is none of those allowed.
-        """
         changes.pop("render_mode", None)
         self.worlds = Worlds(scene, _ENGINE, num_envs, changed_options(options, changes), domain=domain)
         self.num_envs = num_envs
@@ -96,7 +94,8 @@ class TaskVecEnv(VecEnv):
     """`Worlds` for Stable-Baselines3; a world whose episode ends begins the next in the same step.
 
     `infos` of a world at the end of an episode: those of `TaskEnv`, `terminal_observation`, `TimeLimit.truncated` and,
-    for SB3's log, `episode` and `is_success`; before that they are empty.
+    for SB3's log, `episode` and `is_success`; before that they are empty. Arguments as for `TaskVectorEnv`; engines
+    other than the twin have one world.
 
     Attributes:
         worlds: The worlds, which begin episodes and advance by actions.
@@ -112,7 +111,6 @@ class TaskVecEnv(VecEnv):
         engine: str = _ENGINE,
         **changes: Any,
     ) -> None:
-        """Builds the worlds; see `TaskVectorEnv`. Engines other than the twin have one world."""
         self.worlds = Worlds(scene, engine, num_envs, changed_options(options, changes), domain=domain)
         self.render_mode = None
         super().__init__(num_envs, self.worlds.observation_space, _actions(self.worlds))
@@ -196,7 +194,6 @@ def _go_on(worlds: Worlds, out: Advance) -> tuple[Observation, Observation | Non
 
 
 def _columns(distance: np.ndarray, angle: np.ndarray, success: np.ndarray, steps: np.ndarray) -> dict[str, Any]:
-    """Infos of all worlds, in gymnasium's form."""
     infos: dict[str, Any] = {"distance": distance, "angle": angle, "success": success, "step": steps}
     everyone = np.ones(len(steps), bool)
     return infos | {f"_{name}": everyone for name in infos}

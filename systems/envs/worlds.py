@@ -64,21 +64,30 @@ class Worlds:
     World k draws its starts from a generator of its own, seeded with `seed + k` by the environments, so that its
     episodes do not depend on the other worlds. Engines other than the twin have one world.
 
+    Args:
+        scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
+        engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
+        num_worlds: Number of worlds, W; 1 for engines other than the twin.
+        options: Options of the environment; None for the defaults.
+        domain: Called with a world's index before it begins an episode; gives the theta and colours of that episode, or
+            None to leave them. Colours are not asked for where no images are seen.
+
     Attributes:
         setup: The scene, with the task.
         task: Goal, success and rewards.
         run: The station, and the Simulator that advances it.
-        engine: Name of the engine.
         max_steps: Number of actions after which an episode is truncated.
         observation_space: Observation space of one world.
         waypoints: States in which most episodes of a training begin, so that all of the way to the goal is met; none at
             first, and none within `usual_starts`.
         disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
             0 at first.
-        domain: Called with a world's index before it begins an episode; gives the theta and colours of that episode, or
-            None to leave them. Colours are not asked for where no images are seen.
         spoil: Called with each new image (height, width, 4) uint8 RGBA and the generator of its world; gives the image
             that is seen instead. None at first.
+
+    Raises:
+        InputError: The scene, or one of its files, cannot be used.
+        ParameterError: An option is none of those allowed.
     """
 
     def __init__(
@@ -90,19 +99,6 @@ class Worlds:
         *,
         domain: OnReset | None = None,
     ) -> None:
-        """Builds the station.
-
-        Args:
-            scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
-            engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
-            num_worlds: Number of worlds, W; 1 for engines other than the twin.
-            options: Options of the environment; None for the defaults.
-            domain: Gives the domain of a world's next episode; see the class.
-
-        Raises:
-            InputError: The scene, or one of its files, cannot be used.
-            ParameterError: An option is none of those allowed.
-        """
         if num_worlds < 1:
             raise ParameterError(f"num_envs: got {num_worlds}; allowed: 1 or more")
         options = options or EnvOptions()
@@ -300,14 +296,12 @@ class Worlds:
         return failures
 
     def _spoilt(self, images: np.ndarray, worlds: np.ndarray) -> np.ndarray:
-        """Images (m, height, width, 4) uint8 of worlds with indices (m,) as they are seen."""
         if self.spoil is None:
             return images
         pairs = zip(images, worlds.tolist(), strict=True)
         return np.stack([self.spoil(image, self._random[world]) for image, world in pairs])
 
     def _disturb(self) -> None:
-        """Changes the velocities of the twin's objects by chance, each as far as it is fast."""
         object_state = self._object_state.copy()
         noise = np.array([generator.normal(0.0, self.disturbance, (2, 3)) for generator in self._random])
         velocities = object_state[:, 7:].reshape(-1, 2, 3)  # a view
@@ -330,7 +324,6 @@ class Worlds:
         self._progress = self.task.measure(*self.task.from_goal(self._object_state, self._p_WP, self._goal))
 
     def _chosen_goal(self, drawn: np.ndarray, options: dict[str, Any] | None) -> np.ndarray:
-        """The drawn goal, or that of a reset's options; raises ParameterError where it is not one of the task's."""
         goal = np.asarray((options or {}).get("goal", drawn), float)
         if goal.shape != drawn.shape or not np.isfinite(goal).all():
             raise ParameterError(f"goal: got {goal.tolist()}; allowed: {len(drawn)} finite numbers")
@@ -347,7 +340,6 @@ def progress_info(progress: Progress, world: int) -> dict[str, Any]:
 
 
 def _chosen_place(drawn: Place, options: dict[str, Any] | None) -> Place:
-    """The drawn place with the changes of a reset's options; raises ParameterError where there is no such option."""
     options = options or {}
     for name in options:
         if name not in RESET_OPTIONS:

@@ -28,6 +28,16 @@ class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
 
     Velocity and plan are state, so that a clone of a Context goes on as the original does; unrestricted updates set
     them, for the reason that `PusherTranslation` has.
+
+    Args:
+        setup: The scene as far as it is known, such as an identified twin, as `environment_setup` makes it.
+        task: Goal and tolerances.
+        max_translation: m, longest translation in an action; None for the longest that the pusher's speed allows.
+        period: s, at which the station samples the velocity, a whole fraction of the horizon; None for the horizon.
+
+    Raises:
+        InputError: A mesh cannot be used.
+        ParameterError: See `make_planner`; or the horizon is no whole multiple of the period.
     """
 
     def __init__(
@@ -38,18 +48,6 @@ class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
         *,
         period: float | None = None,
     ) -> None:
-        """Declares state, ports and event.
-
-        Args:
-            setup: The scene as far as it is known, such as an identified twin, as `environment_setup` makes it.
-            task: Goal and tolerances.
-            max_translation: m, longest translation in an action; None for the longest that the pusher's speed allows.
-            period: s, at which the station samples the velocity, a whole fraction of the horizon; None for the horizon.
-
-        Raises:
-            InputError: A mesh cannot be used.
-            ParameterError: See `make_planner`; or the horizon is no whole multiple of the period.
-        """
         super().__init__()
         self.planner = make_planner(setup, task, max_translation)
         self._horizon = setup.scenario.pusher.horizon

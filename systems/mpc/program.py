@@ -69,16 +69,14 @@ class PushProgram:
 
     where the error is that of the pose at rest after the second push, in units of the tolerances, by `push_step` and
     `coast`: single shooting, IPOPT with exact derivatives.
+
+    Args:
+        body: The model of the scene.
+        max_translation: m, longest translation in an action.
+        scales: m and rad, tolerances: the units of the errors.
     """
 
     def __init__(self, body: PlanarBody, max_translation: float, scales: tuple[float, float]) -> None:
-        """Makes the program.
-
-        Args:
-            body: The model of the scene.
-            max_translation: m, longest translation in an action.
-            scales: m and rad, tolerances: the units of the errors.
-        """
         self.body, self._longest = body, max_translation
         outline = body.outline
         self._edges = np.column_stack([outline.corners, outline.normals])

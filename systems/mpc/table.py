@@ -38,23 +38,21 @@ class PushTable:
     """Pushes of an object at rest, by the model: at places along its edges, straight in, at several speeds.
 
     As the floor is the same everywhere, a push does the same to an object in any pose; two pushes are a composition.
+
+    Args:
+        program: Program of the pushes, with its model.
+        detours: Ways around the object at rest.
+        max_translation: m, longest translation in an action.
+        low: (2) m, world: lower corner of the pusher's box.
+        high: (2) m, world: upper corner.
+
+    Raises:
+        ParameterError: No side of the object is long enough to be pushed.
     """
 
     def __init__(
         self, program: PushProgram, detours: Detours, max_translation: float, low: np.ndarray, high: np.ndarray
     ) -> None:
-        """Computes the outcome of every push.
-
-        Args:
-            program: Program of the pushes, with its model.
-            detours: Ways around the object at rest.
-            max_translation: m, longest translation in an action.
-            low: (2) m, world: lower corner of the pusher's box.
-            high: (2) m, world: upper corner.
-
-        Raises:
-            ParameterError: No side of the object is long enough to be pushed.
-        """
         self._detours, self._longest, self._low, self._high = detours, max_translation, low, high
         body = program.body
         places = []

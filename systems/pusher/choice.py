@@ -134,7 +134,6 @@ def choose_poke(
 
 
 def _has_edge(points: np.ndarray, normals: np.ndarray, first: np.integer) -> bool:
-    """Flag: there is an upright edge near a point, on any of the sides of the object."""
     alike = normals @ normals[first]
     near = (np.linalg.norm((points - points[first])[:, :2], axis=1) < _FLAT) & (np.abs(normals[:, 2]) < 0.5)
     # The inside of a thin wall is turned away, and no edge.

@@ -22,21 +22,19 @@ class PusherLimits(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
     is no farther than at the wall one period later; a pusher that is outside already may only stay or come back. A
     velocity with a component that is not a finite number is replaced by zero, and so is one of a pusher whose
     position is none.
+
+    Args:
+        num_worlds: Number of worlds W, 1 or more.
+        max_speed: Largest norm of the velocity, m/s.
+        low: (3,) m, world: the least coordinates of the pusher's middle P.
+        high: (3,) m, world: the largest coordinates of it.
+        period: Time for which the consumer holds a velocity, s.
+
+    Raises:
+        ParameterError: A number is not positive, or the box is empty.
     """
 
     def __init__(self, num_worlds: int, max_speed: float, low: ArrayLike, high: ArrayLike, period: float) -> None:
-        """Declares the ports.
-
-        Args:
-            num_worlds: Number of worlds W, 1 or more.
-            max_speed: Largest norm of the velocity, m/s.
-            low: (3,) m, world: the least coordinates of the pusher's middle P.
-            high: (3,) m, world: the largest coordinates of it.
-            period: Time for which the consumer holds a velocity, s.
-
-        Raises:
-            ParameterError: A number is not positive, or the box is empty.
-        """
         super().__init__()
         require_positive("num_worlds", num_worlds)
         self._max_speed = require_positive("max_speed", max_speed, "m/s")

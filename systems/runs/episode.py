@@ -72,20 +72,18 @@ class Record:
 class Episode(ScriptedStation):
     """A station whose pusher makes a straight push, or follows a log.
 
+    Args:
+        station: Its input is `pusher_velocity_W`.
+        log: What the pusher follows; None for straight pushes.
+
     Attributes:
         end_time: s, when the pusher comes to rest.
+
+    Raises:
+        ParameterError: The station holds several worlds.
     """
 
     def __init__(self, station: SceneStation, log: PusherTrajectory | None = None) -> None:
-        """Makes the diagram.
-
-        Args:
-            station: Its input is `pusher_velocity_W`.
-            log: What the pusher follows; None for straight pushes.
-
-        Raises:
-            ParameterError: The station holds several worlds.
-        """
         worlds = station.setup.scenario.num_worlds
         if worlds != 1:
             raise ParameterError(f"num_worlds: got {worlds}; allowed: 1, for a scripted pusher")

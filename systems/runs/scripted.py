@@ -46,7 +46,6 @@ class ScriptedStation:
     """
 
     def __init__(self, diagram: Diagram, station: SceneStation, script: Script) -> None:
-        """Takes the diagram, in which `AddScriptedStation` has put the others."""
         self.diagram, self.station, self.script = diagram, station, script
         self.simulator, self.wall_time = Simulator(diagram), 0.0
 

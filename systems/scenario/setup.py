@@ -131,7 +131,6 @@ def placed_task(task: Task, scenario: Scenario, twin: Twin) -> Task:
 
 
 def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
-    """A twin of a shipped object, with theta as given, and its mesh in colours."""
     model, theta = object_model(str(scenario.object)), scenario.theta or Theta()
     inertia = mass_properties(load_mesh(model.mesh_path), mass=theta.mass).inertia
     values = {
@@ -160,7 +159,6 @@ def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
 
 
 def _with_settings(twin: Twin, scenario: Scenario) -> Twin:
-    """The twin with the physics, gravity and pusher's shape that the scenario sets in the place of its own."""
     physics, shape = scenario.physics, scenario.pusher.shape
     changes: dict[str, Any] = {
         "time_step": physics.time_step,

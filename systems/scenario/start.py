@@ -42,7 +42,6 @@ class StartDistribution:
     """
 
     def __init__(self, setup: Setup) -> None:
-        """Measures object and pusher of a scene."""
         self._start = setup.scenario.start
         self.floor_height = setup.twin.floor_height
         self.vertices = load_mesh(setup.twin.mesh_path).vertices

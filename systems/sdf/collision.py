@@ -101,7 +101,6 @@ def as_box(piece: ConvexPiece) -> tuple[np.ndarray, RigidTransform] | None:
 
 
 def _next_to_the_first(piece: ConvexPiece) -> list[int]:
-    """Vertices that share an edge with a hull's vertex 0."""
     around = [face for face in piece.faces if 0 in face]
     return sorted({face[face.index(0) - 1] for face in around} | {face[(face.index(0) + 1) % 4] for face in around})
 
@@ -170,7 +169,6 @@ def _without_slivers(piece: ConvexPiece) -> ConvexPiece:
 
 
 def _fans(piece: ConvexPiece) -> np.ndarray:
-    """Triangles (m, 3) int of a hull's faces."""
     return np.array([(face[0], b, c) for face in piece.faces for b, c in pairwise(face[1:])])
 
 

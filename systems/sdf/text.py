@@ -205,7 +205,6 @@ def _drive(axis: str, parent: str, child: str, direction: np.ndarray) -> str:
 
 
 def _piece(name: str, piece: ConvexPiece, uri: str, surface: Surface) -> str:
-    """Collision of a convex piece: of a box, or of a mesh's hull."""
     found = as_box(piece)
     if found is None:
         return _collision(name, _mesh(uri, convex=True), surface)

@@ -156,7 +156,6 @@ def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comme
 
 
 def _mesh_file(folder: Path, name: str, text: str, suffix: str = ".obj") -> str:
-    """Writes a mesh and hands back its name from the folder."""
     (folder / _MESHES).mkdir(exist_ok=True)
     _write(folder / _MESHES / f"{name}{suffix}", text)
     return f"{_MESHES}/{name}{suffix}"

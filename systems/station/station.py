@@ -66,7 +66,6 @@ class SceneStation(Diagram):  # type: ignore[misc]  # pydrake has no usable type
         lcm: DrakeLcmInterface | None,
         armed: bool,
     ) -> None:
-        """Assembles the diagram; arguments as for `make_station`."""
         super().__init__()
         self.setup = setup
         self._start = StartDistribution(setup)
@@ -143,7 +142,6 @@ class Clock(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
 
 
 def _add_command(builder: DiagramBuilder, parts: Engine, setup: Setup, command: Command) -> None:
-    """Adds the limits before the engine, and before them the input of the station."""
     scenario, pusher = setup.scenario, setup.scenario.pusher
     W = scenario.num_worlds
     limits = builder.AddNamedSystem(

@@ -28,17 +28,15 @@ class MeshcatForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
     divide one contact into more or fewer points show the same. Thin ones are the forces themselves, where there are
     several; of more than `most` of a pair, the largest. An arrow starts where its force acts and is 10 mm long for each
     newton. Published every `period` seconds from t = 0 on, and when a publish is forced.
+
+    Args:
+        meshcat: The server.
+        period: Simulated time between publishes, s.
+        most: Number of thin arrows for each pair.
+        path: Path of the arrows in Meshcat's tree.
     """
 
     def __init__(self, meshcat: Meshcat, *, period: float, most: int = 24, path: str) -> None:
-        """Draws the arrows, hidden.
-
-        Args:
-            meshcat: The server.
-            period: Simulated time between publishes, s.
-            most: Number of thin arrows for each pair.
-            path: Path of the arrows in Meshcat's tree.
-        """
         super().__init__()
         self._forces = self.DeclareAbstractInputPort("contact_forces", AbstractValue.Make(ContactForces.none()))
         self._arrows = {}
@@ -79,7 +77,6 @@ class _Arrow:
         meshcat.SetProperty(path, "visible", False)
 
     def hide(self, time: float) -> None:
-        """Hides the arrow from a time [s] on."""
         self._meshcat.SetProperty(self._path, "visible", False, time)
 
     def show(self, p_WC: np.ndarray, f_W: np.ndarray, time: float) -> None:

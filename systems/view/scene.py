@@ -115,7 +115,6 @@ def _draw_floor(meshcat: Meshcat, path: str, height: float) -> None:
 
 
 def _draw_camera(meshcat: Meshcat, path: str, camera: Camera, X_WC: RigidTransform) -> None:
-    """Draws a camera's frustum as far as the point that it looks at, and points the page's own camera there."""
     p_WC, forward = X_WC.translation(), X_WC.rotation().matrix()[:, 2]
     # Where its axis meets the height of the world's origin, if ahead; else half a metre ahead.
     distance = -p_WC[2] / forward[2] if p_WC[2] * forward[2] < 0 else 0.5

@@ -132,7 +132,6 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
 
 
 def _add_pusher_geometry(builder: DiagramBuilder, setup: Setup, state: OutputPort) -> SceneGraph:
-    """Adds a SceneGraph with pusher and floor, posed by a state (6)."""
     scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
     plant = MultibodyPlant(0.0)
     plant.set_name("plant")

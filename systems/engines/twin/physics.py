@@ -23,24 +23,21 @@ class WorldPhysics:
     An object's state (13) is q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s] at O, in the world frame; pushers do not
     turn. `theta` are the tensors of `Parameters` as arrays, float64, checked.
 
+    Args:
+        twin: Geometry and settings.
+        q_WO: (4,) wxyz: orientation of the lying object, which tells the face that carries it.
+        steps: Number of time steps in one update, 1 or more.
+        num_threads: Threads that share the worlds; None for one on each core.
+
     Attributes:
         scene: The twin's physics model.
-        steps: Number of time steps in one update.
         retries: Number of times that a world had to take shorter steps so far; a statistic, on which nothing depends.
+
+    Raises:
+        InputError: A mesh cannot be used.
     """
 
     def __init__(self, twin: Twin, q_WO: np.ndarray, steps: int, num_threads: int | None = None) -> None:
-        """Makes the physics model of a twin.
-
-        Args:
-            twin: Geometry and settings.
-            q_WO: (4,) wxyz: orientation of the lying object, which tells the face that carries it.
-            steps: Number of time steps in one update, 1 or more.
-            num_threads: Threads that share the worlds; None for one on each core.
-
-        Raises:
-            InputError: A mesh cannot be used.
-        """
         self.scene = twin_scene(twin, torch.as_tensor(q_WO, dtype=torch.float64))
         self.steps = steps
         self.retries = 0

@@ -45,18 +45,16 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
     spherical harmonics (N, K, 3) or (W, N, K, 3). So are the poses of the cameras (7 W), q_CW wxyz and p_CW [m].
     Everything that changes is in the Context: a clone, or a copy of state and parameters, goes on bit by bit as the
     original does.
+
+    Args:
+        setup: Twin, camera, periods and number of worlds.
+        num_threads: Threads that share the worlds; None for one on each core. It does not change results.
+
+    Raises:
+        InputError: A mesh cannot be used.
     """
 
     def __init__(self, setup: Setup, *, num_threads: int | None = None) -> None:
-        """Declares state, parameters and ports.
-
-        Args:
-            setup: Twin, camera, periods and number of worlds.
-            num_threads: Threads that share the worlds; None for one on each core. It does not change results.
-
-        Raises:
-            InputError: A mesh cannot be used.
-        """
         super().__init__()
         scenario, twin = setup.scenario, setup.twin
         self.num_worlds = W = scenario.num_worlds
@@ -253,5 +251,4 @@ def rest_state(X_WO: RigidTransform, V_WO: np.ndarray | None = None) -> np.ndarr
 
 
 def _numbers(X: RigidTransform) -> np.ndarray:
-    """Quaternion wxyz and translation (7,) of a pose."""
     return np.concatenate([X.rotation().ToQuaternion().wxyz(), X.translation()])

@@ -99,7 +99,6 @@ def draw_unevenness(
 
 
 def _lies_lowest(mesh: trimesh.Trimesh, p_com: np.ndarray, up: np.ndarray) -> bool:
-    """Flag: an object would not roll to another side by itself: a mug lies with its lump below."""
     corners, normals = mesh.convex_hull.vertices, mesh.convex_hull.face_normals
     tilts = np.arccos(np.clip(normals @ -up, -1.0, 1.0))
     near = np.vstack([-up, normals[(tilts > _ROUGH) & (tilts < _ROLLS)]])
