@@ -69,26 +69,26 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         self.model, self._height = ArmModel(setup.twin.floor_height, height), None if _moves_up(setup) else height
         builder = DiagramBuilder()
         builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
-        self._arm = MakeArmPlant(builder, setup, time_step, contact)
-        parts = self._arm.parts
+        self._parts, self._arm = MakeArmPlant(builder, setup, time_step, contact)
+        parts = self._parts
         plant = parts.plant
         tool = builder.AddNamedSystem("tool_state", ToolState(parts.pusher.index()))
         builder.Connect(plant.get_body_poses_output_port(), tool.GetInputPort("body_poses"))
         builder.Connect(plant.get_body_spatial_velocities_output_port(), tool.GetInputPort("body_velocities"))
-        control = AddArmControl(builder, self.model, self.limits, link.period, self._height)
-        builder.Connect(tool.get_output_port(), control.pusher_state)
-        builder.Connect(plant.get_state_output_port(self._arm.arm), control.arm_state)
-        builder.Connect(control.desired_state, plant.get_desired_state_input_port(self._arm.arm))
+        stream, kinematics, joints = AddArmControl(builder, self.model, self.limits, link.period, self._height)
+        builder.Connect(tool.get_output_port(), stream.GetInputPort("pusher_state"))
+        builder.Connect(plant.get_state_output_port(self._arm), kinematics.GetInputPort("robot_state"))
+        builder.Connect(joints.get_output_port(), plant.get_desired_state_input_port(self._arm))
         gate = builder.AddNamedSystem("command_gate", CommandGate(lcm, link, self.limits.max_speed))
-        builder.Connect(gate.GetOutputPort("pusher_velocity_W"), control.pusher_velocity)
-        builder.Connect(gate.GetOutputPort("command_time"), control.command_time)
+        for name in ("pusher_velocity_W", "command_time"):
+            builder.Connect(gate.GetOutputPort(name), stream.GetInputPort(name))
         AddState(builder, lcm, link, tool.get_output_port(), gate.GetOutputPort("status"))
         AddCamera(builder, lcm, parts.scene_graph, setup, latency)
         outputs = {
             "object_state": plant.get_state_output_port(parts.object_instance),
             "pusher_state": tool.get_output_port(),
-            "tool_target": control.tool_target,
-            "arm_state": plant.get_state_output_port(self._arm.arm),
+            "tool_target": stream.GetOutputPort("desired_state"),
+            "arm_state": plant.get_state_output_port(self._arm),
         }
         for name, port in outputs.items():
             builder.ExportOutput(port, name)
@@ -108,14 +108,14 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         Raises:
             ParameterError: The arm cannot reach it.
         """
-        plant = self._arm.parts.plant
+        plant = self._parts.plant
         mine = plant.GetMyMutableContextFromRoot(context)
         x, y, z = place.p_WP
         q = self.model.positions(np.array([x, y, z if self._height is None else self._height]))
-        plant.SetPositions(mine, self._arm.arm, q)
-        plant.SetVelocities(mine, self._arm.arm, np.zeros(len(q)))
-        plant.SetFreeBodyPose(mine, self._arm.parts.object, place.X_WO)
-        plant.SetVelocities(mine, self._arm.parts.object_instance, np.zeros(6))
+        plant.SetPositions(mine, self._arm, q)
+        plant.SetVelocities(mine, self._arm, np.zeros(len(q)))
+        plant.SetFreeBodyPose(mine, self._parts.object, place.X_WO)
+        plant.SetVelocities(mine, self._parts.object_instance, np.zeros(6))
 
     def draw_place(self, generator: np.random.Generator) -> Place:
         """Draws a start of the scenario that the arm can reach."""
@@ -130,8 +130,8 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
 
     def tool_pose(self, context: Context) -> RigidTransform:
         """Present pose X_WP of the tool; `context` as for `SetPlace`."""
-        plant = self._arm.parts.plant
-        return plant.EvalBodyPoseInWorld(plant.GetMyContextFromRoot(context), self._arm.parts.pusher)
+        plant = self._parts.plant
+        return plant.EvalBodyPoseInWorld(plant.GetMyContextFromRoot(context), self._parts.pusher)
 
 
 def MakeArmDriver(

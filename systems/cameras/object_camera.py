@@ -101,9 +101,6 @@ def AddCaptureRig(
         X_WC: Pose of the camera until another one is set, OpenCV axes; None for the world's.
         query: The scene graph's query port as the diagram has it; None for that of the scene graph itself.
         renderer: Settings of the renderer that is added; None for even light from all sides.
-
-    Returns:
-        The camera.
     """
     if not scene_graph.HasRenderer(_RENDERER):
         even = RenderEngineVtkParams(default_clear_color=np.ones(3), lights=_lights())

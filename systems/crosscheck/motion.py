@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
-from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.errors import SolverError
 from pinwm_drake.geometry.meshes import load_mesh
@@ -19,7 +18,7 @@ from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.pusher.choice import SPEEDS
 from pinwm_drake.systems.runs.rest import REST_SPEED, REST_TIME, RestCount
-from pinwm_drake.systems.runs.scripted import AddScriptedStation, ScriptedStation
+from pinwm_drake.systems.runs.scripted import ScriptedStation
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.sdf.twin import twin_solid
@@ -82,9 +81,7 @@ class SceneRig(ScriptedStation):
         solid = twin_solid(setup.twin)
         self._mass, self._p_OB, self._inertia = solid.mass, np.asarray(solid.p_OB), np.asarray(solid.inertia)
         self._reach = float(np.linalg.norm(load_mesh(setup.twin.mesh_path).vertices - self._p_OB, axis=1).max())
-        builder, station = DiagramBuilder(), make_station(setup, engine)
-        script = AddScriptedStation(builder, station)
-        super().__init__(builder.Build(), station, script)
+        super().__init__(make_station(setup, engine))
 
     def run(self, trial: Trial) -> Motion:
         """Pushes, and waits until the fastest point of the object has been slow for `REST_TIME`."""

@@ -157,9 +157,6 @@ class PushCheck:
             setup: The scene of the twin.
             title: Title of the figure.
 
-        Returns:
-            The files.
-
         Raises:
             InputError: A file cannot be written.
         """

@@ -30,6 +30,7 @@ class StationRun:
     Attributes:
         station: The station; its input is `pusher_translation_W`.
         num_worlds: Number of worlds, W.
+        world_model: The twin's worlds; None with other engines.
 
     Raises:
         ParameterError: The translation is not positive, or longer than the pusher's speed allows.
@@ -39,6 +40,7 @@ class StationRun:
         self.max_translation = longest_translation(setup, max_translation)
         self.setup, self.num_worlds = setup, setup.scenario.num_worlds
         self.station = make_station(setup, engine, command="translation")
+        self.world_model = self.station.world
         self._simulator = Simulator(self.station)
         self._context = self._simulator.get_mutable_context()
         groups = range(self._context.num_discrete_state_groups())
@@ -97,11 +99,6 @@ class StationRun:
         model = self._world_model
         model.SetCamera(model.GetMyMutableContextFromRoot(self._context), X_WC)
 
-    @property
-    def world_model(self) -> WorldModel | None:
-        """The twin's worlds; None with other engines."""
-        return self.station.world
-
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that changes in the twin's worlds, for `set_state`: motion, theta, colours, cameras, actions."""
         model, groups = self._world_model, range(len(self._begin))
@@ -135,9 +132,8 @@ class StationRun:
 
     @property
     def _world_model(self) -> WorldModel:
-        model = self.station.world
-        assert model is not None
-        return model
+        assert self.world_model is not None
+        return self.world_model
 
     def advance(self, action: np.ndarray) -> None:
         """Simulates one action (W, action_size) in [-1, 1], along the axes of the scene's task.

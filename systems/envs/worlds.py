@@ -76,6 +76,7 @@ class Worlds:
         setup: The scene, with the task.
         task: Goal, success and rewards.
         run: The station, and the Simulator that advances it.
+        progress: Progress of the worlds now.
         max_steps: Number of actions after which an episode is truncated.
         observation_space: Observation space of one world.
         waypoints: States in which most episodes of a training begin, so that all of the way to the goal is met; none at
@@ -103,7 +104,7 @@ class Worlds:
             raise ParameterError(f"num_envs: got {num_worlds}; allowed: 1 or more")
         options = options or EnvOptions()
         self.setup = environment_setup(load_setup(scene), options, num_worlds=num_worlds)
-        self.task, self.domain = self.setup.task, domain
+        self.task, self.domain, self.num_worlds = self.setup.task, domain, num_worlds
         self.max_steps = self.task.max_steps if options.max_steps is None else int(options.max_steps)
         self.run = StationRun(self.setup, engine, options.max_translation)
         self.engine = self.run.station.engine.name
@@ -123,24 +124,9 @@ class Worlds:
         self._take_state()
 
     @property
-    def progress(self) -> Progress:
-        """Progress of the worlds now."""
-        return self._progress
-
-    @property
     def goal(self) -> np.ndarray:
         """Goals (W, task.goal_size) of the present episodes."""
         return self._goal.copy()
-
-    @property
-    def num_worlds(self) -> int:
-        """Number of worlds, W."""
-        return self.run.num_worlds
-
-    @property
-    def steps(self) -> np.ndarray:
-        """Actions (W,) int of the present episodes."""
-        return self._steps.copy()
 
     def set_generator(self, world: int, generator: np.random.Generator) -> None:
         """Sets the generator that a world draws its starts from."""
@@ -156,9 +142,6 @@ class Worlds:
             options: (W,) any of {"place": Place, "X_WO": RigidTransform, "p_WP": (3,) m, world, "goal":
                 (task.goal_size,)}: places of object and pusher, and the goal, instead of those that are drawn; None for
                 the drawn ones.
-
-        Returns:
-            The observation of all worlds.
 
         Raises:
             ParameterError: There is no such option, or not one for each world.
@@ -222,17 +205,14 @@ class Worlds:
 
         Args:
             actions: (W, task.action_size) in [-1, 1], along the task's axes.
-
-        Returns:
-            Rewards, ends of episodes, progress and failures.
         """
-        before = self._progress
+        before = self.progress
         self._observer.remember(self._object_state, self._p_WP, self._goal, actions)
         self._steps += 1
         failures = self._advance(self._delay(actions))
         if self.disturbance:
             self._disturb()
-        progress, failed = self._progress, np.zeros(self.num_worlds, bool)
+        progress, failed = self.progress, np.zeros(self.num_worlds, bool)
         failed[list(failures)] = True
         terminated = progress.success & ~failed
         truncated = failed | ((self._steps >= self.max_steps) & ~terminated)
@@ -321,7 +301,7 @@ class Worlds:
         """Takes the state of the station, or one given, (W, 13) and (W, 3), as that of the worlds."""
         self._object_state = self.run.object_state.copy() if object_state is None else object_state
         self._p_WP = self.run.p_WP.copy() if p_WP is None else p_WP
-        self._progress = self.task.measure(*self.task.from_goal(self._object_state, self._p_WP, self._goal))
+        self.progress = self.task.measure(*self.task.from_goal(self._object_state, self._p_WP, self._goal))
 
     def _chosen_goal(self, drawn: np.ndarray, options: dict[str, Any] | None) -> np.ndarray:
         goal = np.asarray((options or {}).get("goal", drawn), float)

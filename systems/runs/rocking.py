@@ -44,9 +44,6 @@ def rocking_poke(
         number: Number of pictures of the recording.
         rises: rad, of the pusher's way over level, least and most.
 
-    Returns:
-        The poke, and what was recorded of it.
-
     Raises:
         ParameterError: No poke rocks the object so.
     """

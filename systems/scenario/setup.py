@@ -85,9 +85,6 @@ def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:
         scenario: The scenario.
         twin: A twin in memory, in the place of the scenario's object or twin; None for the scenario's.
 
-    Returns:
-        The setup.
-
     Raises:
         InputError: The scenario is out of range, or one of its files cannot be used.
         ParameterError: Periods and time steps do not divide each other.

@@ -32,9 +32,6 @@ def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> str:
     Args:
         mesh: Metres, watertight.
         longest_edge: Longest edge of a triangle, m for each metre of the mesh's mean extent.
-
-    Returns:
-        The OBJ file.
     """
     triangles = divided(mesh.triangles, longest_edge * float(mesh.extents.mean()))
     # Corners in the order in which they come, each once.

@@ -88,9 +88,6 @@ def object_sdf(
         support: URI and depth [m] of the tetrahedra that stand on the floor, as of `volume_mesh`.
         surfaces: Coefficients.
         comment: First line of the file.
-
-    Returns:
-        The text of the file.
     """
     surface = Surface(surfaces.friction_object, modulus=np.inf)
     modulus = settings.SUPPORT_GRADIENT * support[1]
@@ -121,9 +118,6 @@ def object_point_sdf(
         supports: Centre (3,) [m, frame O] and radius [m] of each sphere.
         surfaces: Coefficients.
         comment: First line of the file.
-
-    Returns:
-        The text of the file.
     """
     # Of a pair of equal ones Drake takes half of the stiffness, and their dissipation.
     side = Surface(surfaces.friction_object, surfaces.dissipation_pusher, 2 * settings.PUSHER_STIFFNESS)

@@ -42,9 +42,6 @@ def write_twin_model(twin: Twin, folder: Path) -> list[Path]:
         twin: The twin.
         folder: Folder of the models; made if need be.
 
-    Returns:
-        The four files.
-
     Raises:
         InputError: A mesh cannot be used, or a file cannot be written.
     """
@@ -106,9 +103,6 @@ def object_text(
         comment: First line of the text.
         visual: URI of a mesh to be seen instead of the twin's mesh in the colours of its surfels.
 
-    Returns:
-        The text.
-
     Raises:
         InputError: The mesh cannot be used, or a file cannot be written.
     """
@@ -139,9 +133,6 @@ def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comme
         prefix: Prefix of the names of meshes in the text.
         comment: First line of the text.
         driven: Whether the pusher has joints and drives, as for `pusher_sdf`.
-
-    Returns:
-        The text.
 
     Raises:
         InputError: A mesh cannot be used, or a file cannot be written.

@@ -97,7 +97,9 @@ class SceneStation(Diagram):  # type: ignore[misc]  # pydrake has no usable type
         for name, port in outputs.items():
             builder.ExportOutput(port, name)
         if meshcat is not None:
-            AddSceneView(builder, parts, meshcat, setup)
+            AddSceneView(
+                builder, parts.name, parts.scene_graph, parts.object_state, parts.contact_forces, meshcat, setup
+            )
         builder.BuildInto(self)
         self.set_name(f"station_{engine}")
 
@@ -178,9 +180,6 @@ def make_station(
         meshcat: Server that shows everything, if given.
         lcm: LCM that the messages of "lcm" go through; None to open the address that the scenario has.
         armed: Whether "lcm" sends commands: the robot does not move otherwise.
-
-    Returns:
-        The station, a Diagram.
 
     Raises:
         InputError: The scenario, or one of its files, cannot be used.

@@ -1,7 +1,6 @@
 """View of a station in Meshcat: geometries, floor, camera, contact forces and surfels."""
 
 import math
-from typing import Protocol
 
 import numpy as np
 from pydrake.geometry import (
@@ -29,29 +28,12 @@ _FRUSTUM_COLOUR = Rgba(0.15, 0.35, 0.75)
 _EYE, _EYE_TURN = 0.7, math.radians(50)
 
 
-class Shown(Protocol):
-    """Ports and names of an Engine that the view reads."""
-
-    @property
-    def name(self) -> str:
-        """Name of the engine."""
-
-    @property
-    def object_state(self) -> OutputPort:
-        """State (13 W) of the objects, as in `Engine`."""
-
-    @property
-    def contact_forces(self) -> OutputPort:
-        """Contact forces, Value[ContactForces]."""
-
-    @property
-    def scene_graph(self) -> SceneGraph:
-        """SceneGraph whose geometries are shown."""
-
-
 def AddSceneView(
     builder: DiagramBuilder,
-    engine: Shown,
+    engine: str,
+    scene_graph: SceneGraph,
+    object_state: OutputPort,
+    contact_forces: OutputPort,
     meshcat: Meshcat,
     setup: Setup,
     *,
@@ -66,15 +48,15 @@ def AddSceneView(
 
     Args:
         builder: Builder of the diagram that holds the engine.
-        engine: Ports of the engine.
+        engine: Name of the engine.
+        scene_graph: SceneGraph whose geometries are shown.
+        object_state: State (13 W) of the objects, as in `Engine`.
+        contact_forces: Value[ContactForces].
         meshcat: The server.
         setup: Setup that the engine was built from.
         period: Simulated time between publishes, s.
         prefix: Prefix of all paths in Meshcat's tree; `meshcat.SetTransform(prefix, ...)` puts one station beside
             another.
-
-    Returns:
-        The visualizer of the geometries.
     """
     _draw_floor(meshcat, f"{prefix}/floor", setup.twin.floor_height)
     _draw_camera(meshcat, f"{prefix}/camera", setup.camera, setup.X_WC)
@@ -82,19 +64,19 @@ def AddSceneView(
     params = MeshcatVisualizerParams(
         publish_period=period, role=Role.kPerception, prefix=f"{prefix}/scene", delete_on_initialization_event=False
     )
-    visualizer = MeshcatVisualizer.AddToBuilder(builder, engine.scene_graph, meshcat, params)
-    if engine.name != "lcm":
-        W = engine.object_state.size() // 13
+    visualizer = MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
+    if engine != "lcm":
+        W = object_state.size() // 13
         surfels = builder.AddNamedSystem(
             "meshcat_surfels",
             MeshcatSurfels(setup.twin.surfels, meshcat, num_worlds=W, period=period, path=f"{prefix}/surfels"),
         )
-        builder.Connect(engine.object_state, surfels.get_input_port())
+        builder.Connect(object_state, surfels.get_input_port())
     forces = builder.AddNamedSystem("meshcat_forces", MeshcatForces(meshcat, period=period, path=f"{prefix}/forces"))
-    builder.Connect(engine.contact_forces, forces.get_input_port())
-    shows_surfels = engine.name == "twin"
+    builder.Connect(contact_forces, forces.get_input_port())
+    shows_surfels = engine == "twin"
     meshcat.SetProperty(f"{prefix}/surfels", "visible", shows_surfels)
-    for path in _object_paths(engine.scene_graph, params.prefix):
+    for path in _object_paths(scene_graph, params.prefix):
         meshcat.SetProperty(path, "visible", not shows_surfels)
     return visualizer
 

@@ -82,9 +82,6 @@ def MakeScenePlant(
         hold: Called with the plant, before it is finalized, and the pusher, which then has no joints of its own: adds
             what holds it. None for a pusher with drives.
 
-    Returns:
-        The parts.
-
     Raises:
         InputError: A mesh cannot be used.
     """

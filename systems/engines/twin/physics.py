@@ -50,7 +50,7 @@ class WorldPhysics:
         return self._nominal.expand(num_worlds)
 
     def advance(
-        self, theta: Arrays, state: np.ndarray, p_WP: np.ndarray, v_WP: np.ndarray
+        self, theta: Arrays, state: np.ndarray, p_WP: np.ndarray, v_WP: np.ndarray, halving: int = 0
     ) -> tuple[np.ndarray, np.ndarray]:
         """Discrete update of the state by the step of `pinwm_drake.physics`, which identification differentiates.
 
@@ -59,6 +59,7 @@ class WorldPhysics:
             state: (W, 13) of the objects.
             p_WP: (W, 3) m, of the pushers.
             v_WP: (W, 3) m/s, of the pushers, held.
+            halving: Number of times that time steps are halved at first; worlds that fail take shorter ones.
 
         Returns:
             The objects' state (W, 13), and p_WP (W, 3).
@@ -66,12 +67,6 @@ class WorldPhysics:
         Raises:
             SolverError: The contacts of a world have no solution, nor with shorter steps.
         """
-        return self._advance(theta, state, p_WP, v_WP, 0)
-
-    def _advance(
-        self, theta: Arrays, state: np.ndarray, p_WP: np.ndarray, v_WP: np.ndarray, halving: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Discrete update with time steps of 2^-halving times the length; worlds that fail take shorter ones."""
         V_WP = np.zeros((self.steps << halving, len(state), 6))
         V_WP[:, :, 3:] = v_WP
         try:
@@ -86,7 +81,7 @@ class WorldPhysics:
                 if part.any():
                     some = tuple([values[part] for values in theta])
                     try:
-                        after[part], p_WP_after[part] = self._advance(some, state[part], p_WP[part], v_WP[part], again)
+                        after[part], p_WP_after[part] = self.advance(some, state[part], p_WP[part], v_WP[part], again)
                     except SolverError as last:
                         # Counted within the part.
                         worlds = tuple(np.flatnonzero(part)[list(last.worlds)].tolist())

@@ -170,9 +170,6 @@ def write_with_feet(mesh_path: Path, folder: Path, feet: np.ndarray, up: np.ndar
         folder: Folder of the new file, which has the name of the old one.
         feet: (n, 3) m, frame O, the lowest points.
         up: (3,), axis of O that points up.
-
-    Returns:
-        The new file.
     """
     path, text = folder / mesh_path.name, mesh_path.read_text(encoding="utf-8")
     count = sum(line.startswith("v ") for line in text.splitlines())
