@@ -57,7 +57,6 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         near: Least depth, m; depths below it are too close.
         far: Largest depth, m; depths above it are too far.
         label: Label of the object.
-        num_threads: Threads of the renderer; None for one on each core. It does not change images.
 
     Raises:
         ParameterError: A number is out of range.
@@ -74,7 +73,6 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         near: float = 0.02,
         far: float = 10.0,
         label: RenderLabel = OBJECT_LABEL,
-        num_threads: int | None = None,
     ) -> None:
         super().__init__()
         if num_worlds < 1 or not 0.0 < near < far:
@@ -87,7 +85,7 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         self.surfels, self.camera, self.num_worlds = surfels.detach(), camera, num_worlds
         self._width = narrow_width(surfels)
         self._mesh = None if mesh is None else (np.array(mesh.vertices), np.array(mesh.faces))
-        self._near, self._far, self._label, self._threads = near, far, int(label), num_threads
+        self._near, self._far, self._label = near, far, int(label)
         poses = RigidTransform() if num_worlds == 1 else [RigidTransform()] * num_worlds
         self._pose = self.DeclareAbstractInputPort("X_WC", AbstractValue.Make(poses))
         self._state = self.DeclareVectorInputPort("object_state", 13 * num_worlds)
@@ -129,7 +127,7 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         if surfels.sh.ndim == 4:
             surfels = Surfels(**{**surfels.tensors(), "sh": surfels.sh[:worlds]})
         disc = narrow_disc(self._width, self.camera, X_CO.p[:, 2])
-        views = render(surfels, self.camera, X_CO, full=full, disc=disc, num_threads=self._threads)
+        views = render(surfels, self.camera, X_CO, full=full, disc=disc)
         shown = views.alpha.numpy() >= 0.5
         if self._mesh is not None:
             vertices, faces = self._mesh

@@ -35,10 +35,7 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
 
     Attributes:
         worlds: `Worlds` of one world.
-        setup: The scene, with the task.
-        task: Goal, success and rewards.
-        run: The station, and the Simulator that advances it.
-        max_steps: Actions after which an episode is truncated.
+        setup, task, run, max_steps: Those of the worlds.
 
     Raises:
         InputError: The scene, or one of its files, cannot be used.

@@ -31,10 +31,8 @@ class TaskVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     some did, `final_obs` and `final_info`, as `SyncVectorEnv` has them with AutoresetMode.SAME_STEP.
 
     Args:
-        scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
+        scene: Scene as for `Worlds`, and so are `options` and `domain`.
         num_envs: Number of worlds, W.
-        options: Options of the environment; None for the defaults.
-        domain: Gives the domain of a world's next episode; see `Worlds`.
         changes: Single fields of `EnvOptions`, in the place of those of `options`.
 
     Attributes:

@@ -30,9 +30,7 @@ class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
     them, for the reason that `PusherTranslation` has.
 
     Args:
-        setup: The scene as far as it is known, such as an identified twin, as `environment_setup` makes it.
-        task: Goal and tolerances.
-        max_translation: m, longest translation in an action; None for the longest that the pusher's speed allows.
+        setup: The scene as far as it is known, as for `make_planner`, and so are `task` and `max_translation`.
         period: s, at which the station samples the velocity, a whole fraction of the horizon; None for the horizon.
 
     Raises:
@@ -89,15 +87,11 @@ def AddPushMpc(
 ) -> PushMpc:
     """Adds the controller of a station that is in the builder; its command is the velocity.
 
+    Other arguments and errors are those of `PushMpc`.
+
     Args:
         builder: Builder of the diagram around the station.
         station: The station, whose input is `pusher_velocity_W`.
-        setup: The scene as far as it is known; see `PushMpc`.
-        task: Goal and tolerances.
-        max_translation: m, longest translation in an action; None for the longest that the pusher's speed allows.
-
-    Raises:
-        InputError, ParameterError: See `PushMpc`.
     """
     mpc = builder.AddNamedSystem("push_mpc", PushMpc(setup, task, max_translation, period=station.setup.period))
     for name in ("object_state", "pusher_state"):

@@ -17,14 +17,7 @@ _SAMPLES = 24  # points of a straight piece that are checked
 class Walk:
     """Way of the pusher round an object that nothing pushes, at rest or on its way there.
 
-    Args:
-        body: The model of the scene.
-        max_translation: m, longest translation in an action.
-        low: (2) m, world: lower corner of the pusher's box.
-        high: (2) m, world: upper corner.
-
-    Attributes:
-        detours: Ways around the object at rest.
+    Arguments are those of `PushPlanner`; `detours` are the ways around the object at rest.
     """
 
     def __init__(self, body: PlanarBody, max_translation: float, low: np.ndarray, high: np.ndarray) -> None:

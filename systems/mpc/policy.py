@@ -34,11 +34,7 @@ def make_planner(setup: Setup, task: PushTask, max_translation: float | None = N
 
 
 class PushMpcPolicy(MpcPolicy[Plan]):
-    """Policy of the push task that plans pushes at the object's planar outline; arguments as for `make_planner`.
-
-    Attributes:
-        planner: Planner of the pushes.
-    """
+    """Policy of the push task that plans pushes at the object's planar outline; arguments as for `make_planner`."""
 
     def __init__(self, setup: Setup, task: PushTask, max_translation: float | None = None) -> None:
         self.planner, self.task = make_planner(setup, task, max_translation), task

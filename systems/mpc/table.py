@@ -41,10 +41,7 @@ class PushTable:
 
     Args:
         program: Program of the pushes, with its model.
-        detours: Ways around the object at rest.
-        max_translation: m, longest translation in an action.
-        low: (2) m, world: lower corner of the pusher's box.
-        high: (2) m, world: upper corner.
+        detours: Ways around the object at rest; the others are those of `PushPlanner`.
 
     Raises:
         ParameterError: No side of the object is long enough to be pushed.

@@ -121,12 +121,7 @@ class _Plan:
 
 
 class _Search:
-    """Plans and their replays, attempt after attempt, then rounds around the best one; each has a seed of its own.
-
-    Attributes:
-        best: The most robust plan so far.
-        attempts, rounds: Numbers of those that are over.
-    """
+    """Plans and their replays, attempt after attempt, then rounds around the best one; each has a seed of its own."""
 
     def __init__(self, worlds: TrainingWorlds, options: WaypointOptions, seed: int) -> None:
         self._options, self._seed, self._begin = options, seed, worlds.begin

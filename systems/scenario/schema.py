@@ -86,14 +86,7 @@ class _Checked:
 
 @dataclass
 class Units(_Checked):
-    """The units of the file: these and no others, written down so that nobody has to guess.
-
-    Attributes:
-        length: m.
-        mass: kg.
-        time: s.
-        angle: rad.
-    """
+    """The units of the file: these and no others, written down so that nobody has to guess."""
 
     length: Literal["m"] = "m"
     mass: Literal["kg"] = "kg"

@@ -109,15 +109,12 @@ def object_point_sdf(
 ) -> str:
     """Model of a free body for point contact: convex pieces for the pusher, small spheres for the floor.
 
+    Other arguments are those of `object_sdf`.
+
     Args:
-        name: Name of the model; its link is called "object" and has the frame O.
-        solid: Mass properties.
-        visual: URI of the mesh that is seen.
         pieces: Convex pieces of the object, frame O, m.
         uris: URI of the mesh of each; that of a box is not used.
         supports: Centre (3,) [m, frame O] and radius [m] of each sphere.
-        surfaces: Coefficients.
-        comment: First line of the file.
     """
     # Of a pair of equal ones Drake takes half of the stiffness, and their dissipation.
     side = Surface(surfaces.friction_object, surfaces.dissipation_pusher, 2 * settings.PUSHER_STIFFNESS)

@@ -126,13 +126,7 @@ def object_text(
 def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comment: str, *, driven: bool = True) -> str:
     """SDFormat of a twin's pusher; writes the meshes of one without a shape.
 
-    Args:
-        twin: The twin.
-        surfaces: Coefficients of its contacts.
-        folder: Folder in whose subfolder `meshes` the meshes are written.
-        prefix: Prefix of the names of meshes in the text.
-        comment: First line of the text.
-        driven: Whether the pusher has joints and drives, as for `pusher_sdf`.
+    Arguments are those of `object_text` and, `driven`, of `pusher_sdf`.
 
     Raises:
         InputError: A mesh cannot be used, or a file cannot be written.

@@ -33,11 +33,7 @@ from pinwm_drake.systems.scenario.start import StartDistribution
 class LcmHandle:
     """Handle that refuses to put things into place, which takes more than a message; see `engine.Handle`.
 
-    Attributes:
-        lcm: Kept, as the systems that use it do not.
-        armed: Whether commands are sent.
-        channel: Channel of commands.
-        period: s, between commands.
+    It keeps the LCM, as the systems that use it do not, and sends commands, each `period` [s], if it is armed.
     """
 
     lcm: DrakeLcmInterface

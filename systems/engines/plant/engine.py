@@ -25,12 +25,7 @@ _LATER = 1e-12
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PlantHandle:
-    """Handle that puts a plant's object and pusher into place; see `engine.Handle`.
-
-    Attributes:
-        parts: The plant.
-        drive: Drive of the pusher.
-    """
+    """Handle that puts a plant's object and pusher into place; see `engine.Handle`."""
 
     parts: ScenePlant
     drive: PusherDrive

@@ -27,7 +27,6 @@ class WorldPhysics:
         twin: Geometry and settings.
         q_WO: (4,) wxyz: orientation of the lying object, which tells the face that carries it.
         steps: Number of time steps in one update, 1 or more.
-        num_threads: Threads that share the worlds; None for one on each core.
 
     Attributes:
         scene: The twin's physics model.
@@ -37,13 +36,13 @@ class WorldPhysics:
         InputError: A mesh cannot be used.
     """
 
-    def __init__(self, twin: Twin, q_WO: np.ndarray, steps: int, num_threads: int | None = None) -> None:
+    def __init__(self, twin: Twin, q_WO: np.ndarray, steps: int) -> None:
         self.scene = twin_scene(twin, torch.as_tensor(q_WO, dtype=torch.float64))
         self.steps = steps
         self.retries = 0
         self._nominal = twin_parameters(twin, self.scene)
         self._p_OB = self.scene.p_OB.numpy()
-        self._steppers = [Stepper(self.scene.model, num_threads=num_threads)]
+        self._steppers = [Stepper(self.scene.model)]
 
     def parameters(self, num_worlds: int) -> Parameters:
         """The twin's theta, for all worlds."""
@@ -104,9 +103,8 @@ class WorldPhysics:
 
     def _stepper(self, halving: int) -> Stepper:
         while len(self._steppers) <= halving:
-            last = self._steppers[-1]
-            model = dataclasses.replace(last.model, time_step=0.5 * last.model.time_step)
-            self._steppers.append(Stepper(model, num_threads=last.num_threads))
+            last = self._steppers[-1].model
+            self._steppers.append(Stepper(dataclasses.replace(last, time_step=0.5 * last.time_step)))
         return self._steppers[halving]
 
     def forces(

@@ -48,26 +48,20 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
 
     Args:
         setup: Twin, camera, periods and number of worlds.
-        num_threads: Threads that share the worlds; None for one on each core. It does not change results.
 
     Raises:
         InputError: A mesh cannot be used.
     """
 
-    def __init__(self, setup: Setup, *, num_threads: int | None = None) -> None:
+    def __init__(self, setup: Setup) -> None:
         super().__init__()
         scenario, twin = setup.scenario, setup.twin
         self.num_worlds = W = scenario.num_worlds
-        self.physics = WorldPhysics(twin, np.array(scenario.start.q_WO), scenario.physics.steps_per_update, num_threads)
+        self.physics = WorldPhysics(twin, np.array(scenario.start.q_WO), scenario.physics.steps_per_update)
         # Of a pusher that is a few pixels wide, a tenth of its radius cannot be seen.
         sections = 12 if setup.camera.height <= 64 else 24
-        self._images = WorldImages(
-            twin.surfels,
-            self.physics.scene.mesh,
-            pusher_surface(twin.pusher, sections=sections),
-            setup.camera,
-            num_threads,
-        )
+        pusher = pusher_surface(twin.pusher, sections=sections)
+        self._images = WorldImages(twin.surfels, self.physics.scene.mesh, pusher, setup.camera)
         nominal = self.physics.parameters(W)
         numbers = [values.reshape(-1).numpy() for values in nominal.tensors()]
         self._shapes = [values.shape for values in nominal.tensors()]
