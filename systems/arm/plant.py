@@ -2,23 +2,18 @@
 
 import dataclasses
 
-import numpy as np
-from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains, RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.systems.arm.model import JOINTS, add_arm
-from pinwm_drake.systems.engines.plant.forces import PlantForces
 from pinwm_drake.systems.engines.plant.scene import MakeScenePlant, ScenePlant
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.sdf.twin import ContactName
-from pinwm_drake.systems.view.scene import AddSceneView
 
 # N m/rad and N m s/rad of each joint's servo, which Drake's discrete solvers treat implicitly: a tool that is pushed
 # with 1 N gives way by a hundredth of a millimetre.
 _STIFFNESS, _DAMPING = 4e4, 8e2
-_EYE, _TARGET = np.array([1.3, -1.3, 1.0]), np.array([0.0, 0.15, 0.35])  # m, world, of the page's own look
 
 
 def MakeArmPlant(
@@ -55,19 +50,3 @@ def MakeArmPlant(
     parts = MakeScenePlant(builder, dataclasses.replace(setup, plant_time_step=time_step), contact, hold)
     assert parts.plant.num_positions(found[0]) == JOINTS
     return parts, found[0]
-
-
-def AddArmView(builder: DiagramBuilder, parts: ScenePlant, meshcat: Meshcat, name: str) -> None:
-    """Adds the view of arm, object, floor, camera and contact forces to a diagram.
-
-    Args:
-        builder: Builder of the diagram that holds the plant.
-        parts: The plant with the arm.
-        meshcat: The server.
-        name: Name of the contact model.
-    """
-    forces = builder.AddNamedSystem("plant_forces", PlantForces(parts))
-    builder.Connect(parts.plant.get_contact_results_output_port(), forces.get_input_port())
-    state = parts.plant.get_state_output_port(parts.object_instance)
-    AddSceneView(builder, name, parts.scene_graph, state, forces.get_output_port(), meshcat, parts.setup)
-    meshcat.SetCameraPose(_EYE, _TARGET)

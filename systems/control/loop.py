@@ -14,7 +14,7 @@ from pinwm_drake.control.pilot import Acting, ControlStatus
 from pinwm_drake.control.safety_filter import HALTED
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.systems.arm.driver import ArmDriver, MakeArmDriver
+from pinwm_drake.systems.arm.driver import ArmDriver
 from pinwm_drake.systems.control.controller import AddPolicyController
 from pinwm_drake.systems.engines.lcm.engine import LcmHandle
 from pinwm_drake.systems.engines.lcm.link import make_lcm
@@ -104,7 +104,7 @@ class ControlLoop:
             lcm = make_lcm(setup.scenario.lcm)
             self.station = make_station(setup, engine, lcm=lcm, armed=armed)
             if simulate_arm:
-                self.driver = builder.AddSystem(MakeArmDriver(setup, lcm, contact=contact, meshcat=meshcat))
+                self.driver = builder.AddSystem(ArmDriver(setup, lcm, contact=contact, meshcat=meshcat))
         else:
             self.station = make_station(setup, engine, meshcat=meshcat)
         builder.AddSystem(self.station)

@@ -94,7 +94,7 @@ def object_sdf(
     base = Surface(surfaces.friction_object, surfaces.dissipation_floor, modulus=modulus)
     parts = [_inertial(solid), _visual(_mesh(visual)), _collision("piece", _mesh(contact_mesh), surface)]
     parts.append(_collision("support", _mesh(support[0]), base))
-    return _file(comment, _model(name, _link("object", *parts)))
+    return _file(comment, name, _link("object", *parts))
 
 
 def object_point_sdf(
@@ -122,7 +122,7 @@ def object_point_sdf(
     parts = [_inertial(solid), _visual(_mesh(visual))]
     parts += [_piece(f"piece_{k}", *one, side) for k, one in enumerate(zip(pieces, uris, strict=True))]
     parts += [_collision(f"support_{k}", _sphere(r), base, centre) for k, (centre, r) in enumerate(supports)]
-    return _file(comment, _model(name, _link("object", *parts)))
+    return _file(comment, name, _link("object", *parts))
 
 
 def floor_sdf(surfaces: settings.Surfaces, height: float, comment: str) -> str:
@@ -138,7 +138,7 @@ def floor_sdf(surfaces: settings.Surfaces, height: float, comment: str) -> str:
     box = _element("box", f"<size>{_numbers(sides)}</size>")
     middle = np.array([*settings.FLOOR_MIDDLE, height - 0.5 * settings.FLOOR_DEPTH])
     link = _link("floor", _collision("floor", _element("geometry", box), surface, middle))
-    return _file(comment, _model("floor", "<static>true</static>", link))
+    return _file(comment, "floor", "<static>true</static>", link)
 
 
 def pusher_sdf(
@@ -179,13 +179,12 @@ def pusher_sdf(
         extent = 0.01
     solid = Solid(settings.PUSHER_MASS, np.zeros(3), 0.4 * settings.PUSHER_MASS * extent**2 * np.eye(3))
     links = [_link("pusher", _inertial(solid), _visual(seen, _GREY), *touching)]
-    if not driven:
-        return _file(comment, _model("pusher", *links))
-    still = _inertial(Solid(0.0, np.zeros(3), np.zeros((3, 3))))
-    chain = ["world", "pusher_slide_x", "pusher_slide_y", "pusher"]
-    links = [*(_link(slide, still) for slide in chain[1:3]), *links]
-    joints = [_drive(axis, chain[k], chain[k + 1], np.eye(3)[k]) for k, axis in enumerate("xyz")]
-    return _file(comment, _model("pusher", *links, *joints))
+    if driven:
+        still = _inertial(Solid(0.0, np.zeros(3), np.zeros((3, 3))))
+        chain = ["world", "pusher_slide_x", "pusher_slide_y", "pusher"]
+        links = [*(_link(slide, still) for slide in chain[1:3]), *links]
+        links += [_drive(axis, chain[k], chain[k + 1], np.eye(3)[k]) for k, axis in enumerate("xyz")]
+    return _file(comment, "pusher", *links)
 
 
 def _drive(axis: str, parent: str, child: str, direction: np.ndarray) -> str:
@@ -246,11 +245,8 @@ def _link(name: str, *parts: str) -> str:
     return _element(f'link name="{name}"', *parts)
 
 
-def _model(name: str, *parts: str) -> str:
-    return _element(f"model name={quoteattr(name)}", *parts)
-
-
-def _file(comment: str, model: str) -> str:
+def _file(comment: str, name: str, *parts: str) -> str:
+    model = _element(f"model name={quoteattr(name)}", *parts)
     head = ['<?xml version="1.0"?>', f"<!-- {comment.replace('--', '- -')} -->"]
     return "\n".join([*head, _element('sdf version="1.9" xmlns:drake="http://drake.mit.edu"', model)]) + "\n"
 
