@@ -221,9 +221,8 @@ class Pilot:
     def _fault(self, memory: Memory, inputs: Inputs) -> str:
         late, longest = inputs.time - inputs.pusher_time, self.limits.max_image_age
         stale = f"pusher's state is stale: {late:.3f} s old; allowed: {longest:g} s" if late > longest + _CLOCK else ""
-        known = self._filter.fault(
-            inputs.time, inputs.image_time, inputs.pusher_state, last_image_time=memory.image_time
-        )
+        last = memory.image_time
+        known = self._filter.fault(inputs.time, inputs.image_time, inputs.pusher_state, last_image_time=last)
         return inputs.fault or known or stale
 
     def _looked_at(self, memory: Memory, inputs: Inputs) -> tuple[Memory, str]:

@@ -82,12 +82,7 @@ class SafetyFilter:
         return Safety("done", reason) if safety.mode in ("armed", "running") else safety
 
     def fault(
-        self,
-        time: float,
-        image_time: float,
-        pusher_state: np.ndarray,
-        *,
-        last_image_time: float = -np.inf,
+        self, time: float, image_time: float, pusher_state: np.ndarray, *, last_image_time: float = -np.inf
     ) -> str:
         """Fault of the inputs, but for the image itself, in words; empty if there is none.
 

@@ -1,8 +1,4 @@
-"""Cameras of an object: Drake's RgbdSensor, and images whose alpha is the visible object.
-
-`AddCaptureRig` adds a camera that can be put anywhere, for captures; `ObjectImage` makes the `rgb` ports of a station
-from the images of such a camera. Both make one pixel of several rendered ones, with `downsample`.
-"""
+"""Cameras of an object: Drake's RgbdSensor, and images whose alpha is the visible object."""
 
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Further cameras on an object made of surfels: in a robot's hand, or a second view."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 import trimesh
@@ -92,7 +90,7 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         inputs = {self._pose.ticket(), self._state.ticket()}
         self._view = declare_cache(self, "view", lambda context: self._render(context, 1, full=True), inputs)
         size, shown = (camera.width, camera.height), {self._view.ticket()}
-        declare_image(self, "color_image", size, self._color, shown)
+        declare_image(self, "color_image", size, lambda mine: cut_out(*self._view.Eval(mine))[0], shown)
         declare_image(
             self, "depth_image_32f", size, lambda context: self._depth(context)[..., None], shown, ImageDepth32F
         )
@@ -104,7 +102,9 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         declare_value(self, "body_pose_in_world", RigidTransform(), lambda context: self._poses(context)[0], pose)
         declare_vector(self, "image_time", 1, lambda context: [context.get_time()], {self.time_ticket()})
         if num_worlds > 1:
-            batch = declare_cache(self, "views", self._render_batch, inputs)
+            batch = declare_cache(
+                self, "views", lambda mine: cut_out(*self._render(mine, num_worlds, full=False)), inputs
+            )
             declare_value(self, "color_images", object(), lambda context: batch.Eval(context), {batch.ticket()})
 
     def _poses(self, context: Context) -> list[RigidTransform]:
@@ -115,7 +115,8 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
             raise StateError(f"X_WC: got {len(poses)} values; allowed: {self.num_worlds} RigidTransforms")
         return list(poses)
 
-    def _render(self, context: Context, worlds: int, *, full: bool) -> "_Views":
+    def _render(self, context: Context, worlds: int, *, full: bool) -> tuple[Rendering, np.ndarray]:
+        """Images, and the mask (V, height, width) bool of the object."""
         poses = self._poses(context)[:worlds]
         state = torch.tensor(self._state.Eval(context)).reshape(-1, 13)[:worlds]
         X_WC = Pose(
@@ -133,15 +134,7 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
             vertices, faces = self._mesh
             corners = transform(Pose(X_CO.q[:, None], X_CO.p[:, None]), torch.from_numpy(vertices))
             shown &= np.isfinite(mesh_depth(corners, faces, self.camera, _NEAR))
-        return _Views(views, shown)
-
-    def _render_batch(self, context: Context) -> np.ndarray:
-        views = self._render(context, self.num_worlds, full=False)
-        return cut_out(views.images, views.shown)
-
-    def _color(self, context: Context) -> np.ndarray:
-        view: _Views = self._view.Eval(context)
-        return cut_out(view.images, view.shown)[0]
+        return views, shown
 
     def _CalcDepth16(self, context: Context, output: AbstractValue) -> None:
         metres = ImageDepth32F(self.camera.width, self.camera.height)
@@ -149,21 +142,12 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         ConvertDepth32FTo16U(metres, output.get_mutable_value())
 
     def _labels(self, context: Context) -> np.ndarray:
-        return np.where(self._view.Eval(context).shown[0], self._label, int(RenderLabel.kEmpty))[..., None]
+        return np.where(self._view.Eval(context)[1][0], self._label, int(RenderLabel.kEmpty))[..., None]
 
     def _depth(self, context: Context) -> np.ndarray:
-        view: _Views = self._view.Eval(context)
-        assert view.images.depth is not None
-        alpha = np.maximum(view.images.alpha[0].numpy(), 0.5)
-        depth = np.where(view.shown[0], view.images.depth[0].numpy() / alpha, np.inf)
+        images, shown = self._view.Eval(context)
+        alpha = np.maximum(images.alpha[0].numpy(), 0.5)
+        depth = np.where(shown[0], images.depth[0].numpy() / alpha, np.inf)
         depth[depth > self._far] = np.inf
         depth[depth < self._near] = _TOO_CLOSE
         return depth.astype(np.float32)
-
-
-@dataclass(frozen=True, eq=False)
-class _Views:
-    """Views that are rendered once: images, and the mask (V, height, width) bool of the object."""
-
-    images: Rendering
-    shown: np.ndarray

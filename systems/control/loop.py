@@ -26,11 +26,6 @@ from pinwm_drake.systems.station.station import make_station
 _LOOKS = 5  # times in an action at which faults, and a wish to stop, are looked for
 
 
-def never() -> str:
-    """No wish to stop: an empty text."""
-    return ""
-
-
 @dataclass(frozen=True, eq=False)
 class ControlRow:
     """State of a control loop after an action.
@@ -139,7 +134,11 @@ class ControlLoop:
         self.simulator.ResetStatistics()  # or one in real time would catch up with what that took
 
     def listen(
-        self, patience: float = 5.0, *, stop: Callable[[], str] = never, arming: Callable[[], None] = lambda: None
+        self,
+        patience: float = 5.0,
+        *,
+        stop: Callable[[], str] = lambda: "",
+        arming: Callable[[], None] = lambda: None,
     ) -> None:
         """Simulates until image and pusher's state have come, resets the controller, and arms it where it may move.
 
@@ -158,7 +157,10 @@ class ControlLoop:
         self.simulator.ResetStatistics()  # or one in real time would catch up with the time since the last run
         while not stop():
             self.simulator.AdvanceTo(self._next())
-            missing = [name for name, there in self._there().items() if not there]
+            mine = self.station.GetMyContextFromRoot(context)
+            image = self.station.GetOutputPort("rgb_time").Eval(mine)[0] >= 0
+            pusher = np.isfinite(self.station.GetOutputPort("pusher_state").Eval(mine)).all()
+            missing = [name for name, there in (("image", image), ("state of the pusher", pusher)) if not there]
             if not missing:
                 break
             if context.get_time() > start + patience:
@@ -172,7 +174,7 @@ class ControlLoop:
         self.simulator.ResetStatistics()
         self._pace = time.monotonic(), context.get_time()
 
-    def advance(self, duration: float, *, stop: Callable[[], str] = never) -> Iterator[ControlRow]:
+    def advance(self, duration: float, *, stop: Callable[[], str] = lambda: "") -> Iterator[ControlRow]:
         """Simulates action by action.
 
         Args:
@@ -214,12 +216,11 @@ class ControlLoop:
         state = watched.GetOutputPort("object_state").Eval(watched.GetMyContextFromRoot(root)).copy()
         p_WP = station.GetOutputPort("pusher_state").Eval(station.GetMyContextFromRoot(root))[:3].copy()
         progress = self._task.measure(state[None], p_WP[None])
-        controller = self.controller.GetMyContextFromRoot(root)
-        raw_action = self.controller.GetOutputPort("raw_action").Eval(controller).copy()
+        mine = self.controller.GetMyContextFromRoot(root)
         return ControlRow(
             t=root.get_time(),
             status=self.controller.status(root),
-            raw_action=raw_action,
+            raw_action=self.controller.GetOutputPort("raw_action").Eval(mine).copy(),
             p_WP=p_WP,
             object_state=state,
             distance=float(progress.distance[0]),
@@ -236,12 +237,6 @@ class ControlLoop:
         late = (time.monotonic() - began) - (context.get_time() - start)
         if late > self._horizon:
             self.controller.Fail(context, f"controller is slower than real time: {late:.3f} s late")
-
-    def _there(self) -> dict[str, bool]:
-        mine = self.station.GetMyContextFromRoot(self.simulator.get_context())
-        image = self.station.GetOutputPort("rgb_time").Eval(mine)[0] >= 0
-        pusher = np.isfinite(self.station.GetOutputPort("pusher_state").Eval(mine)).all()
-        return {"image": bool(image), "state of the pusher": bool(pusher)}
 
     def _next(self) -> float:
         """Time [s] at which the action ends that goes on now."""

@@ -87,7 +87,10 @@ class SceneRig(ScriptedStation):
         """Pushes, and waits until the fastest point of the object has been slow for `REST_TIME`."""
         period, push = self.setup.period, trial.push
         stop, rest = int(np.ceil(push.end_time / period)), RestCount(int(np.ceil(REST_TIME / period)))
-        times = period * np.arange(stop + int(self._patience(push.speed) / period))
+        braking = self.setup.twin.theta["friction_floor"].value * self.setup.twin.gravity
+        # As long as an object may take that is as fast as the pusher, and then some.
+        patience = min(REST_TIME + 0.5 + _PATIENCE * push.speed / max(braking, 1e-3), _LONGEST)
+        times = period * np.arange(stop + int(patience / period))
         rows: list[dict[str, Any]] = []
         failure = ""
         self.begin(Place(trial.X_WO, push.p_WP), push)
@@ -102,10 +105,6 @@ class SceneRig(ScriptedStation):
         t = period * np.arange(len(rows))
         first = len(rows) - rest.slow if rest.at_rest else None
         return Motion(t=t, **columns, stop=min(stop, len(rows) - 1), rest=first, failure=failure)
-
-    def _patience(self, speed: float) -> float:
-        friction = self.setup.twin.theta["friction_floor"].value
-        return min(REST_TIME + 0.5 + _PATIENCE * speed / max(friction * self.setup.twin.gravity, 1e-3), _LONGEST)
 
     def _sample(self, before: dict[str, Any]) -> dict[str, Any]:
         """Row of a `Motion` now, and an upper bound of the speed of the object's fastest point, m/s."""

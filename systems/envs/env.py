@@ -5,7 +5,6 @@ from typing import Any, Literal
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.observation import Observation
@@ -63,7 +62,7 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
         self._picture: TaskPicture | None = None
         self.render_mode = render_mode
         self.observation_space = self.worlds.observation_space
-        self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
+        self.action_space = self.worlds.action_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -72,8 +71,7 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
 
         Args:
             seed: Seed of this episode and those that follow; None goes on with the last one's generator.
-            options: {"place": Place}, or any of {"X_WO": RigidTransform, "p_WP": (3,) m, world, "goal":
-                (task.goal_size,)}: places of object and pusher, and the goal, instead of those that are drawn.
+            options: Options of the world as for `Worlds.reset`, instead of what is drawn.
 
         Raises:
             ParameterError: There is no such option.

@@ -82,16 +82,7 @@ class StationRun:
         model.SetState(model.GetMyMutableContextFromRoot(self._context), object_state, p_WP, world)
 
     def set_domain(self, domain: Domain, world: int, *, colours: bool = True) -> None:
-        """Gives one of the twin's worlds the theta and colours of a domain.
-
-        Args:
-            domain: Theta and colours, such as a cousin of the twin.
-            world: Index of the world.
-            colours: Flag: the colours are set too; drawing them takes longer than some actions.
-
-        Raises:
-            PinwmError: A value is out of range, or the surfels are not those of the twin.
-        """
+        """Gives one of the twin's worlds the theta and, if wanted, the colours of a domain; see `SetDomain`."""
         SetDomain(self._world_model, self._context, domain, world, colors=colours)
 
     def set_camera(self, X_WC: RigidTransform) -> None:

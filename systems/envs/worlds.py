@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from gymnasium.utils import seeding
 from pydrake.math import RigidTransform
 
@@ -78,7 +79,7 @@ class Worlds:
         run: The station, and the Simulator that advances it.
         progress: Progress of the worlds now.
         max_steps: Number of actions after which an episode is truncated.
-        observation_space: Observation space of one world.
+        observation_space, action_space: Spaces of one world.
         waypoints: States in which most episodes of a training begin, so that all of the way to the goal is met; none at
             first, and none within `usual_starts`.
         disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
@@ -110,6 +111,7 @@ class Worlds:
         self.engine = self.run.station.engine.name
         self._observer = Observer(self.setup, options.observation, options.frames, options.history)
         self.observation_space = self._observer.space
+        self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
         self._delay = Delay(options.latency, self.setup.scenario.pusher.horizon, num_worlds, self.task)
         if any(options.view):

@@ -137,12 +137,8 @@ class PushTable:
         wait = np.maximum(np.ceil(self._between), self._roll[:, None])[:, self._place]
         both = begin[:, None] + wait + self._used + self._roll
         two = both + missed_cost(_norm(error / scales), now)
-        return self._pick(one, single, two, both)
-
-    def _pick(self, one: np.ndarray, single: np.ndarray, two: np.ndarray, both: np.ndarray) -> list[Choice]:
-        found, edges = [], set()
-        best = int(np.argmin(one))
-        found.append(Choice((self._push(best), PlannedPush.none()), float(one[best]), float(single[best])))
+        edges, best = set(), int(np.argmin(one))
+        found = [Choice((self._push(best), PlannedPush.none()), float(one[best]), float(single[best]))]
         edge, count = self._edge, min(_CANDIDATES, two.size)
         order = np.argpartition(two.ravel(), count - 1)[:count]
         for index in order[np.argsort(two.ravel()[order])]:

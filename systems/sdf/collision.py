@@ -1,9 +1,4 @@
-"""Collision geometry for Drake: meshes of objects and pushers as texts of OBJ files, and spheres to stand on.
-
-For hydroelastic contact a mesh is divided into small triangles (`fine_mesh`). For point contact an object has convex
-pieces for the pusher (`as_box`, `piece_mesh`) and small spheres for the floor (`support_spheres`). Renderers take
-`seen_mesh`.
-"""
+"""Collision geometry for Drake: meshes of objects and pushers as texts of OBJ files, and spheres to stand on."""
 
 from collections.abc import Sequence
 from itertools import pairwise, permutations, product

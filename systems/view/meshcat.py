@@ -45,6 +45,8 @@ def make_meshcat(host: str = LOCALHOST, port: int | None = None) -> Meshcat:
 def recorded(meshcat: Meshcat, path: Path, frames_per_second: float = 30.0) -> Iterator[None]:
     """Records the publishes of a simulation in the block, and writes them as one HTML file that needs no server.
 
+    The page is as it is, without the sliders.
+
     Args:
         meshcat: The server.
         path: The file; its folder exists.
@@ -63,12 +65,7 @@ def recorded(meshcat: Meshcat, path: Path, frames_per_second: float = 30.0) -> I
         meshcat.StopRecording()
     meshcat.PublishRecording()
     with replacing(path) as partial:
-        partial.write_text(recorded_html(meshcat), encoding="utf-8")
-
-
-def recorded_html(meshcat: Meshcat) -> str:
-    """Page as it is, with the recording that was published last, as one HTML file; without the sliders."""
-    return str(meshcat.StaticHtml())
+        partial.write_text(str(meshcat.StaticHtml()), encoding="utf-8")
 
 
 def AddThetaSliders(meshcat: Meshcat, theta: Mapping[str, float]) -> None:

@@ -58,7 +58,12 @@ def AddSceneView(
         prefix: Prefix of all paths in Meshcat's tree; `meshcat.SetTransform(prefix, ...)` puts one station beside
             another.
     """
-    _draw_floor(meshcat, f"{prefix}/floor", setup.twin.floor_height)
+    meshcat.SetObject(f"{prefix}/floor", Box(_FLOOR_SIDE, _FLOOR_SIDE, _FLOOR_DEPTH), _FLOOR_COLOUR)
+    # A little lower, so that faces that lie on it are not mixed with it.
+    X_WF = RigidTransform([0.0, 0.0, setup.twin.floor_height - 0.6 * _FLOOR_DEPTH])
+    meshcat.SetTransform(f"{prefix}/floor", X_WF)
+    for name in ("/Grid", "/Axes"):
+        meshcat.SetProperty(name, "visible", False)
     _draw_camera(meshcat, f"{prefix}/camera", setup.camera, setup.X_WC)
     # What cameras see. Not deleted when a simulation begins, so that what is hidden stays so.
     params = MeshcatVisualizerParams(
@@ -86,14 +91,6 @@ def _object_paths(scene_graph: SceneGraph, prefix: str) -> list[str]:
     inspector = scene_graph.model_inspector()
     names = (inspector.GetName(frame).split("::") for frame in inspector.GetAllFrameIds())
     return ["/".join([prefix, *parts]) for parts in names if parts[-1] == "object"]
-
-
-def _draw_floor(meshcat: Meshcat, path: str, height: float) -> None:
-    meshcat.SetObject(path, Box(_FLOOR_SIDE, _FLOOR_SIDE, _FLOOR_DEPTH), _FLOOR_COLOUR)
-    # A little lower, so that faces that lie on it are not mixed with it.
-    meshcat.SetTransform(path, RigidTransform([0.0, 0.0, height - 0.6 * _FLOOR_DEPTH]))
-    for name in ("/Grid", "/Axes"):
-        meshcat.SetProperty(name, "visible", False)
 
 
 def _draw_camera(meshcat: Meshcat, path: str, camera: Camera, X_WC: RigidTransform) -> None:
