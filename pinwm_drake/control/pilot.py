@@ -8,7 +8,7 @@ import numpy as np
 
 from pinwm_drake.control.image_rules import ImageRules, Sight
 from pinwm_drake.control.safety_filter import HALTED, Mode, Safety, SafetyFilter
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.tasks.registry import recipe_of
@@ -136,8 +136,7 @@ class Pilot:
 
     def __init__(self, policy: Acting, limits: SafetyLimits, *, live: bool = False) -> None:
         spec = policy.spec
-        if spec.task.goal_size:
-            raise ParameterError("goal: got none; allowed: a policy with one, as Bundle.toward gives it (--goal)")
+        require("goal", "none", not spec.task.goal_size, "a policy with one, as Bundle.toward gives it (--goal)")
         self.spec, self.limits, self._policy, self._live = spec, limits, policy, live
         self._filter = SafetyFilter(limits, spec.horizon, (spec.camera.height, spec.camera.width), spec.task)
         low, high = np.array([limits.box_low, limits.box_high])

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from pinwm_drake.control.velocity_limiter import VelocityLimiter
-from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.errors import StateError, require
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.tasks.task import Task
 
@@ -56,8 +56,7 @@ class SafetyFilter:
     """
 
     def __init__(self, limits: SafetyLimits, horizon: float, image_size: tuple[int, int], task: Task) -> None:
-        if not isinstance(limits, SafetyLimits):
-            raise ParameterError(f"limits: got a {type(limits).__name__}; allowed: SafetyLimits")
+        require("limits", f"a {type(limits).__name__}", isinstance(limits, SafetyLimits), "SafetyLimits")
         self.limits, self.horizon, self._size, self._task = limits, horizon, image_size, task
         self._limiter = VelocityLimiter(limits, horizon)
         self._low, self._high = np.array(limits.box_low), np.array(limits.box_high)

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, Leaf
 from pydrake.systems.sensors import ImageRgba8U
 
 from pinwm_drake.control.pilot import Acting, ControlStatus, Inputs, Memory, Pilot
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.envs.policy_scene import check_scene
 from pinwm_drake.systems.ports import Immutable, declare_value, declare_vector
@@ -70,8 +70,7 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
     ) -> None:
         super().__init__()
         spec = bundle.spec
-        if spec.observes != "rgb":
-            raise ParameterError(f"policy: got one that observes {spec.observes!r}; allowed: 'rgb'")
+        require("policy", f"one that observes {spec.observes!r}", spec.observes == "rgb", "'rgb'")
         self.spec, self.limits = spec, limits
         self._pilot = Pilot(bundle, limits, live=live)
         size = (spec.camera.height, spec.camera.width)

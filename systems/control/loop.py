@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.control.pilot import Acting, ControlStatus
 from pinwm_drake.control.safety_filter import HALTED
-from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.errors import StateError, require
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.driver import ArmDriver
 from pinwm_drake.systems.control.controller import AddPolicyController
@@ -87,8 +87,7 @@ class ControlLoop:
         contact: ContactName = "hydroelastic",
         meshcat: Meshcat | None = None,
     ) -> None:
-        if simulate_arm and engine != "lcm":
-            raise ParameterError(f"engine: got {engine!r} with a simulated arm; allowed: lcm")
+        require("engine", f"{engine!r} with a simulated arm", not simulate_arm or engine == "lcm", "lcm")
         spec = bundle.spec
         self.armed, self._horizon, self._begun = armed, spec.horizon, False
         self._task, self._stopped, self._pace = spec.task, False, (0.0, 0.0)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.tasks.task import Task
 
 
@@ -28,8 +28,7 @@ class Delay:
 
     def __init__(self, latency: tuple[float, float], horizon: float, num_worlds: int, task: Task) -> None:
         low, high = (float(value) for value in latency)
-        if not 0.0 <= low <= high < math.inf:
-            raise ParameterError(f"latency: got {low} to {high} s; allowed: 0 or more, finite, the least first")
+        require("latency", f"{low} to {high} s", 0.0 <= low <= high < math.inf, "0 or more, finite, the least first")
         self._range = (low / horizon, high / horizon)
         self._latency = np.zeros(num_worlds)  # in horizons
         self._past = np.zeros((2 + math.floor(high / horizon), num_worlds, task.action_size))  # the newest first

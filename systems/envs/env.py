@@ -6,7 +6,7 @@ from typing import Any, Literal
 import gymnasium
 import numpy as np
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.systems.envs.observation import Observation
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.picture import TaskPicture
@@ -52,10 +52,8 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
         render_mode: Literal["rgb_array"] | None = None,
         **changes: Any,
     ) -> None:
-        if render_mode not in (None, "rgb_array"):
-            raise ParameterError(f"render_mode: got {render_mode!r}; allowed: rgb_array, or None")
-        if engine is not None and engine not in ENGINES:
-            raise ParameterError(f"engine: got {engine!r}; allowed: {', '.join(ENGINES)}")
+        require("render_mode", repr(render_mode), render_mode in (None, "rgb_array"), "rgb_array, or None")
+        require("engine", repr(engine), engine is None or engine in ENGINES, ", ".join(ENGINES))
         self.worlds = Worlds(scene, engine, 1, changed_options(options, changes))
         self.setup, self.task, self.run = self.worlds.setup, self.worlds.task, self.worlds.run
         self.engine, self.max_steps = self.worlds.engine, self.worlds.max_steps
@@ -108,8 +106,7 @@ def changed_options(options: EnvOptions | None, changes: dict[str, Any]) -> EnvO
     """
     known = [field.name for field in dataclasses.fields(EnvOptions)]
     for name in changes:
-        if name not in known:
-            raise ParameterError(f"options: got {name!r}; allowed: {', '.join(known)}")
+        require("options", repr(name), name in known, ", ".join(known))
     return dataclasses.replace(options or EnvOptions(), **changes)
 
 

@@ -9,7 +9,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.cousins.domain import CousinDomains, Domain, DomainDraw, DomainSource
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.learning.spec import Observes, PolicySpec
 from pinwm_drake.learning.worlds import TowardGoal
 from pinwm_drake.systems.envs.env import changed_options
@@ -51,8 +51,7 @@ class DomainPool:
     """
 
     def __init__(self, draw: DomainDraw, size: int = _POOL) -> None:
-        if size < 1:
-            raise ParameterError(f"size: got {size}; allowed: 1 or more")
+        require("size", size, size >= 1, "1 or more")
         self._draw, self.size = draw, size
         self.begin(0)
 

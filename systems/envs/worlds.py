@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform
 
 from pinwm_drake.checkpoints import Resumable, generator_state, set_generator_state
 from pinwm_drake.cousins.domain import Domain
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.systems.envs.delay import Delay
 from pinwm_drake.systems.envs.observation import Observation, Observer
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
@@ -101,8 +101,7 @@ class Worlds:
         *,
         domain: OnReset | None = None,
     ) -> None:
-        if num_worlds < 1:
-            raise ParameterError(f"num_envs: got {num_worlds}; allowed: 1 or more")
+        require("num_envs", num_worlds, num_worlds >= 1, "1 or more")
         options = options or EnvOptions()
         self.setup = environment_setup(load_setup(scene), options, num_worlds=num_worlds)
         self.task, self.domain, self.num_worlds = self.setup.task, domain, num_worlds
@@ -115,8 +114,7 @@ class Worlds:
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
         self._delay = Delay(options.latency, self.setup.scenario.pusher.horizon, num_worlds, self.task)
         if any(options.view):
-            if self.run.world_model is None:
-                raise ParameterError(f"view: got one with engine {self.engine!r}; allowed: with engine 'twin'")
+            require("view", f"one with engine {self.engine!r}", self.run.world_model is not None, "with engine 'twin'")
             X_WC = self.setup.X_WC
             self.run.set_camera(RigidTransform(X_WC.rotation(), X_WC.translation() - np.array(options.view)))
         self.spoil: Spoil | None = None
@@ -324,12 +322,9 @@ def progress_info(progress: Progress, world: int) -> dict[str, Any]:
 def _chosen_place(drawn: Place, options: dict[str, Any] | None) -> Place:
     options = options or {}
     for name in options:
-        if name not in RESET_OPTIONS:
-            raise ParameterError(f"options: got {name!r}; allowed: {', '.join(RESET_OPTIONS)}")
+        require("options", repr(name), name in RESET_OPTIONS, ", ".join(RESET_OPTIONS))
     place = options.get("place", drawn)
     X_WO, p_WP = options.get("X_WO", place.X_WO), np.asarray(options.get("p_WP", place.p_WP), float)
-    if not isinstance(X_WO, RigidTransform):
-        raise ParameterError(f"X_WO: got a {type(X_WO).__name__}; allowed: a RigidTransform")
-    if p_WP.shape != (3,) or not np.isfinite(p_WP).all():
-        raise ParameterError(f"p_WP: got {p_WP.tolist()}; allowed: three finite numbers, m")
+    require("X_WO", f"a {type(X_WO).__name__}", isinstance(X_WO, RigidTransform), "a RigidTransform")
+    require("p_WP", p_WP.tolist(), p_WP.shape == (3,) and np.isfinite(p_WP).all(), "three finite numbers, m")
     return Place(X_WO, p_WP)

@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.common import RandomGenerator
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.rest import REST_TIME, RestCount, is_slow
 from pinwm_drake.systems.runs.scripted import ScriptedStation
@@ -84,8 +84,7 @@ class Episode(ScriptedStation):
 
     def __init__(self, station: SceneStation, log: PusherTrajectory | None = None) -> None:
         worlds = station.setup.scenario.num_worlds
-        if worlds != 1:
-            raise ParameterError(f"num_worlds: got {worlds}; allowed: 1, for a scripted pusher")
+        require("num_worlds", worlds, worlds == 1, "1, for a scripted pusher")
         super().__init__(station, log)
         self.end_time = 0.0 if log is None else float(log.t[-1]) - float(log.t[0])
         self._rows: list[np.ndarray] = []

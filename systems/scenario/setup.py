@@ -11,7 +11,7 @@ from pydrake.geometry import RenderEngineVtkParams
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.models import object_model
 from pinwm_drake.rendering.camera import Camera
@@ -67,8 +67,7 @@ class Setup:
             ParameterError: There is no such parameter.
         """
         for name in values:
-            if name not in THETA:
-                raise ParameterError(f"theta: got {name!r}; allowed: {', '.join(THETA)}")
+            require("theta", repr(name), name in THETA, ", ".join(THETA))
         theta, moments = dict(self.twin.theta), [name for name in THETA if name.startswith("inertia")]
         if "mass" in values and not any(name in values for name in moments):
             scale = values["mass"] / theta["mass"].value

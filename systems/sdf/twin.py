@@ -5,7 +5,7 @@ from typing import Literal, cast, get_args
 
 import torch
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.shapes import sphere
@@ -27,8 +27,7 @@ _VISUAL = f"{_MESHES}/visual.obj"
 
 def contact_name(text: str) -> ContactName:
     """Validated name of one of Drake's contact models; raises ParameterError where there is no such model."""
-    if text not in get_args(ContactName):
-        raise ParameterError(f"contact: got {text!r}; allowed: {', '.join(get_args(ContactName))}")
+    require("contact", repr(text), text in get_args(ContactName), ", ".join(get_args(ContactName)))
     return cast(ContactName, text)
 
 

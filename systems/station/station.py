@@ -12,7 +12,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.systems.engines.engine import Engine
 from pinwm_drake.systems.engines.lcm.engine import AddLcmEngine
 from pinwm_drake.systems.engines.plant.engine import AddPlantEngine
@@ -188,10 +188,8 @@ def make_station(
     """
     setup = load_setup(scene)
     engine = engine or setup.scenario.engine
-    if engine not in STATION_ENGINES:
-        raise ParameterError(f"engine: got {engine!r}; allowed: {', '.join(STATION_ENGINES)}")
-    if command not in ("velocity", "translation"):
-        raise ParameterError(f"command: got {command!r}; allowed: velocity, translation")
+    require("engine", repr(engine), engine in STATION_ENGINES, ", ".join(STATION_ENGINES))
+    require("command", repr(command), command in ("velocity", "translation"), "velocity, translation")
     if engine != "twin" and setup.scenario.num_worlds != 1:
         raise ParameterError(f"num_worlds: got {setup.scenario.num_worlds} with {engine}; allowed: 1, or the twin")
     return SceneStation(setup, engine, command, meshcat, lcm, armed)

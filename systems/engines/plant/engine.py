@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.systems.cameras.object_camera import AddObjectImage
 from pinwm_drake.systems.engines.engine import Engine
 from pinwm_drake.systems.engines.plant.forces import PlantForces
@@ -87,5 +87,4 @@ def AddPlantEngine(builder: DiagramBuilder, setup: Setup, contact: ContactName) 
 
 
 def _require_one(world: int) -> None:
-    if world != 0:
-        raise ParameterError(f"world: got {world}; allowed: 0, as a plant is one world")
+    require("world", world, world == 0, "0, as a plant is one world")

@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.errors import ParameterError, StateError, require
 from pinwm_drake.physics.model import FLOOR
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.systems.cameras.surfel_images import WorldImages
@@ -156,8 +156,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         """
         worlds, one = self._worlds(world), tuple(self._images.surfels.sh.shape)
         fits = [one] if world is not None else [one, (self.num_worlds, *one)]
-        if tuple(sh.shape) not in fits:
-            raise ParameterError(f"sh: got {tuple(sh.shape)}; allowed: {' or '.join(map(str, fits))}")
+        require("sh", tuple(sh.shape), tuple(sh.shape) in fits, " or ".join(map(str, fits)))
         parameter = context.get_mutable_abstract_parameter(self._sh)
         if world is None:
             parameter.set_value(sh.detach().to(torch.float32, copy=True).contiguous())
