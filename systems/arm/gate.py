@@ -124,8 +124,7 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         return self._get(self.GetMyContextFromRoot(context))
 
     def _get(self, context: Context) -> Gate:
-        found: Gate = context.get_abstract_state(int(self._gate)).get_value()
-        return found
+        return context.get_abstract_state(int(self._gate)).get_value()
 
     def _Update(self, context: Context, state: State) -> EventStatus:
         gate, now = self._get(context), context.get_time()

@@ -65,8 +65,7 @@ class ImageSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
 
     def _pictures(self, context: Context) -> tuple[tuple[int, bytes], ...]:
         """Pictures that wait: numbers of the periods in which they are sent, and messages."""
-        found: tuple[tuple[int, bytes], ...] = context.get_abstract_state(int(self._waiting)).get_value()
-        return found
+        return context.get_abstract_state(int(self._waiting)).get_value()
 
     def _taken(self, context: Context) -> bytes:
         time, picture = context.get_time(), np.array(self._rgb.Eval(context).data)

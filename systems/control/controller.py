@@ -126,8 +126,7 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
         return self._get(self.GetMyContextFromRoot(context))
 
     def _get(self, context: Context) -> _Held:
-        held: _Held = context.get_abstract_state(int(self._held)).get_value()
-        return held
+        return context.get_abstract_state(int(self._held)).get_value()
 
     def _put(self, context: Context, held: _Held) -> None:
         self.GetMyMutableContextFromRoot(context).get_mutable_abstract_state(int(self._held)).set_value(held)

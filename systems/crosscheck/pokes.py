@@ -11,22 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 from rich.table import Table
 
 from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.scene import resting_height
 from pinwm_drake.systems.crosscheck.difference import angles_between
 from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
-from pinwm_drake.systems.crosscheck.trials import Trial
+from pinwm_drake.systems.crosscheck.trials import Trial, draw_object
 from pinwm_drake.systems.pusher.choice import choose_poke
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.systems.scenario.start import StartDistribution
-from pinwm_drake.twin.rollout import twin_scene
 
 _TIPS = math.radians(10.0)  # of a poke that counts, in the twin
 _OTHER = math.radians(45.0)  # between the ups of two faces
@@ -104,12 +99,14 @@ def draw_pokes(setup: Setup, number: int, seed: int) -> list[Trial]:
         InputError: A mesh cannot be used.
         ParameterError: The pusher meets no side of the object, or no poke tips it.
     """
-    rig = SceneRig(setup, "twin")
-    trials = []
+    rig, twin, trials = SceneRig(setup, "twin"), setup.twin, []
+    shape = upright_shape(twin.pusher)
     for k in range(number):
         generator = np.random.default_rng([seed, k])
         for _ in range(_ATTEMPTS):
-            trial = _draw(setup, generator)
+            X_WO, mesh_W, p_WB = draw_object(setup, None, generator)
+            poke = choose_poke(mesh_W, p_WB, shape, generator, floor_height=twin.floor_height)
+            trial = Trial(X_WO, poke)
             if _tilt(rig.run(trial)) > _TIPS:
                 break
         else:
@@ -136,17 +133,6 @@ def judge(motions: Sequence[dict[str, Motion]]) -> list[PokeVerdict]:
             )
         )
     return verdicts
-
-
-def _draw(setup: Setup, generator: np.random.Generator) -> Trial:
-    twin = setup.twin
-    mesh_W, shape = load_mesh(twin.mesh_path), upright_shape(twin.pusher)
-    X_WO = StartDistribution(setup).draw(generator).X_WO
-    q_WO = torch.from_numpy(X_WO.rotation().ToQuaternion().wxyz())
-    X_WO.set_translation([*X_WO.translation()[:2], resting_height(twin_scene(twin, q_WO), q_WO)])
-    p_WB = X_WO @ mass_properties(mesh_W, mass=1.0).p_com
-    mesh_W.apply_transform(X_WO.GetAsMatrix4())
-    return Trial(X_WO, choose_poke(mesh_W, p_WB, shape, generator, floor_height=twin.floor_height))
 
 
 def _tilt(motion: Motion) -> float:

@@ -61,8 +61,7 @@ class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
 
     def plan(self, context: Context) -> Plan | None:
         """The last plan, None before the first; the context is that of this system, or of a diagram around it."""
-        found: Plan | None = self.GetMyContextFromRoot(context).get_abstract_state(self._plan).get_value()
-        return found
+        return self.GetMyContextFromRoot(context).get_abstract_state(self._plan).get_value()
 
     def _Plan(self, context: Context, state: State) -> EventStatus:
         if period_index(context.get_time(), self._period) % self._periods:

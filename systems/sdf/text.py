@@ -121,7 +121,9 @@ def object_point_sdf(
     base = Surface(surfaces.friction_object, surfaces.dissipation_floor, 2 * settings.FLOOR_STIFFNESS)
     parts = [_inertial(solid), _visual(_mesh(visual))]
     parts += [_piece(f"piece_{k}", *one, side) for k, one in enumerate(zip(pieces, uris, strict=True))]
-    parts += [_collision(f"support_{k}", _sphere(r), base, centre) for k, (centre, r) in enumerate(supports)]
+    parts += [
+        _collision(f"support_{k}", _shape("sphere", radius=r), base, centre) for k, (centre, r) in enumerate(supports)
+    ]
     return _file(comment, name, _link("object", *parts))
 
 
@@ -170,7 +172,8 @@ def pusher_sdf(
         settings.PUSHER_RESOLUTION if whole else None,
     )
     if isinstance(shape, PusherShape):
-        seen = _shape(shape)
+        length = {} if shape.kind == "sphere" else {"length": shape.length}
+        seen = _shape(shape.kind, radius=shape.radius, **length)
         touching = [_collision("pusher", seen, surface)]
         extent = shape.radius
     else:
@@ -204,15 +207,8 @@ def _piece(name: str, piece: ConvexPiece, uri: str, surface: Surface) -> str:
     return _collision(name, box, surface, p, rpy)
 
 
-def _shape(shape: PusherShape) -> str:
-    if shape.kind == "sphere":
-        return _sphere(shape.radius)
-    sizes = [_tag("radius", shape.radius), _tag("length", shape.length)]
-    return _element("geometry", _element(shape.kind, *sizes))
-
-
-def _sphere(radius: float) -> str:
-    return _element("geometry", _element("sphere", _tag("radius", radius)))
+def _shape(kind: str, **sizes: float) -> str:
+    return _element("geometry", _element(kind, *(_tag(name, size) for name, size in sizes.items())))
 
 
 def _mesh(uri: str, *, convex: bool = False) -> str:

@@ -68,7 +68,7 @@ class LcmHandle:
 
 
 def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface | None, armed: bool) -> Engine:
-    """Adds the systems that speak with a robot's driver as `LcmLink` says.
+    """Adds the systems that speak with a robot's driver as `LcmLink` says; the engine's handle is an LcmHandle.
 
     What a robot does not know has no number: `object_state` is NaN throughout, and `contact_forces` has none. The
     pusher's state is NaN before the first message, and where none has come for `timeout`. `rgb` is the last image,
@@ -81,9 +81,6 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
         setup: The scene; `setup.scenario.lcm` says how the robot is reached.
         lcm: LCM that the messages go through; None to open the link's address.
         armed: Whether commands are sent. There is nothing in the diagram that could send them otherwise.
-
-    Returns:
-        The engine; its handle is an LcmHandle.
 
     Raises:
         InputError: A mesh cannot be used.

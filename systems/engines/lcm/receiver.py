@@ -66,8 +66,7 @@ class RobotReceiver(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
         declare_vector(self, "robot_time", 1, self._CalcRobotTime, known)
 
     def _get(self, context: Context) -> "_Known":
-        known: _Known = context.get_abstract_state(int(self._known)).get_value()
-        return known
+        return context.get_abstract_state(int(self._known)).get_value()
 
     def _Update(self, context: Context, state: State) -> EventStatus:
         before, link, now = self._get(context), self._link, context.get_time()

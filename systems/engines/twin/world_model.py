@@ -145,8 +145,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         Raises:
             PinwmError: Somebody wrote a value into the Context that is out of range.
         """
-        parameters: Parameters = self._checked.Eval(context)[0]
-        return parameters
+        return self._checked.Eval(context)[0]
 
     def SetColors(self, context: Context, sh: torch.Tensor, world: int | None = None) -> None:
         """Sets the harmonics of the surfels, (N, K, 3), of one world or all, or (W, N, K, 3); they are copied.
@@ -168,8 +167,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
 
     def GetColors(self, context: Context) -> torch.Tensor:
         """Harmonics of the surfels, (N, K, 3) of all worlds or (W, N, K, 3); not a copy."""
-        sh: torch.Tensor = context.get_abstract_parameter(self._sh).get_value()
-        return sh
+        return context.get_abstract_parameter(self._sh).get_value()
 
     def SetCamera(self, context: Context, X_WC: RigidTransform, world: int | None = None) -> None:
         """Sets the pose of the camera, OpenCV axes, of one world or all.
