@@ -7,7 +7,7 @@ happens every N-th time counts.
 
 import math
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
 
 # Of a period: far more than rounding makes of the quotient of a time and a period, up to 1e9 periods.
 _ROUNDING = 1e-6
@@ -40,6 +40,5 @@ def whole_multiple(name: str, duration: float, period: float, of: str = "the per
 
 def require_positive(name: str, value: float, unit: str = "") -> float:
     """Validated value, finite and more than 0; raises ParameterError otherwise."""
-    if not 0 < value < math.inf:
-        raise ParameterError(f"{name}: got {value:g}; allowed: more than 0{unit and ' ' + unit}")
+    require(name, f"{value:g}", 0 < value < math.inf, f"more than 0{unit and ' ' + unit}")
     return value

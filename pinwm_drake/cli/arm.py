@@ -25,7 +25,7 @@ def arm(request: ArmRequest) -> None:
     from pydrake.systems.analysis import Simulator
 
     from pinwm_drake.learning.bundle import read_bundle
-    from pinwm_drake.systems.arm.driver import MakeArmDriver
+    from pinwm_drake.systems.arm.driver import ArmDriver
     from pinwm_drake.systems.engines.lcm.link import make_lcm
     from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
     from pinwm_drake.systems.envs.policy_scene import usual_scene
@@ -41,7 +41,7 @@ def arm(request: ArmRequest) -> None:
     )
     page = make_meshcat(port=request.port) if request.meshcat else None
     lcm = make_lcm(setup.scenario.lcm)
-    driver = MakeArmDriver(setup, lcm, contact=contact_name(request.contact), latency=request.latency, meshcat=page)
+    driver = ArmDriver(setup, lcm, contact=contact_name(request.contact), latency=request.latency, meshcat=page)
     simulator = Simulator(driver)
     simulator.set_target_realtime_rate(1.0)
     context = simulator.get_mutable_context()

@@ -41,6 +41,14 @@ class ImageRules:
     pusher's box in training; or where the middle of what is seen has moved farther than 50 mm and twice the way of the
     fastest pusher. It is frozen where all pixels are those of the image before, though the pusher moves: the noise of a
     real camera forbids that.
+
+    Args:
+        camera: Camera of the images.
+        height: m, world: z of the plane that pixels are projected onto.
+        box: Least and largest x and y [m, world] of the pusher in training.
+        max_speed: m/s, of the pusher.
+        pixels: Least and largest number of pixels of the object in the golden samples; None where not known.
+        live: Flag: the images are a real camera's, whose noise makes each another one.
     """
 
     def __init__(
@@ -52,16 +60,6 @@ class ImageRules:
         pixels: tuple[int, int] | None,
         live: bool,
     ) -> None:
-        """Takes the camera's place and what bounds the object's.
-
-        Args:
-            camera: Camera of the images.
-            height: m, world: z of the plane that pixels are projected onto.
-            box: Least and largest x and y [m, world] of the pusher in training.
-            max_speed: m/s, of the pusher.
-            pixels: Least and largest number of pixels of the object in the golden samples; None where not known.
-            live: Flag: the images are a real camera's, whose noise makes each another one.
-        """
         self._camera, self._max_speed, self._live = camera, max_speed, live
         low, high = box
         least, most = (1, camera.width * camera.height) if pixels is None else pixels

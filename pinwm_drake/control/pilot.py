@@ -8,7 +8,7 @@ import numpy as np
 
 from pinwm_drake.control.image_rules import ImageRules, Sight
 from pinwm_drake.control.safety_filter import HALTED, Mode, Safety, SafetyFilter
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.tasks.registry import recipe_of
@@ -121,26 +121,22 @@ class Pilot:
     an action, and where the pusher was when the last of them was taken. It ends by itself where the policy's own
     estimate of the object has been at the goal in four actions in a row, and after `max_steps` actions.
 
+    Args:
+        policy: Policy that observes "rgb".
+        limits: Limits of the pusher's motion.
+        live: Flag: images come from a real camera, so that each is looked at as it comes, and never is the same as
+            the one before. Otherwise they are looked at only when the policy acts, as they may have to be drawn.
+
     Attributes:
         spec: Specification of the policy.
-        limits: Limits of the pusher's motion.
+
+    Raises:
+        ParameterError: There are no limits, or the policy is told its goal and has none.
     """
 
     def __init__(self, policy: Acting, limits: SafetyLimits, *, live: bool = False) -> None:
-        """Takes policy and limits.
-
-        Args:
-            policy: Policy that observes "rgb".
-            limits: Limits of the pusher's motion.
-            live: Flag: images come from a real camera, so that each is looked at as it comes, and never is the same as
-                the one before. Otherwise they are looked at only when the policy acts, as they may have to be drawn.
-
-        Raises:
-            ParameterError: There are no limits, or the policy is told its goal and has none.
-        """
         spec = policy.spec
-        if spec.task.goal_size:
-            raise ParameterError("goal: got none; allowed: a policy with one, as Bundle.toward gives it (--goal)")
+        require("goal", "none", not spec.task.goal_size, "a policy with one, as Bundle.toward gives it (--goal)")
         self.spec, self.limits, self._policy, self._live = spec, limits, policy, live
         self._filter = SafetyFilter(limits, spec.horizon, (spec.camera.height, spec.camera.width), spec.task)
         low, high = np.array([limits.box_low, limits.box_high])
@@ -211,7 +207,6 @@ class Pilot:
         return _with(memory, safety, limited=safety.limited, **told)
 
     def _decide(self, memory: Memory, stack: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, Memory]:
-        """The policy's translation (n,) m, and the memory with its estimate."""
         step = getattr(self._policy, "step", None)
         d_W, state = (self._policy.act(stack, p_WP), None) if step is None else step(stack, p_WP)
         known = () if state is None else tuple(np.asarray(state, float).tolist())
@@ -223,12 +218,10 @@ class Pilot:
         return recipe_of(task).estimate_words(task, np.array(memory.state)) if memory.state else ""
 
     def _fault(self, memory: Memory, inputs: Inputs) -> str:
-        """Fault of the station, of times or of the pusher, in words."""
         late, longest = inputs.time - inputs.pusher_time, self.limits.max_image_age
         stale = f"pusher's state is stale: {late:.3f} s old; allowed: {longest:g} s" if late > longest + _CLOCK else ""
-        known = self._filter.fault(
-            inputs.time, inputs.image_time, inputs.pusher_state, last_image_time=memory.image_time
-        )
+        last = memory.image_time
+        known = self._filter.fault(inputs.time, inputs.image_time, inputs.pusher_state, last_image_time=last)
         return inputs.fault or known or stale
 
     def _looked_at(self, memory: Memory, inputs: Inputs) -> tuple[Memory, str]:
@@ -243,7 +236,6 @@ class Pilot:
         return replace(memory, sight=sight), self._rules.fault(sight, memory.sight, moving)
 
     def _recorded(self, memory: Memory, inputs: Inputs) -> Memory:
-        """The memory with the pusher's place, if that is a new one."""
         state = np.asarray(inputs.pusher_state, float)
         newer = not memory.track or inputs.pusher_time > memory.track[-1][0]
         if state.shape != (6,) or not np.isfinite(state).all() or not np.isfinite(inputs.pusher_time) or not newer:
@@ -261,6 +253,5 @@ class Pilot:
 
 
 def _with(memory: Memory, safety: Safety, **told: Any) -> Memory:
-    """The memory with another state of the safety block, and the status that follows."""
     status = replace(memory.status, state=safety.mode, reason=safety.reason, **told)
     return replace(memory, safety=safety, status=status)

@@ -43,22 +43,16 @@ class Runner:
     acceleration and place, latches at the first fault, and says when the task is over. Times are on one clock of the
     caller's, in s.
 
-    Attributes:
-        bundle: The bundle.
-        limits: Limits of the pusher's motion.
+    Args:
+        bundle: A bundle, its folder, or the name of one that ships.
+        limits: Limits of the pusher's motion; None for the bundle's.
+        live: Flag: images come from a real camera, of which no two are the same; False for those without noise.
+
+    Raises:
+        InputError: The bundle cannot be read.
     """
 
     def __init__(self, bundle: Bundle | str | Path, limits: SafetyLimits | None = None, *, live: bool = True) -> None:
-        """Takes a bundle, disarmed.
-
-        Args:
-            bundle: A bundle, its folder, or the name of one that ships.
-            limits: Limits of the pusher's motion; None for the bundle's.
-            live: Flag: images come from a real camera, of which no two are the same; False for those without noise.
-
-        Raises:
-            InputError: The bundle cannot be read.
-        """
         self.bundle = bundle if isinstance(bundle, Bundle) else read_bundle(bundle)
         self.limits = limits or self.bundle.limits
         self._pilot = Pilot(self.bundle, self.limits, live=live)

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from pinwm_drake.control.velocity_limiter import VelocityLimiter
-from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.errors import StateError, require
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.tasks.task import Task
 
@@ -45,25 +45,18 @@ class SafetyFilter:
 
     The filter itself has no state, so that a Drake Context can hold it: methods take a `Safety` and return the next.
 
-    Attributes:
-        limits: Limits of the pusher's motion, kept whatever comes in.
-        horizon: s, over which a translation is spread.
+    Args:
+        limits: Limits: box, speed, acceleration, and age of images.
+        horizon: s, between actions.
+        image_size: Height and width, px, of images.
+        task: Axes of the actions.
+
+    Raises:
+        ParameterError: There are no limits, or the horizon is not positive.
     """
 
     def __init__(self, limits: SafetyLimits, horizon: float, image_size: tuple[int, int], task: Task) -> None:
-        """Takes the limits; there is no filter without.
-
-        Args:
-            limits: Limits: box, speed, acceleration, and age of images.
-            horizon: s, between actions.
-            image_size: Height and width, px, of images.
-            task: Axes of the actions.
-
-        Raises:
-            ParameterError: There are no limits, or the horizon is not positive.
-        """
-        if not isinstance(limits, SafetyLimits):
-            raise ParameterError(f"limits: got a {type(limits).__name__}; allowed: SafetyLimits")
+        require("limits", f"a {type(limits).__name__}", isinstance(limits, SafetyLimits), "SafetyLimits")
         self.limits, self.horizon, self._size, self._task = limits, horizon, image_size, task
         self._limiter = VelocityLimiter(limits, horizon)
         self._low, self._high = np.array(limits.box_low), np.array(limits.box_high)
@@ -88,12 +81,7 @@ class SafetyFilter:
         return Safety("done", reason) if safety.mode in ("armed", "running") else safety
 
     def fault(
-        self,
-        time: float,
-        image_time: float,
-        pusher_state: np.ndarray,
-        *,
-        last_image_time: float = -np.inf,
+        self, time: float, image_time: float, pusher_state: np.ndarray, *, last_image_time: float = -np.inf
     ) -> str:
         """Fault of the inputs, but for the image itself, in words; empty if there is none.
 

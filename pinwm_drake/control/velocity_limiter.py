@@ -25,18 +25,16 @@ class VelocityLimiter:
 
     Velocities that this class gave, with a pusher that moved by them, keep all three exactly, to 1e-9 of a limit. Where
     something else has moved the pusher, the box goes before the acceleration.
+
+    Args:
+        limits: Limits of box, speed and acceleration.
+        period: Period T of the samples, s.
+
+    Raises:
+        ParameterError: The period is not positive.
     """
 
     def __init__(self, limits: SafetyLimits, period: float) -> None:
-        """Prepares the limits of a sampled velocity.
-
-        Args:
-            limits: Limits of box, speed and acceleration.
-            period: Period T of the samples, s.
-
-        Raises:
-            ParameterError: The period is not positive.
-        """
         require("period", f"{period:g} s", 0 < period < math.inf, "more than 0 s")
         self._period = period
         self._low, self._high = np.array(limits.box_low), np.array(limits.box_high)

@@ -1,7 +1,5 @@
 """Control of the simulated driver's arm: velocities of its tool in, angles and velocities of its joints out."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
@@ -11,7 +9,7 @@ from pydrake.multibody.inverse_kinematics import (
 )
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import Context, DiagramBuilder, InputPort, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import StateInterpolatorWithDiscreteDerivative
 
 from pinwm_drake.learning.safety import SafetyLimits
@@ -24,30 +22,9 @@ _SHARE = 0.95  # of the joints' greatest speeds
 _CENTRING = 1.0  # 1/s, towards the nominal angles, in the one direction that the tool does not feel
 
 
-@dataclass(frozen=True, eq=False)
-class ArmControl:
-    """Ports of an arm's control in a diagram.
-
-    Attributes:
-        pusher_velocity: Input (3): v_WP [m/s], world; one that is not finite is none.
-        command_time: Input (1): time of the last command, another with every command.
-        pusher_state: Input (6): p_WP [m], v_WP [m/s], measured.
-        arm_state: Input (14): measured angles [rad] and velocities [rad/s] of the joints.
-        desired_state: Output (14): angles [rad] and velocities [rad/s] that the joints are to have.
-        tool_target: Output (6): p_WP [m], v_WP [m/s] that the tool is to have.
-    """
-
-    pusher_velocity: InputPort
-    command_time: InputPort
-    pusher_state: InputPort
-    arm_state: InputPort
-    desired_state: OutputPort
-    tool_target: OutputPort
-
-
 def AddArmControl(
     builder: DiagramBuilder, model: ArmModel, limits: SafetyLimits, period: float, height: float | None
-) -> ArmControl:
+) -> tuple[CommandInterpolator, DifferentialInverseKinematicsIntegrator, StateInterpolatorWithDiscreteDerivative]:
     """Adds the control of an arm, from commands to its joints' servos, to a diagram.
 
         velocity ─► CommandInterpolator ─► ToolPose ─► DifferentialInverseKinematicsIntegrator ─►
@@ -63,7 +40,8 @@ def AddArmControl(
         height: m, world, that the tool keeps; None where commands move it up and down too.
 
     Returns:
-        The ports.
+        The first system, whose inputs are to be connected; the one whose input `robot_state` (14) is to have measured
+        angles [rad] and velocities [rad/s] of the joints; and the last, whose output (14) has those that are wanted.
     """
     stream = builder.AddNamedSystem("command_interpolator", CommandInterpolator(limits, period))
     pose = builder.AddNamedSystem("tool_pose", ToolPose(height))
@@ -76,18 +54,10 @@ def AddArmControl(
     builder.Connect(stream.GetOutputPort("desired_state"), pose.get_input_port())
     builder.Connect(pose.get_output_port(), kinematics.GetInputPort("X_AE_desired"))
     builder.Connect(kinematics.GetOutputPort("joint_positions"), joints.get_input_port())
-    return ArmControl(
-        pusher_velocity=stream.GetInputPort("pusher_velocity_W"),
-        command_time=stream.GetInputPort("command_time"),
-        pusher_state=stream.GetInputPort("pusher_state"),
-        arm_state=kinematics.GetInputPort("robot_state"),
-        desired_state=joints.get_output_port(),
-        tool_target=stream.GetOutputPort("desired_state"),
-    )
+    return stream, kinematics, joints
 
 
 def _parameters(model: ArmModel) -> DifferentialInverseKinematicsParameters:
-    """Limits of the joints, and the angles that they keep near."""
     plant = model.plant
     parameters = DifferentialInverseKinematicsParameters(JOINTS, JOINTS)
     low, high = plant.GetPositionLowerLimits() + _MARGIN, plant.GetPositionUpperLimits() - _MARGIN
@@ -106,11 +76,10 @@ class ToolPose(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
         desired_state  (6): p_WP [m],  ────►│ ToolPose │─► X_WP  RigidTransform: axes of the world, at p_WP
                             v_WP [m/s], W   └──────────┘   direct feedthrough
 
-    With a height of its own, commands along z have no effect.
+    With a `height` [m, world] of its own, commands along z have no effect; None is that of the desired state.
     """
 
     def __init__(self, height: float | None) -> None:
-        """Declares the ports; `height` is in m, world, None for that of the desired state."""
         super().__init__()
         state = self.DeclareVectorInputPort("desired_state", 6)
 
@@ -129,11 +98,10 @@ class ToolState(LeafSystem):  # type: ignore[misc]  # pydrake has no usable type
         body_velocities  Value[list[SpatialVelocity]] ─►│           │
                                                         └───────────┘   direct feedthrough
 
-    Both inputs are the outputs of a MultibodyPlant, in the order of its bodies.
+    Both inputs are the outputs of a MultibodyPlant, in the order of its bodies; frame P is that of `body`.
     """
 
     def __init__(self, body: BodyIndex) -> None:
-        """Declares the ports; `body` is the tool's, whose frame is P."""
         super().__init__()
         poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         velocities = self.DeclareAbstractInputPort("body_velocities", AbstractValue.Make([SpatialVelocity()]))

@@ -1,28 +1,36 @@
 """Simulated driver of a robot: an arm with its camera, behind the messages that a real one would have."""
 
 import numpy as np
+from drake import lcmt_drake_signal  # type: ignore[import-untyped]  # LCM's types
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
-from pydrake.systems.lcm import LcmInterfaceSystem
+from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem
+from pydrake.systems.primitives import Multiplexer
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.control import AddArmControl, ToolState
 from pinwm_drake.systems.arm.gate import CommandGate
-from pinwm_drake.systems.arm.messages import AddCamera, AddState
+from pinwm_drake.systems.arm.messages import STATE_NAMES, ImageSender
 from pinwm_drake.systems.arm.model import REACH_HIGH, REACH_LOW, ArmModel
-from pinwm_drake.systems.arm.plant import AddArmView, MakeArmPlant
+from pinwm_drake.systems.arm.plant import MakeArmPlant
+from pinwm_drake.systems.cameras.object_camera import AddObjectImage
+from pinwm_drake.systems.engines.lcm.signal import SignalSender
+from pinwm_drake.systems.engines.plant.forces import PlantForces
 from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.systems.sdf.twin import ContactName
+from pinwm_drake.systems.view.scene import AddSceneView
 
 TIME_STEP = 0.0025  # s, of the plant
 # m/s^2: 8.6 rad/s^2 of joint A1, which the notes of Drake's model of the arm give, at half a metre.
 _MAX_ACCELERATION = 4.0
 _HALF_HEIGHT = 0.01  # m, of the box that the tool may be in
+_SUPERSAMPLING = 3
+_EYE, _TARGET = np.array([1.3, -1.3, 1.0]), np.array([0.0, 0.15, 0.35])  # m, world, of the page's own look
 
 
 class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
@@ -47,54 +55,83 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
     at that moment at 0.2 m/s, since it is late by some 7 ms; off the path by 1.1 mm at most; and within 0.2 mm of its
     height, in both contact models and with steps of 1 or 2.5 ms.
 
+    It can be simulated alone, or in a diagram beside a station. Object and tool are to be put into place with
+    `SetPlace`.
+
+    Args:
+        setup: The scene; `setup.scenario.lcm` says which channels are used.
+        lcm: `make_lcm` of that; the very object that the station has, where both are in one process over `memq://`.
+        contact: The contact model; "point" takes half the time, 0.7 s of one core for 1 s.
+        time_step: s, of the plant.
+        latency: s, of the camera, from exposure to sending; rounded to periods of the link.
+        meshcat: Shows arm and object, if given.
+
     Attributes:
-        setup: Setup that it was made from.
         limits: Limits of the tool's motion.
         model: The arm's kinematics.
+
+    Raises:
+        InputError: A mesh cannot be used.
+        ParameterError: The scene is out of the arm's reach, or periods and time steps do not divide each other.
     """
 
     def __init__(
         self,
         setup: Setup,
         lcm: DrakeLcmInterface,
-        contact: ContactName,
-        time_step: float,
-        latency: float,
-        meshcat: Meshcat | None,
+        *,
+        contact: ContactName = "hydroelastic",
+        time_step: float = TIME_STEP,
+        latency: float = 0.0,
+        meshcat: Meshcat | None = None,
     ) -> None:
-        """Assembles the diagram; arguments as for `MakeArmDriver`."""
         super().__init__()
         link = setup.scenario.lcm
+        whole_multiple("lcm.image_period", link.image_period, link.period, "lcm.period")
+        whole_multiple("lcm.period", link.period, time_step, "the plant's time step")
         self.setup, self.limits, self._lcm = setup, arm_limits(setup), lcm
         height = setup.scenario.start.pusher_height
         self.model, self._height = ArmModel(setup.twin.floor_height, height), None if _moves_up(setup) else height
         builder = DiagramBuilder()
         builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
-        self._arm = MakeArmPlant(builder, setup, time_step, contact)
-        parts = self._arm.parts
+        self._parts, self._arm = MakeArmPlant(builder, setup, time_step, contact)
+        parts = self._parts
         plant = parts.plant
         tool = builder.AddNamedSystem("tool_state", ToolState(parts.pusher.index()))
         builder.Connect(plant.get_body_poses_output_port(), tool.GetInputPort("body_poses"))
         builder.Connect(plant.get_body_spatial_velocities_output_port(), tool.GetInputPort("body_velocities"))
-        control = AddArmControl(builder, self.model, self.limits, link.period, self._height)
-        builder.Connect(tool.get_output_port(), control.pusher_state)
-        builder.Connect(plant.get_state_output_port(self._arm.arm), control.arm_state)
-        builder.Connect(control.desired_state, plant.get_desired_state_input_port(self._arm.arm))
+        stream, kinematics, joints = AddArmControl(builder, self.model, self.limits, link.period, self._height)
+        builder.Connect(tool.get_output_port(), stream.GetInputPort("pusher_state"))
+        builder.Connect(plant.get_state_output_port(self._arm), kinematics.GetInputPort("robot_state"))
+        builder.Connect(joints.get_output_port(), plant.get_desired_state_input_port(self._arm))
         gate = builder.AddNamedSystem("command_gate", CommandGate(lcm, link, self.limits.max_speed))
-        builder.Connect(gate.GetOutputPort("pusher_velocity_W"), control.pusher_velocity)
-        builder.Connect(gate.GetOutputPort("command_time"), control.command_time)
-        AddState(builder, lcm, link, tool.get_output_port(), gate.GetOutputPort("status"))
-        AddCamera(builder, lcm, parts.scene_graph, setup, latency)
+        for name in ("pusher_velocity_W", "command_time"):
+            builder.Connect(gate.GetOutputPort(name), stream.GetInputPort(name))
+        both = builder.AddNamedSystem("state_and_status", Multiplexer([6, 4]))
+        message = builder.AddNamedSystem("state_message", SignalSender(STATE_NAMES))
+        publisher = LcmPublisherSystem.Make(link.state_channel, lcmt_drake_signal, lcm, publish_period=link.period)
+        builder.AddNamedSystem("state_publisher", publisher)
+        builder.Connect(tool.get_output_port(), both.get_input_port(0))
+        builder.Connect(gate.GetOutputPort("status"), both.get_input_port(1))
+        builder.Connect(both.get_output_port(), message.get_input_port())
+        builder.Connect(message.get_output_port(), publisher.get_input_port())
+        camera, state = setup.camera, plant.get_state_output_port(parts.object_instance)
+        image = AddObjectImage(builder, parts.scene_graph, camera, _SUPERSAMPLING, setup.X_WC)
+        sender = builder.AddNamedSystem("image_sender", ImageSender(lcm, link, camera.width, camera.height, latency))
+        builder.Connect(image.GetOutputPort("rgb"), sender.get_input_port())
         outputs = {
-            "object_state": plant.get_state_output_port(parts.object_instance),
+            "object_state": state,
             "pusher_state": tool.get_output_port(),
-            "tool_target": control.tool_target,
-            "arm_state": plant.get_state_output_port(self._arm.arm),
+            "tool_target": stream.GetOutputPort("desired_state"),
+            "arm_state": plant.get_state_output_port(self._arm),
         }
         for name, port in outputs.items():
             builder.ExportOutput(port, name)
         if meshcat is not None:
-            AddArmView(builder, parts, meshcat, contact)
+            forces = builder.AddNamedSystem("plant_forces", PlantForces(parts))
+            builder.Connect(plant.get_contact_results_output_port(), forces.get_input_port())
+            AddSceneView(builder, contact, parts.scene_graph, state, forces.get_output_port(), meshcat, setup)
+            meshcat.SetCameraPose(_EYE, _TARGET)
         builder.BuildInto(self)
         self.set_name("arm_driver")
 
@@ -109,14 +146,14 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         Raises:
             ParameterError: The arm cannot reach it.
         """
-        plant = self._arm.parts.plant
+        plant = self._parts.plant
         mine = plant.GetMyMutableContextFromRoot(context)
         x, y, z = place.p_WP
         q = self.model.positions(np.array([x, y, z if self._height is None else self._height]))
-        plant.SetPositions(mine, self._arm.arm, q)
-        plant.SetVelocities(mine, self._arm.arm, np.zeros(len(q)))
-        plant.SetFreeBodyPose(mine, self._arm.parts.object, place.X_WO)
-        plant.SetVelocities(mine, self._arm.parts.object_instance, np.zeros(6))
+        plant.SetPositions(mine, self._arm, q)
+        plant.SetVelocities(mine, self._arm, np.zeros(len(q)))
+        plant.SetFreeBodyPose(mine, self._parts.object, place.X_WO)
+        plant.SetVelocities(mine, self._parts.object_instance, np.zeros(6))
 
     def draw_place(self, generator: np.random.Generator) -> Place:
         """Draws a start of the scenario that the arm can reach."""
@@ -131,40 +168,8 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
 
     def tool_pose(self, context: Context) -> RigidTransform:
         """Present pose X_WP of the tool; `context` as for `SetPlace`."""
-        plant = self._arm.parts.plant
-        return plant.EvalBodyPoseInWorld(plant.GetMyContextFromRoot(context), self._arm.parts.pusher)
-
-
-def MakeArmDriver(
-    setup: Setup,
-    lcm: DrakeLcmInterface,
-    *,
-    contact: ContactName = "hydroelastic",
-    time_step: float = TIME_STEP,
-    latency: float = 0.0,
-    meshcat: Meshcat | None = None,
-) -> ArmDriver:
-    """Makes the simulated driver of a scene; object and tool are to be put into place with `SetPlace`.
-
-    Args:
-        setup: The scene; `setup.scenario.lcm` says which channels are used.
-        lcm: `make_lcm` of that; the very object that the station has, where both are in one process over `memq://`.
-        contact: The contact model; "point" takes half the time, 0.7 s of one core for 1 s.
-        time_step: s, of the plant.
-        latency: s, of the camera, from exposure to sending; rounded to periods of the link.
-        meshcat: Shows arm and object, if given.
-
-    Returns:
-        The driver, a Diagram: to be simulated alone, or in a diagram beside a station.
-
-    Raises:
-        InputError: A mesh cannot be used.
-        ParameterError: The scene is out of the arm's reach, or periods and time steps do not divide each other.
-    """
-    link = setup.scenario.lcm
-    whole_multiple("lcm.image_period", link.image_period, link.period, "lcm.period")
-    whole_multiple("lcm.period", link.period, time_step, "the plant's time step")
-    return ArmDriver(setup, lcm, contact, time_step, latency, meshcat)
+        plant = self._parts.plant
+        return plant.EvalBodyPoseInWorld(plant.GetMyContextFromRoot(context), self._parts.pusher)
 
 
 def arm_limits(setup: Setup) -> SafetyLimits:

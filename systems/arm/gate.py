@@ -101,16 +101,14 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         of commands       └─────────────┘─► status             (4): session, sequence, mode, fault
 
     The state, a `Gate`, is updated every `period` by all messages that have come since; there is no direct feedthrough.
+
+    Args:
+        lcm: LCM that the messages come through; somebody has to pump it.
+        link: Channel, period and time-out.
+        max_speed: m/s, largest speed of a command.
     """
 
     def __init__(self, lcm: DrakeLcmInterface, link: LcmLink, max_speed: float) -> None:
-        """Subscribes, and declares state and ports.
-
-        Args:
-            lcm: LCM that the messages come through; somebody has to pump it.
-            link: Channel, period and time-out.
-            max_speed: m/s, largest speed of a command.
-        """
         super().__init__()
         self._link, self._max_speed = link, max_speed
         self._mailbox = Mailbox(link.command_channel, lcmt_drake_signal, lcm)
@@ -126,8 +124,7 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         return self._get(self.GetMyContextFromRoot(context))
 
     def _get(self, context: Context) -> Gate:
-        found: Gate = context.get_abstract_state(int(self._gate)).get_value()
-        return found
+        return context.get_abstract_state(int(self._gate)).get_value()
 
     def _Update(self, context: Context, state: State) -> EventStatus:
         gate, now = self._get(context), context.get_time()

@@ -35,21 +35,15 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
     down within the acceleration limit. A pusher that is measured farther than `max_lag` from where it is to be, since
     something holds it, is led no farther away.
 
-    Attributes:
+    Args:
         limits: Limits of the motion.
         period: T, s.
+
+    Raises:
+        ParameterError: The period is not positive, or longer than the age of a command may be.
     """
 
     def __init__(self, limits: SafetyLimits, period: float = 1.0 / RATE) -> None:
-        """Declares state, ports and events.
-
-        Args:
-            limits: Limits of the motion.
-            period: T, s.
-
-        Raises:
-            ParameterError: The period is not positive, or longer than the age of a command may be.
-        """
         super().__init__()
         self.limits, self.period = limits, require_positive("period", period, "s")
         if period >= limits.max_command_age:

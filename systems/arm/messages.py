@@ -1,72 +1,23 @@
-"""Messages of an arm's simulated driver over LCM, in and out; see `LcmLink`."""
+"""Messages of an arm's simulated driver over LCM; see `LcmLink`."""
 
 import zlib
 
 import numpy as np
-from drake import lcmt_drake_signal, lcmt_image, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
+from drake import lcmt_image, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
 from pydrake.common.value import AbstractValue
-from pydrake.geometry import SceneGraph
 from pydrake.lcm import DrakeLcmInterface
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort, State
-from pydrake.systems.lcm import LcmPublisherSystem
-from pydrake.systems.primitives import Multiplexer
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 from pydrake.systems.sensors import ImageRgba8U
 
-from pinwm_drake.systems.cameras.object_camera import AddObjectImage
-from pinwm_drake.systems.engines.lcm.signal import SignalSender
 from pinwm_drake.systems.sampling import period_index, whole_multiple
 from pinwm_drake.systems.scenario.schema import LcmLink
-from pinwm_drake.systems.scenario.setup import Setup
 
-_SUPERSAMPLING = 3
 _NOISE = 1.0  # of 255 levels, rms
-_NAMES = ("px", "py", "pz", "vx", "vy", "vz", "session", "sequence", "mode", "fault")
-
-
-def AddState(
-    builder: DiagramBuilder, lcm: DrakeLcmInterface, link: LcmLink, state: OutputPort, status: OutputPort
-) -> None:
-    """Adds the sender of the tool's `state` and of the gate's `status`.
-
-    Args:
-        builder: Builder of the diagram, which pumps `lcm`.
-        lcm: LCM that the messages go through.
-        link: Names of the channels, period and time-out.
-        state: Output (6): p_WP [m], v_WP [m/s] of the tool, world.
-        status: Output (4) of the `CommandGate`.
-    """
-    both = builder.AddNamedSystem("state_and_status", Multiplexer([state.size(), status.size()]))
-    message = builder.AddNamedSystem("state_message", SignalSender(_NAMES))
-    publisher = LcmPublisherSystem.Make(link.state_channel, lcmt_drake_signal, lcm, publish_period=link.period)
-    builder.AddNamedSystem("state_publisher", publisher)
-    builder.Connect(state, both.get_input_port(0))
-    builder.Connect(status, both.get_input_port(1))
-    builder.Connect(both.get_output_port(), message.get_input_port())
-    builder.Connect(message.get_output_port(), publisher.get_input_port())
-
-
-def AddCamera(
-    builder: DiagramBuilder, lcm: DrakeLcmInterface, scene_graph: SceneGraph, setup: Setup, latency: float
-) -> None:
-    """Adds the scenario's camera, which sends its pictures with the object cut out.
-
-    Each pixel of the object has noise of one level of 255 (rms), as that of every real camera has.
-
-    Args:
-        builder: Builder of the diagram, which pumps `lcm`.
-        lcm: LCM that the messages go through.
-        scene_graph: The geometry that it sees.
-        setup: The scene.
-        latency: s, from the moment that a picture shows to that at which it is sent.
-    """
-    camera, link = setup.camera, setup.scenario.lcm
-    image = AddObjectImage(builder, scene_graph, camera, _SUPERSAMPLING, setup.X_WC)
-    sender = builder.AddNamedSystem("image_sender", ImageSender(lcm, link, camera.width, camera.height, latency))
-    builder.Connect(image.GetOutputPort("rgb"), sender.get_input_port())
+STATE_NAMES = ("px", "py", "pz", "vx", "vy", "vz", "session", "sequence", "mode", "fault")
 
 
 class ImageSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Sender of a camera's pictures, with the noise and the delay of a real one.
+    """Sender of a camera's pictures, with the noise (one level of 255, rms) and the delay of a real one.
 
                              ┌─────────────┐
         rgb  ImageRgba8U ───►│ ImageSender │─► lcmt_image_array on the image channel, RGBA packed by zlib, stamped with
@@ -74,18 +25,16 @@ class ImageSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
 
     Pictures are timed such that each comes two periods before a controller acts that acts at multiples of
     `image_period`.
+
+    Args:
+        lcm: LCM that the messages go through.
+        link: Channel and periods.
+        width: px.
+        height: px.
+        latency: s, from the moment that a picture shows to that at which it is sent; a period at least.
     """
 
     def __init__(self, lcm: DrakeLcmInterface, link: LcmLink, width: int, height: int, latency: float) -> None:
-        """Declares port and events.
-
-        Args:
-            lcm: LCM that the messages go through.
-            link: Channel and periods.
-            width: px.
-            height: px.
-            latency: s, from the moment that a picture shows to that at which it is sent; a period at least.
-        """
         super().__init__()
         self._lcm, self._channel = lcm, link.image_channel
         self._rgb = self.DeclareAbstractInputPort("rgb", AbstractValue.Make(ImageRgba8U(width, height)))
@@ -98,7 +47,6 @@ class ImageSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         self.DeclarePeriodicPublishEvent(link.period, 0.0, self._Send)
 
     def _Update(self, context: Context, state: State) -> EventStatus:
-        """Forgets what has been sent, and takes a picture where one is due."""
         kept, number = self._pictures(context), period_index(context.get_time(), self._period)
         waiting = tuple(entry for entry in kept if entry[0] > number)
         if number % self._pause == self._first:
@@ -117,8 +65,7 @@ class ImageSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
 
     def _pictures(self, context: Context) -> tuple[tuple[int, bytes], ...]:
         """Pictures that wait: numbers of the periods in which they are sent, and messages."""
-        found: tuple[tuple[int, bytes], ...] = context.get_abstract_state(int(self._waiting)).get_value()
-        return found
+        return context.get_abstract_state(int(self._waiting)).get_value()
 
     def _taken(self, context: Context) -> bytes:
         time, picture = context.get_time(), np.array(self._rgb.Eval(context).data)

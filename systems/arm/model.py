@@ -51,6 +51,10 @@ def add_arm(plant: MultibodyPlant, floor_height: float) -> tuple[ModelInstanceIn
 class ArmModel:
     """Model of the arm alone, for its kinematics.
 
+    Args:
+        floor_height: Height of the floor, m, world.
+        tool_height: Height at which the tool works, m, world.
+
     Attributes:
         plant: Finalized; in no diagram.
         tool: The frame `TOOL`.
@@ -58,12 +62,6 @@ class ArmModel:
     """
 
     def __init__(self, floor_height: float, tool_height: float) -> None:
-        """Loads the arm.
-
-        Args:
-            floor_height: Height of the floor, m, world.
-            tool_height: Height at which the tool works, m, world.
-        """
         self.plant = MultibodyPlant(0.0)
         _, self.tool = add_arm(self.plant, floor_height)
         self.plant.Finalize()

@@ -1,44 +1,24 @@
 """Pushing scene with an arm: a MultibodyPlant in which the pusher is the arm's tool."""
 
 import dataclasses
-from dataclasses import dataclass
 
-import numpy as np
-from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains, RigidBody
-from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.systems.arm.model import JOINTS, add_arm
-from pinwm_drake.systems.engines.plant.forces import PlantForces
 from pinwm_drake.systems.engines.plant.scene import MakeScenePlant, ScenePlant
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.sdf.twin import ContactName
-from pinwm_drake.systems.view.scene import AddSceneView
 
 # N m/rad and N m s/rad of each joint's servo, which Drake's discrete solvers treat implicitly: a tool that is pushed
 # with 1 N gives way by a hundredth of a millimetre.
 _STIFFNESS, _DAMPING = 4e4, 8e2
-_EYE, _TARGET = np.array([1.3, -1.3, 1.0]), np.array([0.0, 0.15, 0.35])  # m, world, of the page's own look
-
-
-@dataclass(frozen=True, eq=False)
-class ArmPlant:
-    """Parts of a pushing scene with an arm in a diagram.
-
-    Attributes:
-        parts: Object, pusher, plant and scene graph; the pusher has no joints of its own.
-        arm: Model instance of the arm: positions (7) [rad], velocities (7) [rad/s]. The plant's input port for its
-            desired state has both.
-    """
-
-    parts: ScenePlant
-    arm: ModelInstanceIndex
 
 
 def MakeArmPlant(
     builder: DiagramBuilder, setup: Setup, time_step: float, contact: ContactName = "hydroelastic"
-) -> ArmPlant:
+) -> tuple[ScenePlant, ModelInstanceIndex]:
     """Adds a finalized plant, and its scene graph, to a diagram.
 
     The arm touches nothing but through the pusher, which is welded to the end of its rod, axes along the world's.
@@ -50,7 +30,8 @@ def MakeArmPlant(
         contact: The contact model.
 
     Returns:
-        The parts.
+        Object, pusher, which has no joints of its own, plant and scene graph; and the model instance of the arm:
+        positions (7) [rad], velocities (7) [rad/s]. The plant's input port for its desired state has both.
 
     Raises:
         InputError: A mesh cannot be used.
@@ -68,30 +49,4 @@ def MakeArmPlant(
 
     parts = MakeScenePlant(builder, dataclasses.replace(setup, plant_time_step=time_step), contact, hold)
     assert parts.plant.num_positions(found[0]) == JOINTS
-    return ArmPlant(parts, found[0])
-
-
-@dataclass(frozen=True, eq=False)
-class _Parts:
-    """Ports and names of an engine that `AddSceneView` reads."""
-
-    name: str
-    object_state: OutputPort
-    contact_forces: OutputPort
-    scene_graph: SceneGraph
-
-
-def AddArmView(builder: DiagramBuilder, parts: ScenePlant, meshcat: Meshcat, name: str) -> None:
-    """Adds the view of arm, object, floor, camera and contact forces to a diagram.
-
-    Args:
-        builder: Builder of the diagram that holds the plant.
-        parts: The plant with the arm.
-        meshcat: The server.
-        name: Name of the contact model.
-    """
-    forces = builder.AddNamedSystem("plant_forces", PlantForces(parts))
-    builder.Connect(parts.plant.get_contact_results_output_port(), forces.get_input_port())
-    state = parts.plant.get_state_output_port(parts.object_instance)
-    AddSceneView(builder, _Parts(name, state, forces.get_output_port(), parts.scene_graph), meshcat, parts.setup)
-    meshcat.SetCameraPose(_EYE, _TARGET)
+    return parts, found[0]

@@ -1,8 +1,4 @@
-"""Cameras of an object: Drake's RgbdSensor, and images whose alpha is the visible object.
-
-`AddCaptureRig` adds a camera that can be put anywhere, for captures; `ObjectImage` makes the `rgb` ports of a station
-from the images of such a camera. Both make one pixel of several rendered ones, with `downsample`.
-"""
+"""Cameras of an object: Drake's RgbdSensor, and images whose alpha is the visible object."""
 
 import math
 from dataclasses import dataclass
@@ -101,9 +97,6 @@ def AddCaptureRig(
         X_WC: Pose of the camera until another one is set, OpenCV axes; None for the world's.
         query: The scene graph's query port as the diagram has it; None for that of the scene graph itself.
         renderer: Settings of the renderer that is added; None for even light from all sides.
-
-    Returns:
-        The camera.
     """
     if not scene_graph.HasRenderer(_RENDERER):
         even = RenderEngineVtkParams(default_clear_color=np.ones(3), lights=_lights())
@@ -169,16 +162,14 @@ class ObjectImage(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
                                                    └─────────────┘   direct feedthrough
 
     The picture is made once for both ports. See `downsample`.
+
+    Args:
+        width: W, px.
+        height: H, px.
+        supersampling: Number s of rendered pixels that make one, along each side.
     """
 
     def __init__(self, width: int, height: int, supersampling: int) -> None:
-        """Declares the ports.
-
-        Args:
-            width: W, px.
-            height: H, px.
-            supersampling: Number s of rendered pixels that make one, along each side.
-        """
         super().__init__()
         self._factor = supersampling
         size = (supersampling * width, supersampling * height)

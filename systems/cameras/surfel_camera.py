@@ -1,7 +1,5 @@
 """Further cameras on an object made of surfels: in a robot's hand, or a second view."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 import trimesh
@@ -47,6 +45,20 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
     but the batch come from one rendering, made when the first of them is evaluated, and kept by Drake until an input
     changes. All outputs but image_time depend on the inputs directly. The pusher is not seen; it is in the `rgb` port
     of WorldModel.
+
+    Args:
+        surfels: Surfels of the object, frame O; one set of colours, or one for each world.
+        camera: Camera with intrinsics (4,).
+        mesh: Mesh of the object, m, frame O, whose outline images have. None takes all that surfels cover, which
+            is a little more.
+        num_worlds: W.
+        near: Least depth, m; depths below it are too close.
+        far: Largest depth, m; depths above it are too far.
+        label: Label of the object.
+
+    Raises:
+        ParameterError: A number is out of range.
+        RenderingError: Shapes of the surfels do not fit.
     """
 
     def __init__(
@@ -59,25 +71,7 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         near: float = 0.02,
         far: float = 10.0,
         label: RenderLabel = OBJECT_LABEL,
-        num_threads: int | None = None,
     ) -> None:
-        """Declares the ports and the cache.
-
-        Args:
-            surfels: Surfels of the object, frame O; one set of colours, or one for each world.
-            camera: Camera with intrinsics (4,).
-            mesh: Mesh of the object, m, frame O, whose outline images have. None takes all that surfels cover, which
-                is a little more.
-            num_worlds: W.
-            near: Least depth, m; depths below it are too close.
-            far: Largest depth, m; depths above it are too far.
-            label: Label of the object.
-            num_threads: Threads of the renderer; None for one on each core. It does not change images.
-
-        Raises:
-            ParameterError: A number is out of range.
-            RenderingError: Shapes of the surfels do not fit.
-        """
         super().__init__()
         if num_worlds < 1 or not 0.0 < near < far:
             raise ParameterError(
@@ -89,14 +83,14 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         self.surfels, self.camera, self.num_worlds = surfels.detach(), camera, num_worlds
         self._width = narrow_width(surfels)
         self._mesh = None if mesh is None else (np.array(mesh.vertices), np.array(mesh.faces))
-        self._near, self._far, self._label, self._threads = near, far, int(label), num_threads
+        self._near, self._far, self._label = near, far, int(label)
         poses = RigidTransform() if num_worlds == 1 else [RigidTransform()] * num_worlds
         self._pose = self.DeclareAbstractInputPort("X_WC", AbstractValue.Make(poses))
         self._state = self.DeclareVectorInputPort("object_state", 13 * num_worlds)
         inputs = {self._pose.ticket(), self._state.ticket()}
         self._view = declare_cache(self, "view", lambda context: self._render(context, 1, full=True), inputs)
         size, shown = (camera.width, camera.height), {self._view.ticket()}
-        declare_image(self, "color_image", size, self._color, shown)
+        declare_image(self, "color_image", size, lambda mine: cut_out(*self._view.Eval(mine))[0], shown)
         declare_image(
             self, "depth_image_32f", size, lambda context: self._depth(context)[..., None], shown, ImageDepth32F
         )
@@ -108,7 +102,9 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         declare_value(self, "body_pose_in_world", RigidTransform(), lambda context: self._poses(context)[0], pose)
         declare_vector(self, "image_time", 1, lambda context: [context.get_time()], {self.time_ticket()})
         if num_worlds > 1:
-            batch = declare_cache(self, "views", self._render_batch, inputs)
+            batch = declare_cache(
+                self, "views", lambda mine: cut_out(*self._render(mine, num_worlds, full=False)), inputs
+            )
             declare_value(self, "color_images", object(), lambda context: batch.Eval(context), {batch.ticket()})
 
     def _poses(self, context: Context) -> list[RigidTransform]:
@@ -119,7 +115,8 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
             raise StateError(f"X_WC: got {len(poses)} values; allowed: {self.num_worlds} RigidTransforms")
         return list(poses)
 
-    def _render(self, context: Context, worlds: int, *, full: bool) -> "_Views":
+    def _render(self, context: Context, worlds: int, *, full: bool) -> tuple[Rendering, np.ndarray]:
+        """Images, and the mask (V, height, width) bool of the object."""
         poses = self._poses(context)[:worlds]
         state = torch.tensor(self._state.Eval(context)).reshape(-1, 13)[:worlds]
         X_WC = Pose(
@@ -131,21 +128,13 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         if surfels.sh.ndim == 4:
             surfels = Surfels(**{**surfels.tensors(), "sh": surfels.sh[:worlds]})
         disc = narrow_disc(self._width, self.camera, X_CO.p[:, 2])
-        views = render(surfels, self.camera, X_CO, full=full, disc=disc, num_threads=self._threads)
+        views = render(surfels, self.camera, X_CO, full=full, disc=disc)
         shown = views.alpha.numpy() >= 0.5
         if self._mesh is not None:
             vertices, faces = self._mesh
             corners = transform(Pose(X_CO.q[:, None], X_CO.p[:, None]), torch.from_numpy(vertices))
             shown &= np.isfinite(mesh_depth(corners, faces, self.camera, _NEAR))
-        return _Views(views, shown)
-
-    def _render_batch(self, context: Context) -> np.ndarray:
-        views = self._render(context, self.num_worlds, full=False)
-        return cut_out(views.images, views.shown)
-
-    def _color(self, context: Context) -> np.ndarray:
-        view: _Views = self._view.Eval(context)
-        return cut_out(view.images, view.shown)[0]
+        return views, shown
 
     def _CalcDepth16(self, context: Context, output: AbstractValue) -> None:
         metres = ImageDepth32F(self.camera.width, self.camera.height)
@@ -153,22 +142,12 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         ConvertDepth32FTo16U(metres, output.get_mutable_value())
 
     def _labels(self, context: Context) -> np.ndarray:
-        return np.where(self._view.Eval(context).shown[0], self._label, int(RenderLabel.kEmpty))[..., None]
+        return np.where(self._view.Eval(context)[1][0], self._label, int(RenderLabel.kEmpty))[..., None]
 
     def _depth(self, context: Context) -> np.ndarray:
-        """Depths (height, width) float32 [m], within the range or at one of its marks."""
-        view: _Views = self._view.Eval(context)
-        assert view.images.depth is not None
-        alpha = np.maximum(view.images.alpha[0].numpy(), 0.5)
-        depth = np.where(view.shown[0], view.images.depth[0].numpy() / alpha, np.inf)
+        images, shown = self._view.Eval(context)
+        alpha = np.maximum(images.alpha[0].numpy(), 0.5)
+        depth = np.where(shown[0], images.depth[0].numpy() / alpha, np.inf)
         depth[depth > self._far] = np.inf
         depth[depth < self._near] = _TOO_CLOSE
         return depth.astype(np.float32)
-
-
-@dataclass(frozen=True, eq=False)
-class _Views:
-    """Views that are rendered once: images, and the mask (V, height, width) bool of the object."""
-
-    images: Rendering
-    shown: np.ndarray

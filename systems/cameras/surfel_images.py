@@ -18,29 +18,21 @@ _NOTHING = 0x00FFFFFF  # white, alpha 0, as the bytes of a little-endian number
 
 
 class WorldImages:
-    """Cameras that see the objects of W worlds, each with its own pusher."""
+    """Cameras that see the objects of W worlds, each with its own pusher.
+
+    Args:
+        surfels: Surfels of the object, frame O.
+        object_mesh: m, frame O; tells where the object is, and whether the pusher stands before or behind it.
+        pusher_mesh: m, frame P.
+        camera: Intrinsics (4,).
+    """
 
     def __init__(
-        self,
-        surfels: Surfels,
-        object_mesh: trimesh.Trimesh,
-        pusher_mesh: trimesh.Trimesh,
-        camera: Camera,
-        num_threads: int | None = None,
+        self, surfels: Surfels, object_mesh: trimesh.Trimesh, pusher_mesh: trimesh.Trimesh, camera: Camera
     ) -> None:
-        """Takes over the parts of the picture that do not move.
-
-        Args:
-            surfels: Surfels of the object, frame O.
-            object_mesh: m, frame O; tells where the object is, and whether the pusher stands before or behind it.
-            pusher_mesh: m, frame P.
-            camera: Intrinsics (4,).
-            num_threads: Threads of the renderer; None for one on each core.
-        """
         self.surfels, self.camera, self._width = surfels, camera, narrow_width(surfels)
         self._object = np.asarray(object_mesh.vertices), np.asarray(object_mesh.faces)
         self._pusher = np.asarray(pusher_mesh.vertices), np.asarray(pusher_mesh.faces)
-        self._threads = num_threads
 
     def take(self, object_state: np.ndarray, p_WP: np.ndarray, sh: torch.Tensor, X_CW: np.ndarray) -> np.ndarray:
         """Takes the pictures of W worlds.
@@ -60,14 +52,8 @@ class WorldImages:
         p_CO = _turned(q_CW, object_state[:, None, 4:7])[:, 0] + p_CW
         X_CO = Pose(torch.from_numpy(q_CO), torch.from_numpy(p_CO))
         surfels = Surfels(self.surfels.p_OS, self.surfels.q_OS, self.surfels.log_scale, self.surfels.logit_opacity, sh)
-        image = render(
-            surfels,
-            self.camera,
-            X_CO,
-            full=False,
-            disc=narrow_disc(self._width, self.camera, X_CO.p[:, 2]),
-            num_threads=self._threads,
-        )
+        disc = narrow_disc(self._width, self.camera, X_CO.p[:, 2])
+        image = render(surfels, self.camera, X_CO, full=False, disc=disc)
         return cut_out(image, (image.alpha.numpy() >= _LEAST) & self._visible(q_CO, p_CO, p_WP, X_CW))
 
     def _visible(self, q_CO: np.ndarray, p_CO: np.ndarray, p_WP: np.ndarray, X_CW: np.ndarray) -> np.ndarray:

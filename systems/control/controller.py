@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, Leaf
 from pydrake.systems.sensors import ImageRgba8U
 
 from pinwm_drake.control.pilot import Acting, ControlStatus, Inputs, Memory, Pilot
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.envs.policy_scene import check_scene
 from pinwm_drake.systems.ports import Immutable, declare_value, declare_vector
@@ -52,29 +52,25 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
     instant, Drake runs after it, so that the worlds which step at k H move by the action on the image of k H, as in
     `TaskEnv`.
 
+    Args:
+        bundle: The policy.
+        limits: Limits of the pusher's motion.
+        period: s, period of the worlds that take the velocity; H is a whole multiple of it. None for H itself.
+        live: Flag: images come from a real camera; see `Pilot`.
+
     Attributes:
         spec: Specification of the policy; n is its number of action components.
-        limits: Limits of the pusher's motion.
+
+    Raises:
+        ParameterError: The policy sees no images, limits are missing, or the horizon is no whole multiple.
     """
 
     def __init__(
         self, bundle: Acting, limits: SafetyLimits, period: float | None = None, *, live: bool = False
     ) -> None:
-        """Declares state, ports and event; there is no controller without limits.
-
-        Args:
-            bundle: The policy.
-            limits: Limits of the pusher's motion.
-            period: s, period of the worlds that take the velocity; H is a whole multiple of it. None for H itself.
-            live: Flag: images come from a real camera; see `Pilot`.
-
-        Raises:
-            ParameterError: The policy sees no images, limits are missing, or the horizon is no whole multiple.
-        """
         super().__init__()
         spec = bundle.spec
-        if spec.observes != "rgb":
-            raise ParameterError(f"policy: got one that observes {spec.observes!r}; allowed: 'rgb'")
+        require("policy", f"one that observes {spec.observes!r}", spec.observes == "rgb", "'rgb'")
         self.spec, self.limits = spec, limits
         self._pilot = Pilot(bundle, limits, live=live)
         size = (spec.camera.height, spec.camera.width)
@@ -130,8 +126,7 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
         return self._get(self.GetMyContextFromRoot(context))
 
     def _get(self, context: Context) -> _Held:
-        held: _Held = context.get_abstract_state(int(self._held)).get_value()
-        return held
+        return context.get_abstract_state(int(self._held)).get_value()
 
     def _put(self, context: Context, held: _Held) -> None:
         self.GetMyMutableContextFromRoot(context).get_mutable_abstract_state(int(self._held)).set_value(held)

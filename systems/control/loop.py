@@ -12,9 +12,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.control.pilot import Acting, ControlStatus
 from pinwm_drake.control.safety_filter import HALTED
-from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.errors import StateError, require
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.systems.arm.driver import ArmDriver, MakeArmDriver
+from pinwm_drake.systems.arm.driver import ArmDriver
 from pinwm_drake.systems.control.controller import AddPolicyController
 from pinwm_drake.systems.engines.lcm.engine import LcmHandle
 from pinwm_drake.systems.engines.lcm.link import make_lcm
@@ -24,11 +24,6 @@ from pinwm_drake.systems.sdf.twin import ContactName
 from pinwm_drake.systems.station.station import make_station
 
 _LOOKS = 5  # times in an action at which faults, and a wish to stop, are looked for
-
-
-def never() -> str:
-    """No wish to stop: an empty text."""
-    return ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +54,25 @@ class ControlRow:
 class ControlLoop:
     """A controller and a station, and where wanted the simulated arm behind it, in one diagram.
 
+    Args:
+        bundle: The policy.
+        limits: Limits of the pusher's motion.
+        setup: The scene, of one world, as `environment_setup` makes it.
+        engine: Engine of the station: "twin", "hydroelastic", "point" or "lcm".
+        armed: Flag: the pusher may move. Without, everything is computed and nothing is sent.
+        simulate_arm: Flag, with "lcm": an arm is simulated behind the station, in this process.
+        contact: Contact model of the simulated arm.
+        meshcat: Shows the scene, if given; with "lcm", the simulated arm.
+
     Attributes:
         station: The station.
         controller: The controller by the policy; disarmed until `listen`.
         driver: The simulated arm; None where there is none.
-        armed: Flag: the pusher may move.
         simulator: Simulator of the diagram.
+
+    Raises:
+        InputError: A mesh cannot be used.
+        ParameterError: The station does not fit the policy, or an arm is wanted with another engine.
     """
 
     def __init__(
@@ -79,24 +87,7 @@ class ControlLoop:
         contact: ContactName = "hydroelastic",
         meshcat: Meshcat | None = None,
     ) -> None:
-        """Makes the diagram.
-
-        Args:
-            bundle: The policy.
-            limits: Limits of the pusher's motion.
-            setup: The scene, of one world, as `environment_setup` makes it.
-            engine: Engine of the station: "twin", "hydroelastic", "point" or "lcm".
-            armed: Flag: the pusher may move. Without, everything is computed and nothing is sent.
-            simulate_arm: Flag, with "lcm": an arm is simulated behind the station, in this process.
-            contact: Contact model of the simulated arm.
-            meshcat: Shows the scene, if given; with "lcm", the simulated arm.
-
-        Raises:
-            InputError: A mesh cannot be used.
-            ParameterError: The station does not fit the policy, or an arm is wanted with another engine.
-        """
-        if simulate_arm and engine != "lcm":
-            raise ParameterError(f"engine: got {engine!r} with a simulated arm; allowed: lcm")
+        require("engine", f"{engine!r} with a simulated arm", not simulate_arm or engine == "lcm", "lcm")
         spec = bundle.spec
         self.armed, self._horizon, self._begun = armed, spec.horizon, False
         self._task, self._stopped, self._pace = spec.task, False, (0.0, 0.0)
@@ -107,7 +98,7 @@ class ControlLoop:
             lcm = make_lcm(setup.scenario.lcm)
             self.station = make_station(setup, engine, lcm=lcm, armed=armed)
             if simulate_arm:
-                self.driver = builder.AddSystem(MakeArmDriver(setup, lcm, contact=contact, meshcat=meshcat))
+                self.driver = builder.AddSystem(ArmDriver(setup, lcm, contact=contact, meshcat=meshcat))
         else:
             self.station = make_station(setup, engine, meshcat=meshcat)
         builder.AddSystem(self.station)
@@ -142,7 +133,11 @@ class ControlLoop:
         self.simulator.ResetStatistics()  # or one in real time would catch up with what that took
 
     def listen(
-        self, patience: float = 5.0, *, stop: Callable[[], str] = never, arming: Callable[[], None] = lambda: None
+        self,
+        patience: float = 5.0,
+        *,
+        stop: Callable[[], str] = lambda: "",
+        arming: Callable[[], None] = lambda: None,
     ) -> None:
         """Simulates until image and pusher's state have come, resets the controller, and arms it where it may move.
 
@@ -161,7 +156,10 @@ class ControlLoop:
         self.simulator.ResetStatistics()  # or one in real time would catch up with the time since the last run
         while not stop():
             self.simulator.AdvanceTo(self._next())
-            missing = [name for name, there in self._there().items() if not there]
+            mine = self.station.GetMyContextFromRoot(context)
+            image = self.station.GetOutputPort("rgb_time").Eval(mine)[0] >= 0
+            pusher = np.isfinite(self.station.GetOutputPort("pusher_state").Eval(mine)).all()
+            missing = [name for name, there in (("image", image), ("state of the pusher", pusher)) if not there]
             if not missing:
                 break
             if context.get_time() > start + patience:
@@ -175,7 +173,7 @@ class ControlLoop:
         self.simulator.ResetStatistics()
         self._pace = time.monotonic(), context.get_time()
 
-    def advance(self, duration: float, *, stop: Callable[[], str] = never) -> Iterator[ControlRow]:
+    def advance(self, duration: float, *, stop: Callable[[], str] = lambda: "") -> Iterator[ControlRow]:
         """Simulates action by action.
 
         Args:
@@ -217,12 +215,11 @@ class ControlLoop:
         state = watched.GetOutputPort("object_state").Eval(watched.GetMyContextFromRoot(root)).copy()
         p_WP = station.GetOutputPort("pusher_state").Eval(station.GetMyContextFromRoot(root))[:3].copy()
         progress = self._task.measure(state[None], p_WP[None])
-        controller = self.controller.GetMyContextFromRoot(root)
-        raw_action = self.controller.GetOutputPort("raw_action").Eval(controller).copy()
+        mine = self.controller.GetMyContextFromRoot(root)
         return ControlRow(
             t=root.get_time(),
             status=self.controller.status(root),
-            raw_action=raw_action,
+            raw_action=self.controller.GetOutputPort("raw_action").Eval(mine).copy(),
             p_WP=p_WP,
             object_state=state,
             distance=float(progress.distance[0]),
@@ -239,12 +236,6 @@ class ControlLoop:
         late = (time.monotonic() - began) - (context.get_time() - start)
         if late > self._horizon:
             self.controller.Fail(context, f"controller is slower than real time: {late:.3f} s late")
-
-    def _there(self) -> dict[str, bool]:
-        mine = self.station.GetMyContextFromRoot(self.simulator.get_context())
-        image = self.station.GetOutputPort("rgb_time").Eval(mine)[0] >= 0
-        pusher = np.isfinite(self.station.GetOutputPort("pusher_state").Eval(mine)).all()
-        return {"image": bool(image), "state of the pusher": bool(pusher)}
 
     def _next(self) -> float:
         """Time [s] at which the action ends that goes on now."""

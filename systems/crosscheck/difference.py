@@ -31,8 +31,8 @@ class Course:
     moved: float
     turned: float
     rest_time: float
-    floor: tuple[float, float, float]
-    pusher: tuple[float, float, float]
+    floor: tuple[float, ...]
+    pusher: tuple[float, ...]
     energy_stop: float
     energy_peak: float
     energy_rise: float
@@ -85,7 +85,10 @@ def course_of(motion: Motion, weight: float) -> Course:
     touched = np.flatnonzero(motion.pusher != SEPARATED)
     first = int(touched[0]) if len(touched) else 0
     last = max(motion.rest if motion.rest is not None else len(motion.t), first + 1)
-    floor, pusher = (_shares(modes[first:last]) for modes in (motion.floor, motion.pusher))
+    floor, pusher = (
+        tuple(float((modes[first:last] == mode).mean()) for mode in range(len(MODES)))
+        for modes in (motion.floor, motion.pusher)
+    )
     energy = (motion.kinetic + weight * motion.height)[motion.stop :]
     rise = energy - np.minimum.accumulate(energy)
     return Course(
@@ -134,9 +137,3 @@ def angles_between(q: np.ndarray, other: np.ndarray) -> np.ndarray:
     # The nearer one of q and -q; the chord is exact for small angles, where an arc cosine is not.
     chord = np.minimum(np.linalg.norm(q - other, axis=-1), np.linalg.norm(q + other, axis=-1))
     return np.asarray(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
-
-
-def _shares(modes: np.ndarray) -> tuple[float, float, float]:
-    """Shares (3,) of the time in each of `MODES`, of modes (n,)."""
-    a, b, c = (float((modes == mode).mean()) for mode in range(len(MODES)))
-    return a, b, c

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
-from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.errors import SolverError
 from pinwm_drake.geometry.meshes import load_mesh
@@ -19,7 +18,7 @@ from pinwm_drake.systems.crosscheck.trials import Trial
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.pusher.choice import SPEEDS
 from pinwm_drake.systems.runs.rest import REST_SPEED, REST_TIME, RestCount
-from pinwm_drake.systems.runs.scripted import AddScriptedStation, ScriptedStation
+from pinwm_drake.systems.runs.scripted import ScriptedStation
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.sdf.twin import twin_solid
@@ -69,34 +68,29 @@ class Motion:
 class SceneRig(ScriptedStation):
     """A station with a scripted pusher: push after push through one engine.
 
-    Attributes:
-        setup: What it was made from.
-        engine: Its name.
+    Args:
+        setup: The scene, of one world.
+        engine: "twin", "hydroelastic" or "point".
+
+    Raises:
+        InputError: A mesh cannot be used.
     """
 
     def __init__(self, setup: Setup, engine: str) -> None:
-        """Makes the diagram.
-
-        Args:
-            setup: The scene, of one world.
-            engine: "twin", "hydroelastic" or "point".
-
-        Raises:
-            InputError: A mesh cannot be used.
-        """
         self.setup, self.engine = setup, engine
         solid = twin_solid(setup.twin)
         self._mass, self._p_OB, self._inertia = solid.mass, np.asarray(solid.p_OB), np.asarray(solid.inertia)
         self._reach = float(np.linalg.norm(load_mesh(setup.twin.mesh_path).vertices - self._p_OB, axis=1).max())
-        builder, station = DiagramBuilder(), make_station(setup, engine)
-        script = AddScriptedStation(builder, station)
-        super().__init__(builder.Build(), station, script)
+        super().__init__(make_station(setup, engine))
 
     def run(self, trial: Trial) -> Motion:
         """Pushes, and waits until the fastest point of the object has been slow for `REST_TIME`."""
         period, push = self.setup.period, trial.push
         stop, rest = int(np.ceil(push.end_time / period)), RestCount(int(np.ceil(REST_TIME / period)))
-        times = period * np.arange(stop + int(self._patience(push.speed) / period))
+        braking = self.setup.twin.theta["friction_floor"].value * self.setup.twin.gravity
+        # As long as an object may take that is as fast as the pusher, and then some.
+        patience = min(REST_TIME + 0.5 + _PATIENCE * push.speed / max(braking, 1e-3), _LONGEST)
+        times = period * np.arange(stop + int(patience / period))
         rows: list[dict[str, Any]] = []
         failure = ""
         self.begin(Place(trial.X_WO, push.p_WP), push)
@@ -111,11 +105,6 @@ class SceneRig(ScriptedStation):
         t = period * np.arange(len(rows))
         first = len(rows) - rest.slow if rest.at_rest else None
         return Motion(t=t, **columns, stop=min(stop, len(rows) - 1), rest=first, failure=failure)
-
-    def _patience(self, speed: float) -> float:
-        """Longest time [s] to wait for the object's rest after a pusher of a speed [m/s] has stopped."""
-        friction = self.setup.twin.theta["friction_floor"].value
-        return min(REST_TIME + 0.5 + _PATIENCE * speed / max(friction * self.setup.twin.gravity, 1e-3), _LONGEST)
 
     def _sample(self, before: dict[str, Any]) -> dict[str, Any]:
         """Row of a `Motion` now, and an upper bound of the speed of the object's fastest point, m/s."""
@@ -206,7 +195,6 @@ def run_trials(
 
 
 def _run(name: str, cases: Cases, trial: Trial) -> dict[str, Motion]:
-    """A push through every engine, whose stations are made for the first one and kept."""
     if name not in _rigs:
         _rigs.clear()
         _rigs[name] = {engine: SceneRig(setup, engine) for engine, setup in cases.items()}

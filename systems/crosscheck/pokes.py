@@ -11,22 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 from rich.table import Table
 
 from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.scene import resting_height
 from pinwm_drake.systems.crosscheck.difference import angles_between
 from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
-from pinwm_drake.systems.crosscheck.trials import Trial
+from pinwm_drake.systems.crosscheck.trials import Trial, draw_object
 from pinwm_drake.systems.pusher.choice import choose_poke
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.systems.scenario.start import StartDistribution
-from pinwm_drake.twin.rollout import twin_scene
 
 _TIPS = math.radians(10.0)  # of a poke that counts, in the twin
 _OTHER = math.radians(45.0)  # between the ups of two faces
@@ -56,13 +51,7 @@ class PokeVerdict:
 
 @dataclass(frozen=True, eq=False)
 class PokeCheck:
-    """Results of a cross-check by pokes.
-
-    Attributes:
-        trials: The pokes.
-        motions: Motion of each poke, by the engine's name.
-        verdicts: Verdict on each engine, the twin's first.
-    """
+    """Results of a cross-check by pokes: motions by the engine's name, and a verdict on each, the twin's first."""
 
     trials: list[Trial]
     motions: list[dict[str, Motion]]
@@ -102,26 +91,22 @@ class PokeCheck:
 
 
 def draw_pokes(setup: Setup, number: int, seed: int) -> list[Trial]:
-    """Draws pokes that tip the object in the twin; poke k does not depend on their number.
+    """Draws pokes that tip the object in the twin, upwards, at 0.6 to 1 m/s, at a side; arguments as for `draw_trials`.
 
-    Args:
-        setup: The scene of the twin: starts of the object, its mesh and pusher.
-        number: Number of pokes.
-        seed: Seed of the draw.
-
-    Returns:
-        The pokes: upwards, at 0.6 to 1 m/s, at a side of the object.
+    Poke k does not depend on their number.
 
     Raises:
         InputError: A mesh cannot be used.
         ParameterError: The pusher meets no side of the object, or no poke tips it.
     """
-    rig = SceneRig(setup, "twin")
-    trials = []
+    rig, twin, trials = SceneRig(setup, "twin"), setup.twin, []
+    shape = upright_shape(twin.pusher)
     for k in range(number):
         generator = np.random.default_rng([seed, k])
         for _ in range(_ATTEMPTS):
-            trial = _draw(setup, generator)
+            X_WO, mesh_W, p_WB = draw_object(setup, None, generator)
+            poke = choose_poke(mesh_W, p_WB, shape, generator, floor_height=twin.floor_height)
+            trial = Trial(X_WO, poke)
             if _tilt(rig.run(trial)) > _TIPS:
                 break
         else:
@@ -150,18 +135,6 @@ def judge(motions: Sequence[dict[str, Motion]]) -> list[PokeVerdict]:
     return verdicts
 
 
-def _draw(setup: Setup, generator: np.random.Generator) -> Trial:
-    """Draws one poke, whether it tips the object or not."""
-    twin = setup.twin
-    mesh_W, shape = load_mesh(twin.mesh_path), upright_shape(twin.pusher)
-    X_WO = StartDistribution(setup).draw(generator).X_WO
-    q_WO = torch.from_numpy(X_WO.rotation().ToQuaternion().wxyz())
-    X_WO.set_translation([*X_WO.translation()[:2], resting_height(twin_scene(twin, q_WO), q_WO)])
-    p_WB = X_WO @ mass_properties(mesh_W, mass=1.0).p_com
-    mesh_W.apply_transform(X_WO.GetAsMatrix4())
-    return Trial(X_WO, choose_poke(mesh_W, p_WB, shape, generator, floor_height=twin.floor_height))
-
-
 def _tilt(motion: Motion) -> float:
     """Largest angle [rad] by which the object's up leaves that of the start; 0 after a failure."""
     if motion.failure:
@@ -176,7 +149,6 @@ def _up(q_WO: np.ndarray) -> np.ndarray:
 
 
 def _is_other(motions: dict[str, Motion], engine: str) -> bool:
-    """Flag: an engine has the object on another face in the end than most of those that came to one."""
     ups = {name: _up(motion.q_WO[-1]) for name, motion in motions.items() if not motion.failure}
     if engine not in ups:
         return False
@@ -186,7 +158,6 @@ def _is_other(motions: dict[str, Motion], engine: str) -> bool:
 
 
 def _median_and_most(values: np.ndarray) -> tuple[float, float]:
-    """Median, and what nine of ten are below, of values (n,); infinite where there are none."""
     if not len(values):
         return math.inf, math.inf
     return float(np.median(values)), float(np.quantile(values, 0.9))

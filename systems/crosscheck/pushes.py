@@ -42,14 +42,7 @@ energy: kinetic, when the pusher stopped"""
 
 @dataclass(frozen=True, eq=False)
 class PushComparison:
-    """A push in all engines.
-
-    Attributes:
-        trial: The push.
-        motions: Motion by the engine's name; the twin's too.
-        courses: Summary of each motion, by the engine's name.
-        differences: Difference from the twin, by the engine's name.
-    """
+    """A push in all engines: motions, summaries and differences from the twin by the engine's name."""
 
     trial: Trial
     motions: dict[str, Motion]
@@ -98,13 +91,7 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class PushCheck:
-    """Results of a cross-check by pushes.
-
-    Attributes:
-        options: Options of the cross-check.
-        pushes: Results of the pushes, in the order of the draw.
-        verdicts: Verdict on each engine.
-    """
+    """Results of a cross-check by pushes, in the order of the draw, and the verdict on each engine."""
 
     options: CrossCheckOptions
     pushes: list[PushComparison]
@@ -157,9 +144,6 @@ class PushCheck:
             setup: The scene of the twin.
             title: Title of the figure.
 
-        Returns:
-            The files.
-
         Raises:
             InputError: A file cannot be written.
         """
@@ -204,14 +188,7 @@ class PushCheck:
 def judge_pushes(
     options: CrossCheckOptions, cases: Cases, trials: Sequence[Trial], motions: Sequence[dict[str, Motion]]
 ) -> PushCheck:
-    """Compares the motions of an object that is pushed in the twin and in plants, from the same states.
-
-    Args:
-        options: Engines and thresholds.
-        cases: Setups by the engine's name.
-        trials: The pushes.
-        motions: Motion of each push, by the engine's name.
-    """
+    """Compares the motions of an object that is pushed in the twin and in plants; arguments as for `run_trials`."""
     weights = {name: one.twin.theta["mass"].value * one.twin.gravity for name, one in cases.items()}
     results = [
         PushComparison(
@@ -267,5 +244,4 @@ def _numbers(values: Sequence[float]) -> list[str]:
 
 
 def _pair(translation: float, rotation: float) -> tuple[str, str]:
-    """Texts of a translation [m] and a rotation [rad] in mm and degrees."""
     return f"{1e3 * translation:.1f}", f"{math.degrees(rotation):.1f}"

@@ -4,11 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+import trimesh
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.pusher import pushing_height, upright_shape
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.scene import resting_height
+from pinwm_drake.scene import Scene, resting_height
 from pinwm_drake.systems.pusher.choice import choose_push, coasting_speed
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.scenario.setup import Setup
@@ -50,20 +51,14 @@ def draw_trials(setup: Setup, reference: Setup, number: int, seed: int) -> list[
         InputError: A mesh cannot be used.
         ParameterError: The pusher meets no side of the object at its height.
     """
-    start, twin = StartDistribution(setup), setup.twin
-    mesh, shape = load_mesh(twin.mesh_path), upright_shape(twin.pusher)
-    p_OB = mass_properties(mesh, mass=1.0).p_com
+    twin, shape = setup.twin, upright_shape(setup.twin.pusher)
     speed = coasting_speed(reference.twin.theta["friction_floor"].value, reference.twin.gravity)
     # The physics tells which face carries the object by the orientation that the scenario names.
     scene = twin_scene(twin, torch.as_tensor(setup.scenario.start.q_WO, dtype=torch.float64))
     trials = []
     for k in range(number):
         generator = np.random.default_rng([seed, k])
-        X_WO = start.draw(generator).X_WO
-        q_WO = torch.from_numpy(X_WO.rotation().ToQuaternion().wxyz())
-        X_WO.set_translation([*X_WO.translation()[:2], resting_height(scene, q_WO)])
-        mesh_W, p_WB = mesh.copy(), X_WO @ p_OB
-        mesh_W.apply_transform(X_WO.GetAsMatrix4())
+        X_WO, mesh_W, p_WB = draw_object(setup, scene, generator)
         push = choose_push(
             mesh_W,
             p_WB,
@@ -75,3 +70,24 @@ def draw_trials(setup: Setup, reference: Setup, number: int, seed: int) -> list[
         )
         trials.append(Trial(X_WO, replace(push, delay=_DELAY)))
     return trials
+
+
+def draw_object(
+    setup: Setup, scene: Scene | None, generator: np.random.Generator
+) -> tuple[RigidTransform, trimesh.Trimesh, np.ndarray]:
+    """Draws a start of a scene's object, at rest.
+
+    Args:
+        setup: The scene of the twin.
+        scene: Its physics model, which tells the face that carries the object; None for the face that it starts on.
+        generator: Source of randomness.
+
+    Returns:
+        Its pose X_WO, its mesh [m, world], and its centre of mass (3,) m, world.
+    """
+    mesh_W, X_WO = load_mesh(setup.twin.mesh_path), StartDistribution(setup).draw(generator).X_WO
+    q_WO = torch.from_numpy(X_WO.rotation().ToQuaternion().wxyz())
+    X_WO.set_translation([*X_WO.translation()[:2], resting_height(scene or twin_scene(setup.twin, q_WO), q_WO)])
+    p_WB = X_WO @ mass_properties(mesh_W, mass=1.0).p_com
+    mesh_W.apply_transform(X_WO.GetAsMatrix4())
+    return X_WO, mesh_W, p_WB

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.tasks.task import Task
 
 
@@ -15,23 +15,20 @@ class Delay:
     An action asks for a constant velocity during a horizon. With a latency of n + f horizons, what happens during a
     horizon is a share f of the action n + 1 before, then 1 - f of the one n before; both are taken together here, as
     one translation. Before an episode's first action the pusher rests.
+
+    Args:
+        latency: s, least and largest one; drawn evenly.
+        horizon: s, duration of an action.
+        num_worlds: Number of worlds, W.
+        task: The task, which says what an action is.
+
+    Raises:
+        ParameterError: A latency is not finite or less than 0, or the least is more than the largest.
     """
 
     def __init__(self, latency: tuple[float, float], horizon: float, num_worlds: int, task: Task) -> None:
-        """Begins without a delay.
-
-        Args:
-            latency: s, least and largest one; drawn evenly.
-            horizon: s, duration of an action.
-            num_worlds: Number of worlds, W.
-            task: The task, which says what an action is.
-
-        Raises:
-            ParameterError: A latency is not finite or less than 0, or the least is more than the largest.
-        """
         low, high = (float(value) for value in latency)
-        if not 0.0 <= low <= high < math.inf:
-            raise ParameterError(f"latency: got {low} to {high} s; allowed: 0 or more, finite, the least first")
+        require("latency", f"{low} to {high} s", 0.0 <= low <= high < math.inf, "0 or more, finite, the least first")
         self._range = (low / horizon, high / horizon)
         self._latency = np.zeros(num_worlds)  # in horizons
         self._past = np.zeros((2 + math.floor(high / horizon), num_worlds, task.action_size))  # the newest first

@@ -5,9 +5,8 @@ from typing import Any, Literal
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.systems.envs.observation import Observation
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.picture import TaskPicture
@@ -26,13 +25,20 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
 
     `info`: `distance` [m], `angle` [rad], `success`, `step` and `engine`; after a failure also `failure`.
 
+    Args:
+        scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
+        engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
+        options: Options of the environment; None for the defaults.
+        render_mode: "rgb_array" for pictures by `render`, or None.
+        changes: Single fields of `EnvOptions`, in the place of those of `options`.
+
     Attributes:
         worlds: `Worlds` of one world.
-        setup: The scene, with the task.
-        task: Goal, success and rewards.
-        run: The station, and the Simulator that advances it.
-        engine: Name of the engine.
-        max_steps: Actions after which an episode is truncated.
+        setup, task, run, max_steps: Those of the worlds.
+
+    Raises:
+        InputError: The scene, or one of its files, cannot be used.
+        ParameterError: An option is none of those allowed.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # as gymnasium has it
@@ -46,30 +52,15 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
         render_mode: Literal["rgb_array"] | None = None,
         **changes: Any,
     ) -> None:
-        """Builds the station.
-
-        Args:
-            scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
-            engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
-            options: Options of the environment; None for the defaults.
-            render_mode: "rgb_array" for pictures by `render`, or None.
-            changes: Single fields of `EnvOptions`, in the place of those of `options`.
-
-        Raises:
-            InputError: The scene, or one of its files, cannot be used.
-            ParameterError: An option is none of those allowed.
-        """
-        if render_mode not in (None, "rgb_array"):
-            raise ParameterError(f"render_mode: got {render_mode!r}; allowed: rgb_array, or None")
-        if engine is not None and engine not in ENGINES:
-            raise ParameterError(f"engine: got {engine!r}; allowed: {', '.join(ENGINES)}")
+        require("render_mode", repr(render_mode), render_mode in (None, "rgb_array"), "rgb_array, or None")
+        require("engine", repr(engine), engine is None or engine in ENGINES, ", ".join(ENGINES))
         self.worlds = Worlds(scene, engine, 1, changed_options(options, changes))
         self.setup, self.task, self.run = self.worlds.setup, self.worlds.task, self.worlds.run
         self.engine, self.max_steps = self.worlds.engine, self.worlds.max_steps
         self._picture: TaskPicture | None = None
         self.render_mode = render_mode
         self.observation_space = self.worlds.observation_space
-        self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
+        self.action_space = self.worlds.action_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -78,8 +69,7 @@ class TaskEnv(gymnasium.Env[Observation, np.ndarray]):
 
         Args:
             seed: Seed of this episode and those that follow; None goes on with the last one's generator.
-            options: {"place": Place}, or any of {"X_WO": RigidTransform, "p_WP": (3,) m, world, "goal":
-                (task.goal_size,)}: places of object and pusher, and the goal, instead of those that are drawn.
+            options: Options of the world as for `Worlds.reset`, instead of what is drawn.
 
         Raises:
             ParameterError: There is no such option.
@@ -116,8 +106,7 @@ def changed_options(options: EnvOptions | None, changes: dict[str, Any]) -> EnvO
     """
     known = [field.name for field in dataclasses.fields(EnvOptions)]
     for name in changes:
-        if name not in known:
-            raise ParameterError(f"options: got {name!r}; allowed: {', '.join(known)}")
+        require("options", repr(name), name in known, ", ".join(known))
     return dataclasses.replace(options or EnvOptions(), **changes)
 
 

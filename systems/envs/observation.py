@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 from gymnasium import spaces
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.rendering.kernels.stack import roll_in
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks.history import begun, history_size
@@ -31,30 +31,24 @@ class Observer:
     With a history of h actions, `state` and `pusher` go on with what was before, as `tasks.history` has it: state or
     position before each of the last h actions, and the action, as it was asked for, in [-1, 1] along the task's axes.
 
-    Attributes:
+    Args:
+        setup: The scene: task, camera, pusher's box and number of worlds.
         kind: "state", "rgb" or "rgb_state".
+        frames: Number k of the last images that are seen, 1 or more.
+        history: Number h of the last actions that are seen, 0 or more.
+
+    Attributes:
         space: Observation space of one world.
+
+    Raises:
+        ParameterError: There is no such kind, or no frame; or a history beside goals that episodes draw, from
+            which the state is told, and the actions are not.
     """
 
     def __init__(self, setup: Setup, kind: Kind, frames: int = 1, history: int = 0) -> None:
-        """Builds the observation space.
-
-        Args:
-            setup: The scene: task, camera, pusher's box and number of worlds.
-            kind: "state", "rgb" or "rgb_state".
-            frames: Number k of the last images that are seen, 1 or more.
-            history: Number h of the last actions that are seen, 0 or more.
-
-        Raises:
-            ParameterError: There is no such kind, or no frame; or a history beside goals that episodes draw, from
-                which the state is told, and the actions are not.
-        """
-        if kind not in KINDS:
-            raise ParameterError(f"observation: got {kind!r}; allowed: {', '.join(KINDS)}")
-        if frames < 1:
-            raise ParameterError(f"frames: got {frames}; allowed: 1 or more")
-        if history and setup.task.goal_size:
-            raise ParameterError(f"history: got {history} where episodes draw their goals; allowed: 0")
+        require("observation", repr(kind), kind in KINDS, ", ".join(KINDS))
+        require("frames", frames, frames >= 1, "1 or more")
+        require("history", f"{history} where episodes draw their goals", not history or not setup.task.goal_size, "0")
         self.kind, self._task = kind, setup.task
         pusher, self._axes = setup.scenario.pusher, setup.task.axis_indices
         low, high = np.array(pusher.low)[self._axes], np.array(pusher.high)[self._axes]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.envs.observation import Kind
 from pinwm_drake.systems.sampling import whole_multiple
@@ -51,10 +51,8 @@ class EnvOptions:
     view: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if self.max_steps is not None and self.max_steps < 1:
-            raise ParameterError(f"max_steps: got {self.max_steps}; allowed: 1 or more")
-        if self.history < 0:
-            raise ParameterError(f"history: got {self.history}; allowed: 0 or more")
+        require("max_steps", self.max_steps, self.max_steps is None or self.max_steps >= 1, "1 or more")
+        require("history", self.history, self.history >= 0, "0 or more")
         if len(self.view) != 3 or not np.isfinite(self.view).all():
             raise ParameterError(f"view: got {self.view}; allowed: three finite numbers")
 

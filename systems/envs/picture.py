@@ -23,7 +23,6 @@ class TaskPicture:
     """Painter of pictures of one world."""
 
     def __init__(self, setup: Setup) -> None:
-        """Finds the outline of the object at the goal, where the task has a pose for that."""
         width, height = setup.camera.width, setup.camera.height
         self._factor = f = -(-_LEAST // min(height, width))
         self._camera = Camera.from_field_of_view(f * width, f * height, setup.scenario.camera.fov_y)

@@ -11,7 +11,7 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.pusher import upright_shape
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.learning.images.window import window_size
 from pinwm_drake.learning.spec import CameraSpec, ObjectSpec, Observes, PolicySpec, PusherSpec, SceneSpec
@@ -126,8 +126,7 @@ def spec_environment(
             those allowed.
     """
     camera = spec.camera
-    if camera.width != camera.height:
-        raise ParameterError(f"camera: got {camera.width} by {camera.height} px; allowed: as wide as high")
+    require("camera", f"{camera.width} by {camera.height} px", camera.width == camera.height, "as wide as high")
     options = EnvOptions(
         observation="state" if spec.observes == "state" else "rgb",
         frames=spec.frames,

@@ -22,27 +22,25 @@ FAILURES = (SolverError, RuntimeError)  # errors of the twin's physics, and of D
 class StationRun:
     """A station with its Simulator, which advances by one translation an action.
 
+    Args:
+        setup: The scene, as `environment_setup` makes it.
+        engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
+        max_translation: m, the longest in an action; None for the longest that the pusher's speed allows.
+
     Attributes:
-        setup: The scene, as `environment_setup` makes it: one update of the state an action.
         station: The station; its input is `pusher_translation_W`.
         num_worlds: Number of worlds, W.
-        max_translation: m, longest translation of the pusher in an action.
+        world_model: The twin's worlds; None with other engines.
+
+    Raises:
+        ParameterError: The translation is not positive, or longer than the pusher's speed allows.
     """
 
     def __init__(self, setup: Setup, engine: str | None, max_translation: float | None) -> None:
-        """Makes the station.
-
-        Args:
-            setup: The scene, as `environment_setup` makes it.
-            engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
-            max_translation: m, the longest in an action; None for the longest that the pusher's speed allows.
-
-        Raises:
-            ParameterError: The translation is not positive, or longer than the pusher's speed allows.
-        """
         self.max_translation = longest_translation(setup, max_translation)
         self.setup, self.num_worlds = setup, setup.scenario.num_worlds
         self.station = make_station(setup, engine, command="translation")
+        self.world_model = self.station.world
         self._simulator = Simulator(self.station)
         self._context = self._simulator.get_mutable_context()
         groups = range(self._context.num_discrete_state_groups())
@@ -84,27 +82,13 @@ class StationRun:
         model.SetState(model.GetMyMutableContextFromRoot(self._context), object_state, p_WP, world)
 
     def set_domain(self, domain: Cousin, world: int, *, colours: bool = True) -> None:
-        """Gives one of the twin's worlds the theta and colours of a domain.
-
-        Args:
-            domain: Theta and colours, such as a cousin of the twin.
-            world: Index of the world.
-            colours: Flag: the colours are set too; drawing them takes longer than some actions.
-
-        Raises:
-            PinwmError: A value is out of range, or the surfels are not those of the twin.
-        """
+        """Gives one of the twin's worlds the theta and, if wanted, the colours of a domain; see `SetDomain`."""
         SetDomain(self._world_model, self._context, domain, world, colors=colours)
 
     def set_camera(self, X_WC: RigidTransform) -> None:
         """Puts the cameras of all of the twin's worlds elsewhere; OpenCV axes."""
         model = self._world_model
         model.SetCamera(model.GetMyMutableContextFromRoot(self._context), X_WC)
-
-    @property
-    def world_model(self) -> WorldModel | None:
-        """The twin's worlds; None with other engines."""
-        return self.station.world
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that changes in the twin's worlds, for `set_state`: motion, theta, colours, cameras, actions."""
@@ -139,9 +123,8 @@ class StationRun:
 
     @property
     def _world_model(self) -> WorldModel:
-        model = self.station.world
-        assert model is not None
-        return model
+        assert self.world_model is not None
+        return self.world_model
 
     def advance(self, action: np.ndarray) -> None:
         """Simulates one action (W, action_size) in [-1, 1], along the axes of the scene's task.

@@ -11,6 +11,8 @@ from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.cousins.cousin import Cousin
 from pinwm_drake.cousins.domain import CousinDomains, DomainDraw, DomainSource
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.cousins.domain import CousinDomains, Domain, DomainDraw, DomainSource
+from pinwm_drake.errors import require
 from pinwm_drake.learning.spec import Observes, PolicySpec
 from pinwm_drake.learning.worlds import TowardGoal
 from pinwm_drake.systems.envs.env import changed_options
@@ -43,22 +45,16 @@ class DomainPool:
 
     It serves as `Worlds.domain`. The domains are drawn beforehand, as drawing colours takes longer than some actions.
 
-    Attributes:
-        size: Number of domains in a round.
+    Args:
+        draw: Function from a number to its domain.
+        size: Number of domains in a round, 1 or more.
+
+    Raises:
+        ParameterError: The size is out of range.
     """
 
     def __init__(self, draw: DomainDraw, size: int = _POOL) -> None:
-        """Draws domains from the seed 0.
-
-        Args:
-            draw: Function from a number to its domain.
-            size: Number of domains in a round, 1 or more.
-
-        Raises:
-            ParameterError: The size is out of range.
-        """
-        if size < 1:
-            raise ParameterError(f"size: got {size}; allowed: 1 or more")
+        require("size", size, size >= 1, "1 or more")
         self._draw, self.size = draw, size
         self.begin(0)
 
@@ -84,11 +80,22 @@ class DomainPool:
 class TrainingWorlds:
     """Worlds of the same domains, for the state and for images.
 
+    Args:
+        scene: The folder of a twin, or what else `load_setup` takes.
+        options: Options of the environments; None for `training_options()`. What they leave open of translations
+            and of the step of the physics is the task's.
+        num_worlds: Number of worlds, W.
+        domains: Distribution of the domains; None for cousins with a delta of 0.1.
+        yaw: rad, largest turn of the object from the goal at the start, either way; None for the scene's range.
+
     Attributes:
         setup: The scene, of one world, with the task that a policy's specification names.
-        options: Options of the environments.
         pool: Domains of the episodes; None where every world is the twin.
         waypoints: States in which most episodes begin beside the scene's starts; none at first.
+
+    Raises:
+        InputError: The scene, or one of its files, cannot be used.
+        ParameterError: An option is out of range.
     """
 
     def __init__(
@@ -100,20 +107,6 @@ class TrainingWorlds:
         domains: DomainSource | None = None,
         yaw: float | None = None,
     ) -> None:
-        """Loads the scene.
-
-        Args:
-            scene: The folder of a twin, or what else `load_setup` takes.
-            options: Options of the environments; None for `training_options()`. What they leave open of translations
-                and of the step of the physics is the task's.
-            num_worlds: Number of worlds, W.
-            domains: Distribution of the domains; None for cousins with a delta of 0.1.
-            yaw: rad, largest turn of the object from the goal at the start, either way; None for the scene's range.
-
-        Raises:
-            InputError: The scene, or one of its files, cannot be used.
-            ParameterError: An option is out of range.
-        """
         loaded, options = load_setup(scene), options or training_options()
         recipe = recipe_of(options.task_in(loaded))
         self.options = dataclasses.replace(

@@ -5,7 +5,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from stable_baselines3.common.vec_env import VecEnv
@@ -16,12 +15,9 @@ from pinwm_drake.systems.envs.observation import Observation
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.worlds import Advance, OnReset, Worlds
 from pinwm_drake.systems.scenario.load import Scene
+from pinwm_drake.tasks.task import Progress
 
 _ENGINE = "twin"
-
-
-def _actions(worlds: Worlds) -> spaces.Box:
-    return spaces.Box(-1.0, 1.0, (worlds.task.action_size,), np.float32)
 
 
 class TaskVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
@@ -30,8 +26,17 @@ class TaskVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     `infos`: `distance`, `angle`, `success`, `step` (W,) at the end of the action, also of worlds that ended; where
     some did, `final_obs` and `final_info`, as `SyncVectorEnv` has them with AutoresetMode.SAME_STEP.
 
+    Args:
+        scene: Scene as for `Worlds`, and so are `options` and `domain`.
+        num_envs: Number of worlds, W.
+        changes: Single fields of `EnvOptions`, in the place of those of `options`.
+
     Attributes:
         worlds: The worlds, which begin episodes and advance by actions.
+
+    Raises:
+        InputError: The scene, or one of its files, cannot be used.
+        ParameterError: An option is none of those allowed.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012  # as gymnasium has it
@@ -45,23 +50,11 @@ class TaskVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         domain: OnReset | None = None,
         **changes: Any,
     ) -> None:
-        """Builds the worlds.
-
-        Args:
-            scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
-            num_envs: Number of worlds, W.
-            options: Options of the environment; None for the defaults.
-            domain: Gives the domain of a world's next episode; see `Worlds`.
-            changes: Single fields of `EnvOptions`, in the place of those of `options`.
-
-        Raises:
-            InputError: The scene, or one of its files, cannot be used.
-            ParameterError: An option is none of those allowed.
-        """
         changes.pop("render_mode", None)
         self.worlds = Worlds(scene, _ENGINE, num_envs, changed_options(options, changes), domain=domain)
         self.num_envs = num_envs
-        self.single_observation_space, self.single_action_space = self.worlds.observation_space, _actions(self.worlds)
+        self.single_observation_space = self.worlds.observation_space
+        self.single_action_space = self.worlds.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
@@ -77,14 +70,12 @@ class TaskVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         """
         seeds = [int(seed) + world for world in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
         observation = self.worlds.reset(seeds, None if options is None else [options] * self.num_envs)
-        progress = self.worlds.progress
-        return observation, _columns(progress.distance, progress.angle, progress.success, np.zeros(self.num_envs, int))
+        return observation, _columns(self.worlds.progress, np.zeros(self.num_envs, int))
 
     def step(self, actions: np.ndarray) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Goes on by one action each, (W, n) in [-1, 1]^n."""
         out = self.worlds.advance(actions)
-        progress = out.progress
-        infos = _columns(progress.distance, progress.angle, progress.success, out.steps)
+        infos = _columns(out.progress, out.steps)
         observation, last = _go_on(self.worlds, out)
         for row, world in enumerate(out.ended.tolist()):
             final = {"final_obs": row_of(last, row), "final_info": out.info(world, _ENGINE)}
@@ -96,7 +87,8 @@ class TaskVecEnv(VecEnv):
     """`Worlds` for Stable-Baselines3; a world whose episode ends begins the next in the same step.
 
     `infos` of a world at the end of an episode: those of `TaskEnv`, `terminal_observation`, `TimeLimit.truncated` and,
-    for SB3's log, `episode` and `is_success`; before that they are empty.
+    for SB3's log, `episode` and `is_success`; before that they are empty. Arguments as for `TaskVectorEnv`; engines
+    other than the twin have one world.
 
     Attributes:
         worlds: The worlds, which begin episodes and advance by actions.
@@ -112,10 +104,9 @@ class TaskVecEnv(VecEnv):
         engine: str = _ENGINE,
         **changes: Any,
     ) -> None:
-        """Builds the worlds; see `TaskVectorEnv`. Engines other than the twin have one world."""
         self.worlds = Worlds(scene, engine, num_envs, changed_options(options, changes), domain=domain)
         self.render_mode = None
-        super().__init__(num_envs, self.worlds.observation_space, _actions(self.worlds))
+        super().__init__(num_envs, self.worlds.observation_space, self.worlds.action_space)
         self._next = np.zeros((num_envs, self.worlds.task.action_size))
         self._sums = np.zeros(num_envs)
 
@@ -195,8 +186,7 @@ def _go_on(worlds: Worlds, out: Advance) -> tuple[Observation, Observation | Non
     return worlds.observe(), last
 
 
-def _columns(distance: np.ndarray, angle: np.ndarray, success: np.ndarray, steps: np.ndarray) -> dict[str, Any]:
-    """Infos of all worlds, in gymnasium's form."""
-    infos: dict[str, Any] = {"distance": distance, "angle": angle, "success": success, "step": steps}
-    everyone = np.ones(len(steps), bool)
-    return infos | {f"_{name}": everyone for name in infos}
+def _columns(progress: Progress, steps: np.ndarray) -> dict[str, Any]:
+    columns = progress.distance, progress.angle, progress.success, steps
+    infos: dict[str, Any] = dict(zip(("distance", "angle", "success", "step"), columns, strict=True))
+    return infos | {f"_{name}": np.ones(len(steps), bool) for name in infos}

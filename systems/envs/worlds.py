@@ -5,12 +5,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from gymnasium.utils import seeding
 from pydrake.math import RigidTransform
 
 from pinwm_drake.checkpoints import Resumable, generator_state, set_generator_state
 from pinwm_drake.cousins.cousin import Cousin
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.cousins.domain import Domain
+from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.systems.envs.delay import Delay
 from pinwm_drake.systems.envs.observation import Observation, Observer
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
@@ -64,21 +67,31 @@ class Worlds:
     World k draws its starts from a generator of its own, seeded with `seed + k` by the environments, so that its
     episodes do not depend on the other worlds. Engines other than the twin have one world.
 
+    Args:
+        scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
+        engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
+        num_worlds: Number of worlds, W; 1 for engines other than the twin.
+        options: Options of the environment; None for the defaults.
+        domain: Called with a world's index before it begins an episode; gives the theta and colours of that episode, or
+            None to leave them. Colours are not asked for where no images are seen.
+
     Attributes:
         setup: The scene, with the task.
         task: Goal, success and rewards.
         run: The station, and the Simulator that advances it.
-        engine: Name of the engine.
+        progress: Progress of the worlds now.
         max_steps: Number of actions after which an episode is truncated.
-        observation_space: Observation space of one world.
+        observation_space, action_space: Spaces of one world.
         waypoints: States in which most episodes of a training begin, so that all of the way to the goal is met; none at
             first, and none within `usual_starts`.
         disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
             0 at first.
-        domain: Called with a world's index before it begins an episode; gives the theta and colours of that episode, or
-            None to leave them. Colours are not asked for where no images are seen.
         spoil: Called with each new image (height, width, 4) uint8 RGBA and the generator of its world; gives the image
             that is seen instead. None at first.
+
+    Raises:
+        InputError: The scene, or one of its files, cannot be used.
+        ParameterError: An option is none of those allowed.
     """
 
     def __init__(
@@ -90,34 +103,20 @@ class Worlds:
         *,
         domain: OnReset | None = None,
     ) -> None:
-        """Builds the station.
-
-        Args:
-            scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
-            engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
-            num_worlds: Number of worlds, W; 1 for engines other than the twin.
-            options: Options of the environment; None for the defaults.
-            domain: Gives the domain of a world's next episode; see the class.
-
-        Raises:
-            InputError: The scene, or one of its files, cannot be used.
-            ParameterError: An option is none of those allowed.
-        """
-        if num_worlds < 1:
-            raise ParameterError(f"num_envs: got {num_worlds}; allowed: 1 or more")
+        require("num_envs", num_worlds, num_worlds >= 1, "1 or more")
         options = options or EnvOptions()
         self.setup = environment_setup(load_setup(scene), options, num_worlds=num_worlds)
-        self.task, self.domain = self.setup.task, domain
+        self.task, self.domain, self.num_worlds = self.setup.task, domain, num_worlds
         self.max_steps = self.task.max_steps if options.max_steps is None else int(options.max_steps)
         self.run = StationRun(self.setup, engine, options.max_translation)
         self.engine = self.run.station.engine.name
         self._observer = Observer(self.setup, options.observation, options.frames, options.history)
         self.observation_space = self._observer.space
+        self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
         self._delay = Delay(options.latency, self.setup.scenario.pusher.horizon, num_worlds, self.task)
         if any(options.view):
-            if self.run.world_model is None:
-                raise ParameterError(f"view: got one with engine {self.engine!r}; allowed: with engine 'twin'")
+            require("view", f"one with engine {self.engine!r}", self.run.world_model is not None, "with engine 'twin'")
             X_WC = self.setup.X_WC
             self.run.set_camera(RigidTransform(X_WC.rotation(), X_WC.translation() - np.array(options.view)))
         self.spoil: Spoil | None = None
@@ -127,24 +126,9 @@ class Worlds:
         self._take_state()
 
     @property
-    def progress(self) -> Progress:
-        """Progress of the worlds now."""
-        return self._progress
-
-    @property
     def goal(self) -> np.ndarray:
         """Goals (W, task.goal_size) of the present episodes."""
         return self._goal.copy()
-
-    @property
-    def num_worlds(self) -> int:
-        """Number of worlds, W."""
-        return self.run.num_worlds
-
-    @property
-    def steps(self) -> np.ndarray:
-        """Actions (W,) int of the present episodes."""
-        return self._steps.copy()
 
     def set_generator(self, world: int, generator: np.random.Generator) -> None:
         """Sets the generator that a world draws its starts from."""
@@ -160,9 +144,6 @@ class Worlds:
             options: (W,) any of {"place": Place, "X_WO": RigidTransform, "p_WP": (3,) m, world, "goal":
                 (task.goal_size,)}: places of object and pusher, and the goal, instead of those that are drawn; None for
                 the drawn ones.
-
-        Returns:
-            The observation of all worlds.
 
         Raises:
             ParameterError: There is no such option, or not one for each world.
@@ -226,17 +207,14 @@ class Worlds:
 
         Args:
             actions: (W, task.action_size) in [-1, 1], along the task's axes.
-
-        Returns:
-            Rewards, ends of episodes, progress and failures.
         """
-        before = self._progress
+        before = self.progress
         self._observer.remember(self._object_state, self._p_WP, self._goal, actions)
         self._steps += 1
         failures = self._advance(self._delay(actions))
         if self.disturbance:
             self._disturb()
-        progress, failed = self._progress, np.zeros(self.num_worlds, bool)
+        progress, failed = self.progress, np.zeros(self.num_worlds, bool)
         failed[list(failures)] = True
         terminated = progress.success & ~failed
         truncated = failed | ((self._steps >= self.max_steps) & ~terminated)
@@ -300,14 +278,12 @@ class Worlds:
         return failures
 
     def _spoilt(self, images: np.ndarray, worlds: np.ndarray) -> np.ndarray:
-        """Images (m, height, width, 4) uint8 of worlds with indices (m,) as they are seen."""
         if self.spoil is None:
             return images
         pairs = zip(images, worlds.tolist(), strict=True)
         return np.stack([self.spoil(image, self._random[world]) for image, world in pairs])
 
     def _disturb(self) -> None:
-        """Changes the velocities of the twin's objects by chance, each as far as it is fast."""
         object_state = self._object_state.copy()
         noise = np.array([generator.normal(0.0, self.disturbance, (2, 3)) for generator in self._random])
         velocities = object_state[:, 7:].reshape(-1, 2, 3)  # a view
@@ -327,10 +303,9 @@ class Worlds:
         """Takes the state of the station, or one given, (W, 13) and (W, 3), as that of the worlds."""
         self._object_state = self.run.object_state.copy() if object_state is None else object_state
         self._p_WP = self.run.p_WP.copy() if p_WP is None else p_WP
-        self._progress = self.task.measure(*self.task.from_goal(self._object_state, self._p_WP, self._goal))
+        self.progress = self.task.measure(*self.task.from_goal(self._object_state, self._p_WP, self._goal))
 
     def _chosen_goal(self, drawn: np.ndarray, options: dict[str, Any] | None) -> np.ndarray:
-        """The drawn goal, or that of a reset's options; raises ParameterError where it is not one of the task's."""
         goal = np.asarray((options or {}).get("goal", drawn), float)
         if goal.shape != drawn.shape or not np.isfinite(goal).all():
             raise ParameterError(f"goal: got {goal.tolist()}; allowed: {len(drawn)} finite numbers")
@@ -347,15 +322,11 @@ def progress_info(progress: Progress, world: int) -> dict[str, Any]:
 
 
 def _chosen_place(drawn: Place, options: dict[str, Any] | None) -> Place:
-    """The drawn place with the changes of a reset's options; raises ParameterError where there is no such option."""
     options = options or {}
     for name in options:
-        if name not in RESET_OPTIONS:
-            raise ParameterError(f"options: got {name!r}; allowed: {', '.join(RESET_OPTIONS)}")
+        require("options", repr(name), name in RESET_OPTIONS, ", ".join(RESET_OPTIONS))
     place = options.get("place", drawn)
     X_WO, p_WP = options.get("X_WO", place.X_WO), np.asarray(options.get("p_WP", place.p_WP), float)
-    if not isinstance(X_WO, RigidTransform):
-        raise ParameterError(f"X_WO: got a {type(X_WO).__name__}; allowed: a RigidTransform")
-    if p_WP.shape != (3,) or not np.isfinite(p_WP).all():
-        raise ParameterError(f"p_WP: got {p_WP.tolist()}; allowed: three finite numbers, m")
+    require("X_WO", f"a {type(X_WO).__name__}", isinstance(X_WO, RigidTransform), "a RigidTransform")
+    require("p_WP", p_WP.tolist(), p_WP.shape == (3,) and np.isfinite(p_WP).all(), "three finite numbers, m")
     return Place(X_WO, p_WP)

@@ -16,9 +16,7 @@ class MpcPolicy(ABC, Generic[PlanT]):
     """Policy that plans from the observation `state`, with the signature of SB3's `predict`.
 
     It hands its plans out as the policy's state and takes them back with the next observation: it keeps nothing itself.
-
-    Attributes:
-        task: The task, whose state is observed.
+    The state is that of `task`.
     """
 
     task: Task

@@ -28,6 +28,14 @@ class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
 
     Velocity and plan are state, so that a clone of a Context goes on as the original does; unrestricted updates set
     them, for the reason that `PusherTranslation` has.
+
+    Args:
+        setup: The scene as far as it is known, as for `make_planner`, and so are `task` and `max_translation`.
+        period: s, at which the station samples the velocity, a whole fraction of the horizon; None for the horizon.
+
+    Raises:
+        InputError: A mesh cannot be used.
+        ParameterError: See `make_planner`; or the horizon is no whole multiple of the period.
     """
 
     def __init__(
@@ -38,18 +46,6 @@ class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
         *,
         period: float | None = None,
     ) -> None:
-        """Declares state, ports and event.
-
-        Args:
-            setup: The scene as far as it is known, such as an identified twin, as `environment_setup` makes it.
-            task: Goal and tolerances.
-            max_translation: m, longest translation in an action; None for the longest that the pusher's speed allows.
-            period: s, at which the station samples the velocity, a whole fraction of the horizon; None for the horizon.
-
-        Raises:
-            InputError: A mesh cannot be used.
-            ParameterError: See `make_planner`; or the horizon is no whole multiple of the period.
-        """
         super().__init__()
         self.planner = make_planner(setup, task, max_translation)
         self._horizon = setup.scenario.pusher.horizon
@@ -65,8 +61,7 @@ class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
 
     def plan(self, context: Context) -> Plan | None:
         """The last plan, None before the first; the context is that of this system, or of a diagram around it."""
-        found: Plan | None = self.GetMyContextFromRoot(context).get_abstract_state(self._plan).get_value()
-        return found
+        return self.GetMyContextFromRoot(context).get_abstract_state(self._plan).get_value()
 
     def _Plan(self, context: Context, state: State) -> EventStatus:
         if period_index(context.get_time(), self._period) % self._periods:
@@ -91,15 +86,11 @@ def AddPushMpc(
 ) -> PushMpc:
     """Adds the controller of a station that is in the builder; its command is the velocity.
 
+    Other arguments and errors are those of `PushMpc`.
+
     Args:
         builder: Builder of the diagram around the station.
         station: The station, whose input is `pusher_velocity_W`.
-        setup: The scene as far as it is known; see `PushMpc`.
-        task: Goal and tolerances.
-        max_translation: m, longest translation in an action; None for the longest that the pusher's speed allows.
-
-    Raises:
-        InputError, ParameterError: See `PushMpc`.
     """
     mpc = builder.AddNamedSystem("push_mpc", PushMpc(setup, task, max_translation, period=station.setup.period))
     for name in ("object_state", "pusher_state"):

@@ -17,19 +17,10 @@ _SAMPLES = 24  # points of a straight piece that are checked
 class Walk:
     """Way of the pusher round an object that nothing pushes, at rest or on its way there.
 
-    Attributes:
-        detours: Ways around the object at rest.
+    Arguments are those of `PushPlanner`; `detours` are the ways around the object at rest.
     """
 
     def __init__(self, body: PlanarBody, max_translation: float, low: np.ndarray, high: np.ndarray) -> None:
-        """Finds the ways around the object at rest.
-
-        Args:
-            body: The model of the scene.
-            max_translation: m, longest translation in an action.
-            low: (2) m, world: lower corner of the pusher's box.
-            high: (2) m, world: upper corner.
-        """
         self.detours = Detours(body.outline, body.radius)
         self._body, self._longest, self._low, self._high = body, max_translation, low, high
 
@@ -87,17 +78,15 @@ def _cut(way: np.ndarray, length: float) -> np.ndarray:
 class Detours:
     """Shortest ways of a disc around an outline, in the outline's frame: straight pieces from corner to corner.
 
+    Args:
+        outline: Outline of the object.
+        radius: m, radius of the disc.
+
     Attributes:
         clear: m, from the outline to the middle of a disc that is far enough off.
     """
 
     def __init__(self, outline: Outline, radius: float) -> None:
-        """Finds the ways between corners.
-
-        Args:
-            outline: Outline of the object.
-            radius: m, radius of the disc.
-        """
         self._outline, self.clear = outline, radius + _CLEAR
         nodes = outline.corner_points(radius + _ROUND)
         self._nodes = nodes[outline.nearest(nodes)[0] > self.clear]

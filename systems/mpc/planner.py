@@ -66,23 +66,21 @@ class PushPlanner:
     Without a plan, or after a push, two pushes are chosen from the table and improved by the program. The pusher goes
     round the object to where the first begins; from there on the program is solved in every action, with the state as
     it is, until the actions of the push are used up. An object that will come to rest at the goal is left alone.
+
+    Args:
+        body: The model of the scene.
+        task: Goal and tolerances.
+        max_translation: m, longest translation in an action.
+        low: (2) m, world: lower corner of the pusher's box.
+        high: (2) m, world: upper corner.
+
+    Raises:
+        ParameterError: No side of the object is long enough to be pushed.
     """
 
     def __init__(
         self, body: PlanarBody, task: PushTask, max_translation: float, low: np.ndarray, high: np.ndarray
     ) -> None:
-        """Makes program and table.
-
-        Args:
-            body: The model of the scene.
-            task: Goal and tolerances.
-            max_translation: m, longest translation in an action.
-            low: (2) m, world: lower corner of the pusher's box.
-            high: (2) m, world: upper corner.
-
-        Raises:
-            ParameterError: No side of the object is long enough to be pushed.
-        """
         self.body, self.max_translation = body, max_translation
         self._walk = Walk(body, max_translation, low, high)
         self._scales = np.array([task.tolerance, task.tolerance, task.turn_tolerance])
@@ -122,7 +120,6 @@ class PushPlanner:
         return goal
 
     def _choose(self, now: "_Now", barren: int | None) -> Plan:
-        """Plan of the best among the table's choices, improved by the program."""
         still, goal = np.concatenate([now.rest, np.zeros(3)]), self._near_goal(now.rest)
         waiting = float(now.time[0]) / self.body.horizon
         choices = self._table.choose(now.rest, now.p, goal, self._scales, waiting, barren)
@@ -145,7 +142,6 @@ class PushPlanner:
         )
 
     def _is_nothing(self, now: "_Now", found: Solution) -> bool:
-        """Flag: the first push leaves the object where it comes to rest without."""
         return float(np.linalg.norm((found.rests[0] - now.rest) / self._scales)) < _NOTHING
 
     def _approach(self, now: "_Now", plan: Plan) -> Plan:

@@ -34,14 +34,9 @@ def make_planner(setup: Setup, task: PushTask, max_translation: float | None = N
 
 
 class PushMpcPolicy(MpcPolicy[Plan]):
-    """Policy of the push task that plans pushes at the object's planar outline.
-
-    Attributes:
-        planner: Planner of the pushes.
-    """
+    """Policy of the push task that plans pushes at the object's planar outline; arguments as for `make_planner`."""
 
     def __init__(self, setup: Setup, task: PushTask, max_translation: float | None = None) -> None:
-        """Makes the planner; see `make_planner`."""
         self.planner, self.task = make_planner(setup, task, max_translation), task
 
     def act(self, row: np.ndarray, last: Plan | None) -> tuple[Plan, np.ndarray]:

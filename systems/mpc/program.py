@@ -69,16 +69,14 @@ class PushProgram:
 
     where the error is that of the pose at rest after the second push, in units of the tolerances, by `push_step` and
     `coast`: single shooting, IPOPT with exact derivatives.
+
+    Args:
+        body: The model of the scene.
+        max_translation: m, longest translation in an action.
+        scales: m and rad, tolerances: the units of the errors.
     """
 
     def __init__(self, body: PlanarBody, max_translation: float, scales: tuple[float, float]) -> None:
-        """Makes the program.
-
-        Args:
-            body: The model of the scene.
-            max_translation: m, longest translation in an action.
-            scales: m and rad, tolerances: the units of the errors.
-        """
         self.body, self._longest = body, max_translation
         outline = body.outline
         self._edges = np.column_stack([outline.corners, outline.normals])
@@ -144,7 +142,8 @@ class PushProgram:
             goal: (3) m and rad, pose of B; the yaw is taken as it is, so that it should be the turn that is meant.
             left: Number of actions of the first push that may be used.
         """
-        parameters = self._parameters(x, p, pushes, goal)
+        edges = [self._edges[push.edge or 0] for push in pushes]
+        parameters = np.concatenate([x, np.zeros(2) if p is None else p, [float(p is None)], *edges, goal])
         low, high = np.zeros(2 * _PUSH), np.zeros(2 * _PUSH)
         least, most = np.zeros(4 * ACTIONS), np.ones(4 * ACTIONS)
         least[: 2 * ACTIONS] = -np.inf
@@ -165,22 +164,13 @@ class PushProgram:
         guess = np.clip(np.concatenate([[push.along, *push.actions.ravel()] for push in pushes]), low, high)
         found = self._solver(x0=guess, p=parameters, lbx=low, ubx=high, lbg=least, ubg=most)
         w = np.asarray(found["x"], float).ravel()
-        return self._solution(np.clip(w if np.isfinite(w).all() else guess, low, high), parameters, pushes)
-
-    def _solution(self, w: np.ndarray, parameters: np.ndarray, pushes: tuple[PlannedPush, PlannedPush]) -> Solution:
+        w = np.clip(w if np.isfinite(w).all() else guess, low, high)
         first, second, error, d_W = (np.asarray(value, float) for value in self._read(w, parameters))
-        found = [
+        one, other = (
             PlannedPush(push.edge, float(values[0]), values[1:].reshape(ACTIONS, 2))
             for push, values in zip(pushes, w.reshape(2, _PUSH), strict=True)
-        ]
-        return Solution((found[0], found[1]), np.stack([first.ravel(), second.ravel()]), error.ravel(), d_W)
-
-    def _parameters(
-        self, x: np.ndarray, p: np.ndarray | None, pushes: tuple[PlannedPush, PlannedPush], goal: np.ndarray
-    ) -> np.ndarray:
-        edges = [self._edges[push.edge or 0] for push in pushes]
-        place = np.zeros(2) if p is None else p
-        return np.concatenate([x, place, [float(p is None)], *edges, goal])
+        )
+        return Solution((one, other), np.stack([first.ravel(), second.ravel()]), error.ravel(), d_W)
 
     def _start(self, x: ca.SX, along: ca.SX, edge: ca.SX) -> ca.SX:
         """Position (2) m, world, of a pusher that is a gap off a place on an edge."""

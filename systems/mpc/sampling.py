@@ -98,10 +98,18 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
     What it draws as a policy follows from its seed and the observation, so that an episode repeats in whatever world,
     after whatever others.
 
+    Args:
+        setup: The scene as far as it is known, such as an identified twin.
+        task: The task, whose reward for training counts; None for the scene's.
+        max_translation: m, longest translation in an action; None for the longest that the pusher's speed allows.
+        options: Options of the search.
+
     Attributes:
         worlds: The twin's worlds, one for each sample.
-        task: The task, with the shaped reward.
-        options: Options of the search.
+
+    Raises:
+        InputError: A mesh cannot be used.
+        ParameterError: The translation is not positive or longer than the pusher's speed allows.
     """
 
     def __init__(
@@ -111,18 +119,6 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
         max_translation: float | None = None,
         options: SamplingOptions | None = None,
     ) -> None:
-        """Makes the worlds.
-
-        Args:
-            setup: The scene as far as it is known, such as an identified twin.
-            task: The task; None for the scene's.
-            max_translation: m, longest translation in an action; None for the longest that the pusher's speed allows.
-            options: Options of the search.
-
-        Raises:
-            InputError: A mesh cannot be used.
-            ParameterError: The translation is not positive or longer than the pusher's speed allows.
-        """
         self.options = options or SamplingOptions()
         task = setup.task if task is None else task
         self._recipe = recipe_of(task)
@@ -231,7 +227,6 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
         return actions
 
     def _noise(self, n: int) -> np.ndarray:
-        """Noise (samples, horizon, n) of unit variance, correlated over time."""
         share = self.options.correlation
         white = self._random.normal(size=(self.options.samples, self.options.horizon, n))
         for k in range(1, self.options.horizon):

@@ -38,23 +38,18 @@ class PushTable:
     """Pushes of an object at rest, by the model: at places along its edges, straight in, at several speeds.
 
     As the floor is the same everywhere, a push does the same to an object in any pose; two pushes are a composition.
+
+    Args:
+        program: Program of the pushes, with its model.
+        detours: Ways around the object at rest; the others are those of `PushPlanner`.
+
+    Raises:
+        ParameterError: No side of the object is long enough to be pushed.
     """
 
     def __init__(
         self, program: PushProgram, detours: Detours, max_translation: float, low: np.ndarray, high: np.ndarray
     ) -> None:
-        """Computes the outcome of every push.
-
-        Args:
-            program: Program of the pushes, with its model.
-            detours: Ways around the object at rest.
-            max_translation: m, longest translation in an action.
-            low: (2) m, world: lower corner of the pusher's box.
-            high: (2) m, world: upper corner.
-
-        Raises:
-            ParameterError: No side of the object is long enough to be pushed.
-        """
         self._detours, self._longest, self._low, self._high = detours, max_translation, low, high
         body = program.body
         places = []
@@ -142,12 +137,8 @@ class PushTable:
         wait = np.maximum(np.ceil(self._between), self._roll[:, None])[:, self._place]
         both = begin[:, None] + wait + self._used + self._roll
         two = both + missed_cost(_norm(error / scales), now)
-        return self._pick(one, single, two, both)
-
-    def _pick(self, one: np.ndarray, single: np.ndarray, two: np.ndarray, both: np.ndarray) -> list[Choice]:
-        found, edges = [], set()
-        best = int(np.argmin(one))
-        found.append(Choice((self._push(best), PlannedPush.none()), float(one[best]), float(single[best])))
+        edges, best = set(), int(np.argmin(one))
+        found = [Choice((self._push(best), PlannedPush.none()), float(one[best]), float(single[best]))]
         edge, count = self._edge, min(_CANDIDATES, two.size)
         order = np.argpartition(two.ravel(), count - 1)[:count]
         for index in order[np.argsort(two.ravel()[order])]:

@@ -121,12 +121,7 @@ class _Plan:
 
 
 class _Search:
-    """Plans and their replays, attempt after attempt, then rounds around the best one; each has a seed of its own.
-
-    Attributes:
-        best: The most robust plan so far.
-        attempts, rounds: Numbers of those that are over.
-    """
+    """Plans and their replays, attempt after attempt, then rounds around the best one; each has a seed of its own."""
 
     def __init__(self, worlds: TrainingWorlds, options: WaypointOptions, seed: int) -> None:
         self._options, self._seed, self._begin = options, seed, worlds.begin
@@ -141,18 +136,15 @@ class _Search:
 
     @property
     def steps(self) -> int:
-        """Number of attempts and rounds that are over."""
         return self.attempts + self.rounds
 
     @property
     def done(self) -> float:
-        """Share of the search that is over, if it goes on to the last attempt and round."""
         if self._tries():
             return self.attempts / (self._options.attempts + self._options.rounds)
         return 1.0 - (self._options.rounds - self.rounds) / (self._options.attempts + self._options.rounds)
 
     def goes_on(self) -> bool:
-        """Does the next attempt or round; false where there is none."""
         if self._tries():
             self._attempt()
         elif self.best.share and self.rounds < self._options.rounds:
@@ -162,12 +154,10 @@ class _Search:
         return True
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Arrays of everything but the best plan, for `restore`."""
         counts = {"attempts": np.array(self.attempts), "rounds": np.array(self.rounds)}
         return counts | {"mean": self._mean, "deviation": self._deviation}
 
     def restore(self, folder: Path, about: Mapping[str, object]) -> None:
-        """Takes over what an earlier search found, where there is a file of it."""
         names = [one.name for one in fields(Waypoints)]
         arrays = read_arrays(folder / WAYPOINTS_FILE, about, STAGE, ["share", "actions", *self.get_state(), *names])
         if arrays is None:
@@ -195,7 +185,6 @@ class _Search:
         self._keep(self._bounded(plan.actions) @ turn, generator)
 
     def _strengthen(self) -> None:
-        """Draws plans around the best one, and the next round's around those with most reward from several starts."""
         options, W = self._options, self._replays.num_worlds
         if self.rounds == 0:
             self._mean = self.best.actions
@@ -222,7 +211,6 @@ class _Search:
             self._keep(self._mean, generator)
 
     def _keep(self, actions: np.ndarray, generator: np.random.Generator) -> None:
-        """Replays a plan, and keeps it if it does the task more often than the best one."""
         replays = [self._replay(actions, generator) for _ in range(self._options.replays)]
         share = float(np.mean([share for _, share in replays]))
         if share > self.best.share:
@@ -235,17 +223,14 @@ class _Search:
             self._replays.set_generator(world, own)
 
     def _bounded(self, actions: np.ndarray) -> np.ndarray:
-        """Actions (horizon, n) as the task carries them out, of a length of 1 at most."""
         return np.asarray(self._replays.task.translation(actions, 1.0)[:, self._replays.task.axis_indices])
 
     def _draw(self, number: int, generator: np.random.Generator) -> list[Place]:
-        """Starts of replays, with the pusher a little off."""
         places = [self._start.draw(generator) for _ in range(number)]
         slips = generator.normal(0.0, _SLIP, (number, 3))
         return [Place(place.X_WO, place.p_WP + slip) for place, slip in zip(places, slips, strict=True)]
 
     def _noise(self, number: int, generator: np.random.Generator) -> np.ndarray:
-        """Noise (number, horizon, n) on the actions of replays."""
         return np.asarray(generator.normal(0.0, self._options.noise, (number, *self._mean.shape)))
 
     def _place(self, places: list[Place]) -> np.ndarray:

@@ -1,8 +1,4 @@
-"""Choice of straight pushes: random ones that meet the object, and the speed of the pusher.
-
-`choose_push` draws a push for a mesh and a pusher, `choose_poke` a poke; `random_push` draws a push for a scene, inside
-the pusher's box.
-"""
+"""Choice of straight pushes: random ones that meet the object, and the speed of the pusher."""
 
 import functools
 import math
@@ -109,10 +105,7 @@ def choose_poke(
     """Draws a poke: short, fast, upwards and straight, from 3 mm off a side of the object.
 
     Args:
-        mesh_W: The object at rest, m, world.
-        p_WB: (3,) m, its centre of mass, world.
-        pusher: Shape of the pusher.
-        generator: Source of randomness.
+        mesh_W, p_WB, pusher, generator: Object, its centre of mass, and the rest as for `choose_push`.
         floor_height: m, world: z of the floor.
         speeds: m/s, least and most.
         rises: rad, of the way over level, least and most.
@@ -134,7 +127,6 @@ def choose_poke(
 
 
 def _has_edge(points: np.ndarray, normals: np.ndarray, first: np.integer) -> bool:
-    """Flag: there is an upright edge near a point, on any of the sides of the object."""
     alike = normals @ normals[first]
     near = (np.linalg.norm((points - points[first])[:, :2], axis=1) < _FLAT) & (np.abs(normals[:, 2]) < 0.5)
     # The inside of a thin wall is turned away, and no edge.

@@ -23,16 +23,14 @@ class PusherDrive(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
     What is due at one instant, Drake updates from the state before it, so that a plant whose step begins at k T would
     see the velocity of the sample before; ZeroOrderHold is late in this way. From k T until the sample is in the
     state, the port hence depends on the input directly.
+
+    Args:
+        period: Period T of the samples, s.
+        time_step: Time step h of the plant, s.
+        p_WP: (3,) m, position of the pusher at the start, world.
     """
 
     def __init__(self, period: float, time_step: float, p_WP: np.ndarray) -> None:
-        """Declares state and ports.
-
-        Args:
-            period: Period T of the samples, s.
-            time_step: Time step h of the plant, s.
-            p_WP: (3,) m, position of the pusher at the start, world.
-        """
         super().__init__()
         self._period, self._time_step = period, time_step
         self._velocity = self.DeclareVectorInputPort("pusher_velocity_W", 3)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, LeafSystem
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.systems.ports import declare_vector
 from pinwm_drake.systems.sampling import require_positive
 
@@ -22,28 +22,25 @@ class PusherLimits(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
     is no farther than at the wall one period later; a pusher that is outside already may only stay or come back. A
     velocity with a component that is not a finite number is replaced by zero, and so is one of a pusher whose
     position is none.
+
+    Args:
+        num_worlds: Number of worlds W, 1 or more.
+        max_speed: Largest norm of the velocity, m/s.
+        low: (3,) m, world: the least coordinates of the pusher's middle P.
+        high: (3,) m, world: the largest coordinates of it.
+        period: Time for which the consumer holds a velocity, s.
+
+    Raises:
+        ParameterError: A number is not positive, or the box is empty.
     """
 
     def __init__(self, num_worlds: int, max_speed: float, low: ArrayLike, high: ArrayLike, period: float) -> None:
-        """Declares the ports.
-
-        Args:
-            num_worlds: Number of worlds W, 1 or more.
-            max_speed: Largest norm of the velocity, m/s.
-            low: (3,) m, world: the least coordinates of the pusher's middle P.
-            high: (3,) m, world: the largest coordinates of it.
-            period: Time for which the consumer holds a velocity, s.
-
-        Raises:
-            ParameterError: A number is not positive, or the box is empty.
-        """
         super().__init__()
         require_positive("num_worlds", num_worlds)
         self._max_speed = require_positive("max_speed", max_speed, "m/s")
         self._rate = 1 / require_positive("period", period, "s")
         low, high = np.array(low, float).reshape(3), np.array(high, float).reshape(3)
-        if not bool((low < high).all()):
-            raise ParameterError(f"pusher's box: got {low} to {high} m; allowed: low below high")
+        require("pusher's box", f"{low} to {high} m", bool((low < high).all()), "low below high")
         # One row for each world: numpy would take twice as long to repeat them every time.
         self._low, self._high = np.tile(low, (num_worlds, 1)), np.tile(high, (num_worlds, 1))
         velocity = self.DeclareVectorInputPort("pusher_velocity_W", 3 * num_worlds)

@@ -84,17 +84,15 @@ class ScriptedPush(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
     The velocity is the average over its period, so that a pusher that starts at the push's p_WP is where the push
     has it at the end of every period. The parameter, group 0, is `StraightPush.to_vector()`, so that a diagram serves
     one push after another; until one is set, the pusher stands.
+
+    Args:
+        period: Period of the velocity, s.
+
+    Raises:
+        ParameterError: It is not positive.
     """
 
     def __init__(self, period: float) -> None:
-        """Declares parameter and port.
-
-        Args:
-            period: Period of the velocity, s.
-
-        Raises:
-            ParameterError: It is not positive.
-        """
         super().__init__()
         self._period = require_positive("period", period, "s")
         stand = StraightPush(np.zeros(3), np.array([1.0, 0.0, 0.0]), 1.0, 1.0, 1.0, math.inf)
@@ -122,19 +120,17 @@ class TrajectoryReplay(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
     line, which is straight between rows, at the end of every period. Before the first and after the last row it
     stands. These are the very velocities that identification uses (`scene.pusher_motion`). Pushers of a station only
     translate: turning is left out.
+
+    Args:
+        trajectory: The recorded trajectory.
+        period: Period of the velocity, s.
+        start: Time of the log at the context's time 0, s.
+
+    Raises:
+        ParameterError: The period is not positive.
     """
 
     def __init__(self, trajectory: PusherTrajectory, period: float, start: float = 0.0) -> None:
-        """Cuts the log into periods and declares the port.
-
-        Args:
-            trajectory: The recorded trajectory.
-            period: Period of the velocity, s.
-            start: Time of the log at the context's time 0, s.
-
-        Raises:
-            ParameterError: The period is not positive.
-        """
         super().__init__()
         self._period = require_positive("period", period, "s")
         periods = max(math.ceil((trajectory.t[-1] - start) / period), 0)

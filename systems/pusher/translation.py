@@ -22,20 +22,18 @@ class PusherTranslation(LeafSystem):  # type: ignore[misc]  # pydrake has no usa
     from before it; Drake's ZeroOrderHold would be late by one step of the worlds.) Events come at multiples of
     `period`, every N-th takes a sample: see `sampling`. For the same reason advance a simulator to (k N) period when
     the k-th sample is to be set from outside, not to k H, which may lie a rounding error later.
+
+    Args:
+        num_worlds: W, 1 or more.
+        horizon: H, s.
+        max_translation: m, the longest.
+        period: s, that of the worlds which take the velocity; H is a whole multiple of it. None: H itself.
+
+    Raises:
+        ParameterError: A number is not positive, or the horizon no whole multiple of the period.
     """
 
     def __init__(self, num_worlds: int, horizon: float, max_translation: float, period: float | None = None) -> None:
-        """Declares state, ports and event.
-
-        Args:
-            num_worlds: W, 1 or more.
-            horizon: H, s.
-            max_translation: m, the longest.
-            period: s, that of the worlds which take the velocity; H is a whole multiple of it. None: H itself.
-
-        Raises:
-            ParameterError: A number is not positive, or the horizon no whole multiple of the period.
-        """
         super().__init__()
         require_positive("num_worlds", num_worlds)
         self._horizon = require_positive("horizon", horizon, "s")

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.common import RandomGenerator
-from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.rest import REST_TIME, RestCount, is_slow
-from pinwm_drake.systems.runs.scripted import AddScriptedStation, ScriptedStation
+from pinwm_drake.systems.runs.scripted import ScriptedStation
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import SceneStation
 
@@ -72,26 +71,21 @@ class Record:
 class Episode(ScriptedStation):
     """A station whose pusher makes a straight push, or follows a log.
 
+    Args:
+        station: Its input is `pusher_velocity_W`.
+        log: What the pusher follows; None for straight pushes.
+
     Attributes:
         end_time: s, when the pusher comes to rest.
+
+    Raises:
+        ParameterError: The station holds several worlds.
     """
 
     def __init__(self, station: SceneStation, log: PusherTrajectory | None = None) -> None:
-        """Makes the diagram.
-
-        Args:
-            station: Its input is `pusher_velocity_W`.
-            log: What the pusher follows; None for straight pushes.
-
-        Raises:
-            ParameterError: The station holds several worlds.
-        """
         worlds = station.setup.scenario.num_worlds
-        if worlds != 1:
-            raise ParameterError(f"num_worlds: got {worlds}; allowed: 1, for a scripted pusher")
-        builder = DiagramBuilder()
-        script = AddScriptedStation(builder, station, log)
-        super().__init__(builder.Build(), station, script)
+        require("num_worlds", worlds, worlds == 1, "1, for a scripted pusher")
+        super().__init__(station, log)
         self.end_time = 0.0 if log is None else float(log.t[-1]) - float(log.t[0])
         self._rows: list[np.ndarray] = []
 

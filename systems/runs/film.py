@@ -17,17 +17,15 @@ _PUSHER = (0.10, 0.25, 0.55)  # linear RGB
 class Film:
     """Draws frames, as many as are wanted.
 
+    Args:
+        setup: Object, pusher, floor and camera: people see the scene from where the camera is.
+        engine: For the caption.
+
     Attributes:
         size: (width, height) [px] of a frame, even.
     """
 
     def __init__(self, setup: Setup, engine: str) -> None:
-        """Takes over what does not move.
-
-        Args:
-            setup: Object, pusher, floor and camera: people see the scene from where the camera is.
-            engine: For the caption.
-        """
         camera = setup.camera
         self._engine, self._scale = engine, max(1, round(_HEIGHT / camera.height))
         width, height = self._scale * camera.width, self._scale * camera.height

@@ -5,19 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
 from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.systems.cameras.object_camera import AddCaptureRig, CaptureRig
+from pinwm_drake.systems.cameras.object_camera import AddCaptureRig
 from pinwm_drake.systems.engines.engine import PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.pusher.motion import StraightPush
-from pinwm_drake.systems.runs.scripted import AddScriptedStation, Script, ScriptedStation
+from pinwm_drake.systems.runs.scripted import ScriptedStation
 from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario.schema import Scenario
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
-from pinwm_drake.systems.station.station import SceneStation, make_station
+from pinwm_drake.systems.station.station import make_station
 
 _SETTLING_TIME = 0.25  # s
 _AWAY = np.array([0.0, 0.0, 50.0])  # m, where the pusher is while it is not needed
@@ -65,25 +65,36 @@ class Recording:
 
 
 class SceneRecorder(ScriptedStation):
-    """A station with a scripted pusher and a camera, ready to run; `MakeSceneRecorder` makes one.
+    """A station with a scripted pusher and a camera, ready to run.
+
+    Args:
+        scenario: Scene and engine; a row of the log takes a whole number of the pusher's periods.
+        rates: Rates of pictures and of rows of the log.
+        camera: Size and intrinsics (4,) of the pictures.
+        supersampling: Rendered pixels for each of a picture, along each side.
+        forces: Flag: the log has the force of the object on the pusher, in each row the mean since the row before.
 
     Attributes:
         rig: The camera.
-        rates: How often what happens.
-        forces: Flag: the log has the force on the pusher.
+
+    Raises:
+        InputError: The object's mesh cannot be used.
+        ParameterError: Rates and periods do not fit.
     """
 
     def __init__(
-        self,
-        diagram: Diagram,
-        station: SceneStation,
-        script: Script,
-        rig: CaptureRig,
-        rates: Rates,
-        forces: bool = False,
+        self, scenario: Scenario | Setup, rates: Rates, camera: Camera, supersampling: int, *, forces: bool = False
     ) -> None:
-        super().__init__(diagram, station, script)
-        self.rig, self.rates, self.forces = rig, rates, forces
+        station = make_station(scenario)
+        period, row = station.setup.period, rates.time_step * rates.steps_per_record
+        whole_multiple("a row of the pusher's log", row, period, "pusher.period")
+        graph, query = station.engine.scene_graph, station.GetOutputPort("query_object")
+
+        def add_rig(builder: DiagramBuilder) -> None:
+            self.rig = AddCaptureRig(builder, graph, camera, supersampling, query=query)
+
+        super().__init__(station, extend=add_rig)
+        self.rates, self.forces = rates, forces
 
     def settle(self, X_WO: RigidTransform) -> RigidTransform:
         """Lets the object come to rest, without the pusher.
@@ -113,9 +124,6 @@ class SceneRecorder(ScriptedStation):
             push: What the pusher does.
             number: Of pictures that there will be.
             watch: Called with time [s] and pose of the object for each row of the log; what it raises ends the push.
-
-        Returns:
-            What was recorded.
         """
         self.begin(Place(X_WO, push.p_WP), push)
         per_frame = self.rates.records_per_frame
@@ -168,36 +176,6 @@ class SceneRecorder(ScriptedStation):
         for k, (X_WO_k, X_WC_k) in enumerate(zip(X_WO, X_WC, strict=True)):
             self.station.SetPlace(context, Place(X_WO_k, _AWAY if p_WP is None else p_WP[k]))
             yield self.rig.take(context, X_WC_k)
-
-
-def MakeSceneRecorder(
-    scenario: Scenario | Setup, rates: Rates, camera: Camera, supersampling: int, *, forces: bool = False
-) -> SceneRecorder:
-    """Assembles station, script and camera.
-
-    Args:
-        scenario: What there is, and with which engine; a row of the log takes a whole number of the pusher's periods.
-        rates: How often what happens.
-        camera: Size and intrinsics (4,) of the pictures.
-        supersampling: Rendered pixels for each of a picture, along each side.
-        forces: Flag: the log has the force of the object on the pusher, in each row the mean since the row before.
-
-    Returns:
-        The scene, ready to run.
-
-    Raises:
-        InputError: The object's mesh cannot be used.
-        ParameterError: Rates and periods do not fit.
-    """
-    builder = DiagramBuilder()
-    station = make_station(scenario)
-    period = station.setup.period
-    whole_multiple("a row of the pusher's log", rates.time_step * rates.steps_per_record, period, "pusher.period")
-    script = AddScriptedStation(builder, station)
-    rig = AddCaptureRig(
-        builder, station.engine.scene_graph, camera, supersampling, query=station.GetOutputPort("query_object")
-    )
-    return SceneRecorder(builder.Build(), station, script, rig, rates, forces)
 
 
 def _averages(forces: list[np.ndarray], parts: int) -> np.ndarray:

@@ -44,9 +44,6 @@ def rocking_poke(
         number: Number of pictures of the recording.
         rises: rad, of the pusher's way over level, least and most.
 
-    Returns:
-        The poke, and what was recorded of it.
-
     Raises:
         ParameterError: No poke rocks the object so.
     """
@@ -86,16 +83,10 @@ class _Watch:
     """Follower of a poke, until it has turned the object over, or is over and has not made it rise."""
 
     def __init__(self, poke: StraightPush, p_OB: np.ndarray) -> None:
-        """Takes what the pusher does, and the centre of mass (3,) [m, O]."""
         self._end, self._p_OB = poke.end_time + _AFTER, p_OB
         self._heights: list[float] = []
 
     def __call__(self, t: float, X_WO: RigidTransform) -> None:
-        """Sees the object.
-
-        Raises:
-            _NoRockError: The rest is known.
-        """
         self._heights.append((X_WO @ self._p_OB)[2])
         rise = max(self._heights) - self._heights[0]
         if rise >= _OVER * self._heights[0] or (t > self._end and rise <= _ROCKS):
@@ -103,7 +94,6 @@ class _Watch:
 
 
 def _rocked(poses: list[RigidTransform], p_OB: np.ndarray) -> bool:
-    """Flag: an object slid and rocked without passing over an edge, by its centre of mass (3,) [m, O]."""
     centers = np.array([X @ p_OB for X in poses])
     heights = centers[:, 2]
     rise, change = heights.max() - heights[0], abs(heights[-1] - heights[0])
@@ -114,5 +104,4 @@ def _rocked(poses: list[RigidTransform], p_OB: np.ndarray) -> bool:
 
 
 def _length(steps: np.ndarray) -> float:
-    """Length [m] of a way over the floor, by its steps (n, 3)."""
     return float(np.linalg.norm(steps[:, :2], axis=1).sum())

@@ -1,54 +1,47 @@
 """A station whose pusher follows a script: its diagram, and the loop that runs it."""
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder
 
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.systems.pusher.motion import ScriptedPush, StraightPush, TrajectoryReplay
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import SceneStation
 
-Script = ScriptedPush | TrajectoryReplay
-
-
-def AddScriptedStation(builder: DiagramBuilder, station: SceneStation, log: PusherTrajectory | None = None) -> Script:
-    """Adds a station, and the script that drives its pusher.
-
-    Args:
-        builder: Gets the systems "station" and "script".
-        station: Its input is `pusher_velocity_W`.
-        log: What the pusher follows; None for straight pushes.
-
-    Returns:
-        The script.
-    """
-    period = station.setup.period
-    builder.AddNamedSystem("station", station)
-    script = ScriptedPush(period) if log is None else TrajectoryReplay(log, period, float(log.t[0]))
-    builder.AddNamedSystem("script", script)
-    builder.Connect(script.get_output_port(), station.GetInputPort("pusher_velocity_W"))
-    return script
-
 
 class ScriptedStation:
     """A station with a scripted pusher, ready for one run after another. No run depends on an earlier one.
 
+    Args:
+        station: The station, of one world; its input is `pusher_velocity_W`.
+        log: Log that the pusher follows; None for straight pushes.
+        extend: Adds further systems to the diagram, which has "station" and "script" already.
+
     Attributes:
-        diagram: Of station, script and whatever else.
-        station: The station, of one world.
-        script: What moves its pusher.
-        simulator: Of the diagram.
+        diagram: Diagram of station, script and whatever else.
+        script: System that moves the pusher.
+        simulator: Simulator of the diagram.
         wall_time: s, that the simulator has taken since `begin`.
     """
 
-    def __init__(self, diagram: Diagram, station: SceneStation, script: Script) -> None:
-        """Takes the diagram, in which `AddScriptedStation` has put the others."""
-        self.diagram, self.station, self.script = diagram, station, script
-        self.simulator, self.wall_time = Simulator(diagram), 0.0
+    def __init__(
+        self,
+        station: SceneStation,
+        log: PusherTrajectory | None = None,
+        extend: Callable[[DiagramBuilder], None] = lambda builder: None,
+    ) -> None:
+        builder, period = DiagramBuilder(), station.setup.period
+        builder.AddNamedSystem("station", station)
+        script = ScriptedPush(period) if log is None else TrajectoryReplay(log, period, float(log.t[0]))
+        builder.AddNamedSystem("script", script)
+        builder.Connect(script.get_output_port(), station.GetInputPort("pusher_velocity_W"))
+        extend(builder)
+        self.diagram, self.station, self.script = builder.Build(), station, script
+        self.simulator, self.wall_time = Simulator(self.diagram), 0.0
 
     def begin(self, place: Place, push: StraightPush | None = None) -> None:
         """Puts everything into place, at rest, at time 0.

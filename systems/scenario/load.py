@@ -108,7 +108,6 @@ def scene_hash(setup: Setup) -> str:
 
 
 def _twin_scenario(folder: str) -> Scenario:
-    """Scenario of the usual scene, with a twin in the place of the object; see `load_setup`."""
     usual, twin = load_scenario(scenario_path(recipe_of(DEFAULT_TASK).scene)), read_twin(Path(folder))
     floor = np.array([0.0, 0.0, twin.floor_height])
     size = _reach(twin.mesh_path) / _reach(object_model(str(usual.object)).mesh_path)
@@ -135,7 +134,6 @@ def _twin_scenario(folder: str) -> Scenario:
 
 
 def _reach(mesh_path: Path) -> float:
-    """Distance of a mesh's farthest corner from its origin, m."""
     return float(np.linalg.norm(load_mesh(mesh_path).vertices, axis=1).max())
 
 

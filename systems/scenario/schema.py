@@ -24,18 +24,15 @@ MEMORY, LOCAL = "memq://", "udpm://239.255.76.67:7667?ttl=0"
 
 
 def _quantity(low: float, high: float, unit: str = "1") -> Any:
-    """Bounds and unit of a number."""
     allowed = f"a number from {low:g} to {high:g}" + ("" if unit == "1" else f" [{unit}]")
     return Field(ge=low, le=high, strict=True, json_schema_extra={"allowed": allowed, "unit": unit})
 
 
 def _count(low: int, high: int) -> Any:
-    """Bounds of a whole number."""
     return Field(ge=low, le=high, strict=True, json_schema_extra={"allowed": f"a whole number from {low} to {high}"})
 
 
 def _length(length: int) -> Any:
-    """Length of a list of numbers."""
     allowed = f"{length} finite numbers"
     return Field(min_length=length, max_length=length, strict=True, json_schema_extra={"allowed": allowed})
 
@@ -53,8 +50,6 @@ def _known(task: Any) -> Any:
 
 
 def _where(allowed: Callable[[Any], bool], words: str) -> AfterValidator:
-    """Validator of what bounds do not say."""
-
     def check(value: Any) -> Any:
         if not allowed(value):
             raise ValueError(words)
@@ -91,14 +86,7 @@ class _Checked:
 
 @dataclass
 class Units(_Checked):
-    """The units of the file: these and no others, written down so that nobody has to guess.
-
-    Attributes:
-        length: m.
-        mass: kg.
-        time: s.
-        angle: rad.
-    """
+    """The units of the file: these and no others, written down so that nobody has to guess."""
 
     length: Literal["m"] = "m"
     mass: Literal["kg"] = "kg"

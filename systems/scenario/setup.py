@@ -11,7 +11,7 @@ from pydrake.geometry import RenderEngineVtkParams
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.models import object_model
 from pinwm_drake.rendering.camera import Camera
@@ -67,8 +67,7 @@ class Setup:
             ParameterError: There is no such parameter.
         """
         for name in values:
-            if name not in THETA:
-                raise ParameterError(f"theta: got {name!r}; allowed: {', '.join(THETA)}")
+            require("theta", repr(name), name in THETA, ", ".join(THETA))
         theta, moments = dict(self.twin.theta), [name for name in THETA if name.startswith("inertia")]
         if "mass" in values and not any(name in values for name in moments):
             scale = values["mass"] / theta["mass"].value
@@ -84,9 +83,6 @@ def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:
     Args:
         scenario: The scenario.
         twin: A twin in memory, in the place of the scenario's object or twin; None for the scenario's.
-
-    Returns:
-        The setup.
 
     Raises:
         InputError: The scenario is out of range, or one of its files cannot be used.
@@ -131,7 +127,6 @@ def placed_task(task: Task, scenario: Scenario, twin: Twin) -> Task:
 
 
 def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
-    """A twin of a shipped object, with theta as given, and its mesh in colours."""
     model, theta = object_model(str(scenario.object)), scenario.theta or Theta()
     inertia = mass_properties(load_mesh(model.mesh_path), mass=theta.mass).inertia
     values = {
@@ -160,7 +155,6 @@ def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
 
 
 def _with_settings(twin: Twin, scenario: Scenario) -> Twin:
-    """The twin with the physics, gravity and pusher's shape that the scenario sets in the place of its own."""
     physics, shape = scenario.physics, scenario.pusher.shape
     changes: dict[str, Any] = {
         "time_step": physics.time_step,

@@ -37,16 +37,13 @@ class StartDistribution:
 
     Attributes:
         vertices: (n, 3) m, frame O: vertices of the object.
-        floor_height: m, world: z of the floor.
-        pusher_reach: m, radius of the pusher, or of an upright cylinder around it.
     """
 
     def __init__(self, setup: Setup) -> None:
-        """Measures object and pusher of a scene."""
         self._start = setup.scenario.start
-        self.floor_height = setup.twin.floor_height
+        self._floor_height = setup.twin.floor_height
         self.vertices = load_mesh(setup.twin.mesh_path).vertices
-        self.pusher_reach = upright_shape(setup.twin.pusher).radius
+        self._reach = upright_shape(setup.twin.pusher).radius
         q_WO = np.array(self._start.q_WO)
         self._R = RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO)))
         self._roll_axis = np.array(self._start.roll_axis) / max(float(np.linalg.norm(self._start.roll_axis)), 1e-300)
@@ -69,9 +66,9 @@ class StartDistribution:
         if roll:
             R_WO = R_WO @ RotationMatrix(AngleAxis(roll, self._roll_axis))
         angle += yaw if start.pusher_from == "object" else 0.0
-        X_WO = on_floor(self.vertices, R_WO, x, y, self.floor_height)
+        X_WO = on_floor(self.vertices, R_WO, x, y, self._floor_height)
         turned = self.vertices @ R_WO.matrix()[:2].T
-        distance = np.linalg.norm(turned, axis=1).max() + gap + self.pusher_reach
+        distance = np.linalg.norm(turned, axis=1).max() + gap + self._reach
         p_WP = [x + distance * math.cos(angle), y + distance * math.sin(angle), start.pusher_height]
         return Place(X_WO, np.array(p_WP))
 

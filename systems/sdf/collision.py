@@ -1,9 +1,4 @@
-"""Collision geometry for Drake: meshes of objects and pushers as texts of OBJ files, and spheres to stand on.
-
-For hydroelastic contact a mesh is divided into small triangles (`fine_mesh`). For point contact an object has convex
-pieces for the pusher (`as_box`, `piece_mesh`) and small spheres for the floor (`support_spheres`). Renderers take
-`seen_mesh`.
-"""
+"""Collision geometry for Drake: meshes of objects and pushers as texts of OBJ files, and spheres to stand on."""
 
 from collections.abc import Sequence
 from itertools import pairwise, permutations, product
@@ -32,9 +27,6 @@ def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> str:
     Args:
         mesh: Metres, watertight.
         longest_edge: Longest edge of a triangle, m for each metre of the mesh's mean extent.
-
-    Returns:
-        The OBJ file.
     """
     triangles = divided(mesh.triangles, longest_edge * float(mesh.extents.mean()))
     # Corners in the order in which they come, each once.
@@ -101,7 +93,6 @@ def as_box(piece: ConvexPiece) -> tuple[np.ndarray, RigidTransform] | None:
 
 
 def _next_to_the_first(piece: ConvexPiece) -> list[int]:
-    """Vertices that share an edge with a hull's vertex 0."""
     around = [face for face in piece.faces if 0 in face]
     return sorted({face[face.index(0) - 1] for face in around} | {face[(face.index(0) + 1) % 4] for face in around})
 
@@ -170,7 +161,6 @@ def _without_slivers(piece: ConvexPiece) -> ConvexPiece:
 
 
 def _fans(piece: ConvexPiece) -> np.ndarray:
-    """Triangles (m, 3) int of a hull's faces."""
     return np.array([(face[0], b, c) for face in piece.faces for b, c in pairwise(face[1:])])
 
 

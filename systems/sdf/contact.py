@@ -93,12 +93,7 @@ def dissipation_of(restitution: float, speed: float) -> float:
 class Surfaces:
     """Coefficients of Drake's geometries that give the pairs those of theta.
 
-    Attributes:
-        friction_object: Coulomb coefficient of the object's surface.
-        friction_floor: Coulomb coefficient of the floor's surface.
-        friction_pusher: Coulomb coefficient of the pusher's surface.
-        dissipation_floor: Hunt and Crossley's, of floor and object [s/m].
-        dissipation_pusher: Hunt and Crossley's, of pusher and object [s/m].
+    Coulomb coefficients are those of surfaces; Hunt and Crossley's dissipation [s/m] is that of a pair with the object.
     """
 
     friction_object: float

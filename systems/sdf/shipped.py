@@ -22,6 +22,7 @@ from pinwm_drake.systems.sdf.contact import LONGEST_EDGE, SUPPORT_GRADIENT, Surf
 from pinwm_drake.systems.sdf.text import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
 
 _MASS, _FRICTION = 1.0, 0.1  # kg, of every pair
+_ABOUT = "Written by pinwm_drake.systems.sdf.shipped."
 _MUG_SEGMENTS = 64  # as many as the mesh has
 PUSHERS = {
     "sphere": PusherShape("sphere", 0.01),
@@ -80,10 +81,10 @@ def texts() -> dict[Path, str]:
     for name in OBJECT_NAMES:
         found |= _object_texts(name)
     surfaces = Surfaces.of_pairs(_FRICTION, _FRICTION)
-    found["floor/floor.sdf"] = floor_sdf(surfaces, 0.0, f"Floor, z = 0. {_about()}")
+    found["floor/floor.sdf"] = floor_sdf(surfaces, 0.0, f"Floor, z = 0. {_ABOUT}")
     for name in PUSHER_NAMES:
         size = " across, 60 mm long" if PUSHERS[name].length else ""
-        found[f"pusher/{name}.sdf"] = pusher_sdf(PUSHERS[name], None, surfaces, f"Pusher, 20 mm{size}. {_about()}")
+        found[f"pusher/{name}.sdf"] = pusher_sdf(PUSHERS[name], None, surfaces, f"Pusher, 20 mm{size}. {_ABOUT}")
     return {root / file: text for file, text in found.items()}
 
 
@@ -100,8 +101,8 @@ def _object_texts(name: str) -> dict[str, str]:
     files = piece_names(name, len(pieces))
     spheres = [(centre.round(9), radius) for centre, radius in support_spheres(mesh)]
     uris = [shipped_uri(file) for file in files]
-    comment = f"{name}, hydroelastic contact. {_about()}"
-    point = f"{name}, point contact: pieces are for the pusher, supports for the floor. {_about()}"
+    comment = f"{name}, hydroelastic contact. {_ABOUT}"
+    point = f"{name}, point contact: pieces are for the pusher, supports for the floor. {_ABOUT}"
     return {
         contact: fine_mesh(mesh, LONGEST_EDGE),
         base: tetrahedra,
@@ -113,10 +114,6 @@ def _object_texts(name: str) -> dict[str, str]:
             name, solid, shipped_uri(visual), pieces, uris, spheres, surfaces, point
         ),
     }
-
-
-def _about() -> str:
-    return "Written by pinwm_drake.systems.sdf.shipped."
 
 
 if __name__ == "__main__":

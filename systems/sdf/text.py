@@ -88,16 +88,13 @@ def object_sdf(
         support: URI and depth [m] of the tetrahedra that stand on the floor, as of `volume_mesh`.
         surfaces: Coefficients.
         comment: First line of the file.
-
-    Returns:
-        The text of the file.
     """
     surface = Surface(surfaces.friction_object, modulus=np.inf)
     modulus = settings.SUPPORT_GRADIENT * support[1]
     base = Surface(surfaces.friction_object, surfaces.dissipation_floor, modulus=modulus)
     parts = [_inertial(solid), _visual(_mesh(visual)), _collision("piece", _mesh(contact_mesh), surface)]
     parts.append(_collision("support", _mesh(support[0]), base))
-    return _file(comment, _model(name, _link("object", *parts)))
+    return _file(comment, name, _link("object", *parts))
 
 
 def object_point_sdf(
@@ -112,26 +109,22 @@ def object_point_sdf(
 ) -> str:
     """Model of a free body for point contact: convex pieces for the pusher, small spheres for the floor.
 
+    Other arguments are those of `object_sdf`.
+
     Args:
-        name: Name of the model; its link is called "object" and has the frame O.
-        solid: Mass properties.
-        visual: URI of the mesh that is seen.
         pieces: Convex pieces of the object, frame O, m.
         uris: URI of the mesh of each; that of a box is not used.
         supports: Centre (3,) [m, frame O] and radius [m] of each sphere.
-        surfaces: Coefficients.
-        comment: First line of the file.
-
-    Returns:
-        The text of the file.
     """
     # Of a pair of equal ones Drake takes half of the stiffness, and their dissipation.
     side = Surface(surfaces.friction_object, surfaces.dissipation_pusher, 2 * settings.PUSHER_STIFFNESS)
     base = Surface(surfaces.friction_object, surfaces.dissipation_floor, 2 * settings.FLOOR_STIFFNESS)
     parts = [_inertial(solid), _visual(_mesh(visual))]
     parts += [_piece(f"piece_{k}", *one, side) for k, one in enumerate(zip(pieces, uris, strict=True))]
-    parts += [_collision(f"support_{k}", _sphere(r), base, centre) for k, (centre, r) in enumerate(supports)]
-    return _file(comment, _model(name, _link("object", *parts)))
+    parts += [
+        _collision(f"support_{k}", _shape("sphere", radius=r), base, centre) for k, (centre, r) in enumerate(supports)
+    ]
+    return _file(comment, name, _link("object", *parts))
 
 
 def floor_sdf(surfaces: settings.Surfaces, height: float, comment: str) -> str:
@@ -147,7 +140,7 @@ def floor_sdf(surfaces: settings.Surfaces, height: float, comment: str) -> str:
     box = _element("box", f"<size>{_numbers(sides)}</size>")
     middle = np.array([*settings.FLOOR_MIDDLE, height - 0.5 * settings.FLOOR_DEPTH])
     link = _link("floor", _collision("floor", _element("geometry", box), surface, middle))
-    return _file(comment, _model("floor", "<static>true</static>", link))
+    return _file(comment, "floor", "<static>true</static>", link)
 
 
 def pusher_sdf(
@@ -179,7 +172,8 @@ def pusher_sdf(
         settings.PUSHER_RESOLUTION if whole else None,
     )
     if isinstance(shape, PusherShape):
-        seen = _shape(shape)
+        length = {} if shape.kind == "sphere" else {"length": shape.length}
+        seen = _shape(shape.kind, radius=shape.radius, **length)
         touching = [_collision("pusher", seen, surface)]
         extent = shape.radius
     else:
@@ -188,13 +182,12 @@ def pusher_sdf(
         extent = 0.01
     solid = Solid(settings.PUSHER_MASS, np.zeros(3), 0.4 * settings.PUSHER_MASS * extent**2 * np.eye(3))
     links = [_link("pusher", _inertial(solid), _visual(seen, _GREY), *touching)]
-    if not driven:
-        return _file(comment, _model("pusher", *links))
-    still = _inertial(Solid(0.0, np.zeros(3), np.zeros((3, 3))))
-    chain = ["world", "pusher_slide_x", "pusher_slide_y", "pusher"]
-    links = [*(_link(slide, still) for slide in chain[1:3]), *links]
-    joints = [_drive(axis, chain[k], chain[k + 1], np.eye(3)[k]) for k, axis in enumerate("xyz")]
-    return _file(comment, _model("pusher", *links, *joints))
+    if driven:
+        still = _inertial(Solid(0.0, np.zeros(3), np.zeros((3, 3))))
+        chain = ["world", "pusher_slide_x", "pusher_slide_y", "pusher"]
+        links = [*(_link(slide, still) for slide in chain[1:3]), *links]
+        links += [_drive(axis, chain[k], chain[k + 1], np.eye(3)[k]) for k, axis in enumerate("xyz")]
+    return _file(comment, "pusher", *links)
 
 
 def _drive(axis: str, parent: str, child: str, direction: np.ndarray) -> str:
@@ -205,7 +198,6 @@ def _drive(axis: str, parent: str, child: str, direction: np.ndarray) -> str:
 
 
 def _piece(name: str, piece: ConvexPiece, uri: str, surface: Surface) -> str:
-    """Collision of a convex piece: of a box, or of a mesh's hull."""
     found = as_box(piece)
     if found is None:
         return _collision(name, _mesh(uri, convex=True), surface)
@@ -215,15 +207,8 @@ def _piece(name: str, piece: ConvexPiece, uri: str, surface: Surface) -> str:
     return _collision(name, box, surface, p, rpy)
 
 
-def _shape(shape: PusherShape) -> str:
-    if shape.kind == "sphere":
-        return _sphere(shape.radius)
-    sizes = [_tag("radius", shape.radius), _tag("length", shape.length)]
-    return _element("geometry", _element(shape.kind, *sizes))
-
-
-def _sphere(radius: float) -> str:
-    return _element("geometry", _element("sphere", _tag("radius", radius)))
+def _shape(kind: str, **sizes: float) -> str:
+    return _element("geometry", _element(kind, *(_tag(name, size) for name, size in sizes.items())))
 
 
 def _mesh(uri: str, *, convex: bool = False) -> str:
@@ -256,11 +241,8 @@ def _link(name: str, *parts: str) -> str:
     return _element(f'link name="{name}"', *parts)
 
 
-def _model(name: str, *parts: str) -> str:
-    return _element(f"model name={quoteattr(name)}", *parts)
-
-
-def _file(comment: str, model: str) -> str:
+def _file(comment: str, name: str, *parts: str) -> str:
+    model = _element(f"model name={quoteattr(name)}", *parts)
     head = ['<?xml version="1.0"?>', f"<!-- {comment.replace('--', '- -')} -->"]
     return "\n".join([*head, _element('sdf version="1.9" xmlns:drake="http://drake.mit.edu"', model)]) + "\n"
 

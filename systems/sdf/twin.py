@@ -5,7 +5,7 @@ from typing import Literal, cast, get_args
 
 import torch
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.shapes import sphere
@@ -27,8 +27,7 @@ _VISUAL = f"{_MESHES}/visual.obj"
 
 def contact_name(text: str) -> ContactName:
     """Validated name of one of Drake's contact models; raises ParameterError where there is no such model."""
-    if text not in get_args(ContactName):
-        raise ParameterError(f"contact: got {text!r}; allowed: {', '.join(get_args(ContactName))}")
+    require("contact", repr(text), text in get_args(ContactName), ", ".join(get_args(ContactName)))
     return cast(ContactName, text)
 
 
@@ -41,9 +40,6 @@ def write_twin_model(twin: Twin, folder: Path) -> list[Path]:
     Args:
         twin: The twin.
         folder: Folder of the models; made if need be.
-
-    Returns:
-        The four files.
 
     Raises:
         InputError: A mesh cannot be used, or a file cannot be written.
@@ -106,9 +102,6 @@ def object_text(
         comment: First line of the text.
         visual: URI of a mesh to be seen instead of the twin's mesh in the colours of its surfels.
 
-    Returns:
-        The text.
-
     Raises:
         InputError: The mesh cannot be used, or a file cannot be written.
     """
@@ -132,16 +125,7 @@ def object_text(
 def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comment: str, *, driven: bool = True) -> str:
     """SDFormat of a twin's pusher; writes the meshes of one without a shape.
 
-    Args:
-        twin: The twin.
-        surfaces: Coefficients of its contacts.
-        folder: Folder in whose subfolder `meshes` the meshes are written.
-        prefix: Prefix of the names of meshes in the text.
-        comment: First line of the text.
-        driven: Whether the pusher has joints and drives, as for `pusher_sdf`.
-
-    Returns:
-        The text.
+    Arguments are those of `object_text` and, `driven`, of `pusher_sdf`.
 
     Raises:
         InputError: A mesh cannot be used, or a file cannot be written.
@@ -156,7 +140,6 @@ def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comme
 
 
 def _mesh_file(folder: Path, name: str, text: str, suffix: str = ".obj") -> str:
-    """Writes a mesh and hands back its name from the folder."""
     (folder / _MESHES).mkdir(exist_ok=True)
     _write(folder / _MESHES / f"{name}{suffix}", text)
     return f"{_MESHES}/{name}{suffix}"

@@ -54,9 +54,6 @@ def write_pictures(folder: Path) -> list[Path]:
     Args:
         folder: Folder of the pictures; made if need be.
 
-    Returns:
-        The files.
-
     Raises:
         InputError: A file cannot be written.
     """

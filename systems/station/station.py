@@ -12,7 +12,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.systems.engines.engine import Engine
 from pinwm_drake.systems.engines.lcm.engine import AddLcmEngine
 from pinwm_drake.systems.engines.plant.engine import AddPlantEngine
@@ -66,7 +66,6 @@ class SceneStation(Diagram):  # type: ignore[misc]  # pydrake has no usable type
         lcm: DrakeLcmInterface | None,
         armed: bool,
     ) -> None:
-        """Assembles the diagram; arguments as for `make_station`."""
         super().__init__()
         self.setup = setup
         self._start = StartDistribution(setup)
@@ -98,7 +97,9 @@ class SceneStation(Diagram):  # type: ignore[misc]  # pydrake has no usable type
         for name, port in outputs.items():
             builder.ExportOutput(port, name)
         if meshcat is not None:
-            AddSceneView(builder, parts, meshcat, setup)
+            AddSceneView(
+                builder, parts.name, parts.scene_graph, parts.object_state, parts.contact_forces, meshcat, setup
+            )
         builder.BuildInto(self)
         self.set_name(f"station_{engine}")
 
@@ -143,7 +144,6 @@ class Clock(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
 
 
 def _add_command(builder: DiagramBuilder, parts: Engine, setup: Setup, command: Command) -> None:
-    """Adds the limits before the engine, and before them the input of the station."""
     scenario, pusher = setup.scenario, setup.scenario.pusher
     W = scenario.num_worlds
     limits = builder.AddNamedSystem(
@@ -181,9 +181,6 @@ def make_station(
         lcm: LCM that the messages of "lcm" go through; None to open the address that the scenario has.
         armed: Whether "lcm" sends commands: the robot does not move otherwise.
 
-    Returns:
-        The station, a Diagram.
-
     Raises:
         InputError: The scenario, or one of its files, cannot be used.
         ParameterError: There is no such engine or command, one that is not the twin is to hold several worlds, or an
@@ -191,10 +188,8 @@ def make_station(
     """
     setup = load_setup(scene)
     engine = engine or setup.scenario.engine
-    if engine not in STATION_ENGINES:
-        raise ParameterError(f"engine: got {engine!r}; allowed: {', '.join(STATION_ENGINES)}")
-    if command not in ("velocity", "translation"):
-        raise ParameterError(f"command: got {command!r}; allowed: velocity, translation")
+    require("engine", repr(engine), engine in STATION_ENGINES, ", ".join(STATION_ENGINES))
+    require("command", repr(command), command in ("velocity", "translation"), "velocity, translation")
     if engine != "twin" and setup.scenario.num_worlds != 1:
         raise ParameterError(f"num_worlds: got {setup.scenario.num_worlds} with {engine}; allowed: 1, or the twin")
     return SceneStation(setup, engine, command, meshcat, lcm, armed)

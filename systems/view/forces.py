@@ -15,6 +15,7 @@ _SUM_RADIUS, _RADIUS = 0.0025, 0.001  # m
 _HEAD, _HEAD_SHARE = 6.0, 0.5
 # Shorter or longer arrows, m: the former are left out, the latter cut off.
 _SHORTEST, _LONGEST = 5e-4, 0.5
+_MOST = 24  # thin arrows of a pair
 
 
 class MeshcatForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
@@ -26,25 +27,22 @@ class MeshcatForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
 
     A thick arrow is the sum of a pair's forces, at the mean of their points, each weighted by its force: engines that
     divide one contact into more or fewer points show the same. Thin ones are the forces themselves, where there are
-    several; of more than `most` of a pair, the largest. An arrow starts where its force acts and is 10 mm long for each
+    several; of more than 24 of a pair, the largest. An arrow starts where its force acts and is 10 mm long for each
     newton. Published every `period` seconds from t = 0 on, and when a publish is forced.
+
+    Args:
+        meshcat: The server.
+        period: Simulated time between publishes, s.
+        path: Path of the arrows in Meshcat's tree.
     """
 
-    def __init__(self, meshcat: Meshcat, *, period: float, most: int = 24, path: str) -> None:
-        """Draws the arrows, hidden.
-
-        Args:
-            meshcat: The server.
-            period: Simulated time between publishes, s.
-            most: Number of thin arrows for each pair.
-            path: Path of the arrows in Meshcat's tree.
-        """
+    def __init__(self, meshcat: Meshcat, *, period: float, path: str) -> None:
         super().__init__()
         self._forces = self.DeclareAbstractInputPort("contact_forces", AbstractValue.Make(ContactForces.none()))
         self._arrows = {}
         for pair, (name, colour) in _PAIRS.items():
             total = _Arrow(meshcat, f"{path}/{name}/sum", _SUM_RADIUS, colour)
-            each = [_Arrow(meshcat, f"{path}/{name}/{k}", _RADIUS, colour) for k in range(most)]
+            each = [_Arrow(meshcat, f"{path}/{name}/{k}", _RADIUS, colour) for k in range(_MOST)]
             self._arrows[pair] = (total, each)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._Publish)
         self.DeclareForcedPublishEvent(self._Publish)
@@ -79,7 +77,6 @@ class _Arrow:
         meshcat.SetProperty(path, "visible", False)
 
     def hide(self, time: float) -> None:
-        """Hides the arrow from a time [s] on."""
         self._meshcat.SetProperty(self._path, "visible", False, time)
 
     def show(self, p_WC: np.ndarray, f_W: np.ndarray, time: float) -> None:

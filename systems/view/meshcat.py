@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.errors import InputError, ParameterError, require
 from pinwm_drake.files import replacing
 
 LOCALHOST = "localhost"
@@ -33,8 +33,7 @@ def make_meshcat(host: str = LOCALHOST, port: int | None = None) -> Meshcat:
         ParameterError: The address cannot be listened on, or the port is taken or out of range.
     """
     allowed = "an address of this machine and a free port, 1024 or more"
-    if port is not None and not 1024 <= port <= 65535:
-        raise ParameterError(f"host, port: got {host}, {port}; allowed: {allowed}")
+    require("host, port", f"{host}, {port}", port is None or 1024 <= port <= 65535, allowed)
     try:
         return Meshcat(MeshcatParams(host=host, port=port, show_stats_plot=False))
     except RuntimeError as error:
@@ -44,6 +43,8 @@ def make_meshcat(host: str = LOCALHOST, port: int | None = None) -> Meshcat:
 @contextmanager
 def recorded(meshcat: Meshcat, path: Path, frames_per_second: float = 30.0) -> Iterator[None]:
     """Records the publishes of a simulation in the block, and writes them as one HTML file that needs no server.
+
+    The page is as it is, without the sliders.
 
     Args:
         meshcat: The server.
@@ -63,12 +64,7 @@ def recorded(meshcat: Meshcat, path: Path, frames_per_second: float = 30.0) -> I
         meshcat.StopRecording()
     meshcat.PublishRecording()
     with replacing(path) as partial:
-        partial.write_text(recorded_html(meshcat), encoding="utf-8")
-
-
-def recorded_html(meshcat: Meshcat) -> str:
-    """Page as it is, with the recording that was published last, as one HTML file; without the sliders."""
-    return str(meshcat.StaticHtml())
+        partial.write_text(str(meshcat.StaticHtml()), encoding="utf-8")
 
 
 def AddThetaSliders(meshcat: Meshcat, theta: Mapping[str, float]) -> None:
@@ -83,8 +79,7 @@ def AddThetaSliders(meshcat: Meshcat, theta: Mapping[str, float]) -> None:
         ParameterError: There is no slider for a name.
     """
     unknown = [name for name in theta if name not in _SLIDERS]
-    if unknown:
-        raise ParameterError(f"theta: got {', '.join(map(repr, unknown))}; allowed: {', '.join(_SLIDERS)}")
+    require("theta", ", ".join(map(repr, unknown)), not unknown, ", ".join(_SLIDERS))
     there = meshcat.GetSliderNames()
     for name, value in theta.items():
         label, low, high, step = _SLIDERS[name]

@@ -1,7 +1,6 @@
 """View of a station in Meshcat: geometries, floor, camera, contact forces and surfels."""
 
 import math
-from typing import Protocol
 
 import numpy as np
 from pydrake.geometry import (
@@ -29,29 +28,12 @@ _FRUSTUM_COLOUR = Rgba(0.15, 0.35, 0.75)
 _EYE, _EYE_TURN = 0.7, math.radians(50)
 
 
-class Shown(Protocol):
-    """Ports and names of an Engine that the view reads."""
-
-    @property
-    def name(self) -> str:
-        """Name of the engine."""
-
-    @property
-    def object_state(self) -> OutputPort:
-        """State (13 W) of the objects, as in `Engine`."""
-
-    @property
-    def contact_forces(self) -> OutputPort:
-        """Contact forces, Value[ContactForces]."""
-
-    @property
-    def scene_graph(self) -> SceneGraph:
-        """SceneGraph whose geometries are shown."""
-
-
 def AddSceneView(
     builder: DiagramBuilder,
-    engine: Shown,
+    engine: str,
+    scene_graph: SceneGraph,
+    object_state: OutputPort,
+    contact_forces: OutputPort,
     meshcat: Meshcat,
     setup: Setup,
     *,
@@ -66,35 +48,40 @@ def AddSceneView(
 
     Args:
         builder: Builder of the diagram that holds the engine.
-        engine: Ports of the engine.
+        engine: Name of the engine.
+        scene_graph: SceneGraph whose geometries are shown.
+        object_state: State (13 W) of the objects, as in `Engine`.
+        contact_forces: Value[ContactForces].
         meshcat: The server.
         setup: Setup that the engine was built from.
         period: Simulated time between publishes, s.
         prefix: Prefix of all paths in Meshcat's tree; `meshcat.SetTransform(prefix, ...)` puts one station beside
             another.
-
-    Returns:
-        The visualizer of the geometries.
     """
-    _draw_floor(meshcat, f"{prefix}/floor", setup.twin.floor_height)
+    meshcat.SetObject(f"{prefix}/floor", Box(_FLOOR_SIDE, _FLOOR_SIDE, _FLOOR_DEPTH), _FLOOR_COLOUR)
+    # A little lower, so that faces that lie on it are not mixed with it.
+    X_WF = RigidTransform([0.0, 0.0, setup.twin.floor_height - 0.6 * _FLOOR_DEPTH])
+    meshcat.SetTransform(f"{prefix}/floor", X_WF)
+    for name in ("/Grid", "/Axes"):
+        meshcat.SetProperty(name, "visible", False)
     _draw_camera(meshcat, f"{prefix}/camera", setup.camera, setup.X_WC)
     # What cameras see. Not deleted when a simulation begins, so that what is hidden stays so.
     params = MeshcatVisualizerParams(
         publish_period=period, role=Role.kPerception, prefix=f"{prefix}/scene", delete_on_initialization_event=False
     )
-    visualizer = MeshcatVisualizer.AddToBuilder(builder, engine.scene_graph, meshcat, params)
-    if engine.name != "lcm":
-        W = engine.object_state.size() // 13
+    visualizer = MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
+    if engine != "lcm":
+        W = object_state.size() // 13
         surfels = builder.AddNamedSystem(
             "meshcat_surfels",
             MeshcatSurfels(setup.twin.surfels, meshcat, num_worlds=W, period=period, path=f"{prefix}/surfels"),
         )
-        builder.Connect(engine.object_state, surfels.get_input_port())
+        builder.Connect(object_state, surfels.get_input_port())
     forces = builder.AddNamedSystem("meshcat_forces", MeshcatForces(meshcat, period=period, path=f"{prefix}/forces"))
-    builder.Connect(engine.contact_forces, forces.get_input_port())
-    shows_surfels = engine.name == "twin"
+    builder.Connect(contact_forces, forces.get_input_port())
+    shows_surfels = engine == "twin"
     meshcat.SetProperty(f"{prefix}/surfels", "visible", shows_surfels)
-    for path in _object_paths(engine.scene_graph, params.prefix):
+    for path in _object_paths(scene_graph, params.prefix):
         meshcat.SetProperty(path, "visible", not shows_surfels)
     return visualizer
 
@@ -106,16 +93,7 @@ def _object_paths(scene_graph: SceneGraph, prefix: str) -> list[str]:
     return ["/".join([prefix, *parts]) for parts in names if parts[-1] == "object"]
 
 
-def _draw_floor(meshcat: Meshcat, path: str, height: float) -> None:
-    meshcat.SetObject(path, Box(_FLOOR_SIDE, _FLOOR_SIDE, _FLOOR_DEPTH), _FLOOR_COLOUR)
-    # A little lower, so that faces that lie on it are not mixed with it.
-    meshcat.SetTransform(path, RigidTransform([0.0, 0.0, height - 0.6 * _FLOOR_DEPTH]))
-    for name in ("/Grid", "/Axes"):
-        meshcat.SetProperty(name, "visible", False)
-
-
 def _draw_camera(meshcat: Meshcat, path: str, camera: Camera, X_WC: RigidTransform) -> None:
-    """Draws a camera's frustum as far as the point that it looks at, and points the page's own camera there."""
     p_WC, forward = X_WC.translation(), X_WC.rotation().matrix()[:, 2]
     # Where its axis meets the height of the world's origin, if ahead; else half a metre ahead.
     distance = -p_WC[2] / forward[2] if p_WC[2] * forward[2] < 0 else 0.5

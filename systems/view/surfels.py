@@ -18,18 +18,16 @@ class MeshcatSurfels(LeafSystem):  # type: ignore[misc]  # pydrake has no usable
                                                └────────────────┘
 
     Published every `period` seconds from t = 0 on, and when a publish is forced.
+
+    Args:
+        surfels: Surfels, frame O; one set of colours.
+        meshcat: The server.
+        num_worlds: Number of worlds W.
+        period: Simulated time between publishes, s.
+        path: Path of the surfels in Meshcat's tree.
     """
 
     def __init__(self, surfels: Surfels, meshcat: Meshcat, *, num_worlds: int = 1, period: float, path: str) -> None:
-        """Draws the surfels.
-
-        Args:
-            surfels: Surfels, frame O; one set of colours.
-            meshcat: The server.
-            num_worlds: Number of worlds W.
-            period: Simulated time between publishes, s.
-            path: Path of the surfels in Meshcat's tree.
-        """
         super().__init__()
         self._meshcat, self._path = meshcat, path
         self._state = self.DeclareVectorInputPort("object_state", 13 * num_worlds)

@@ -23,7 +23,7 @@ from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 from pinwm_drake.models import model_path
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.painted import painted_surfels
-from pinwm_drake.systems.engines.engine import ContactForces, Engine
+from pinwm_drake.systems.engines.engine import ContactForces
 from pinwm_drake.systems.scenario.viewpoints import look_at
 from pinwm_drake.systems.view.scene import AddSceneView
 
@@ -68,8 +68,7 @@ def station(
     state = builder.AddSystem(ConstantVectorSource(np.concatenate([world, np.zeros(13)])))
     contact = builder.AddSystem(ConstantValueSource(AbstractValue.Make(forces or ContactForces.none())))
     port = state.get_output_port()
-    engine = Engine(name, None, port, port, port, port, contact.get_output_port(), scene_graph, None)
-    AddSceneView(builder, engine, meshcat, setup, **options)
+    AddSceneView(builder, name, scene_graph, port, contact.get_output_port(), meshcat, setup, **options)
     return builder.Build()
 
 

@@ -21,7 +21,7 @@ from pinwm_drake.systems.engines.plant.engine import PlantHandle
 from pinwm_drake.systems.engines.plant.scene import ScenePlant
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.runs.realism.uneven import write_with_feet
-from pinwm_drake.systems.runs.recorder import MakeSceneRecorder, Rates, SceneRecorder
+from pinwm_drake.systems.runs.recorder import Rates, SceneRecorder
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import Place
@@ -66,7 +66,7 @@ def make_recorder(
     """
     setup = _setup(engine, thing, theta, shape)
     setup = setup if seen is None else dataclasses.replace(setup, visual_path=seen)
-    return MakeSceneRecorder(setup, Rates(LOG_RATE, 1, _STEPS_PER_LOG), camera, supersampling)
+    return SceneRecorder(setup, Rates(LOG_RATE, 1, _STEPS_PER_LOG), camera, supersampling)
 
 
 def _setup(engine: str, thing: Thing, theta: Theta, shape: PusherShape) -> Setup:

@@ -51,11 +51,11 @@ def run_arm(pipe: Connection, setup: Setup, latency: float) -> None:
     """
     from pydrake.systems.analysis import Simulator
 
-    from pinwm_drake.systems.arm.driver import MakeArmDriver
+    from pinwm_drake.systems.arm.driver import ArmDriver
     from pinwm_drake.systems.engines.lcm.link import make_lcm
 
     _ignore_ctrl_c()
-    driver = MakeArmDriver(setup, make_lcm(setup.scenario.lcm), contact="point", time_step=_TIME_STEP, latency=latency)
+    driver = ArmDriver(setup, make_lcm(setup.scenario.lcm), contact="point", time_step=_TIME_STEP, latency=latency)
     simulator = Simulator(driver)
     context = simulator.get_mutable_context()
     driver.SetPlace(context, driver.draw_place(np.random.default_rng(0)))

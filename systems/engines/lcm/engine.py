@@ -33,11 +33,7 @@ from pinwm_drake.systems.scenario.start import StartDistribution
 class LcmHandle:
     """Handle that refuses to put things into place, which takes more than a message; see `engine.Handle`.
 
-    Attributes:
-        lcm: Kept, as the systems that use it do not.
-        armed: Whether commands are sent.
-        channel: Channel of commands.
-        period: s, between commands.
+    It keeps the LCM, as the systems that use it do not, and sends commands, each `period` [s], if it is armed.
     """
 
     lcm: DrakeLcmInterface
@@ -72,7 +68,7 @@ class LcmHandle:
 
 
 def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface | None, armed: bool) -> Engine:
-    """Adds the systems that speak with a robot's driver as `LcmLink` says.
+    """Adds the systems that speak with a robot's driver as `LcmLink` says; the engine's handle is an LcmHandle.
 
     What a robot does not know has no number: `object_state` is NaN throughout, and `contact_forces` has none. The
     pusher's state is NaN before the first message, and where none has come for `timeout`. `rgb` is the last image,
@@ -85,9 +81,6 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
         setup: The scene; `setup.scenario.lcm` says how the robot is reached.
         lcm: LCM that the messages go through; None to open the link's address.
         armed: Whether commands are sent. There is nothing in the diagram that could send them otherwise.
-
-    Returns:
-        The engine; its handle is an LcmHandle.
 
     Raises:
         InputError: A mesh cannot be used.
@@ -132,7 +125,6 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
 
 
 def _add_pusher_geometry(builder: DiagramBuilder, setup: Setup, state: OutputPort) -> SceneGraph:
-    """Adds a SceneGraph with pusher and floor, posed by a state (6)."""
     scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
     plant = MultibodyPlant(0.0)
     plant.set_name("plant")

@@ -19,8 +19,6 @@ def decode(kind: Any, raw: bytes) -> Any:
 
 
 class _Serializer(PySerializer):  # type: ignore[misc]  # pydrake has no usable types
-    """Serializer that puts a message of -1 elements in the place of what cannot be decoded."""
-
     def Deserialize(self, buffer: bytes, abstract_value: AbstractValue) -> None:
         abstract_value.set_value(decode(self._lcm_type, buffer))
 
@@ -40,10 +38,12 @@ def make_subscriber(channel: str, kind: Any, lcm: DrakeLcmInterface) -> LcmSubsc
 
 
 class Mailbox:
-    """Messages of a channel in the order in which they came, none of which is lost to a later one."""
+    """Messages of a channel in the order in which they came, none of which is lost to a later one.
+
+    Arguments as for `make_subscriber`. Somebody has to pump `lcm`.
+    """
 
     def __init__(self, channel: str, kind: Any, lcm: DrakeLcmInterface) -> None:
-        """Subscribes; arguments as for `make_subscriber`. Somebody has to pump `lcm`."""
         self._kind, self._raw = kind, list[bytes]()
         lcm.Subscribe(channel, self._raw.append)
 

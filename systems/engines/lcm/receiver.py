@@ -36,17 +36,15 @@ class RobotReceiver(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
 
     The state of the system, a `Hearing` and the last image, takes messages in every `period`. An image that cannot be
     used is white, and a fault: nothing is raised.
+
+    Args:
+        link: Address, periods and time-out.
+        width: px, of the images.
+        height: px, of the images.
+        first: (6,), state that `last_state` shows before the first message: p_WP [m], v_WP [m/s].
     """
 
     def __init__(self, link: LcmLink, width: int, height: int, first: np.ndarray) -> None:
-        """Declares state and ports.
-
-        Args:
-            link: Address, periods and time-out.
-            width: px, of the images.
-            height: px, of the images.
-            first: (6,), state that `last_state` shows before the first message: p_WP [m], v_WP [m/s].
-        """
         super().__init__()
         self._link, self._first = link, np.asarray(first, float).reshape(6)
         self._white = np.full((height, width, 4), 255, np.uint8)
@@ -68,8 +66,7 @@ class RobotReceiver(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
         declare_vector(self, "robot_time", 1, self._CalcRobotTime, known)
 
     def _get(self, context: Context) -> "_Known":
-        known: _Known = context.get_abstract_state(int(self._known)).get_value()
-        return known
+        return context.get_abstract_state(int(self._known)).get_value()
 
     def _Update(self, context: Context, state: State) -> EventStatus:
         before, link, now = self._get(context), self._link, context.get_time()
@@ -95,7 +92,6 @@ class RobotReceiver(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
         return EventStatus.Succeeded()
 
     def _seen(self, image: lcmt_image) -> tuple[np.ndarray, str]:
-        """Picture of a message, or a white one and the fault in words."""
         try:
             picture = pixels_of(image)
         except ValueError as error:

@@ -22,7 +22,6 @@ class SignalSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
     """
 
     def __init__(self, names: tuple[str, ...]) -> None:
-        """Declares the ports; `names` are those of the n values."""
         super().__init__()
         values = self.DeclareVectorInputPort("values", len(names))
         declare_value(

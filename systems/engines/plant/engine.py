@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require
 from pinwm_drake.systems.cameras.object_camera import AddObjectImage
 from pinwm_drake.systems.engines.engine import Engine
 from pinwm_drake.systems.engines.plant.forces import PlantForces
@@ -25,19 +25,14 @@ _LATER = 1e-12
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PlantHandle:
-    """Handle that puts a plant's object and pusher into place; see `engine.Handle`.
-
-    Attributes:
-        parts: The plant.
-        drive: Drive of the pusher.
-    """
+    """Handle that puts a plant's object and pusher into place; see `engine.Handle`."""
 
     parts: ScenePlant
     drive: PusherDrive
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
         """Sets pose and spatial velocity V_WO (6,): [ω rad/s; v m/s] of the object at O."""
-        _require_one(world)
+        require("world", world, world == 0, "0, as a plant is one world")
         plant, V = self.parts.plant, np.asarray(V_WO, float)
         mine = plant.GetMyMutableContextFromRoot(context)
         plant.SetFreeBodyPose(mine, self.parts.object, X_WO)
@@ -46,7 +41,7 @@ class PlantHandle:
 
     def SetPusherPosition(self, context: Context, p_WP: np.ndarray, world: int = 0) -> None:
         """Puts the pusher to p_WP (3,) m; it rests until the next sample of its velocity."""
-        _require_one(world)
+        require("world", world, world == 0, "0, as a plant is one world")
         plant, instance = self.parts.plant, self.parts.pusher_instance
         mine = plant.GetMyMutableContextFromRoot(context)
         plant.SetPositions(mine, instance, np.asarray(p_WP, float))
@@ -55,15 +50,14 @@ class PlantHandle:
 
 
 def AddPlantEngine(builder: DiagramBuilder, setup: Setup, contact: ContactName) -> Engine:
-    """Adds plant, pusher's drive and camera.
+    """Adds plant, pusher's drive and camera; the engine's handle is a PlantHandle.
+
+    By default object and pusher are in the middle of `scenario.start`.
 
     Args:
         builder: Builder of the diagram.
         setup: The scene and its settings.
         contact: The contact model.
-
-    Returns:
-        The engine; its handle is a PlantHandle. By default object and pusher are in the middle of `scenario.start`.
 
     Raises:
         InputError: A mesh cannot be used.
@@ -89,8 +83,3 @@ def AddPlantEngine(builder: DiagramBuilder, setup: Setup, contact: ContactName) 
         scene_graph=parts.scene_graph,
         handle=PlantHandle(parts, drive),
     )
-
-
-def _require_one(world: int) -> None:
-    if world != 0:
-        raise ParameterError(f"world: got {world}; allowed: 0, as a plant is one world")

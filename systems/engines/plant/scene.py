@@ -82,9 +82,6 @@ def MakeScenePlant(
         hold: Called with the plant, before it is finalized, and the pusher, which then has no joints of its own: adds
             what holds it. None for a pusher with drives.
 
-    Returns:
-        The parts.
-
     Raises:
         InputError: A mesh cannot be used.
     """
@@ -136,13 +133,7 @@ def AddSceneBodies(plant: MultibodyPlant, setup: Setup, contact: ContactName, *,
 def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> tuple[str, str, str]:
     """SDFormat of object, pusher and floor; meshes that do not ship are written to a folder of this process.
 
-    Args:
-        setup: The scene and its settings.
-        contact: Contact model, which the object's geometries are for.
-        driven: Whether the pusher has joints and drives of its own.
-
-    Raises:
-        InputError: A mesh cannot be used.
+    Arguments and errors are those of `AddSceneBodies`.
     """
     twin, name = setup.twin, setup.scenario.object
     surfaces = twin_surfaces(twin, setup.scenario.plant.reference_speed)

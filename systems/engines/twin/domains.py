@@ -36,8 +36,7 @@ def SetCousins(world_model: WorldModel, context: Context, cousins: Cousins) -> N
     """Gives world k the theta and colours of cousin k, for every world; states stay as they are.
 
     Args:
-        world_model: World model of the cousins' twin.
-        context: Context of the world model, or of the outermost diagram around it, where there is one.
+        world_model, context: World model of the cousins' twin, and a context as for `SetDomain`.
         cousins: Cousins, as many as there are worlds.
 
     Raises:

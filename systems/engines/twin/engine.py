@@ -12,7 +12,7 @@ from pinwm_drake.systems.scenario.setup import Setup
 
 
 def AddTwinEngine(builder: DiagramBuilder, setup: Setup) -> Engine:
-    """Adds the world model, and a SceneGraph that it poses.
+    """Adds the world model, which is the engine's handle, and a SceneGraph that it poses.
 
     The plant has no part in the motion: it knows which geometries belong to the object and the pusher, and turns
     their positions into poses of geometries. SceneGraph then serves Meshcat, distance queries and RgbdSensors. It shows
@@ -21,9 +21,6 @@ def AddTwinEngine(builder: DiagramBuilder, setup: Setup) -> Engine:
     Args:
         builder: Builder of the diagram.
         setup: The scene and its settings.
-
-    Returns:
-        The engine; its handle is the WorldModel.
 
     Raises:
         InputError: A mesh cannot be used.

@@ -23,37 +23,33 @@ class WorldPhysics:
     An object's state (13) is q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s] at O, in the world frame; pushers do not
     turn. `theta` are the tensors of `Parameters` as arrays, float64, checked.
 
+    Args:
+        twin: Geometry and settings.
+        q_WO: (4,) wxyz: orientation of the lying object, which tells the face that carries it.
+        steps: Number of time steps in one update, 1 or more.
+
     Attributes:
         scene: The twin's physics model.
-        steps: Number of time steps in one update.
         retries: Number of times that a world had to take shorter steps so far; a statistic, on which nothing depends.
+
+    Raises:
+        InputError: A mesh cannot be used.
     """
 
-    def __init__(self, twin: Twin, q_WO: np.ndarray, steps: int, num_threads: int | None = None) -> None:
-        """Makes the physics model of a twin.
-
-        Args:
-            twin: Geometry and settings.
-            q_WO: (4,) wxyz: orientation of the lying object, which tells the face that carries it.
-            steps: Number of time steps in one update, 1 or more.
-            num_threads: Threads that share the worlds; None for one on each core.
-
-        Raises:
-            InputError: A mesh cannot be used.
-        """
+    def __init__(self, twin: Twin, q_WO: np.ndarray, steps: int) -> None:
         self.scene = twin_scene(twin, torch.as_tensor(q_WO, dtype=torch.float64))
         self.steps = steps
         self.retries = 0
         self._nominal = twin_parameters(twin, self.scene)
         self._p_OB = self.scene.p_OB.numpy()
-        self._steppers = [Stepper(self.scene.model, num_threads=num_threads)]
+        self._steppers = [Stepper(self.scene.model)]
 
     def parameters(self, num_worlds: int) -> Parameters:
         """The twin's theta, for all worlds."""
         return self._nominal.expand(num_worlds)
 
     def advance(
-        self, theta: Arrays, state: np.ndarray, p_WP: np.ndarray, v_WP: np.ndarray
+        self, theta: Arrays, state: np.ndarray, p_WP: np.ndarray, v_WP: np.ndarray, halving: int = 0
     ) -> tuple[np.ndarray, np.ndarray]:
         """Discrete update of the state by the step of `pinwm_drake.physics`, which identification differentiates.
 
@@ -62,6 +58,7 @@ class WorldPhysics:
             state: (W, 13) of the objects.
             p_WP: (W, 3) m, of the pushers.
             v_WP: (W, 3) m/s, of the pushers, held.
+            halving: Number of times that time steps are halved at first; worlds that fail take shorter ones.
 
         Returns:
             The objects' state (W, 13), and p_WP (W, 3).
@@ -69,12 +66,6 @@ class WorldPhysics:
         Raises:
             SolverError: The contacts of a world have no solution, nor with shorter steps.
         """
-        return self._advance(theta, state, p_WP, v_WP, 0)
-
-    def _advance(
-        self, theta: Arrays, state: np.ndarray, p_WP: np.ndarray, v_WP: np.ndarray, halving: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Discrete update with time steps of 2^-halving times the length; worlds that fail take shorter ones."""
         V_WP = np.zeros((self.steps << halving, len(state), 6))
         V_WP[:, :, 3:] = v_WP
         try:
@@ -89,7 +80,7 @@ class WorldPhysics:
                 if part.any():
                     some = tuple([values[part] for values in theta])
                     try:
-                        after[part], p_WP_after[part] = self._advance(some, state[part], p_WP[part], v_WP[part], again)
+                        after[part], p_WP_after[part] = self.advance(some, state[part], p_WP[part], v_WP[part], again)
                     except SolverError as last:
                         # Counted within the part.
                         worlds = tuple(np.flatnonzero(part)[list(last.worlds)].tolist())
@@ -112,9 +103,8 @@ class WorldPhysics:
 
     def _stepper(self, halving: int) -> Stepper:
         while len(self._steppers) <= halving:
-            last = self._steppers[-1]
-            model = dataclasses.replace(last.model, time_step=0.5 * last.model.time_step)
-            self._steppers.append(Stepper(model, num_threads=last.num_threads))
+            last = self._steppers[-1].model
+            self._steppers.append(Stepper(dataclasses.replace(last, time_step=0.5 * last.time_step)))
         return self._steppers[halving]
 
     def forces(

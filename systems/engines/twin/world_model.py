@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.errors import ParameterError, StateError, require
 from pinwm_drake.physics.model import FLOOR
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.systems.cameras.surfel_images import WorldImages
@@ -45,31 +45,23 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
     spherical harmonics (N, K, 3) or (W, N, K, 3). So are the poses of the cameras (7 W), q_CW wxyz and p_CW [m].
     Everything that changes is in the Context: a clone, or a copy of state and parameters, goes on bit by bit as the
     original does.
+
+    Args:
+        setup: Twin, camera, periods and number of worlds.
+
+    Raises:
+        InputError: A mesh cannot be used.
     """
 
-    def __init__(self, setup: Setup, *, num_threads: int | None = None) -> None:
-        """Declares state, parameters and ports.
-
-        Args:
-            setup: Twin, camera, periods and number of worlds.
-            num_threads: Threads that share the worlds; None for one on each core. It does not change results.
-
-        Raises:
-            InputError: A mesh cannot be used.
-        """
+    def __init__(self, setup: Setup) -> None:
         super().__init__()
         scenario, twin = setup.scenario, setup.twin
         self.num_worlds = W = scenario.num_worlds
-        self.physics = WorldPhysics(twin, np.array(scenario.start.q_WO), scenario.physics.steps_per_update, num_threads)
+        self.physics = WorldPhysics(twin, np.array(scenario.start.q_WO), scenario.physics.steps_per_update)
         # Of a pusher that is a few pixels wide, a tenth of its radius cannot be seen.
         sections = 12 if setup.camera.height <= 64 else 24
-        self._images = WorldImages(
-            twin.surfels,
-            self.physics.scene.mesh,
-            pusher_surface(twin.pusher, sections=sections),
-            setup.camera,
-            num_threads,
-        )
+        pusher = pusher_surface(twin.pusher, sections=sections)
+        self._images = WorldImages(twin.surfels, self.physics.scene.mesh, pusher, setup.camera)
         nominal = self.physics.parameters(W)
         numbers = [values.reshape(-1).numpy() for values in nominal.tensors()]
         self._shapes = [values.shape for values in nominal.tensors()]
@@ -153,8 +145,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         Raises:
             PinwmError: Somebody wrote a value into the Context that is out of range.
         """
-        parameters: Parameters = self._checked.Eval(context)[0]
-        return parameters
+        return self._checked.Eval(context)[0]
 
     def SetColors(self, context: Context, sh: torch.Tensor, world: int | None = None) -> None:
         """Sets the harmonics of the surfels, (N, K, 3), of one world or all, or (W, N, K, 3); they are copied.
@@ -164,8 +155,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         """
         worlds, one = self._worlds(world), tuple(self._images.surfels.sh.shape)
         fits = [one] if world is not None else [one, (self.num_worlds, *one)]
-        if tuple(sh.shape) not in fits:
-            raise ParameterError(f"sh: got {tuple(sh.shape)}; allowed: {' or '.join(map(str, fits))}")
+        require("sh", tuple(sh.shape), tuple(sh.shape) in fits, " or ".join(map(str, fits)))
         parameter = context.get_mutable_abstract_parameter(self._sh)
         if world is None:
             parameter.set_value(sh.detach().to(torch.float32, copy=True).contiguous())
@@ -177,8 +167,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
 
     def GetColors(self, context: Context) -> torch.Tensor:
         """Harmonics of the surfels, (N, K, 3) of all worlds or (W, N, K, 3); not a copy."""
-        sh: torch.Tensor = context.get_abstract_parameter(self._sh).get_value()
-        return sh
+        return context.get_abstract_parameter(self._sh).get_value()
 
     def SetCamera(self, context: Context, X_WC: RigidTransform, world: int | None = None) -> None:
         """Sets the pose of the camera, OpenCV axes, of one world or all.
@@ -253,5 +242,4 @@ def rest_state(X_WO: RigidTransform, V_WO: np.ndarray | None = None) -> np.ndarr
 
 
 def _numbers(X: RigidTransform) -> np.ndarray:
-    """Quaternion wxyz and translation (7,) of a pose."""
     return np.concatenate([X.rotation().ToQuaternion().wxyz(), X.translation()])

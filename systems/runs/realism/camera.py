@@ -20,9 +20,12 @@ _STILL = 2e-4  # m, that no corner moves by while an exposure needs no more than
 class LabCamera:
     """Camera whose pictures are as a lab has them.
 
-    Attributes:
-        recorder: The scene; lit by one lamp.
+    Args:
+        recorder: The scene, which one lamp lights from then on.
         realism: How large mistakes are.
+        corners: (n, 3) m, frame O, of the object.
+        generator: Source of randomness.
+        lamp: Renderer with a lamp; None draws one.
     """
 
     def __init__(
@@ -33,15 +36,6 @@ class LabCamera:
         generator: np.random.Generator,
         lamp: RenderEngineVtkParams | None = None,
     ) -> None:
-        """Puts up the lamp, and draws what is behind the object and how wide masks are.
-
-        Args:
-            recorder: The scene.
-            realism: How large mistakes are.
-            corners: (n, 3) m, frame O, of the object.
-            generator: Source of randomness.
-            lamp: Renderer with a lamp; None draws one.
-        """
         self.recorder, self.realism = recorder, realism
         self._corners, self._generator = corners, generator
         light(recorder, draw_lamp(generator) if lamp is None else lamp)

@@ -56,14 +56,7 @@ def moved_on_floor(X_WO: RigidTransform, place: float, turn: float, generator: n
 
 
 def moved_camera(X_WC: RigidTransform, place: float, turn: float, generator: np.random.Generator) -> RigidTransform:
-    """Pose of a camera that was calibrated wrongly.
-
-    Args:
-        X_WC: The true pose.
-        place: m, standard deviation along each axis.
-        turn: rad, standard deviation about each axis of C.
-        generator: Source of randomness.
-    """
+    """Pose of a camera that was calibrated wrongly, by standard deviations [m, rad] along and about each axis."""
     shift = generator.normal(0.0, place, 3)
     R = RollPitchYaw(generator.normal(0.0, turn, 3)).ToRotationMatrix()
     return RigidTransform(X_WC.rotation() @ R, X_WC.translation() + shift)
@@ -78,8 +71,8 @@ def late_log(log: PusherTrajectory, late: float, margin: float) -> PusherTraject
         margin: s, by which the log is made longer at both ends, so that it still covers all pictures.
     """
     t = np.concatenate([[log.t[0] - margin], log.t, [log.t[-1] + margin]]) + late
-    p_WP, q_WP = (np.concatenate([v[:1], v, v[-1:]]) for v in (log.p_WP, log.q_WP))
-    force_W = None if log.force_W is None else np.concatenate([log.force_W[:1], log.force_W, log.force_W[-1:]])
-    still = np.zeros((1, 3))
-    v_WP = np.concatenate([still, log.v_WP, still])
+    ends = ((1, 1), (0, 0))
+    p_WP, q_WP = (np.pad(values, ends, mode="edge") for values in (log.p_WP, log.q_WP))
+    force_W = None if log.force_W is None else np.pad(log.force_W, ends, mode="edge")
+    v_WP = np.pad(log.v_WP, ends)
     return replace(log, t=t, p_WP=p_WP, q_WP=q_WP, v_WP=v_WP, force_W=force_W)

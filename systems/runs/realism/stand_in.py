@@ -83,16 +83,7 @@ class StandIn:
         )
 
     def uneven(self, twin: Twin, up: np.ndarray, models: Path) -> Twin:
-        """Twin of the station's object: with a lump, and feet below it.
-
-        Args:
-            twin: The object as it is believed to be.
-            up: (3,) direction of the world's z, frame O, as it stands.
-            models: Folder of the mesh with feet; it has to stay.
-
-        Raises:
-            GeometryError: No lump or no feet were found that leave the object standing.
-        """
+        """Twin of the station's object: with a lump, and feet below it; see `uneven_twin`. The folder has to stay."""
         return uneven_twin(twin, up, self._generator(_OBJECT), models)
 
     def lamp(self) -> RenderEngineVtkParams:

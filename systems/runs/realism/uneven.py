@@ -99,7 +99,6 @@ def draw_unevenness(
 
 
 def _lies_lowest(mesh: trimesh.Trimesh, p_com: np.ndarray, up: np.ndarray) -> bool:
-    """Flag: an object would not roll to another side by itself: a mug lies with its lump below."""
     corners, normals = mesh.convex_hull.vertices, mesh.convex_hull.face_normals
     tilts = np.arccos(np.clip(normals @ -up, -1.0, 1.0))
     near = np.vstack([-up, normals[(tilts > _ROUGH) & (tilts < _ROLLS)]])
@@ -171,9 +170,6 @@ def write_with_feet(mesh_path: Path, folder: Path, feet: np.ndarray, up: np.ndar
         folder: Folder of the new file, which has the name of the old one.
         feet: (n, 3) m, frame O, the lowest points.
         up: (3,), axis of O that points up.
-
-    Returns:
-        The new file.
     """
     path, text = folder / mesh_path.name, mesh_path.read_text(encoding="utf-8")
     count = sum(line.startswith("v ") for line in text.splitlines())

@@ -11,7 +11,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import default_limits
-from pinwm_drake.systems.arm.driver import MakeArmDriver, arm_limits
+from pinwm_drake.systems.arm.driver import ArmDriver, arm_limits
 from pinwm_drake.systems.arm.gate import TOO_FAST
 from pinwm_drake.systems.control.loop import ControlLoop
 from pinwm_drake.systems.engines.lcm.link import make_lcm
@@ -52,7 +52,7 @@ class Track:
     def __init__(self, setup):
         self.lcm = make_lcm(setup.scenario.lcm)
         builder = DiagramBuilder()
-        self.driver = builder.AddSystem(MakeArmDriver(without_images(setup), self.lcm, contact="point"))
+        self.driver = builder.AddSystem(ArmDriver(without_images(setup), self.lcm, contact="point"))
         names = ("pusher_state", "tool_target", "arm_state")
         self.logs = {name: LogVectorOutput(self.driver.GetOutputPort(name), builder, 0.005) for name in names}
         self.simulator = Simulator(builder.Build())

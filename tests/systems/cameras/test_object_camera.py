@@ -9,7 +9,7 @@ from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.silhouette import coverage
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.systems.cameras.object_camera import downsample
-from pinwm_drake.systems.runs.recorder import MakeSceneRecorder, Rates
+from pinwm_drake.systems.runs.recorder import Rates, SceneRecorder
 from pinwm_drake.systems.scenario.schema import Scenario
 from pinwm_drake.systems.scenario.viewpoints import around, framed, look_at
 
@@ -20,7 +20,7 @@ X_WO = RigidTransform(RollPitchYaw(0.3, -0.2, 0.8), [0.01, 0.02, 0.06])
 
 def recorder(supersampling):
     scenario = Scenario(object="t_block", engine="hydroelastic")
-    return MakeSceneRecorder(scenario, Rates(24.0, 10, 16), CAMERA, supersampling)
+    return SceneRecorder(scenario, Rates(24.0, 10, 16), CAMERA, supersampling)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from pinwm_drake.models import object_model
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.pusher.choice import choose_push
 from pinwm_drake.systems.pusher.motion import StraightPush
-from pinwm_drake.systems.runs.recorder import MakeSceneRecorder, Rates
+from pinwm_drake.systems.runs.recorder import Rates, SceneRecorder
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Theta
 from pinwm_drake.systems.sdf.collision import divided
 from tests.systems.scenes import SPHERE
@@ -60,9 +60,7 @@ def scenario(period):
 @pytest.fixture(scope="module", params=[1, 16])
 def recorder(request):
     """The pusher's velocity changes at every step of the plant, or with the rows of the log."""
-    return MakeSceneRecorder(
-        scenario(request.param * RATES.time_step), RATES, Camera.from_field_of_view(32, 32, 0.7), 1
-    )
+    return SceneRecorder(scenario(request.param * RATES.time_step), RATES, Camera.from_field_of_view(32, 32, 0.7), 1)
 
 
 def test_a_recording_is_the_pushers_log_and_the_objects_poses(recorder):
@@ -103,7 +101,7 @@ def test_a_recording_is_the_pushers_log_and_the_objects_poses(recorder):
 
 
 def test_the_log_has_the_force_on_the_pusher(recorder):
-    feeling = MakeSceneRecorder(
+    feeling = SceneRecorder(
         scenario(recorder.station.setup.period), RATES, Camera.from_field_of_view(32, 32, 0.7), 1, forces=True
     )
     X_WO = recorder.settle(RigidTransform([0.0, 0, 0.03]))
@@ -127,4 +125,4 @@ def test_a_log_whose_rows_are_no_whole_number_of_periods_is_refused():
     with pytest.raises(
         ParameterError, match=r"a row of the pusher's log: got 0\.00416667 s; .* pusher\.period, 0\.003"
     ):
-        MakeSceneRecorder(scenario(12 * RATES.time_step), RATES, Camera.from_field_of_view(32, 32, 0.7), 1)
+        SceneRecorder(scenario(12 * RATES.time_step), RATES, Camera.from_field_of_view(32, 32, 0.7), 1)

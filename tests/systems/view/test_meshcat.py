@@ -9,7 +9,7 @@ import umsgpack
 from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.systems.view.meshcat import AddThetaSliders, ReadThetaSliders, make_meshcat, recorded, recorded_html
+from pinwm_drake.systems.view.meshcat import AddThetaSliders, ReadThetaSliders, make_meshcat, recorded
 from tests.systems.shown import X_WO, small_setup, station
 
 
@@ -97,7 +97,7 @@ def test_a_simulation_is_recorded_in_one_file(meshcat, setup, tmp_path):
     assert (
         max(key["time"] for entry in animation["animations"] for t in entry["clip"]["tracks"] for key in t["keys"]) == 3
     )
-    assert recorded_html(meshcat) == path.read_text()
+    assert meshcat.StaticHtml() == path.read_text()
     assert [file.name for file in tmp_path.iterdir()] == ["a.html"]
 
 
