@@ -5,7 +5,7 @@ same axes. The centre of mass is that of a uniform solid, plus the `center` of `
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -87,7 +87,7 @@ def make_scene(
     points = supporting_points(mesh, quaternion_to_matrix(q_WO).numpy()) if support == "patch" else None
     if points is not None:
         points[:, :3] -= p_OB
-    pieces = [_moved(piece, -p_OB) for piece in mesh_pieces(mesh_path)]
+    pieces = [replace(piece, vertices=piece.vertices - p_OB) for piece in mesh_pieces(mesh_path)]
     body = Body(
         name=BODY,
         pieces=pieces,
@@ -114,10 +114,6 @@ def _pusher_pieces(pusher: PusherGeometry) -> list[ConvexPiece]:
     if shape.kind == "sphere":
         return [sphere(shape.radius)]
     return [{"capsule": capsule, "cylinder": cylinder}[shape.kind](shape.radius, shape.length)]
-
-
-def _moved(piece: ConvexPiece, by: np.ndarray) -> ConvexPiece:
-    return ConvexPiece(piece.kind, piece.vertices + by, piece.radius, piece.faces)
 
 
 def resting_height(scene: Scene, q_WO: Tensor) -> float:
