@@ -37,17 +37,11 @@ PAIR_FLOOR, PAIR_PUSHER = 0, 1
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Constant part of all rollouts of one object and one pusher: physics model and mesh.
+    """Constant part of all rollouts of one object and one pusher: physics model and mesh."""
 
-    Attributes:
-        model: One body, the floor and the pusher; nominal mass 1 kg and the inertia of a uniform solid.
-        p_OB: (3,), centre of mass of the uniform solid in O, m.
-        mesh: The object, frame O, m.
-    """
-
-    model: Model
-    p_OB: Tensor
-    mesh: trimesh.Trimesh
+    model: Model  # One body, the floor and the pusher; nominal mass 1 kg and the inertia of a uniform solid
+    p_OB: Tensor  # (3,), centre of mass of the uniform solid in O, m
+    mesh: trimesh.Trimesh  # The object, frame O, m
 
 
 def make_scene(

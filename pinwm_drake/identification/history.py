@@ -46,11 +46,8 @@ class History:
 
     def starts(self) -> list[tuple[int, np.ndarray]]:
         """Number of each random start, and the rows (m,) of its evaluations in their order."""
-        found = []
-        for number in np.unique(self.start):
-            rows = np.flatnonzero(self.start == number)
-            found.append((int(number), rows[np.argsort(self.iteration[rows], kind="stable")]))
-        return found
+        found = ((int(number), np.flatnonzero(self.start == number)) for number in np.unique(self.start))
+        return [(number, rows[np.argsort(self.iteration[rows], kind="stable")]) for number, rows in found]
 
     def stage_begins(self) -> list[tuple[float, str]]:
         """Beginnings of the stages in the longest start: iteration and name of each."""

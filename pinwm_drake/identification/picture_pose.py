@@ -89,8 +89,7 @@ class PictureReader:
             X_WO in the picture; q (4,), p (3,) [m].
         """
         seen = torch.from_numpy(np.asarray(image, np.float32)).permute(2, 0, 1)
-        X_CP = compose(self._X_CW, Pose(identity().q, torch.from_numpy(np.asarray(p_WP, float))))
-        open_ = torch.from_numpy(~hidden(self._pusher, self._camera, X_CP)).float()
+        open_ = torch.from_numpy(~self._hidden(p_WP)).float()
         n = len(self._free)
         step = _STEP * float(compose(self._X_CW, X_WO).p.norm()) / self._pixels
         aside = step * np.eye(n)
@@ -137,3 +136,8 @@ class PictureReader:
         X_CO = compose(self._X_CW, X_WO)
         shown = render(self._surfels, self._fine, X_CO, full=False, num_threads=self._threads)
         return avg_pool2d(shown.color.permute(0, 3, 1, 2), _FINER)
+
+    def _hidden(self, p_WP: np.ndarray) -> np.ndarray:
+        """Mask (height, width) of the pixels that the pusher may hide a part of."""
+        X_WP = Pose(identity().q, torch.from_numpy(np.asarray(p_WP, float)))
+        return hidden(self._pusher, self._camera, compose(self._X_CW, X_WP))
