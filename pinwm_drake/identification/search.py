@@ -47,19 +47,12 @@ _SHARES = {"screen": (0.0, 0.0), "coarse": (0.0, 0.4), "fine": (0.4, 0.3), "samp
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a search, to be shown while it goes on.
+    """Progress of a search, to be shown while it goes on."""
 
-    Attributes:
-        done: Share of the work, 0 to 1.
-        stage: "screen", "coarse", "fine" or "sample".
-        loss: Mean square of the stage's pictures for the best guess; not a number while draws are taken.
-        values: Physical values of the free unknowns of that guess.
-    """
-
-    done: float
-    stage: str
-    loss: float
-    values: Mapping[str, float]
+    done: float  # Share of the work, 0 to 1
+    stage: str  # "screen", "coarse", "fine" or "sample"
+    loss: float  # Mean square of the stage's pictures for the best guess; not a number while draws are taken
+    values: Mapping[str, float]  # Physical values of the free unknowns of that guess
 
 
 @dataclass(frozen=True, eq=False)
