@@ -22,7 +22,7 @@ import torch
 
 from benchmarks.results import write_json
 from pinwm_drake.errors import SolverError
-from pinwm_drake.geometry.convex import hollow_mug
+from pinwm_drake.geometry.convex import hollow_mug, t_block
 from pinwm_drake.geometry.pieces import CYLINDER, ConvexPiece
 from pinwm_drake.geometry.shapes import box, capsule, convex_hull, cylinder, sphere
 from pinwm_drake.physics.model import Body, Model
@@ -61,14 +61,6 @@ def prism(corners: int, radius: float, height: float) -> ConvexPiece:
 def l_block() -> list[ConvexPiece]:
     """Two bars at a right angle."""
     return [box((0.12, 0.04, 0.05)), box((0.04, 0.08, 0.05), (EYE, np.array([-0.04, 0.06, 0.0])))]
-
-
-def t_block() -> list[ConvexPiece]:
-    """The task's bar and stem."""
-    return [
-        box((0.1, 0.04, 0.05), (EYE, np.array([0.0, -0.035, 0.0]))),
-        box((0.04, 0.1, 0.05), (EYE, np.array([0.0, 0.035, 0.0]))),
-    ]
 
 
 def rock(generator: np.random.Generator) -> ConvexPiece:

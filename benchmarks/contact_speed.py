@@ -20,10 +20,10 @@ import mujoco
 import numpy as np
 import torch
 
-from benchmarks.contact_scenes import l_block, prism, solid, t_block
+from benchmarks.contact_scenes import l_block, prism, solid
 from benchmarks.mujoco_xml import mesh_geoms, numbers, pusher
 from benchmarks.results import markdown, write_json
-from pinwm_drake.geometry.convex import hollow_mug
+from pinwm_drake.geometry.convex import hollow_mug, t_block
 from pinwm_drake.geometry.shapes import box, sphere
 from pinwm_drake.physics.model import Body, Model
 from pinwm_drake.physics.parameters import Parameters

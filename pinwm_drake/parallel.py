@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Generic, Protocol, TypeVar
 
 from pinwm_drake.errors import ParameterError, PinwmError
-from pinwm_drake.threads import LIMIT, available
+from pinwm_drake.threads import LIMIT, available, one_torch_thread
 
 JOBLIB, RAY = "joblib", "ray"
 EXECUTORS = (JOBLIB, RAY)
@@ -123,9 +123,12 @@ class Executor:
                 if isinstance(returned, _Failed):
                     errors.append(returned.error)
                     continue
-                result = returned if store is None else _read_back(store, items[k])
-                found[k] = result
-                on_result(items[k], result)
+                one: Any = returned if store is None else store.read(items[k])
+                if one is None and store is not None:
+                    allowed = "allowed: a folder that workers and driver share"
+                    raise ParameterError(f"store: got none of {items[k]}'s results; {allowed}")
+                found[k] = one
+                on_result(items[k], one)
         if len(errors) > 1:
             raise PinwmError("; ".join(map(str, errors)))
         if errors:
@@ -201,26 +204,13 @@ class _Work(Generic[Item, Result]):
             return _Failed(error)
 
 
-def _read_back(store: Store[Item, Result], item: Item) -> Result:
-    result = store.read(item)
-    if result is None:
-        raise ParameterError(f"store: got none of {item}'s results; allowed: a folder that workers and driver share")
-    return result
-
-
 def _here(work: _Work, items: dict[int, Any], order: _Order) -> _Done:
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with one_torch_thread():
         while ready := order.get_ready():
             for k in ready:
                 result = work(items[k])
                 _pass(order, {k: result})
                 yield k, result
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _with_joblib(work: _Work, items: dict[int, Any], order: _Order, workers: int) -> _Done:
@@ -275,7 +265,8 @@ def _with_ray(work: _Work, items: dict[int, Any], order: _Order, workers: int) -
             log_to_driver=False,
             logging_level="ERROR",
         )
-    call = ray.remote(_call).options(num_cpus=1, max_retries=_RAY_RETRIES, runtime_env={"env_vars": _ONE_THREAD})
+    call = ray.remote(lambda work, item: work(item))
+    call = call.options(num_cpus=1, max_retries=_RAY_RETRIES, runtime_env={"env_vars": _ONE_THREAD})
     shared, ready = ray.put(work), deque(order.get_ready())
     running: dict[Any, int] = {}
 
@@ -303,7 +294,3 @@ def _with_ray(work: _Work, items: dict[int, Any], order: _Order, workers: int) -
         else:
             for job in running:
                 ray.cancel(job, force=True)
-
-
-def _call(work: _Work, item: Any) -> Any:
-    return work(item)

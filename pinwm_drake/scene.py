@@ -5,7 +5,7 @@ same axes. The centre of mass is that of a uniform solid, plus the `center` of `
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -37,17 +37,11 @@ PAIR_FLOOR, PAIR_PUSHER = 0, 1
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Constant part of all rollouts of one object and one pusher: physics model and mesh.
+    """Constant part of all rollouts of one object and one pusher: physics model and mesh."""
 
-    Attributes:
-        model: One body, the floor and the pusher; nominal mass 1 kg and the inertia of a uniform solid.
-        p_OB: (3,), centre of mass of the uniform solid in O, m.
-        mesh: The object, frame O, m.
-    """
-
-    model: Model
-    p_OB: Tensor
-    mesh: trimesh.Trimesh
+    model: Model  # One body, the floor and the pusher; nominal mass 1 kg and the inertia of a uniform solid
+    p_OB: Tensor  # (3,), centre of mass of the uniform solid in O, m
+    mesh: trimesh.Trimesh  # The object, frame O, m
 
 
 def make_scene(
@@ -87,7 +81,7 @@ def make_scene(
     points = supporting_points(mesh, quaternion_to_matrix(q_WO).numpy()) if support == "patch" else None
     if points is not None:
         points[:, :3] -= p_OB
-    pieces = [_moved(piece, -p_OB) for piece in mesh_pieces(mesh_path)]
+    pieces = [replace(piece, vertices=piece.vertices - p_OB) for piece in mesh_pieces(mesh_path)]
     body = Body(
         name=BODY,
         pieces=pieces,
@@ -114,10 +108,6 @@ def _pusher_pieces(pusher: PusherGeometry) -> list[ConvexPiece]:
     if shape.kind == "sphere":
         return [sphere(shape.radius)]
     return [{"capsule": capsule, "cylinder": cylinder}[shape.kind](shape.radius, shape.length)]
-
-
-def _moved(piece: ConvexPiece, by: np.ndarray) -> ConvexPiece:
-    return ConvexPiece(piece.kind, piece.vertices + by, piece.radius, piece.faces)
 
 
 def resting_height(scene: Scene, q_WO: Tensor) -> float:

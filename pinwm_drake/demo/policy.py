@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import torch
-
 from pinwm_drake.demo.options import DemoOptions
 from pinwm_drake.experiments.evaluation.contestant import read_contestant
 from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner
@@ -16,6 +14,7 @@ from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.film import EpisodeFilm
 from pinwm_drake.systems.sdf.colours import coloured_mesh
+from pinwm_drake.threads import one_torch_thread
 
 _HEIGHT = 320  # px, of the film
 
@@ -39,13 +38,9 @@ def run_policy(options: DemoOptions, scene: str, engine: Literal["twin", "hydroe
     request = EvaluateRequest(
         options.policy, scene=scene, engine=engine, episodes=1, seed=options.seed, max_steps=options.max_steps
     )
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # torch's idle threads would take the cores from the physics
-    try:
+    with one_torch_thread():
         runner = EpisodeRunner(read_contestant(request), request)
         record = runner.run(options.seed)
-    finally:
-        torch.set_num_threads(threads)
     env = runner.env
     if engine != "twin":
         return Performance(engine, record, episode_film(env, _HEIGHT), env.setup.period)

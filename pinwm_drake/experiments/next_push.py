@@ -25,7 +25,7 @@ from pinwm_drake.capture.pusher import pushing_height, upright_shape
 from pinwm_drake.capture.scene import PusherShape, read_capture
 from pinwm_drake.errors import ParameterError, PinwmError, SolverError, require
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh, mass_properties
-from pinwm_drake.identification.discrepancy import Discrepancy
+from pinwm_drake.identification.discrepancy import prior_root
 from pinwm_drake.identification.expansion import deviation
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.scene import Scene, resting_height
@@ -202,7 +202,7 @@ def _look(
     d = deviation(found, Pose(middle.q[:, None], middle.p[:, None]))
     d = d - d.mean(1, keepdim=True)
     n, W, _ = d.shape
-    root = Discrepancy.of(middle, torch.from_numpy(t), radius, walk).root
+    root = prior_root(middle, torch.from_numpy(t), radius, walk)
     white = torch.linalg.solve_triangular(root, d.permute(0, 2, 1).reshape(6 * n, W), upper=False)
     share = torch.linalg.eigvalsh(white.T @ white / (W - 1)).clamp_min(0.0)
     last = d[-1].std(0)

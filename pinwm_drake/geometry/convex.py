@@ -96,15 +96,7 @@ def hollow_mug(
 
 
 def mug_center(length: float = 0.08, diameter: float = 0.08, wall: float = 0.004) -> float:
-    """Height of a mug's centre of mass over the underside of its base; the same for every number of segments.
-
-    Args:
-        length: m.
-        diameter: m.
-        wall: m.
-
-    Returns:
-        m.
+    """Height [m] of a mug's centre of mass over the underside of its base, with lengths [m] as for `hollow_mug`.
 
     Raises:
         GeometryError: A length that is not positive, or a wall that leaves no inside.

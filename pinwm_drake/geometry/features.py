@@ -280,6 +280,12 @@ def _radii(kind, outward, ux, uy, uz, r, ex, ey, ez, t1, t2):
 
 
 @internal_kernel
+def _add_twist(out, x, y, z, fx, fy, fz):
+    out[0], out[1], out[2] = out[0] + x, out[1] + y, out[2] + z
+    out[3], out[4], out[5] = out[3] + fx, out[4] + fy, out[5] + fz
+
+
+@internal_kernel
 def _crossing_adjoint(d, x, r, p_L, R_P, p_P, plane, sign, phi, nbar, cbar, phibar, twist_L, twist_P):
     """`contact_adjoint` for a line of body L, rounded with r, that crosses the rim of a disc of body P at x.
 
@@ -299,21 +305,13 @@ def _crossing_adjoint(d, x, r, p_L, R_P, p_P, plane, sign, phi, nbar, cbar, phib
     sz = g * (u[2] - slope * ez) - k * ez
     fx, fy, fz = cbar[0] + sx, cbar[1] + sy, cbar[2] + sz
     lx, ly, lz = x[0] - p_L[0], x[1] - p_L[1], x[2] - p_L[2]
-    twist_L[0] += ly * fz - lz * fy
-    twist_L[1] += lz * fx - lx * fz
-    twist_L[2] += lx * fy - ly * fx
-    twist_L[3] += fx
-    twist_L[4] += fy
-    twist_L[5] += fz
+    _add_twist(twist_L, *cross(lx, ly, lz, fx, fy, fz), fx, fy, fz)
     lx, ly, lz = x[0] - p_P[0], x[1] - p_P[1], x[2] - p_P[2]
     k = r + 0.5 * phi
     wx, wy, wz = sign * nbar[0] - k * cbar[0], sign * nbar[1] - k * cbar[1], sign * nbar[2] - k * cbar[2]
-    twist_P[0] += u[1] * wz - u[2] * wy - (ly * sz - lz * sy)
-    twist_P[1] += u[2] * wx - u[0] * wz - (lz * sx - lx * sz)
-    twist_P[2] += u[0] * wy - u[1] * wx - (lx * sy - ly * sx)
-    twist_P[3] -= sx
-    twist_P[4] -= sy
-    twist_P[5] -= sz
+    wx, wy, wz = cross(*u, wx, wy, wz)
+    lx, ly, lz = cross(lx, ly, lz, sx, sy, sz)
+    _add_twist(twist_P, wx - lx, wy - ly, wz - lz, -sx, -sy, -sz)
 
 
 @internal_kernel
@@ -374,11 +372,11 @@ def contact_adjoint(row, R_A, p_A, R_B, p_B, n, a, b, phi, nbar, cbar, phibar, t
         hold_A, hold_B = 0.0, 0.0
         if kind_A == LINE and kind_B == LINE:
             # Both lines hold the normal: u . m = -u . s, w . m = w . s; hold_A, hold_B are the forces of that.
-            cross = u1 * w2 - u2 * w1
-            us, ws = (u1 * s1 + u2 * s2) / cross, (w1 * s1 + w2 * s2) / cross
+            sine = u1 * w2 - u2 * w1
+            us, ws = (u1 * s1 + u2 * s2) / sine, (w1 * s1 + w2 * s2) / sine
             m1, m2 = -ws * u2 - us * w2, ws * u1 + us * w1
             e1, e2 = d1 - g11 * m1 - g12 * m2, d2 - g12 * m1 - g22 * m2
-            hold_A, hold_B = (e1 * w2 - e2 * w1) / cross, (e2 * u1 - e1 * u2) / cross
+            hold_A, hold_B = (e1 * w2 - e2 * w1) / sine, (e2 * u1 - e1 * u2) / sine
         elif kind_A == LINE or kind_B == LINE:
             sign = -1.0
             if kind_B == LINE:
@@ -413,9 +411,6 @@ def contact_adjoint(row, R_A, p_A, R_B, p_B, n, a, b, phi, nbar, cbar, phibar, t
             rx, ry, rz = b[0] - p_B[0], b[1] - p_B[1], b[2] - p_B[2]
             q1, q2, out = tB1, tB2, twist_B
         # w . (theta x n) = theta . (n x w), with n x t1 = t2 and n x t2 = -t1.
-        out[0] += ry * gz - rz * gy + q1 * t2x - q2 * t1x
-        out[1] += rz * gx - rx * gz + q1 * t2y - q2 * t1y
-        out[2] += rx * gy - ry * gx + q1 * t2z - q2 * t1z
-        out[3] += gx
-        out[4] += gy
-        out[5] += gz
+        rx, ry, rz = cross(rx, ry, rz, gx, gy, gz)
+        rx, ry, rz = rx + q1 * t2x - q2 * t1x, ry + q1 * t2y - q2 * t1y, rz + q1 * t2z - q2 * t1z
+        _add_twist(out, rx, ry, rz, gx, gy, gz)

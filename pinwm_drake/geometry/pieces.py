@@ -51,46 +51,32 @@ class PieceTable(NamedTuple):
     int64 and float64, C order, SI; every coordinate is in the frame B of its body. All indices are global. A
     column called "first ..." has one row more than there are entries: those of entry i are
     [first[i], first[i + 1]).
-
-    Attributes:
-        bodies: (B + 1, 2). First piece, first floor point.
-        body_spheres: (B, 4), m. Centre and radius of a sphere about the body.
-        pieces: (P + 1, 4). Kind, first vertex, first face, first edge; only hulls have faces and edges.
-        piece_spheres: (P, 4), m. Centre and radius of a sphere about the piece; the centre lies inside the
-            piece.
-        axes: (P, 4). Capsule or cylinder: unit vector from its first to its second vertex, and their
-            distance, m. Else zeros.
-        vertices: (V, 4), m. Vertex, and radius of its piece (0 for a hull).
-        faces: (F + 1,). First corner.
-        planes: (F, 4). Outward unit normal n, and offset, m: n . x = offset on the face.
-        corners: (K, 2). Vertex, and edge from it to the next corner: counter-clockwise about the face from
-            outside.
-        sides: (K, 4). For that edge the unit normal in the face's plane that points out of the face, and
-            offset, m: a point x of the plane lies in the face where n . x <= offset for all its sides.
-        edges: (E, 4). v0, v1, face on the left going from v0 to v1 (seen from outside), face on the right.
-        edge_lines: (E, 4). Unit vector from v0 to v1, and length, m.
-        floor_points: (Q, 4), m. The points with which the body can touch a plane first, and their rounding
-            radii: the vertices of all hulls (of their common convex hull, where they are many), the centres of
-            spheres, the ends of capsules, and points fixed on the rims of cylinders.
-        floor_owners: (Q,). Piece of the cylinder for a point on a rim; else ANYHOW, UNLESS_FLAT or IF_FLAT.
-        floor_faces: (Q, 3). Outward unit normal of the flat face that the last two belong to, else zeros.
     """
 
-    bodies: np.ndarray
-    body_spheres: np.ndarray
-    pieces: np.ndarray
+    bodies: np.ndarray  # (B + 1, 2). First piece, first floor point
+    body_spheres: np.ndarray  # (B, 4), m. Centre and radius of a sphere about the body
+    pieces: np.ndarray  # (P + 1, 4). Kind, first vertex, first face, first edge; only hulls have faces and edges
+    # (P, 4), m. Centre and radius of a sphere about the piece; the centre lies inside the piece
     piece_spheres: np.ndarray
+    # (P, 4). Capsule or cylinder: unit vector from its first to its second vertex, and their distance, m. Else
+    # zeros
     axes: np.ndarray
-    vertices: np.ndarray
-    faces: np.ndarray
-    planes: np.ndarray
+    vertices: np.ndarray  # (V, 4), m. Vertex, and radius of its piece (0 for a hull)
+    faces: np.ndarray  # (F + 1,). First corner
+    planes: np.ndarray  # (F, 4). Outward unit normal n, and offset, m: n . x = offset on the face
+    # (K, 2). Vertex, and edge from it to the next corner: counter-clockwise about the face from outside
     corners: np.ndarray
+    # (K, 4). For that edge the unit normal in the face's plane that points out of the face, and offset, m: a
+    # point x of the plane lies in the face where n . x <= offset for all its sides
     sides: np.ndarray
-    edges: np.ndarray
-    edge_lines: np.ndarray
+    edges: np.ndarray  # (E, 4). v0, v1, face on the left going from v0 to v1 (seen from outside), face on the right
+    edge_lines: np.ndarray  # (E, 4). Unit vector from v0 to v1, and length, m
+    # (Q, 4), m. The points with which the body can touch a plane first, and their rounding radii: the vertices
+    # of all hulls (of their common convex hull, where they are many), the centres of spheres, the ends of
+    # capsules, and points fixed on the rims of cylinders
     floor_points: np.ndarray
-    floor_owners: np.ndarray
-    floor_faces: np.ndarray
+    floor_owners: np.ndarray  # (Q,). Piece of the cylinder for a point on a rim; else ANYHOW, UNLESS_FLAT or IF_FLAT
+    floor_faces: np.ndarray  # (Q, 3). Outward unit normal of the flat face that the last two belong to, else zeros
 
 
 def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[np.ndarray | None] = ()) -> PieceTable:

@@ -21,12 +21,8 @@ def write_part(rows, count, column, kind, px, py, pz, ux, uy, uz, radius):
         radius: m.
     """
     rows[count, column] = kind
-    rows[count, column + 1] = px
-    rows[count, column + 2] = py
-    rows[count, column + 3] = pz
-    rows[count, column + 4] = ux
-    rows[count, column + 5] = uy
-    rows[count, column + 6] = uz
+    rows[count, column + 1], rows[count, column + 2], rows[count, column + 3] = px, py, pz
+    rows[count, column + 4], rows[count, column + 5], rows[count, column + 6] = ux, uy, uz
     rows[count, column + 7] = radius
 
 

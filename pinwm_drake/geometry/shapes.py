@@ -1,4 +1,8 @@
-"""Factories of convex pieces: sphere, capsule, cylinder, box, convex hull."""
+"""Factories of convex pieces: sphere, capsule, cylinder, box, convex hull.
+
+Each returns the piece in the body frame B. It raises GeometryError where a length is not positive, a point is not
+finite, or a pose is none.
+"""
 
 import numpy as np
 
@@ -17,12 +21,6 @@ def sphere(radius: float, p_BG: np.ndarray | None = None) -> ConvexPiece:
     Args:
         radius: m.
         p_BG: (3,), m, frame B. Its centre; the origin of B when not given.
-
-    Returns:
-        The piece, in B.
-
-    Raises:
-        GeometryError: A radius that is not positive, or a centre that is not finite.
     """
     _positive("radius of a sphere", radius)
     centre = np.zeros(3) if p_BG is None else _vector("p_BG of a sphere", p_BG)
@@ -36,12 +34,6 @@ def capsule(radius: float, length: float, X_BG: Pose | None = None) -> ConvexPie
         radius: m.
         length: m. Of the cylindrical part: the capsule is `length + 2 radius` long.
         X_BG: (R (3, 3), p (3,) m): pose of G in B; identity when not given.
-
-    Returns:
-        The piece, in B.
-
-    Raises:
-        GeometryError: A radius or length that is not positive, or a pose that is not one.
     """
     return _stick(CAPSULE, "capsule", radius, length, X_BG)
 
@@ -53,28 +45,16 @@ def cylinder(radius: float, length: float, X_BG: Pose | None = None) -> ConvexPi
         radius: m.
         length: m.
         X_BG: (R (3, 3), p (3,) m): pose of G in B; identity when not given.
-
-    Returns:
-        The piece, in B.
-
-    Raises:
-        GeometryError: A radius or length that is not positive, or a pose that is not one.
     """
     return _stick(CYLINDER, "cylinder", radius, length, X_BG)
 
 
 def box(size: np.ndarray, X_BG: Pose | None = None) -> ConvexPiece:
-    """A box centred in frame G.
+    """A box centred in frame G, as a hull with six faces.
 
     Args:
         size: (3,), m. Full edge lengths along x, y and z of G.
         X_BG: (R (3, 3), p (3,) m): pose of G in B; identity when not given.
-
-    Returns:
-        The piece, in B: a hull with six faces.
-
-    Raises:
-        GeometryError: An edge length that is not positive, or a pose that is not one.
     """
     edges = _vector("size of a box", size)
     for edge in edges:

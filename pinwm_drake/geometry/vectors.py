@@ -106,6 +106,16 @@ def xyz(table, i):
 
 
 @internal_kernel
+def line_through(X, vertices, v, w):
+    """Line from vertex v to vertex w in the frame to which the pose X leads: start, unit direction and length."""
+    px, py, pz = transform(X, *xyz(vertices, v))
+    dx, dy, dz = transform(X, *xyz(vertices, w))
+    dx, dy, dz = dx - px, dy - py, dz - pz
+    length = norm(dx, dy, dz)
+    return px, py, pz, dx / length, dy / length, dz / length, length
+
+
+@internal_kernel
 def height(table, i, x, y, z):
     """Height [m] of a point over row i of `planes` or `sides`."""
     return table[i, 0] * x + table[i, 1] * y + table[i, 2] * z - table[i, 3]

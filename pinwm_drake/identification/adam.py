@@ -6,11 +6,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from pinwm_drake.identification.image_loss import BLOCKS
 from pinwm_drake.identification.problem import Problem
 
 _BETAS, _EPSILON = (0.8, 0.97), 1e-12
-# The learning rate falls to this share of its first value.
-_LAST_RATE = 0.1
+# Learning rate at first, in units of z, and the share of it to which it falls.
+_RATE, _LAST_RATE = 0.5, 0.1
+# Share of the iterations during which the frames that count grow from the first quarter to all: a push amplifies
+# errors, and late frames are no guide before the early ones are right.
+_GROW = 0.6
 # Independent measurements that one frame counts as, in the balance of images and prior: its pixels are many, but what
 # is wrong with a renderer, a silhouette or a contact model is wrong in all of them alike. Four is a pose in the plane,
 # and an outline.
@@ -19,24 +23,15 @@ MEASUREMENTS = 4.0
 
 @dataclass
 class AdamState:
-    """State of a descent: everything that going on needs.
+    """State of a descent: everything that going on needs."""
 
-    Attributes:
-        iteration: Number of steps done.
-        z: (W, p), the guesses.
-        first, second: (W, p), Adam's moments of the gradient.
-        scale: Mean square by which losses are divided.
-        best_loss: (W,), the lowest loss over all frames.
-        best_z: (W, p), the guess that had it.
-    """
-
-    iteration: int
-    z: Tensor
-    first: Tensor
-    second: Tensor
-    scale: float
-    best_loss: Tensor
-    best_z: Tensor
+    iteration: int  # Number of steps done
+    z: Tensor  # (W, p), the guesses
+    first: Tensor  # (W, p), Adam's first moment of the gradient
+    second: Tensor  # (W, p), its second moment
+    scale: float  # Mean square by which losses are divided
+    best_loss: Tensor  # (W,), the lowest loss over all frames
+    best_z: Tensor  # (W, p), the guess that had it
 
     @staticmethod
     def at(z: Tensor) -> "AdamState":
@@ -47,40 +42,26 @@ class AdamState:
 
 
 def descend(
-    problem: Problem,
-    state: AdamState,
-    *,
-    iterations: int,
-    rate: float,
-    blocks: tuple[int, ...],
-    grow: float,
-    report: Callable[[AdamState, Tensor], None],
-) -> AdamState:
+    problem: Problem, state: AdamState, *, iterations: int, report: Callable[[AdamState, Tensor], None]
+) -> None:
     """Goes on from a state to the last iteration.
 
     Args:
         problem: The pushes to explain.
         state: State to begin with; changed in place.
         iterations: Steps in all.
-        rate: Learning rate at first, in units of z.
-        blocks: Sides of the blocks of pixels, px, as for `image_loss.squares`.
-        grow: Share of the iterations during which the frames that count grow from the first quarter to all: a push
-            amplifies errors, and late frames are no guide before the early ones are right.
         report: Called after each step with the state and the losses (W,) over all frames.
-
-    Returns:
-        The state after the last step.
     """
     counts = [push.num_frames for push in problem.pushes]
     # The outline has no gradient here: its scale stays as it is, and its prior does not pull it away.
     moving = torch.tensor([unknown.name != "outline" for unknown in problem.coordinates.free])
     while state.iteration < iterations:
         done = state.iteration / iterations
-        shown = 1.0 if grow <= 0.0 else min(1.0, 0.25 + 0.75 * done / grow)
+        shown = min(1.0, 0.25 + 0.75 * done / _GROW)
         parts = [(shown * n - torch.arange(n, dtype=torch.float64)).clamp(0.0, 1.0) for n in counts]
         weights = torch.cat(parts)[:, None]
         z = state.z.clone().requires_grad_()
-        frames = torch.cat(problem.frame_losses(z, blocks))
+        frames = torch.cat(problem.frame_losses(z, BLOCKS))
         losses = frames.detach().mean(0)
         if state.scale == 0.0:
             state.scale = float(losses.min())
@@ -97,10 +78,8 @@ def descend(
         state.second = _BETAS[1] * state.second + (1.0 - _BETAS[1]) * gradient**2
         first = state.first / (1.0 - _BETAS[0] ** state.iteration)
         second = state.second / (1.0 - _BETAS[1] ** state.iteration)
-        speed = rate * _LAST_RATE**done
-        moved = state.z - speed * first / (second.sqrt() + _EPSILON)
+        moved = state.z - _RATE * _LAST_RATE**done * first / (second.sqrt() + _EPSILON)
         # A guess without a solution goes half way back to where it was best.
         moved = torch.where(alive[:, None], moved, 0.5 * (state.z + state.best_z))
         state.z = problem.coordinates.clamp(moved)
         report(state, losses)
-    return state

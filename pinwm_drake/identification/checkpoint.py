@@ -16,12 +16,7 @@ CHECKPOINT_FILE = "identify_checkpoint.npz"
 
 
 class Checkpoint:
-    """The memory of one search, in a file where there is a folder for it.
-
-    Attributes:
-        done: Results of the phases that ended, as `PHASE.NAME`.
-        log: Every evaluation.
-    """
+    """The memory of one search, in a file where there is a folder for it."""
 
     def __init__(self, folder: Path | None, about: Mapping[str, object], *, resume: bool, every: int) -> None:
         """Checkpoint without contents, or as an earlier run left it.
@@ -37,7 +32,7 @@ class Checkpoint:
         """
         self.path = None if folder is None else folder / CHECKPOINT_FILE
         self.about, self.every = dict(about), every
-        self.done: dict[str, np.ndarray] = {}
+        self.done: dict[str, np.ndarray] = {}  # results of the phases that ended, as PHASE.NAME
         self.log = Log()
         self.begun = time.monotonic()
         stored = read_arrays(self.path, self.about, "identify", ["seconds"]) if self.path and resume else None

@@ -25,35 +25,25 @@ from pinwm_drake.twin.drift import drift, per_radius, way
 LASTING, LASTS = 3e-4, 0.3
 
 
-@dataclass(frozen=True, eq=False)
-class Discrepancy:
-    """Prior of the corrections of n poses.
+def prior_root(X_WO: Pose, times: Tensor, radius: float, walk: float) -> Tensor:
+    """Root of the prior of the corrections of n poses, K = root root'.
 
-    Attributes:
-        root: (6n, 6n), lower triangular, K = root root'; frame by frame rotation vector [rad], then position [m].
+    Args:
+        X_WO: The poses, q (n, 4), p (n, 3) [m].
+        times: (n,), s.
+        radius: Radius of the object, m.
+        walk: Drift of a position after a way of one metre, m.
+
+    Returns:
+        (6n, 6n), lower triangular; frame by frame rotation vector [rad], then position [m].
     """
-
-    root: Tensor
-
-    @staticmethod
-    def of(X_WO: Pose, times: Tensor, radius: float, walk: float) -> "Discrepancy":
-        """The prior for frames at `times` (n,) [s] with poses q (n, 4), p (n, 3) [m].
-
-        Args:
-            X_WO: The poses.
-            times: Of them.
-            radius: Of the object, m.
-            walk: Drift of a position after a way of one metre, m.
-        """
-        made, n = way(X_WO, times, radius), len(times)
-        common = torch.minimum(made[:, None], made[None])
-        lasting = torch.exp(-(times[:, None] - times[None]).abs() / LASTS) + 1e-6 * torch.eye(n, dtype=torch.float64)
-        K = torch.zeros(n, 6, n, 6, dtype=torch.float64)
-        for axis, (a, b) in enumerate(
-            zip(drift(radius, walk).tolist(), (LASTING * per_radius(radius)).tolist(), strict=True)
-        ):
-            K[:, axis, :, axis] = a**2 * common + b**2 * lasting
-        return Discrepancy(torch.linalg.cholesky(K.reshape(6 * n, 6 * n)))
+    made, n = way(X_WO, times, radius), len(times)
+    common = torch.minimum(made[:, None], made[None])
+    lasting = torch.exp(-(times[:, None] - times[None]).abs() / LASTS) + 1e-6 * torch.eye(n, dtype=torch.float64)
+    K = torch.zeros(n, 6, n, 6, dtype=torch.float64)
+    for axis, (a, b) in enumerate(zip(drift(radius, walk), LASTING * per_radius(radius), strict=True)):
+        K[:, axis, :, axis] = float(a) ** 2 * common + float(b) ** 2 * lasting
+    return torch.linalg.cholesky(K.reshape(6 * n, 6 * n))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,29 +52,21 @@ class Marginal:
 
     Its argument u holds the deviations of the model's poses (6n) from those of an expansion, frame by frame rotation
     vector [rad] and position [m], and that of the outline's logarithm.
-
-    Attributes:
-        A: (6n + 1, 6n + 1).
-        b: (6n + 1,).
-        constant: Loss at u = 0, which is another for each prior of the corrections.
-        pull: (6n, 6n + 1), and
-        shift: (6n,): the likeliest corrections are -(pull u + shift).
     """
 
-    A: Tensor
-    b: Tensor
-    constant: float
-    pull: Tensor
-    shift: Tensor
+    A: Tensor  # (6n + 1, 6n + 1)
+    b: Tensor  # (6n + 1,)
+    constant: float  # Loss at u = 0, which is another for each prior of the corrections
+    pull: Tensor  # (6n, 6n + 1); the likeliest corrections are -(pull u + shift)
+    shift: Tensor  # (6n,)
 
     @staticmethod
-    def of(gradient: Tensor, curvature: Tensor, discrepancy: Discrepancy) -> "Marginal":
-        """The marginal loss from the images' gradient (n, 7) and curvature (n, 7, 7), weighted, by pose and outline."""
+    def of(gradient: Tensor, curvature: Tensor, L: Tensor) -> "Marginal":
+        """Marginal loss from the images' gradient (n, 7) and curvature (n, 7, 7), weighted, and the prior's root L."""
         n = len(gradient)
         H = torch.block_diag(*curvature[:, :6, :6])
         cross, outline = curvature[:, :6, 6].reshape(6 * n), curvature[:, 6, 6].sum()
         g = gradient[:, :6].reshape(6 * n)
-        L = discrepancy.root
         inner = torch.eye(6 * n, dtype=torch.float64) + L.T @ H @ L
         # (H + K^-1)^-1
         root = torch.linalg.cholesky(inner)

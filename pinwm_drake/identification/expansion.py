@@ -26,37 +26,30 @@ class Expansion:
     """Mean squares L of n frames around poses: L = loss + 2 gradient . d + d' curvature d.
 
     The argument d is rotation vector [rad], position [m], both in the world's axes, and the outline's logarithm.
-
-    Attributes:
-        X_WO: The poses: q (n, 4), p (n, 3) [m].
-        outline: The outline's scale, ().
-        loss: (n,).
-        gradient: (n, 7).
-        curvature: (n, 7, 7).
     """
 
-    X_WO: Pose
-    outline: Tensor
-    loss: Tensor
-    gradient: Tensor
-    curvature: Tensor
+    X_WO: Pose  # The poses: q (n, 4), p (n, 3) [m]
+    outline: Tensor  # The outline's scale, ()
+    loss: Tensor  # (n,)
+    gradient: Tensor  # (n, 7)
+    curvature: Tensor  # (n, 7, 7)
 
 
 @torch.no_grad()
 def expand(
     pictures: Pictures, surfels: Surfels, X_WO: Pose, outline: Tensor, radius: float, *, num_threads: int | None = None
 ) -> Expansion:
-    """Quadratic model of the frames' losses at poses q (n, 4), p (n, 3) and an outline's scale ().
+    """Quadratic model of the losses of n pictures at poses q (n, 4), p (n, 3) [m] and an outline's scale ().
 
     Args:
-        pictures: The pictures to explain; n frames.
-        surfels: The object's appearance, frame O.
-        X_WO: The poses, m.
-        outline: The outline's scale.
-        radius: Of the object, m.
-        num_threads: Threads of the renderer.
+        pictures, surfels, num_threads: As for `image_loss.difference`.
+        X_WO, outline: Poses and outline about which the images are expanded.
+        radius: Radius of the object, m.
     """
-    steps = _image_steps(pictures, X_WO, radius)
+    # Of rotation [rad] and position [m], which move the image by about `_STEP_PIXELS`, and of the outline.
+    away = (X_WO.p[0] - inverse(Pose(pictures.X_CW.q[0], pictures.X_CW.p[0])).p).norm()
+    step = _STEP_PIXELS * float(away) / float(pictures.camera.intrinsics[0, 0])
+    steps = (step / radius, step, _STEP_OUTLINE)
     parts = [
         _expand(pictures.some(some), surfels, Pose(X_WO.q[some], X_WO.p[some]), outline, steps, num_threads)
         for some in torch.arange(len(X_WO.p)).split(_TOGETHER)
@@ -94,13 +87,6 @@ def _expand(
         columns.append((sides[0] - sides[1]) / (2.0 * step))
     J, M = torch.stack(columns, -1), r.shape[1]
     return (r * r).mean(-1).double(), (J.mT @ r[..., None]).double()[..., 0] / M, (J.mT @ J).double() / M
-
-
-def _image_steps(pictures: Pictures, X_WO: Pose, radius: float) -> tuple[float, float, float]:
-    """Steps of rotation [rad] and position [m] that move the image by about `_STEP_PIXELS`, and of the outline."""
-    away = (X_WO.p[0] - inverse(Pose(pictures.X_CW.q[0], pictures.X_CW.p[0])).p).norm()
-    step = _STEP_PIXELS * float(away) / float(pictures.camera.intrinsics[0, 0])
-    return step / radius, step, _STEP_OUTLINE
 
 
 def corrected(X_WO: Pose, d: Tensor) -> Pose:

@@ -33,22 +33,14 @@ class Forward:
     """Rolls out an episode for W values of the unknowns at once.
 
     The floor stays where the model has it: `lift` raises what comes out, and lowers the pusher that goes in.
-
-    Attributes:
-        scene: The physics.
-        episode: Times of the frames, and the pusher's trajectory.
-        X_WO: Pose at the start, as the capture states it; q (4,), p (3,) [m].
-        mass: Nominal mass that inertias count with, kg.
-        num_threads: Threads of the physics.
-        chosen: (m,), indices of the frames whose poses are wanted; None for all n.
     """
 
     scene: Scene
-    episode: Episode
-    X_WO: Pose
-    mass: float
-    num_threads: int
-    chosen: Tensor | None = None
+    episode: Episode  # Times of the frames, and the pusher's trajectory
+    X_WO: Pose  # Pose at the start, as the capture states it; q (4,), p (3,) [m]
+    mass: float  # Nominal mass that inertias count with, kg
+    num_threads: int  # of the physics
+    chosen: Tensor | None = None  # (m,), indices of the frames whose poses are wanted; None for all n
 
     @property
     def times(self) -> np.ndarray:

@@ -35,31 +35,19 @@ class Log:
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """History of the optimiser: n evaluations of all random starts together.
+    """History of the optimiser: n evaluations of all random starts together."""
 
-    Attributes:
-        iteration: (n,), number of the evaluation, counted within each start.
-        loss: (n,), mean square of the stage's pictures.
-        stage: (n,) text, name of the stage.
-        start: (n,), number of the random start.
-        theta: (n, p), the fitted parameters in physical units.
-        names: Names of the p parameters.
-    """
-
-    iteration: np.ndarray
-    loss: np.ndarray
-    stage: np.ndarray
-    start: np.ndarray
-    theta: np.ndarray
-    names: list[str]
+    iteration: np.ndarray  # (n,), number of the evaluation, counted within each start
+    loss: np.ndarray  # (n,), mean square of the stage's pictures
+    stage: np.ndarray  # (n,) text, name of the stage
+    start: np.ndarray  # (n,), number of the random start
+    theta: np.ndarray  # (n, p), the fitted parameters in physical units
+    names: list[str]  # Names of the p parameters
 
     def starts(self) -> list[tuple[int, np.ndarray]]:
         """Number of each random start, and the rows (m,) of its evaluations in their order."""
-        found = []
-        for number in np.unique(self.start):
-            rows = np.flatnonzero(self.start == number)
-            found.append((int(number), rows[np.argsort(self.iteration[rows], kind="stable")]))
-        return found
+        found = ((int(number), np.flatnonzero(self.start == number)) for number in np.unique(self.start))
+        return [(number, rows[np.argsort(self.iteration[rows], kind="stable")]) for number, rows in found]
 
     def stage_begins(self) -> list[tuple[float, str]]:
         """Beginnings of the stages in the longest start: iteration and name of each."""
@@ -95,7 +83,7 @@ def read_history(path: Path) -> History:
     if not path.is_file():
         raise InputError(path, value="no such file", allowed="the history that `pinwm identify` writes")
     arrays, _ = load_arrays(path, "an npz file without pickles", told=False)
-    for name in ("iteration", "loss", "stage", "theta", "names", "start"):
+    for name in (*_COLUMNS, "names"):
         if name not in arrays:
             raise InputError(path, value=f"no array {name}", allowed="iteration, loss, stage, theta, names and start")
     n, p = arrays["iteration"].size, arrays["names"].size
@@ -105,11 +93,5 @@ def read_history(path: Path) -> History:
             raise InputError(path, value=f"{name} of shape {arrays[name].shape}", allowed=f"{shape}")
         if name not in ("stage", "names") and arrays[name].dtype.kind not in "iuf":
             raise InputError(path, value=f"{name} of type {arrays[name].dtype}", allowed="numbers")
-    return History(
-        iteration=arrays["iteration"],
-        loss=np.asarray(arrays["loss"], float),
-        stage=arrays["stage"].astype(str),
-        start=arrays["start"],
-        theta=np.asarray(arrays["theta"], float),
-        names=[str(name) for name in arrays["names"]],
-    )
+    columns = {name: np.asarray(arrays[name], kind) for name, kind in _COLUMNS.items()}
+    return History(**columns, names=[str(name) for name in arrays["names"]])

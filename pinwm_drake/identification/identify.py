@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-import torch
 from torch import Tensor
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
@@ -26,6 +25,7 @@ from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Scene, make_scene, resting_height
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
+from pinwm_drake.threads import one_torch_thread
 from pinwm_drake.twin.document import to_plain
 from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
 from pinwm_drake.twin.twin import Twin, assemble_twin
@@ -96,10 +96,7 @@ def identify(
     capture = capture if X_OS is None else seen_in(capture, X_OS)
     number = options.threads
     mass = options.held.get("mass", capture.object.mass or NOMINAL_MASS)
-    # The kernels bring their own threads, with which torch's, spinning between its calls, would compete.
-    wide = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with one_torch_thread():
         scene = capture_scene(capture, options.time_step)
         pusher = pusher_surface(capture.pusher)
         footages = [read_footage(episode, pusher, camera_offset, frame_numbers(episode, options)) for episode in pushes]
@@ -120,8 +117,6 @@ def identify(
         found = Search(task, options, folder=folder, about=about, resume=resume, report=report).run()
         unknown = capture.object.mass is None and "mass" not in (*options.held, *options.names)
         scale = find_mass_scale(forwards, coordinates, found.posterior, options.seed) if unknown else None
-    finally:
-        torch.set_num_threads(wide)
     known = capture.object.mass is not None and "mass" not in options.held
     theta, nuisance = estimates(coordinates, found.posterior, scene, mass, known, options.seed)
     # The lift is told against the floor; the search counts it from where the capture has the object.
@@ -167,11 +162,7 @@ def distinct_pushes(episodes: Episode | Sequence[Episode]) -> tuple[Episode, ...
 
 
 def capture_scene(capture: Capture, time_step: float) -> Scene:
-    """Object, floor and pusher of a capture as the physics model of an identification.
-
-    Args:
-        capture: The capture; its object lies as at the start of an episode.
-        time_step: Of the physics, s.
+    """Object, floor and pusher of a capture as the physics model of an identification, with its time step [s].
 
     Raises:
         InputError: A mesh cannot be used.

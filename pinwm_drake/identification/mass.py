@@ -32,21 +32,13 @@ _MASSES = ("mass", "inertia_xx", "inertia_yy", "inertia_zz")
 
 @dataclass(frozen=True, eq=False)
 class MassScale:
-    """Factor between an object's mass and the nominal one.
-
-    Attributes:
-        value: The factor.
-        draws: (m,), factors of the posterior's kept draws.
-        windows: Number of windows that were compared.
-        window: Their length, s.
-        alike: Cosine of measured and simulated impulses, 0 to 1.
-    """
+    """Factor between an object's mass and the nominal one."""
 
     value: float
-    draws: np.ndarray
-    windows: int
-    window: float
-    alike: float
+    draws: np.ndarray  # (m,), factors of the posterior's kept draws
+    windows: int  # Number of windows that were compared
+    window: float  # Their length, s
+    alike: float  # Cosine of measured and simulated impulses, 0 to 1
 
     @property
     def words(self) -> str:
@@ -128,11 +120,9 @@ def fit_mass_scale(pushes: Sequence[tuple[PusherTrajectory, np.ndarray, np.ndarr
 
 
 def with_mass(twin: Twin, scale: MassScale | str | None) -> Twin:
-    """Twin whose mass is scaled, and with it its moments of inertia: their ratio is what the images tell.
+    """Twin of the nominal mass with the result of `find_mass_scale`.
 
-    Args:
-        twin: The twin, of the nominal mass.
-        scale: Result of `find_mass_scale`.
+    With the mass its moments of inertia are scaled: their ratio is what the images tell.
     """
     if scale is None:
         return twin
@@ -165,14 +155,19 @@ def _compared(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Measured (n, 3) and simulated (n, W, 3) impulses [N s] of the windows in which pusher and object touch."""
     first, last = max(edges[0].max(), log.t[0]), min(edges[-1].min(), log.t[-1])
+    touches = np.flatnonzero(impulses[:, 0].any(axis=-1))
+    touch = float(edges[touches[0] if len(touches) else -1, 0])
     # The first touch, whose impact may be half of all, comes in the middle of a window: none cuts it in two.
-    first += (_touch(edges[:, 0], impulses[:, 0]) - 0.5 * window - first) % window
+    first += (touch - 0.5 * window - first) % window
     ends = first + window * np.arange(int((last - first) / window + 1e-6) + 1)
     made = np.concatenate([np.zeros((1, *impulses.shape[1:])), np.cumsum(impulses, axis=0)])
     sums = [_at(ends, edges[:, world], made[:, world]) for world in range(edges.shape[1])]
     simulated = np.diff(np.stack(sums, 1), axis=0)
-    force_W = log.force_W - _offset(log, edges[:, 0], impulses[:, 0])
-    felt = cumulative_trapezoid(force_W, log.t, axis=0, initial=0)
+    assert log.force_W is not None
+    # The sensor's reading before the pusher touches is its offset, where the log begins early enough to tell.
+    free = log.t < touch - _BEFORE
+    offset = np.median(log.force_W[free], axis=0) if free.sum() >= _STILL else np.zeros(3)
+    felt = cumulative_trapezoid(log.force_W - offset, log.t, axis=0, initial=0)
     measured = np.diff(_at(ends, log.t, felt), axis=0)
     size = np.linalg.norm(simulated[:, 0], axis=-1)
     mine = size > _TOUCHES * size.max(initial=0.0)
@@ -182,20 +177,6 @@ def _compared(
 def _at(ends: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (m, 3) at times t (m,), interpolated at others (n,): (n, 3)."""
     return np.stack([np.interp(ends, t, values[:, axis]) for axis in range(3)], -1)
-
-
-def _offset(log: PusherTrajectory, edges: np.ndarray, impulses: np.ndarray) -> np.ndarray:
-    """Reading (3,) N of a sensor before the pusher touches; 0 where the log does not begin early enough to tell."""
-    assert log.force_W is not None
-    free = log.t < _touch(edges, impulses) - _BEFORE
-    still: np.ndarray = np.median(log.force_W[free], axis=0) if free.sum() >= _STILL else np.zeros(3)
-    return still
-
-
-def _touch(edges: np.ndarray, impulses: np.ndarray) -> float:
-    """Time [s] of the first impulse (T, 3) of steps between edges (T + 1,) [s]; their end where there is none."""
-    touches = np.flatnonzero(impulses.any(axis=-1))
-    return float(edges[touches[0] if len(touches) else -1])
 
 
 def _robust(measured: np.ndarray, simulated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

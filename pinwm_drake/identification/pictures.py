@@ -20,23 +20,14 @@ _MARGIN = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """Pictures of n frames, each cut out and scaled.
+    """Pictures of n frames, each cut out and scaled."""
 
-    Attributes:
-        camera: Cameras of the frames: intrinsics (n, 4).
-        color: (n, H, W, 3) float32, white where the object is not.
-        alpha: (n, H, W) float32, the share of a pixel that shows the object.
-        weight: (n, H, W) float32, 0 where the pusher may hide the object, else 1.
-        middle: (n, 2), float64: middle of the object in the image, px; about it outlines are scaled.
-        X_CW: Poses of the world in the frames' cameras, OpenCV axes; q (n, 4), p (n, 3) [m].
-    """
-
-    camera: Camera
-    color: Tensor
-    alpha: Tensor
-    weight: Tensor
-    middle: Tensor
-    X_CW: Pose
+    camera: Camera  # Cameras of the frames: intrinsics (n, 4)
+    color: Tensor  # (n, H, W, 3) float32, white where the object is not
+    alpha: Tensor  # (n, H, W) float32, the share of a pixel that shows the object
+    weight: Tensor  # (n, H, W) float32, 0 where the pusher may hide the object, else 1
+    middle: Tensor  # (n, 2), float64: middle of the object in the image, px; about it outlines are scaled
+    X_CW: Pose  # Poses of the world in the frames' cameras, OpenCV axes; q (n, 4), p (n, 3) [m]
 
     def some(self, chosen: Tensor) -> "Pictures":
         """Subset of the frames, by their indices (m,)."""
@@ -53,39 +44,24 @@ class Pictures:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Part of an image that shows the object.
+    """Part of an image that shows the object."""
 
-    Attributes:
-        view: Camera that took it.
-        t: When it was taken, s.
-        x, y: First column and row.
-        pixels: (h, w, 4) uint8: red, green, blue over white, and 255 on the object; empty where there is none.
-    """
-
-    view: View
-    t: float
-    x: int
-    y: int
-    pixels: np.ndarray
+    view: View  # Camera that took it
+    t: float  # When it was taken, s
+    x: int  # First column
+    y: int  # First row
+    pixels: np.ndarray  # (h, w, 4) uint8: red, green, blue over white, and 255 on the object; empty where there is none
 
 
 @dataclass(frozen=True, eq=False)
 class Footage:
-    """Frames of a push, of all of its cameras, as far as they show the object.
-
-    Attributes:
-        episode: Episode that the frames are of.
-        numbers: Numbers (n,) of the frames, increasing, in the order of `episode.times`.
-        frames: The n frames.
-        offset: px, to be added to the principal points, as the static views revealed.
-        pusher: Surface of the pusher, frame P, m.
-    """
+    """Frames of a push, of all of its cameras, as far as they show the object."""
 
     episode: Episode
-    numbers: Tensor
+    numbers: Tensor  # Numbers (n,) of the frames, increasing, in the order of `episode.times`
     frames: list[Frame]
-    offset: tuple[float, float]
-    pusher: trimesh.Trimesh
+    offset: tuple[float, float]  # px, to be added to the principal points, as the static views revealed
+    pusher: trimesh.Trimesh  # Surface of the pusher, frame P, m
 
     def some(self, numbers: Tensor) -> "Footage":
         """Footage of some of the frames, by their numbers (m,), increasing."""

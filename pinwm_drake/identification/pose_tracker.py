@@ -64,15 +64,11 @@ class PoseTrackerOptions:
 
 @dataclass(frozen=True, eq=False)
 class PoseTrack:
-    """Track of an object through the video of a push.
+    """Track of an object through the video of a push."""
 
-    Attributes:
-        poses: Poses X_WO at the n times at which any camera took a frame.
-        loss: (n,), mean squares of rendering and pictures at these poses; not a number where no picture shows the
-            object, which then is taken to be where it was.
-    """
-
-    poses: ObjectPoses
+    poses: ObjectPoses  # Poses X_WO at the n times at which any camera took a frame
+    # (n,), mean squares of rendering and pictures at these poses; not a number where no picture shows the
+    # object, which then is taken to be where it was
     loss: np.ndarray
 
 

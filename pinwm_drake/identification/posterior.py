@@ -31,19 +31,12 @@ _MOMENTS = {"inertia_xx": ("yy", "zz"), "inertia_yy": ("xx", "zz"), "inertia_zz"
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Posterior of the free unknowns.
+    """Posterior of the free unknowns."""
 
-    Attributes:
-        z: (p,), what stands for it.
-        draws: (N, p).
-        kept: (m, p), at most `KEPT` of the draws, evenly spaced.
-        walks: (m,), the drift of each of these, m: see `twin/drift.py`.
-    """
-
-    z: Tensor
-    draws: Tensor
-    kept: Tensor
-    walks: Tensor
+    z: Tensor  # (p,), what stands for it
+    draws: Tensor  # (N, p)
+    kept: Tensor  # (m, p), at most `KEPT` of the draws, evenly spaced
+    walks: Tensor  # (m,), the drift of each of these, m: see `twin/drift.py`
 
     @staticmethod
     def of(z: Tensor, draws: Tensor, shares: Callable[[Tensor], Tensor], generator: torch.Generator) -> "Posterior":

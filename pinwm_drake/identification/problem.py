@@ -19,17 +19,11 @@ _TOGETHER = 4
 
 @dataclass(frozen=True, eq=False)
 class FilmedEpisode:
-    """One push: the physics that is to explain its pictures.
+    """One push: the physics that is to explain its pictures."""
 
-    Attributes:
-        forward: The physics, with poses in the frames of the pictures.
-        pictures: The pictures; n frames.
-        surfels: The object's appearance in their light, frame O.
-    """
-
-    forward: Forward
-    pictures: Pictures
-    surfels: Surfels
+    forward: Forward  # The physics, with poses in the frames of the pictures
+    pictures: Pictures  # n frames
+    surfels: Surfels  # The object's appearance in their light, frame O
 
     @property
     def num_frames(self) -> int:
@@ -39,17 +33,11 @@ class FilmedEpisode:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Model that is to explain one or more pushes of an object: unknowns, physics and renderer.
+    """Model that is to explain one or more pushes of an object: unknowns, physics and renderer."""
 
-    Attributes:
-        pushes: The pushes, in the order of the unknowns' columns.
-        coordinates: The unknowns.
-        num_threads: Threads of the renderer.
-    """
-
-    pushes: tuple[FilmedEpisode, ...]
+    pushes: tuple[FilmedEpisode, ...]  # in the order of the unknowns' columns
     coordinates: Coordinates
-    num_threads: int
+    num_threads: int  # of the renderer
 
     @property
     def radius(self) -> float:
@@ -81,7 +69,7 @@ class Problem:
         return found
 
     @torch.no_grad()
-    def fit_outline(self, z: Tensor, blocks: tuple[int, ...]) -> Tensor:
+    def fit_outline(self, z: Tensor) -> Tensor:
         """Unknowns z with the outlines' scales that suit the first frames best, where these are free.
 
         The renderer widens what is small, so that each resolution has a scale of its own.
@@ -98,6 +86,6 @@ class Problem:
             trial[:, columns[0]] = guesses
             outlines = self.coordinates.values(trial, number)["outline"]
             X = Pose(X_WO.q.expand(1, len(guesses), 4), X_WO.p.expand(1, len(guesses), 3))
-            losses = squares(difference(first, push.surfels, X, outlines, num_threads=self.num_threads), blocks)[0]
+            losses = squares(difference(first, push.surfels, X, outlines, num_threads=self.num_threads))[0]
             z[:, columns[0]] = guesses[int(losses.argmin())]
         return self.coordinates.clamp(z)

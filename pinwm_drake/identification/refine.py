@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.identification.adam import MEASUREMENTS
-from pinwm_drake.identification.discrepancy import Discrepancy, Marginal
+from pinwm_drake.identification.discrepancy import Marginal, prior_root
 from pinwm_drake.identification.expansion import Expansion, corrected, deviation, expand
 from pinwm_drake.identification.problem import FilmedEpisode, Problem
 from pinwm_drake.spatial.poses import Pose
@@ -37,16 +37,11 @@ _SHARES = (1.0, 0.5, 0.2)
 
 @dataclass(frozen=True, eq=False)
 class Surrogate:
-    """Objective of the unknowns without the renderer: minus the logarithm of their posterior, up to a constant.
-
-    Attributes:
-        problem: The pushes.
-        expansions: Images around poses, of each push.
-        marginals: Weighted, the corrections integrated out; of each push, one for each of `drift.WALKS`.
-    """
+    """Objective of the unknowns without the renderer: minus the logarithm of their posterior, up to a constant."""
 
     problem: Problem
-    expansions: list[Expansion]
+    expansions: list[Expansion]  # Images around poses, of each push
+    # Weighted, the corrections integrated out; of each push, one for each of `drift.WALKS`
     marginals: list[list[Marginal]]
 
     @property
@@ -152,21 +147,13 @@ class Surrogate:
 
 @dataclass
 class RefineState:
-    """State of a refinement: everything that going on needs.
+    """State of a refinement: everything that going on needs."""
 
-    Attributes:
-        iteration: Number of expansions done.
-        z: (p,), the guess.
-        corrections: Of all pushes together (n, 6): rotation vectors [rad] and positions [m].
-        loss: Mean squares of the images, mean over frames, at the corrected poses.
-        done: Whether it has ended.
-    """
-
-    iteration: int
-    z: Tensor
-    corrections: Tensor
-    loss: float
-    done: bool
+    iteration: int  # Number of expansions done
+    z: Tensor  # (p,), the guess
+    corrections: Tensor  # Of all pushes together (n, 6): rotation vectors [rad] and positions [m]
+    loss: float  # Mean squares of the images, mean over frames, at the corrected poses
+    done: bool  # Whether it has ended
 
     @staticmethod
     def at(problem: Problem, z: Tensor) -> "RefineState":
@@ -175,10 +162,10 @@ class RefineState:
         return RefineState(0, z, torch.zeros(n, 6, dtype=torch.float64), float("inf"), False)
 
 
-def _priors(problem: Problem, push: FilmedEpisode, expansion: Expansion) -> list[Discrepancy]:
-    """Priors of a push's corrections for each of `drift.WALKS`, along the way of an expansion's poses."""
+def _priors(problem: Problem, push: FilmedEpisode, expansion: Expansion) -> list[Tensor]:
+    """Roots of the priors of a push's corrections for each of `drift.WALKS`, along the way of an expansion's poses."""
     times = torch.from_numpy(push.forward.times)
-    return [Discrepancy.of(expansion.X_WO, times, problem.radius, walk) for walk in WALKS]
+    return [prior_root(expansion.X_WO, times, problem.radius, walk) for walk in WALKS]
 
 
 @torch.no_grad()
@@ -267,7 +254,7 @@ def joint_loss(
     counts = [push.num_frames for push in problem.pushes]
     total = float(problem.coordinates.penalty(z))
     for push, expansion, weight, d in zip(problem.pushes, expansions, weights, corrections.split(counts), strict=True):
-        root = _priors(problem, push, expansion)[walk].root
+        root = _priors(problem, push, expansion)[walk]
         white = torch.linalg.solve_triangular(root, d.reshape(-1, 1), upper=False)
         total += 0.5 * float((weight * expansion.loss).sum()) + 0.5 * float((white * white).sum())
     return total

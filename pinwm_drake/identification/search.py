@@ -32,9 +32,6 @@ from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin.drift import WALKS
 
-_COARSE_RATE = 0.5
-# Share of the coarse steps during which the frames that count grow.
-_GROW = 0.6
 # A start whose coarse loss is within this factor of the best one is refined, and at most so many of them.
 _CLOSE, _REFINED = 1.5, 2
 # Starts are refined on pictures of the first of these shares of the fine size, and the best of them on the next: the
@@ -50,68 +47,42 @@ _SHARES = {"screen": (0.0, 0.0), "coarse": (0.0, 0.4), "fine": (0.4, 0.3), "samp
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a search, to be shown while it goes on.
+    """Progress of a search, to be shown while it goes on."""
 
-    Attributes:
-        done: Share of the work, 0 to 1.
-        stage: "screen", "coarse", "fine" or "sample".
-        loss: Mean square of the stage's pictures for the best guess; not a number while draws are taken.
-        values: Physical values of the free unknowns of that guess.
-    """
-
-    done: float
-    stage: str
-    loss: float
-    values: Mapping[str, float]
+    done: float  # Share of the work, 0 to 1
+    stage: str  # "screen", "coarse", "fine" or "sample"
+    loss: float  # Mean square of the stage's pictures for the best guess; not a number while draws are taken
+    values: Mapping[str, float]  # Physical values of the free unknowns of that guess
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Unknowns that a search found, with its losses and its log.
+    """Unknowns that a search found, with its losses and its log."""
 
-    Attributes:
-        problem: The pushes, on the largest pictures.
-        posterior: Draws of the unknowns, and what stands for them.
-        loss: Mean square of the largest pictures, at the corrected poses.
-        poses: X_WO by the model in the frames of each push: q (n, 4), p (n, 3) [m].
-        corrections: The likeliest corrections of the poses in the frames of `problem`, of each push: (m, 6), rotation
-            vectors [rad] and positions [m].
-        coarse_losses: Losses of all starts after the coarse stage.
-        start: Number of the start that led to the result.
-        log: Every evaluation.
-        seconds: Time taken, all runs together.
-    """
-
-    problem: Problem
-    posterior: Posterior
-    loss: float
-    poses: list[Pose]
+    problem: Problem  # The pushes, on the largest pictures
+    posterior: Posterior  # Draws of the unknowns, and what stands for them
+    loss: float  # Mean square of the largest pictures, at the corrected poses
+    poses: list[Pose]  # X_WO by the model in the frames of each push: q (n, 4), p (n, 3) [m]
+    # The likeliest corrections of the poses in the frames of `problem`, of each push: (m, 6), rotation vectors
+    # [rad] and positions [m]
     corrections: list[Tensor]
-    coarse_losses: list[float]
-    start: int
+    coarse_losses: list[float]  # Losses of all starts after the coarse stage
+    start: int  # Number of the start that led to the result
     log: Log
-    seconds: float
+    seconds: float  # Time taken, all runs together
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """All that a search is given.
+    """All that a search is given."""
 
-    Attributes:
-        footages: Frames of each push, those of `frame_numbers` at least.
-        forwards: Physics of each push.
-        surfels: The object's appearance, frame O.
-        coordinates: The unknowns.
-        starts: x, y [m] and yaw [rad] (3,) of each push's start in its first pictures, as `find_start` found them.
-        num_threads: Threads of the renderer.
-    """
-
-    footages: Sequence[Footage]
-    forwards: Sequence[Forward]
-    surfels: Surfels
+    footages: Sequence[Footage]  # Frames of each push, those of `frame_numbers` at least
+    forwards: Sequence[Forward]  # Physics of each push
+    surfels: Surfels  # The object's appearance, frame O
     coordinates: Coordinates
+    # x, y [m] and yaw [rad] (3,) of each push's start in its first pictures, as `find_start` found them
     starts: Sequence[Tensor]
-    num_threads: int
+    num_threads: int  # of the renderer
 
     def problem(self, size: float, most: int, z: Tensor | None) -> Problem:
         """The problem with at most so many frames of each push.
@@ -178,27 +149,15 @@ class Search:
         task: Task,
         options: IdentifyOptions,
         *,
-        folder: Path | None = None,
-        about: Mapping[str, object] | None = None,
-        resume: bool = False,
-        report: Callable[[Progress], None] = lambda _: None,
+        folder: Path | None,
+        about: Mapping[str, object],
+        resume: bool,
+        report: Callable[[Progress], None],
     ) -> None:
-        """Reads the checkpoint, to go on.
-
-        Args:
-            task: Frames, physics, appearance and unknowns.
-            options: Options of the search.
-            folder: Folder of the checkpoints; None for none.
-            about: Inputs that the search depends on; a checkpoint of another search is refused.
-            resume: Whether to go on from the checkpoint, if there is one.
-            report: Called after each step.
-
-        Raises:
-            InputError: The checkpoint is of another search, or cannot be read.
-        """
+        """Reads the checkpoint, to go on, as `Checkpoint` does; `report` is called after each step."""
         self.task, self.options, self.report = task, options, report
         self.coordinates = task.coordinates
-        self.kept = Checkpoint(folder, about or {}, resume=resume, every=options.checkpoint_every)
+        self.kept = Checkpoint(folder, about, resume=resume, every=options.checkpoint_every)
 
     def run(self) -> Found:
         """Searches, or goes on with an interrupted search.
@@ -215,10 +174,9 @@ class Search:
         chosen = [int(k) for k in order[:_REFINED] if float(losses[k]) <= _CLOSE * float(losses.min())]
         # Several starts on pictures of the first size, the best of them on the others.
         found = [self._fine(0, k, starts[k], None, (place, len(chosen))) for place, k in enumerate(chosen)]
-        surrogate, state, start = _best(list(zip(*zip(*found, strict=True), chosen, strict=True)))
+        surrogate, state, start = _best([(*one, k) for one, k in zip(found, chosen, strict=True)])
         for turn in range(1, len(_SIZES)):
-            last = self._fine(turn, start, state.z, state, (0, 1))
-            surrogate, state, start = _best([(*last, start)])
+            surrogate, state, start = _best([(*self._fine(turn, start, state.z, state, (0, 1)), start)])
         draws, energies = self._sample(surrogate, state.z)
         return self._found(surrogate, state, start, draws, energies)
 
@@ -232,7 +190,7 @@ class Search:
         if state is None:
             guesses = self.coordinates.draw(options.screened, torch.Generator().manual_seed(options.seed))
             guesses = self.task.started(guesses)
-            guesses = problem.fit_outline(guesses, (1,))
+            guesses = problem.fit_outline(guesses)
             with torch.no_grad():
                 losses = torch.cat(problem.frame_losses(guesses, BLOCKS)).mean(0)
             order = torch.argsort(losses, stable=True)[: options.starts]
@@ -247,29 +205,16 @@ class Search:
             self._show("coarse", float(state.best_loss[best]), state.best_z[best], share)
             self.kept.save_adam("coarse", state)
 
-        state = descend(
-            problem,
-            state,
-            iterations=options.coarse_iterations,
-            rate=_COARSE_RATE,
-            blocks=BLOCKS,
-            grow=_GROW,
-            report=report,
-        )
+        descend(problem, state, iterations=options.coarse_iterations, report=report)
         losses = state.best_loss if options.coarse_iterations else torch.zeros(len(state.z), dtype=torch.float64)
         self.kept.end("coarse", {"z": state.best_z, "loss": losses})
 
     def _fine(
         self, turn: int, start: int, z: Tensor, before: RefineState | None, place: tuple[int, int]
     ) -> tuple[Surrogate | None, RefineState]:
-        """Refines a start, or the state that another size has led it to, on pictures of one of `_SIZES`.
+        """Refines a start z (p,), or the state before, to which another size led it, on pictures of one of `_SIZES`.
 
-        Args:
-            turn: Number of the size.
-            start: Number of the start.
-            z: (p,), where the refinement begins.
-            before: State after the size before; None for the first one.
-            place: Number of the start among those that are refined, and their number; for the progress.
+        The progress needs its place: its number among the starts that are refined, and how many they are.
         """
         options, key = self.options, f"fine{turn}.{start}"
         problem = self.task.problem(_SIZES[turn] * options.fine_size, options.fine_frames, z)
@@ -277,7 +222,7 @@ class Search:
             state = RefineState(0, done["z"], done["corrections"], float(done["loss"]), True)
             return surrogate_at(problem, state.z, state.corrections), state
         state = RefineState.at(problem, z) if before is None else replace(before, iteration=0, done=False)
-        state.z = problem.fit_outline(state.z[None], (1,))[0]
+        state.z = problem.fit_outline(state.z[None])[0]
 
         def report(state: RefineState) -> None:
             self._note("fine", start, state.loss, state.z)

@@ -18,32 +18,19 @@ from pinwm_drake.twin.drift import GRIPS
 
 @dataclass(frozen=True)
 class Unknown:
-    """Unknown number of an identification, its unit, prior and bounds.
+    """Unknown number of an identification, its unit, prior and bounds."""
 
-    Attributes:
-        name: Name in options and results.
-        unit: Unit of its physical value; "1" for a pure number.
-        positive: Whether it is positive and counts by its logarithm.
-        nominal: Physical value at z = 0.
-        scale: Change of the value (of its logarithm, where positive) that counts as one.
-        prior: Standard deviation of the value (of its logarithm), before any image is seen.
-        spread: Half the range (of the logarithm) from which random starts are drawn; 0 for nominal.
-        low, high: Bounds of the value.
-        physical: Whether it belongs to theta; else it is a nuisance.
-        shared: Whether it belongs to the object; else to a push.
-    """
-
-    name: str
-    unit: str
-    positive: bool
-    nominal: float
-    scale: float
-    prior: float
-    spread: float = 0.0
-    low: float = -math.inf
-    high: float = math.inf
-    physical: bool = True
-    shared: bool = True
+    name: str  # Name in options and results
+    unit: str  # Unit of its physical value; "1" for a pure number
+    positive: bool  # Whether it is positive and counts by its logarithm
+    nominal: float  # Physical value at z = 0
+    scale: float  # Change of the value (of its logarithm, where positive) that counts as one
+    prior: float  # Standard deviation of the value (of its logarithm), before any image is seen
+    spread: float = 0.0  # Half the range (of the logarithm) from which random starts are drawn; 0 for nominal
+    low: float = -math.inf  # Lower bound of the value
+    high: float = math.inf  # Upper bound
+    physical: bool = True  # Whether it belongs to theta; else it is a nuisance
+    shared: bool = True  # Whether it belongs to the object; else to a push
 
 
 BODIES = ("floor", "pusher")
@@ -146,7 +133,7 @@ class Coordinates:
         self.precision = torch.diag(torch.tensor([1.0 / value**2 for value in prior], dtype=torch.float64))
         for first, second, deviation in _ALIKE:
             self._couple(first, second, deviation)
-        bounds = [self._bounds(unknown) for unknown in self.free]
+        bounds = [[self._z_of(unknown, value) for value in (unknown.low, unknown.high)] for unknown in self.free]
         self.low, self.high = torch.tensor(bounds, dtype=torch.float64).unbind(-1)
         self.one_sided = torch.tensor([unknown.low == unknown.nominal for unknown in self.free])
 
@@ -159,16 +146,9 @@ class Coordinates:
         row[self.names.index(second)] = -UNKNOWNS[second].scale / deviation
         self.precision = self.precision + torch.outer(row, row)
 
-    def _bounds(self, unknown: Unknown) -> tuple[float, float]:
+    def _z_of(self, unknown: Unknown, value: float) -> float:
         centre = self.centre[unknown.name]
-
-        def z_of(value: float) -> float:
-            return (math.log(value / centre) if unknown.positive else value - centre) / unknown.scale
-
-        return (
-            z_of(unknown.low) if math.isfinite(unknown.low) else -math.inf,
-            z_of(unknown.high) if math.isfinite(unknown.high) else math.inf,
-        )
+        return (math.log(value / centre) if unknown.positive else value - centre) / unknown.scale
 
     def __len__(self) -> int:
         """Number of free unknowns, with those of every push."""

@@ -21,27 +21,16 @@ _SMALL = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class ContactProblem:
-    """Steps of W worlds with C contacts, one per world.
+    """Steps of W worlds with C contacts, one per world."""
 
-    Attributes:
-        A: (W, n, n).
-        p: (W, n).
-        J: (W, C, 3, n), zero for what is no contact.
-        bias: (W, C, 3), m/s.
-        mu: (W, C), friction coefficients.
-        limit: (W, C), largest normal impulses, N s.
-        compliance: eps, (m/s)/(N s).
-        impulse: (W,), impulse scale, N s.
-    """
-
-    A: Tensor
-    p: Tensor
-    J: Tensor
-    bias: Tensor
-    mu: Tensor
-    limit: Tensor
-    compliance: float
-    impulse: Tensor
+    A: Tensor  # (W, n, n)
+    p: Tensor  # (W, n)
+    J: Tensor  # (W, C, 3, n), zero for what is no contact
+    bias: Tensor  # (W, C, 3), m/s
+    mu: Tensor  # (W, C), friction coefficients
+    limit: Tensor  # (W, C), largest normal impulses, N s
+    compliance: float  # eps, (m/s)/(N s)
+    impulse: Tensor  # (W,), impulse scale, N s
 
     def detach(self) -> "ContactProblem":
         """Problem with the same numbers, cut from the graph that autograd keeps."""

@@ -15,41 +15,25 @@ from pinwm_drake.physics.state import State, check_tensor
 
 @dataclass(frozen=True, eq=False)
 class StepReport:
-    """Contacts of one step of one world, and how well their law holds. C contacts.
+    """Contacts of one step of one world, and how well their law holds. C contacts."""
 
-    Attributes:
-        pair: names of the touching pairs, one for each contact.
-        gap: (C,), m.
-        frame: (C, 3, 3), rows nhat_BA_W, t1, t2, world frame.
-        witness: (C, 2, 3), surface points on A and B, world frame, m.
-        impulse_W: (C, 3), impulse on A, world frame, N s.
-        impulse: (C, 3), the same in the contact's frame: normal and two tangential components.
-        slip: (C, 3), s = v + eps lambda, relative velocity after the step with gap, restitution and compliance, in the
-            contact's frame, m/s; see `kernels/cone.py`.
-        x: (n,), velocities after the step [rad/s; m/s] of all bodies, then joint impulses.
-        jammed: (C,), whether the pusher presses as hard as it can.
-        lagged: whether friction has the bound of an iteration before.
-        iterations: Newton iterations.
-        momentum_residual: largest entry of M xi' - p - J' lambda, N s or N m s.
-        sign_violation: largest negative normal impulse, normal slip or distance into the friction cone, as a positive
-            number.
-        complementarity: largest |lambda_n s_n| and lambda_t . s_t + mu lambda_n |s_t|, W s.
-    """
-
-    pair: list[str]
-    gap: np.ndarray
-    frame: np.ndarray
-    witness: np.ndarray
-    impulse_W: np.ndarray
-    impulse: np.ndarray
+    pair: list[str]  # names of the touching pairs, one for each contact
+    gap: np.ndarray  # (C,), m
+    frame: np.ndarray  # (C, 3, 3), rows nhat_BA_W, t1, t2, world frame
+    witness: np.ndarray  # (C, 2, 3), surface points on A and B, world frame, m
+    impulse_W: np.ndarray  # (C, 3), impulse on A, world frame, N s
+    impulse: np.ndarray  # (C, 3), the same in the contact's frame: normal and two tangential components
+    # (C, 3), s = v + eps lambda, relative velocity after the step with gap, restitution and compliance, in the
+    # contact's frame, m/s; see `kernels/cone.py`
     slip: np.ndarray
-    x: np.ndarray
-    jammed: np.ndarray
-    lagged: bool
-    iterations: int
-    momentum_residual: float
+    x: np.ndarray  # (n,), velocities after the step [rad/s; m/s] of all bodies, then joint impulses
+    jammed: np.ndarray  # (C,), whether the pusher presses as hard as it can
+    lagged: bool  # whether friction has the bound of an iteration before
+    iterations: int  # Newton iterations
+    momentum_residual: float  # largest entry of M xi' - p - J' lambda, N s or N m s
+    # largest negative normal impulse, normal slip or distance into the friction cone, as a positive number
     sign_violation: float
-    complementarity: float
+    complementarity: float  # largest |lambda_n s_n| and lambda_t . s_t + mu lambda_n |s_t|, W s
 
 
 def inspect(

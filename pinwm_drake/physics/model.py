@@ -215,7 +215,6 @@ class Model:
         return ModelArrays(
             num_bodies=nb,
             num_kinematic=int(self.pusher is not None),
-            has_floor=self.floor_height is not None,
             floor_height=float(self.floor_height or 0.0),
             gravity=np.asarray(self.gravity, float),
             time_step=float(self.time_step),

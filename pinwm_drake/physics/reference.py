@@ -29,25 +29,15 @@ _GYROSCOPIC_STEPS = 8
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Contacts of W worlds, padded to C; padded ones are not `valid`.
+    """Contacts of W worlds, padded to C; padded ones are not `valid`."""
 
-    Attributes:
-        valid: (W, C).
-        body: (W, C, 2), bodies A and B: dynamic, then the pusher, then the world.
-        pair: (W, C), column of the pair parameters.
-        gap: (W, C), m.
-        frame: (W, C, 3, 3), rows nhat_BA_W, t1, t2.
-        J: (W, C, 3, 6 nb), relative velocity in the contact frame per velocity of the dynamic bodies.
-        J_P: (W, C, 3, 6), the same per velocity of the pusher.
-    """
-
-    valid: Tensor
-    body: Tensor
-    pair: Tensor
-    gap: Tensor
-    frame: Tensor
-    J: Tensor
-    J_P: Tensor
+    valid: Tensor  # (W, C)
+    body: Tensor  # (W, C, 2), bodies A and B: dynamic, then the pusher, then the world
+    pair: Tensor  # (W, C), column of the pair parameters
+    gap: Tensor  # (W, C), m
+    frame: Tensor  # (W, C, 3, 3), rows nhat_BA_W, t1, t2
+    J: Tensor  # (W, C, 3, 6 nb), relative velocity in the contact frame per velocity of the dynamic bodies
+    J_P: Tensor  # (W, C, 3, 6), the same per velocity of the pusher
 
 
 def _skew(v: Tensor) -> Tensor:

@@ -2,8 +2,7 @@
 
 import hashlib
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -27,7 +26,7 @@ from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.rendering.views import View, box_around
 from pinwm_drake.spatial.poses import transform
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
-from pinwm_drake.threads import available
+from pinwm_drake.threads import available, one_torch_thread
 
 CHECKPOINT_FILE = "checkpoint.npz"
 _VERSION = 1
@@ -42,23 +41,14 @@ _MOST_PSNR = 100.0
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """History of a fit, iteration by iteration.
+    """History of a fit, iteration by iteration."""
 
-    Attributes:
-        iteration: (n,) int64, counted from 1.
-        loss: (n,) float64.
-        psnr: (n,) float64, PSNR of that iteration's view over its whole image, dB.
-        num_surfels: (n,) int64.
-        test_iteration: (m,) int64, iterations after which the held-out views were measured.
-        test_psnr: (m,) float64, their mean PSNR, dB.
-    """
-
-    iteration: np.ndarray
-    loss: np.ndarray
-    psnr: np.ndarray
-    num_surfels: np.ndarray
-    test_iteration: np.ndarray
-    test_psnr: np.ndarray
+    iteration: np.ndarray  # (n,) int64, counted from 1
+    loss: np.ndarray  # (n,) float64
+    psnr: np.ndarray  # (n,) float64, PSNR of that iteration's view over its whole image, dB
+    num_surfels: np.ndarray  # (n,) int64
+    test_iteration: np.ndarray  # (m,) int64, iterations after which the held-out views were measured
+    test_psnr: np.ndarray  # (m,) float64, their mean PSNR, dB
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +120,7 @@ def fit(
             f"fit got {len(views)} views, of which {len(test)} are held out; allowed: 1 or more to fit"
         )
     threads = options.num_threads or available()
-    with _one_torch_thread():
+    with one_torch_thread():
         return _Fit(train, test, mesh, options, threads, folder, _describe(views, mesh, options, threads)).run(
             resume, progress
         )
@@ -152,20 +142,6 @@ def _describe(views: Sequence[View], mesh: trimesh.Trimesh, options: FitOptions,
     digest.update(np.asarray(mesh.faces, np.int64).tobytes())
     kept = {name: value for name, value in asdict(options).items() if name not in _FREE}
     return {"version": _VERSION, "views and mesh": digest.hexdigest(), **kept, "num_threads": threads}
-
-
-@contextmanager
-def _one_torch_thread() -> Iterator[None]:
-    """Leaves the cores to the renderer: torch's work here is small, and its idle threads spin.
-
-    On two busy cores a fit took 70 ms an iteration with two threads of torch, and 31 ms with one.
-    """
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 class _Target:

@@ -32,19 +32,12 @@ _LEAST_GAIN = 0.05  # of the mean square of the misfit, below which a size is do
 
 @dataclass(frozen=True, eq=False)
 class OutlineFit:
-    """Mesh that was fitted to masks.
+    """Mesh that was fitted to masks."""
 
-    Attributes:
-        mesh: Vertices moved, faces as they were; m, frame O.
-        before: Share of the masks' pixels by which the given mesh's differ: more and less than the object together.
-        after: That of the fitted mesh.
-        moved: (n,) m, distances by which its vertices moved.
-    """
-
-    mesh: trimesh.Trimesh
-    before: float
-    after: float
-    moved: np.ndarray
+    mesh: trimesh.Trimesh  # Vertices moved, faces as they were; m, frame O
+    before: float  # Share of the masks' pixels by which the given mesh's differ: more and less than the object together
+    after: float  # That of the fitted mesh
+    moved: np.ndarray  # (n,) m, distances by which its vertices moved
 
 
 def fit_outline(

@@ -23,19 +23,12 @@ _INSIDE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """n flat ellipses on a surface, in the mesh's frame O.
+    """n flat ellipses on a surface, in the mesh's frame O."""
 
-    Attributes:
-        points: (n, 3), centres, m.
-        normals: (n, 3), unit, outwards.
-        tangents: (n, 3), unit, along the first scale.
-        scales: (n, 2), m.
-    """
-
-    points: np.ndarray
-    normals: np.ndarray
-    tangents: np.ndarray
-    scales: np.ndarray
+    points: np.ndarray  # (n, 3), centres, m
+    normals: np.ndarray  # (n, 3), unit, outwards
+    tangents: np.ndarray  # (n, 3), unit, along the first scale
+    scales: np.ndarray  # (n, 2), m
 
     @property
     def number(self) -> int:

@@ -24,15 +24,10 @@ _WORTH = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Pose of the object in the views, against the one that was given.
+    """Pose of the object in the views, against the one that was given."""
 
-    Attributes:
-        X_OS: The pose that the images show, in the frame O of the pose that was given; q (4,), p (3,) [m].
-        differing: Shares of the masks' pixels that differ from the mesh's outline, before and after.
-    """
-
-    X_OS: Pose
-    differing: tuple[float, float]
+    X_OS: Pose  # The pose that the images show, in the frame O of the pose that was given; q (4,), p (3,) [m]
+    differing: tuple[float, float]  # Shares of the masks' pixels that differ from the mesh's outline, before and after
 
     @property
     def shift(self) -> float:

@@ -8,7 +8,8 @@ from pinwm_drake.rendering.patches import Patches
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.rendering.views import View, project
-from pinwm_drake.spatial.rotations import matrix_to_quaternion, quaternion_to_matrix
+from pinwm_drake.spatial.poses import inverse
+from pinwm_drake.spatial.rotations import matrix_to_quaternion
 
 _MAP = 256  # px, the longer side of a depth map
 # A patch is seen where it lies no further behind the depth map than this, in pixels of that map.
@@ -33,14 +34,7 @@ class Sight:
     """Sight of a mesh in one view, by the depths that surfels all over its surface make up."""
 
     def __init__(self, view: View, mesh: trimesh.Trimesh, cover: Patches, num_threads: int | None = None) -> None:
-        """Renders the depths of the mesh.
-
-        Args:
-            view: view with the object in front of its camera.
-            mesh: surface in O, m.
-            cover: patches all over it.
-            num_threads: threads of the renderer.
-        """
+        """Renders the depths of the mesh (O, m), which is in front of the view's camera, with patches all over it."""
         corners = torch.from_numpy(np.array(mesh.vertices))
         x, y, width, height = view.object_box(corners, 2)
         camera = view.camera.cropped(x, y, width, height)
@@ -57,7 +51,7 @@ class Sight:
     def cosines(self, patches: Patches) -> np.ndarray:
         """Cosines (n,) of the angle between normal and direction to the camera where a patch is seen; 0 elsewhere."""
         points = torch.from_numpy(patches.points)
-        to_camera = self._origin() - patches.points
+        to_camera = inverse(self._view.X_CO).p.numpy() - patches.points
         cosine = np.sum(patches.normals * to_camera, 1) / np.maximum(np.linalg.norm(to_camera, axis=1), 1e-9)
         at, z = project(self._camera, self._view.X_CO, points)
         row, column, inside = _pixels(at.numpy(), z.numpy(), self._depth.shape)
@@ -70,10 +64,6 @@ class Sight:
         at, z = self._view.project(torch.from_numpy(patches.points))
         row, column, inside = _pixels(at.numpy(), z.numpy(), tuple(self._view.mask.shape))
         return self._view.image.numpy()[row, column], inside & self._view.mask.numpy()[row, column]
-
-    def _origin(self) -> np.ndarray:
-        R_CO = quaternion_to_matrix(self._view.X_CO.q).numpy()
-        return -R_CO.T @ self._view.X_CO.p.numpy()
 
 
 def _pixels(at: np.ndarray, z: np.ndarray, size: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,4 +1,7 @@
-"""Rigid poses X_AB = (R_AB, p_AB), with the rotation held as a unit quaternion."""
+"""Rigid poses X_AB = (R_AB, p_AB), with the rotation held as a unit quaternion.
+
+Every function raises StateError where a part has another last axis than is stated.
+"""
 
 from typing import NamedTuple
 
@@ -26,25 +29,23 @@ class Pose(NamedTuple):
     p: torch.Tensor
 
 
-def identity(*batch: int, dtype: torch.dtype = torch.float64, device: torch.device | str = "cpu") -> Pose:
+def identity(*batch: int) -> Pose:
     """The pose that changes nothing.
 
     Args:
         *batch: Lengths of the leading axes.
-        dtype: Float type of both parts.
-        device: Device of both parts.
 
     Returns:
-        X_AA: q (*batch, 4), p (*batch, 3) [m].
+        X_AA: q (*batch, 4), p (*batch, 3) [m], float64.
 
     Raises:
         StateError: When a length is negative.
     """
     if any(length < 0 for length in batch):
         raise StateError(f"batch: got {batch}; allowed: lengths of 0 or more")
-    q = torch.zeros(*batch, 4, dtype=dtype, device=device)
+    q = torch.zeros(*batch, 4, dtype=torch.float64)
     q[..., 0] = 1
-    return Pose(q, torch.zeros(*batch, 3, dtype=dtype, device=device))
+    return Pose(q, torch.zeros(*batch, 3, dtype=torch.float64))
 
 
 def compose(X_AB: Pose, X_BC: Pose) -> Pose:
@@ -56,9 +57,6 @@ def compose(X_AB: Pose, X_BC: Pose) -> Pose:
 
     Returns:
         X_AC: Pose of C in A, leading axes broadcast.
-
-    Raises:
-        StateError: When a part has the wrong last axis.
     """
     return Pose(quaternion_multiply(X_AB.q, X_BC.q), transform(X_AB, X_BC.p))
 
@@ -71,9 +69,6 @@ def inverse(X_AB: Pose) -> Pose:
 
     Returns:
         X_BA: Pose of A in B.
-
-    Raises:
-        StateError: When a part has the wrong last axis.
     """
     q_BA = quaternion_conjugate(X_AB.q)
     return Pose(q_BA, -rotate(q_BA, X_AB.p))
@@ -88,9 +83,6 @@ def transform(X_AB: Pose, p_BQ: torch.Tensor) -> torch.Tensor:
 
     Returns:
         p_AQ: (..., 3) [m], in A.
-
-    Raises:
-        StateError: When an array has the wrong last axis.
     """
     require_last_axis(X_AB.p, 3, "p_AB")
     return X_AB.p + rotate(X_AB.q, p_BQ)
@@ -104,9 +96,6 @@ def pose_to_matrix(X_AB: Pose) -> torch.Tensor:
 
     Returns:
         X_AB: (..., 4, 4); the translation in metres.
-
-    Raises:
-        StateError: When a part has the wrong last axis.
     """
     require_last_axis(X_AB.p, 3, "p_AB")
     R_AB = quaternion_to_matrix(X_AB.q)

@@ -1,8 +1,8 @@
 """Unit quaternions (w, x, y, z), rotation matrices and rotation vectors.
 
-Every function takes any leading batch axes, broadcasts them, and is differentiable. The exponential and the
-logarithm are smooth through the identity: near it they switch to Taylor series whose remainder is below the
-rounding of float64.
+Every function takes any leading batch axes, broadcasts them, and is differentiable. It raises StateError where a last
+axis has another length than is stated. The exponential and the logarithm are smooth through the identity: near it they
+switch to Taylor series whose remainder is below the rounding of float64.
 
 Source: the quaternion formulas of J. Solà, "Quaternion kinematics for the error-state Kalman filter" (2017),
 sections 1 and 4, with Drake's monogram notation.
@@ -18,16 +18,7 @@ _SMALL_SQUARE = 1e-4
 
 
 def require_last_axis(array: torch.Tensor, size: int, name: str) -> None:
-    """Checks the length of the last axis.
-
-    Args:
-        array: Any tensor.
-        size: The length its last axis has to have.
-        name: Name of the tensor in the message.
-
-    Raises:
-        StateError: When the last axis has another length, or there is none.
-    """
+    """Raises StateError unless the last axis of a tensor, which the message calls `name`, has a given length."""
     if array.ndim == 0 or array.shape[-1] != size:
         raise StateError(f"{name}: got shape {tuple(array.shape)}; allowed: (..., {size})")
 
@@ -41,9 +32,6 @@ def quaternion_multiply(q_AB: torch.Tensor, q_BC: torch.Tensor) -> torch.Tensor:
 
     Returns:
         q_AC: (..., 4), wxyz, of unit norm when both factors are.
-
-    Raises:
-        StateError: When a last axis is not of length 4.
     """
     require_last_axis(q_AB, 4, "q_AB")
     require_last_axis(q_BC, 4, "q_BC")
@@ -68,9 +56,6 @@ def quaternion_conjugate(q_AB: torch.Tensor) -> torch.Tensor:
 
     Returns:
         q_BA: (..., 4), wxyz.
-
-    Raises:
-        StateError: When the last axis is not of length 4.
     """
     require_last_axis(q_AB, 4, "q_AB")
     return torch.cat((q_AB[..., :1], -q_AB[..., 1:]), dim=-1)
@@ -84,9 +69,6 @@ def normalize_quaternion(q_AB: torch.Tensor) -> torch.Tensor:
 
     Returns:
         q_AB: (..., 4), wxyz, unit norm.
-
-    Raises:
-        StateError: When the last axis is not of length 4.
     """
     require_last_axis(q_AB, 4, "q_AB")
     return q_AB / torch.linalg.vector_norm(q_AB, dim=-1, keepdim=True)
@@ -100,9 +82,6 @@ def quaternion_to_matrix(q_AB: torch.Tensor) -> torch.Tensor:
 
     Returns:
         R_AB: (..., 3, 3).
-
-    Raises:
-        StateError: When the last axis is not of length 4.
     """
     require_last_axis(q_AB, 4, "q_AB")
     w, x, y, z = q_AB.unbind(-1)
@@ -125,9 +104,6 @@ def matrix_to_quaternion(R_AB: torch.Tensor) -> torch.Tensor:
 
     Returns:
         q_AB: (..., 4), wxyz, unit norm, w ≥ 0.
-
-    Raises:
-        StateError: When the last two axes are not (3, 3).
     """
     require_last_axis(R_AB, 3, "R_AB")
     require_last_axis(R_AB[..., 0], 3, "first column of R_AB")
@@ -153,9 +129,6 @@ def rotate(q_AB: torch.Tensor, v_B: torch.Tensor) -> torch.Tensor:
 
     Returns:
         v_A: (..., 3), in frame A, the same unit.
-
-    Raises:
-        StateError: When a last axis has the wrong length.
     """
     require_last_axis(q_AB, 4, "q_AB")
     require_last_axis(v_B, 3, "v_B")
@@ -172,9 +145,6 @@ def quaternion_exp(theta_A: torch.Tensor) -> torch.Tensor:
 
     Returns:
         q: (..., 4), wxyz, unit norm.
-
-    Raises:
-        StateError: When the last axis is not of length 3.
     """
     require_last_axis(theta_A, 3, "theta_A")
     half = 0.5 * theta_A
@@ -196,9 +166,6 @@ def quaternion_log(q_AB: torch.Tensor) -> torch.Tensor:
 
     Returns:
         theta: (..., 3) [rad], the same in A and B.
-
-    Raises:
-        StateError: When the last axis is not of length 4.
     """
     require_last_axis(q_AB, 4, "q_AB")
     q = torch.where(q_AB[..., :1] < 0, -q_AB, q_AB)
@@ -221,28 +188,5 @@ def turn_between(q_AB: torch.Tensor, q_AC: torch.Tensor) -> torch.Tensor:
 
     Returns:
         theta_A: (..., 3) [rad].
-
-    Raises:
-        StateError: When a last axis is not of length 4.
     """
     return quaternion_log(quaternion_multiply(q_AC, quaternion_conjugate(q_AB)))
-
-
-def angle_between(q_AB: torch.Tensor, q_AC: torch.Tensor) -> torch.Tensor:
-    """The angle of the rotation from B to C, the shorter way round.
-
-    Args:
-        q_AB: (..., 4), wxyz.
-        q_AC: (..., 4), wxyz.
-
-    Returns:
-        angle: (...) [rad], in [0, π]. Its gradient at 0, where it has a kink, is taken as 0.
-
-    Raises:
-        StateError: When a last axis is not of length 4.
-    """
-    q_BC = quaternion_multiply(quaternion_conjugate(q_AB), q_AC)
-    square = q_BC[..., 1:].square().sum(-1)
-    apart = square > 0
-    sine = torch.where(apart, square, 1.0).sqrt()
-    return torch.where(apart, 2 * torch.atan2(sine, q_BC[..., 0].abs()), 0.0)

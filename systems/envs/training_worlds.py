@@ -10,8 +10,6 @@ from stable_baselines3.common.vec_env import VecEnv
 from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.cousins.cousin import Cousin
 from pinwm_drake.cousins.domain import CousinDomains, DomainDraw, DomainSource
-from pinwm_drake.errors import ParameterError
-from pinwm_drake.cousins.domain import CousinDomains, Domain, DomainDraw, DomainSource
 from pinwm_drake.errors import require
 from pinwm_drake.learning.spec import Observes, PolicySpec
 from pinwm_drake.learning.worlds import TowardGoal

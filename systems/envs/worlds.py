@@ -11,8 +11,6 @@ from pydrake.math import RigidTransform
 
 from pinwm_drake.checkpoints import Resumable, generator_state, set_generator_state
 from pinwm_drake.cousins.cousin import Cousin
-from pinwm_drake.errors import ParameterError
-from pinwm_drake.cousins.domain import Domain
 from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.systems.envs.delay import Delay
 from pinwm_drake.systems.envs.observation import Observation, Observer

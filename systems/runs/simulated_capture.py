@@ -30,7 +30,7 @@ from pinwm_drake.systems.runs.realism.lamp import glossy_model
 from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log, moved_camera, moved_on_floor
 from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.runs.realism.uneven import uneven_twin
-from pinwm_drake.systems.runs.recorder import MakeSceneRecorder, Rates, Recording, SceneRecorder
+from pinwm_drake.systems.runs.recorder import Rates, Recording, SceneRecorder
 from pinwm_drake.systems.runs.rocking import SPEEDS, rocking_poke
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape, Theta
@@ -132,7 +132,9 @@ class _Capture:
             setup = _uneven_setup(setup, R_WO, options, station, models)
         self.twin, self.shape = setup.twin, self.plan.shape
         self.camera = Camera.from_field_of_view(options.size, options.size, _FIELD_OF_VIEW)
-        self.recorder = SceneRecorder(setup, options.rates, self.camera, options.supersampling, forces=options.forces)
+        self.recorder = SceneRecorder(
+            setup, self.plan.rates, self.camera, options.supersampling, forces=options.forces
+        )
         x, y = self.generator.uniform(-_FROM_ORIGIN, _FROM_ORIGIN, 2)
         standing = load_mesh(self.twin.mesh_path).vertices
         self.X_WO = self.recorder.settle(on_floor(standing, R_WO, x, y, 0.0))

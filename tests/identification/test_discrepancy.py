@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from pinwm_drake.identification.discrepancy import LASTING, Discrepancy, Marginal
+from pinwm_drake.identification.discrepancy import LASTING, Marginal, prior_root
 from pinwm_drake.spatial.poses import Pose
 
 RADIUS, WALK = 0.05, 8e-3
@@ -16,7 +16,7 @@ def straight(n):
 
 def test_corrections_walk_with_the_way():
     X_WO, times = straight(5)
-    root = Discrepancy.of(X_WO, times, RADIUS, WALK).root
+    root = prior_root(X_WO, times, RADIUS, WALK)
     variance = (root @ root.T).diagonal().reshape(5, 6)
     made = X_WO.p[:, 0]
     expected = WALK**2 * made + LASTING**2
@@ -39,9 +39,9 @@ def test_corrections_are_integrated_out():
     n = 3
     X_WO, times = straight(n)
     gradient, curvature = images(n, 1e-3, 0)
-    prior = Discrepancy.of(X_WO, times, RADIUS, WALK)
+    prior = prior_root(X_WO, times, RADIUS, WALK)
     found = Marginal.of(gradient, curvature, prior)
-    K = prior.root @ prior.root.T
+    K = prior @ prior.T
     H, g = torch.block_diag(*curvature[:, :6, :6]), gradient[:, :6].reshape(-1)
 
     def direct(u):
@@ -64,11 +64,11 @@ def test_the_likelier_drift_is_the_one_that_was_drawn():
     curvature = torch.diag(torch.tensor([1.0 / (2e-4 / RADIUS) ** 2] * 3 + [1.0 / 2e-4**2] * 3 + [1.0]).double())
     curvature = curvature.expand(n, 7, 7)
     walks = (5e-3, 1e-2, 2e-2)
-    priors = [Discrepancy.of(X_WO, times, RADIUS, walk) for walk in walks]
+    priors = [prior_root(X_WO, times, RADIUS, walk) for walk in walks]
     hits = 0
     for seed, truth in enumerate(priors * 4):
         generator = torch.Generator().manual_seed(seed)
-        e = truth.root @ torch.randn(6 * n, generator=generator, dtype=torch.float64)
+        e = truth @ torch.randn(6 * n, generator=generator, dtype=torch.float64)
         # The images are quadratic about the true poses, which are away from the model's by e.
         g = -torch.einsum("nij,nj->ni", curvature[:, :6, :6], e.reshape(n, 6))
         gradient = torch.cat([g, torch.zeros(n, 1, dtype=torch.float64)], -1)

@@ -7,7 +7,7 @@ from pinwm_drake.identification.picture_pose import PictureReader
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.render import render
 from pinwm_drake.spatial.poses import Pose, compose, identity, inverse
-from pinwm_drake.spatial.rotations import angle_between, quaternion_exp
+from pinwm_drake.spatial.rotations import quaternion_exp, turn_between
 from tests.identification.samples import SIDE, surfels
 from tests.rendering.boxes import look_at
 
@@ -35,7 +35,7 @@ def read(image, *, level=True, reach=0.02, p_WP=AWAY):
 
 
 def errors(found, X_WO):
-    return float((found.p - X_WO.p).norm()), float(angle_between(found.q, X_WO.q))
+    return float((found.p - X_WO.p).norm()), float(turn_between(found.q, X_WO.q).norm())
 
 
 def turned(vector):

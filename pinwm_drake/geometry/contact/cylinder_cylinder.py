@@ -142,11 +142,8 @@ def _two_rims(table, one, two, X_21, end_1, end_2, nx, ny, nz):
         fx, fy, fz, s_2 = radial(vx, vy, vz, nx, ny, nz)
         if s_1 < _MIN_SINE or s_2 < _MIN_SINE:
             return math.nan, 0.0, 0.0
-        wx, wy, wz = (
-            px + r_1 * ex - qx - r_2 * fx,
-            py + r_1 * ey - qy - r_2 * fy,
-            pz + r_1 * ez - qz - r_2 * fz,
-        )
+        wx, wy = px + r_1 * ex - qx - r_2 * fx, py + r_1 * ey - qy - r_2 * fy
+        wz = pz + r_1 * ez - qz - r_2 * fz
         tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)
         sx, sy, sz = cross(vx, vy, vz, fx, fy, fz)
         # A basis of the tangent plane: across n and the first axis, and across both.

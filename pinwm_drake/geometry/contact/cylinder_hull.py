@@ -25,6 +25,7 @@ from pinwm_drake.geometry.vectors import (
     cross,
     dot,
     inverse_pose,
+    line_through,
     norm,
     radial,
     transform,
@@ -45,14 +46,7 @@ _CANDIDATES = 28
 
 @allocating_kernel
 def _cylinder_axis(table, one, two, X_21, margin):
-    """The normal and features by which a capsule's segment or a hull meets a cylinder.
-
-    Args:
-        table: PieceTable.
-        one: The capsule or hull.
-        two: The cylinder.
-        X_21: Pose of the body of `one` in that of `two`, twelve scalars.
-        margin: The search ends where some axis separates the cores by this, m.
+    """The normal and features by which a capsule's segment or a hull `one` meets a cylinder `two`.
 
     Returns:
         The signed distance of the cores (m; at least the margin where that is exceeded), the unit normal from
@@ -130,11 +124,7 @@ def _candidate(table, one, two, X_21, k, ends, size, nx, ny, nz):
     if row >= size or ends[row, 0] == ends[other, 0]:
         return none, 0, 0, end, nx, ny, nz
     v, w = min(ends[row, 0], ends[other, 0]), max(ends[row, 0], ends[other, 0])
-    px, py, pz = transform(X_21, *xyz(table.vertices, v))
-    dx, dy, dz = transform(X_21, *xyz(table.vertices, w))
-    dx, dy, dz = dx - px, dy - py, dz - pz
-    length = norm(dx, dy, dz)
-    dx, dy, dz = dx / length, dy / length, dz / length
+    px, py, pz, dx, dy, dz, _ = line_through(X_21, table.vertices, v, w)
     if part > 0:
         mx, my, mz, _, _ = rim_line(table, two, part - 1, px, py, pz, dx, dy, dz, nx, ny, nz)
         # Not a number, or a normal on which the other rim lies farther out.

@@ -38,7 +38,18 @@ from pinwm_drake.geometry.contact.manifold import (
 from pinwm_drake.geometry.features import POINT
 from pinwm_drake.geometry.pieces import RIM_POINTS
 from pinwm_drake.geometry.rows import write_face, write_line, write_line_pair, write_part, write_vertex
-from pinwm_drake.geometry.vectors import dot, height, inverse_pose, norm, radial, transform, turn, turn_back, xyz
+from pinwm_drake.geometry.vectors import (
+    dot,
+    height,
+    inverse_pose,
+    line_through,
+    norm,
+    radial,
+    transform,
+    turn,
+    turn_back,
+    xyz,
+)
 from pinwm_drake.jit import allocating_kernel, internal_kernel
 
 # Kinds of candidates of a cap on a face: a vertex on the cap, a fixed point of the rim on the face, the
@@ -185,12 +196,8 @@ def segment_along_side(table, i, i2, two, X_21, kx, ky, kz, least, column, margi
     j = table.pieces[two, 1]
     radius, round_radius = table.vertices[j, 3], table.vertices[i, 3]
     ux, uy, uz = xyz(table.axes, two)
-    px, py, pz = transform(X_21, *xyz(table.vertices, i))
-    dx, dy, dz = transform(X_21, *xyz(table.vertices, i2))
+    px, py, pz, dx, dy, dz, length = line_through(X_21, table.vertices, i, i2)
     qx, qy, qz = xyz(table.vertices, j)
-    dx, dy, dz = dx - px, dy - py, dz - pz
-    length = norm(dx, dy, dz)
-    dx, dy, dz = dx / length, dy / length, dz / length
     nearest = math.inf
     for k in range(2):
         x, y, z = px + k * length * dx - qx, py + k * length * dy - qy, pz + k * length * dz - qz
@@ -231,11 +238,7 @@ def segment_on_cap(table, i, i2, two, X_21, kx, ky, kz, end, least, column, marg
     ux, uy, uz = xyz(table.axes, two)
     ux, uy, uz = sign * ux, sign * uy, sign * uz
     cx, cy, cz = xyz(table.vertices, c)
-    px, py, pz = transform(X_21, *xyz(table.vertices, i))
-    dx, dy, dz = transform(X_21, *xyz(table.vertices, i2))
-    dx, dy, dz = dx - px, dy - py, dz - pz
-    length = norm(dx, dy, dz)
-    dx, dy, dz = dx / length, dy / length, dz / length
+    px, py, pz, dx, dy, dz, length = line_through(X_21, table.vertices, i, i2)
     enter, leave = through_disc(px - cx, py - cy, pz - cz, dx, dy, dz, ux, uy, uz, radius)
     nearest = math.inf
     if not (leave > 0.0 and enter < length):
@@ -258,13 +261,7 @@ def segment_on_cap(table, i, i2, two, X_21, kx, ky, kz, end, least, column, marg
 
 @internal_kernel
 def collect_cylinder_manifold(table, one, two, X_21, X_12, nx, ny, nz, least, column, margin, rows, count):
-    """Appends the manifold of two cylinders whose normal (from `two` to `one`, frame 2) is n.
-
-    Pairs with a gap below `least` or of `margin` and more [m] are left out.
-
-    Returns:
-        Rows used now, and the smallest gap among them (m; infinite without any).
-    """
+    """Appends the manifold of two cylinders whose normal (from `two` to `one`, frame 2) is n."""
     ux, uy, uz = turn(X_21, *xyz(table.axes, one))
     vx, vy, vz = xyz(table.axes, two)
     along_1, along_2 = dot(nx, ny, nz, ux, uy, uz), dot(nx, ny, nz, vx, vy, vz)

@@ -6,7 +6,7 @@ from pinwm_drake.geometry.contact.face_clip import MANIFOLD_ANGLE
 from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT, nearest_circle_to_line
 from pinwm_drake.geometry.pieces import RIM_POINTS
 from pinwm_drake.geometry.rows import write_line, write_part
-from pinwm_drake.geometry.vectors import PARALLEL_SINE, cross, dot, norm, radial, transform, xyz
+from pinwm_drake.geometry.vectors import PARALLEL_SINE, cross, dot, line_through, norm, radial, transform, xyz
 from pinwm_drake.jit import internal_kernel
 
 # A rim meets a line as a circle where the sine of the normal against the axis is more than this, so that its
@@ -171,11 +171,7 @@ def write_rim_line(table, piece, end, v, w, X_CL, nx, ny, nz, rows, count, colum
     ex, ey, ez, sine = radial(ux, uy, uz, nx, ny, nz)
     radius = table.vertices[c, 3]
     qx, qy, qz = rx + radius * ex, ry + radius * ey, rz + radius * ez
-    px, py, pz = transform(X_CL, *xyz(table.vertices, v))
-    dx, dy, dz = transform(X_CL, *xyz(table.vertices, w))
-    dx, dy, dz = dx - px, dy - py, dz - pz
-    length = norm(dx, dy, dz)
-    dx, dy, dz = dx / length, dy / length, dz / length
+    px, py, pz, dx, dy, dz, _ = line_through(X_CL, table.vertices, v, w)
     t = dot(qx - px, qy - py, qz - pz, dx, dy, dz)
     fx, fy, fz, _ = radial(ux, uy, uz, px + t * dx - rx, py + t * dy - ry, pz + t * dz - rz)
     tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)

@@ -99,12 +99,8 @@ def collect_manifold(table, one, two, X_21, nx, ny, nz, least, column, margin, r
             write_face(table, first, rows, count, column)
             write_vertex(table, second, rows, count, 8 - column)
         else:
-            i, i2, j, j2 = (
-                table.edges[first, 0],
-                table.edges[first, 1],
-                table.edges[second, 0],
-                table.edges[second, 1],
-            )
+            i, i2 = table.edges[first, 0], table.edges[first, 1]
+            j, j2 = table.edges[second, 0], table.edges[second, 1]
             write_line_pair(table, i, i2, j, j2, X_21, nx, ny, nz, rows, count, column)
         count += 1
     return count, nearest
@@ -221,14 +217,11 @@ def reduce_candidates(ex, ey, ez, nx, ny, nz, places, features, found):
     if deepest >= kept:
         known = math.inf
         closest, distance = 0, math.inf
+        x, y, z = xyz(places, deepest)
         for k in range(kept):
             if places[k, 4] > SAME_NORMAL or places[deepest, 4] <= SAME_NORMAL:
                 known = min(known, places[k, 3])
-            d = norm(
-                places[k, 0] - places[deepest, 0],
-                places[k, 1] - places[deepest, 1],
-                places[k, 2] - places[deepest, 2],
-            )
+            d = norm(places[k, 0] - x, places[k, 1] - y, places[k, 2] - z)
             if d < distance - _SAME_DEPTH:
                 closest, distance = k, d
         if places[deepest, 3] < known - _SAME_DEPTH:

@@ -116,22 +116,9 @@ def _frame_to_pose(model, c, bodies, contacts, adjoint, gap_bar):
     moved = adjoint.moved
     for i in range(3):
         moved[0, i], moved[1, i] = -adjoint.pose[A, 3 + i], -adjoint.pose[B, 3 + i]
-    contact_adjoint(
-        contacts.rows[c],
-        bodies.R[A],
-        bodies.p[A],
-        bodies.R[B],
-        bodies.p[B],
-        n,
-        contacts.witness[c, 0],
-        contacts.witness[c, 1],
-        contacts.gap[c] + bodies.offset[contacts.pair[c]],
-        n_bar,
-        c_bar,
-        gap_bar,
-        adjoint.pose[A],
-        adjoint.pose[B],
-    )
+    R, p, pose = bodies.R, bodies.p, adjoint.pose
+    a, b, phi = contacts.witness[c, 0], contacts.witness[c, 1], contacts.gap[c] + bodies.offset[contacts.pair[c]]
+    contact_adjoint(contacts.rows[c], R[A], p[A], R[B], p[B], n, a, b, phi, n_bar, c_bar, gap_bar, pose[A], pose[B])
     # A feature moves in its body as it moves with it.
     adjoint.offset[contacts.pair[c]] -= gap_bar
     for side in range(2):
@@ -283,8 +270,7 @@ def _contact_rows_adjoint(
         return
     A, B = contacts.body[c, 0], contacts.body[c, 1]
     B_moves = contacts.dynamic[c, 1] >= 0
-    n, t1, t2 = contacts.frame[c, 0], contacts.frame[c, 1], contacts.frame[c, 2]
-    r_A, r_B = contacts.lever[c, 0], contacts.lever[c, 1]
+    n, r_A, r_B = contacts.frame[c, 0], contacts.lever[c, 0], contacts.lever[c, 1]
     # Adjoint of the contact's velocity: G' J y, with the gain of cone.py.
     jn, j1, j2 = _field_velocity(contacts, field, c)
     slip = solver.slip[c]
@@ -304,16 +290,8 @@ def _contact_rows_adjoint(
         frame[0, i] = lam_n * u - y_n * v
         frame[1, i] = lam_1 * u - y_1 * v
         frame[2, i] = lam_2 * u - y_2 * v
-    F = (
-        lam_n * n[0] + lam_1 * t1[0] + lam_2 * t2[0],
-        lam_n * n[1] + lam_1 * t1[1] + lam_2 * t2[1],
-        lam_n * n[2] + lam_1 * t1[2] + lam_2 * t2[2],
-    )
-    Y = (
-        y_n * n[0] + y_1 * t1[0] + y_2 * t2[0],
-        y_n * n[1] + y_1 * t1[1] + y_2 * t2[1],
-        y_n * n[2] + y_1 * t1[2] + y_2 * t2[2],
-    )
+    F = _multiply_transposed(contacts.frame[c], (lam_n, lam_1, lam_2))
+    Y = _multiply_transposed(contacts.frame[c], (y_n, y_1, y_2))
     f, g = _cross(F, y_A), _cross(Y, xi_A)
     lever[0, 0], lever[0, 1], lever[0, 2] = f[0] - g[0], f[1] - g[1], f[2] - g[2]
     f, g = _cross(F, y_B), _cross(Y, xi_B)
@@ -389,27 +367,13 @@ def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, sol
 
 
 @part_of_kernel
-def step_adjoint(
-    model,
-    mass,
-    inertia,
-    friction,
-    restitution,
-    mass_bar,
-    inertia_bar,
-    friction_bar,
-    restitution_bar,
-    bodies,
-    contacts,
-    system,
-    solver,
-    adjoint,
-):
+def step_adjoint(model, theta, theta_bar, bodies, contacts, system, solver, adjoint):
     """Pulls the gradient of the state after a step back to the state before it, and to the parameters.
 
     Args:
-        model, mass, inertia, friction, restitution: as in the forward step.
-        mass_bar, inertia_bar, friction_bar, restitution_bar: gain the parameters' gradients.
+        model: as in the forward step.
+        theta: mass, inertia, friction and restitution, as there.
+        theta_bar: arrays like theta that gain its gradients.
         bodies: the state before the step and the pusher's velocity; its derived arrays are recomputed.
         solver: its x and mode are those that the forward step found.
         adjoint: pose and V hold the gradient of the state after the step on entry (V of the pusher: what later
@@ -420,11 +384,12 @@ def step_adjoint(
         False if the step's matrix was singular.
     """
     nb = model.num_bodies
+    mass, inertia, friction, restitution = theta
+    mass_bar, inertia_bar, friction_bar, restitution_bar = theta_bar
     build_step(model, mass, inertia, friction, restitution, bodies, contacts, system)
     if not recall_solution(system, contacts, solver):
         return False
     adjoint.J_e[:] = 0.0
-    adjoint.bias_e[:] = 0.0
     adjoint.error_e[:] = 0.0
     adjoint.before[:] = 0.0
     moved = stabilise(model, contacts, system, solver)

@@ -16,52 +16,31 @@ class ModelArrays(NamedTuple):
     """Frozen model as arrays and numbers, in the form that the kernels read.
 
     Bodies are numbered dynamic (0..num_bodies-1), then the pusher if there is one, then the static world.
-
-    Attributes:
-        num_bodies: dynamic bodies.
-        num_kinematic: 1 with a pusher, else 0.
-        has_floor: whether the half-space z < floor_height is solid.
-        floor_height: m, world frame.
-        gravity: (3,), m/s^2, world frame.
-        time_step: h, s; see `step.py` for shorter ones.
-        pair_index: (num_bodies, num_bodies + 2), row of the pair tables for bodies A and B, or -1; the column after
-            the last dynamic body is the pusher, the last one the world.
-        num_pairs: rows of the pair tables.
-        radius: (num_bodies + 1,), m, of a sphere about each body's origin that holds it; the pusher's last.
-        has_rims: (num_bodies,), whether a piece is a cylinder: the lowest point of a rim runs around it, however slowly
-            the body turns.
-        contact_compliance: epsilon of a contact, (m/s)/(N s), per unit of impulse.
-        joint_compliance: the same for joint rows.
-        pusher_force: largest normal force with which the pusher presses on a body, N.
-        impact_impulse: (num_bodies,), impulse that it gives beyond that where it hits the body, N s.
-        stabilisation_weight: (num_bodies, 2), metric [kg m^2, kg] of the position correction over the total mass.
-        margin: contacts nearer than this, plus what bodies may travel in a step, take part in it, m.
-        joint_kind, joint_bodies: (num_rows,), (num_rows, 2), bodies A and B.
-        joint_anchor: (num_rows, 2, 3), anchors in body frames A and B, m; for hinges the axis in A and B.
-        joint_direction: (num_rows, 3), constrained direction in body frame B.
-        joint_rotation: (num_rows, 3, 3), R_BA to be kept by locked rows.
-        table: the convex pieces of the dynamic bodies and the pusher.
     """
 
-    num_bodies: int
-    num_kinematic: int
-    has_floor: bool
-    floor_height: float
-    gravity: np.ndarray
-    time_step: float
+    num_bodies: int  # dynamic bodies
+    num_kinematic: int  # 1 with a pusher, else 0
+    floor_height: float  # m, world frame; 0 without a floor
+    gravity: np.ndarray  # (3,), m/s^2, world frame
+    time_step: float  # h, s; see `step.py` for shorter ones
+    # (num_bodies, num_bodies + 2), row of the pair tables for bodies A and B, or -1; the column after the last
+    # dynamic body is the pusher, the last one the world
     pair_index: np.ndarray
-    num_pairs: int
-    radius: np.ndarray
+    num_pairs: int  # rows of the pair tables
+    radius: np.ndarray  # (num_bodies + 1,), m, of a sphere about each body's origin that holds it; the pusher's last
+    # (num_bodies,), whether a piece is a cylinder: the lowest point of a rim runs around it, however slowly the
+    # body turns
     has_rims: np.ndarray
-    contact_compliance: float
-    joint_compliance: float
-    pusher_force: float
-    impact_impulse: np.ndarray
+    contact_compliance: float  # epsilon of a contact, (m/s)/(N s), per unit of impulse
+    joint_compliance: float  # the same for joint rows
+    pusher_force: float  # largest normal force with which the pusher presses on a body, N
+    impact_impulse: np.ndarray  # (num_bodies,), impulse that it gives beyond that where it hits the body, N s
+    # (num_bodies, 2), metric [kg m^2, kg] of the position correction over the total mass
     stabilisation_weight: np.ndarray
-    margin: float
-    joint_kind: np.ndarray
-    joint_bodies: np.ndarray
-    joint_anchor: np.ndarray
-    joint_direction: np.ndarray
-    joint_rotation: np.ndarray
-    table: PieceTable
+    margin: float  # contacts nearer than this, plus what bodies may travel in a step, take part in it, m
+    joint_kind: np.ndarray  # (num_rows,), one of the kinds above
+    joint_bodies: np.ndarray  # (num_rows, 2), bodies A and B
+    joint_anchor: np.ndarray  # (num_rows, 2, 3), anchors in body frames A and B, m; for hinges the axis in A and B
+    joint_direction: np.ndarray  # (num_rows, 3), constrained direction in body frame B
+    joint_rotation: np.ndarray  # (num_rows, 3, 3), R_BA to be kept by locked rows
+    table: PieceTable  # the convex pieces of the dynamic bodies and the pusher

@@ -1,9 +1,8 @@
 """Finds a step's contacts and turns them into rows of its equations (numba)."""
 
-import math
-
 from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_floor
 from pinwm_drake.geometry.features import contact_from_features, tangents
+from pinwm_drake.geometry.vectors import cross, norm
 from pinwm_drake.jit import large_kernel, part_of_kernel, small_kernel
 from pinwm_drake.physics.kernels.cone import NO_LIMIT
 from pinwm_drake.physics.kernels.stabilise import SLOP
@@ -20,9 +19,7 @@ LEAST_REBOUND = 1e-9
 def _speed_bound(model, bodies, b):
     """Bound on the speed of any point of body b, m/s."""
     V = bodies.V[b]
-    return math.sqrt(V[3] * V[3] + V[4] * V[4] + V[5] * V[5]) + model.radius[b] * math.sqrt(
-        V[0] * V[0] + V[1] * V[1] + V[2] * V[2]
-    )
+    return norm(V[3], V[4], V[5]) + model.radius[b] * norm(V[0], V[1], V[2])
 
 
 @small_kernel
@@ -36,12 +33,11 @@ def place_pieces(model, center, R, p, place):
 @part_of_kernel
 def select_features(model, bodies, contacts):
     """Runs the narrow phase on all pairs; fills contacts.rows, body, dynamic, pair and count."""
-    nb = model.num_bodies
-    h = bodies.time_step[0]
-    g = model.gravity
-    fall = h * math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
+    nb, h, g = model.num_bodies, bodies.time_step[0], model.gravity
+    R, place, rows = bodies.R, bodies.place, contacts.rows
+    fall = h * norm(g[0], g[1], g[2])
     count = 0
-    place_pieces(model, bodies.center, bodies.R, bodies.p, bodies.place)
+    place_pieces(model, bodies.center, R, bodies.p, place)
     for A in range(nb):
         speed_A, hit = _speed_bound(model, bodies, A) + fall, 0.0
         for B in range(A + 1, nb + 2):
@@ -53,44 +49,23 @@ def select_features(model, bodies, contacts):
                 # A body that lands on one end may come down twice as fast with the other.
                 margin = model.margin + h * (2.0 * speed_A + hit) + max(bodies.offset[pair], 0.0)
                 count = collide_floor(
-                    model.table,
-                    A,
-                    bodies.spread[A],
-                    bodies.R[A],
-                    bodies.place[A],
-                    model.floor_height,
-                    margin,
-                    contacts.rows,
-                    count,
+                    model.table, A, bodies.spread[A], R[A], place[A], model.floor_height, margin, rows, count
                 )
             else:
                 speed_B = _speed_bound(model, bodies, B) + (fall if nb > B else 0.0)
                 margin = model.margin + h * (speed_A + speed_B) + max(bodies.offset[pair], 0.0)
-                count = collide_bodies(
-                    model.table,
-                    A,
-                    bodies.R[A],
-                    bodies.place[A],
-                    B,
-                    bodies.R[B],
-                    bodies.place[B],
-                    margin,
-                    contacts.rows,
-                    count,
-                )
+                count = collide_bodies(model.table, A, R[A], place[A], B, R[B], place[B], margin, rows, count)
                 if nb == B and count > first:
                     # What the pusher hits may turn about its corners, up to twice as fast where it is long.
                     hit = 2.0 * speed_B
             for c in range(first, count):
-                contacts.body[c, 0] = A
-                contacts.body[c, 1] = B
-                contacts.dynamic[c, 0] = A
-                contacts.dynamic[c, 1] = B if nb > B else -1
+                contacts.body[c, 0], contacts.body[c, 1] = A, B
+                contacts.dynamic[c, 0], contacts.dynamic[c, 1] = A, B if nb > B else -1
                 contacts.pair[c] = pair
                 # From the pieces' frame to B, whose origin is the centre of mass.
                 for i in range(3):
-                    contacts.rows[c, 1 + i] -= bodies.center[A, i]
-                    contacts.rows[c, 9 + i] -= bodies.center[B, i]
+                    rows[c, 1 + i] -= bodies.center[A, i]
+                    rows[c, 9 + i] -= bodies.center[B, i]
     contacts.number[0] = count
 
 
@@ -136,9 +111,8 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
         )
         gap -= bodies.offset[contacts.pair[c]]
         contacts.gap[c] = gap
-        t1x, t1y, t1z, t2x, t2y, t2z = tangents(frame[0, 0], frame[0, 1], frame[0, 2])
-        frame[1, 0], frame[1, 1], frame[1, 2] = t1x, t1y, t1z
-        frame[2, 0], frame[2, 1], frame[2, 2] = t2x, t2y, t2z
+        t = tangents(frame[0, 0], frame[0, 1], frame[0, 2])
+        frame[1, 0], frame[1, 1], frame[1, 2], frame[2, 0], frame[2, 1], frame[2, 2] = t
         for i in range(3):
             point = 0.5 * (a[i] + b[i])
             lever[0, i] = point - bodies.p[A, i]
@@ -148,12 +122,8 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
             rx, ry, rz = sign * lever[side, 0], sign * lever[side, 1], sign * lever[side, 2]
             for i in range(3):
                 dx, dy, dz = frame[i, 0], frame[i, 1], frame[i, 2]
-                J[side, i, 0] = ry * dz - rz * dy
-                J[side, i, 1] = rz * dx - rx * dz
-                J[side, i, 2] = rx * dy - ry * dx
-                J[side, i, 3] = sign * dx
-                J[side, i, 4] = sign * dy
-                J[side, i, 5] = sign * dz
+                J[side, i, 0], J[side, i, 1], J[side, i, 2] = cross(rx, ry, rz, dx, dy, dz)
+                J[side, i, 3], J[side, i, 4], J[side, i, 5] = sign * dx, sign * dy, sign * dz
         approach = 0.0
         for i in range(6):
             approach += J[0, 0, i] * bodies.V[A, i] + J[1, 0, i] * bodies.V[B, i]
@@ -168,8 +138,7 @@ def build_rows(model, friction, restitution, bodies, contacts, system):
         keep = 1.0 - closing * (1.0 - (1.0 - e) ** FADE)
         contacts.rebound[c], _ = rebound(model, bodies, contacts, c, e)
         contacts.bias[c, 0] = keep * max(gap, -SLOP) / h - contacts.elastic[0] * contacts.rebound[c]
-        contacts.bias[c, 1] = 0.0
-        contacts.bias[c, 2] = 0.0
+        contacts.bias[c, 1], contacts.bias[c, 2] = 0.0, 0.0
         if model.num_bodies == B:
             for i in range(3):
                 total = 0.0

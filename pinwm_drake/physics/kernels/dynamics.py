@@ -2,6 +2,7 @@
 
 import math
 
+from pinwm_drake.geometry.vectors import rotate, rotate_back
 from pinwm_drake.jit import kernel, small_kernel
 
 _NEWTON_STEPS = 8
@@ -58,9 +59,7 @@ def solve3(A, x, y, z):
 def gyroscopic_jacobian(I_B, w, h):
     """Derivative of the gyroscopic residual, I_B + h ([w]x I_B - [I w]x), as nine numbers by rows."""
     x, y, z = w[0], w[1], w[2]
-    mx = I_B[0, 0] * x + I_B[0, 1] * y + I_B[0, 2] * z
-    my = I_B[1, 0] * x + I_B[1, 1] * y + I_B[1, 2] * z
-    mz = I_B[2, 0] * x + I_B[2, 1] * y + I_B[2, 2] * z
+    mx, my, mz = rotate(I_B, x, y, z)
     return (
         I_B[0, 0] + h * (y * I_B[2, 0] - z * I_B[1, 0]),
         I_B[0, 1] + h * (y * I_B[2, 1] - z * I_B[1, 1] + mz),
@@ -91,9 +90,7 @@ def gyroscopic_step(I_B, w0, h, w):
     w[0], w[1], w[2] = w0
     for _ in range(_NEWTON_STEPS):
         x, y, z = w[0], w[1], w[2]
-        mx = I_B[0, 0] * x + I_B[0, 1] * y + I_B[0, 2] * z
-        my = I_B[1, 0] * x + I_B[1, 1] * y + I_B[1, 2] * z
-        mz = I_B[2, 0] * x + I_B[2, 1] * y + I_B[2, 2] * z
+        mx, my, mz = rotate(I_B, x, y, z)
         dx, dy, dz = x - w0[0], y - w0[1], z - w0[2]
         rx = I_B[0, 0] * dx + I_B[0, 1] * dy + I_B[0, 2] * dz + h * (y * mz - z * my)
         ry = I_B[1, 0] * dx + I_B[1, 1] * dy + I_B[1, 2] * dz + h * (z * mx - x * mz)
@@ -117,11 +114,8 @@ def begin_step(model, mass, inertia, bodies, system):
         rotation_from_quaternion(bodies.q[b], bodies.R[b])
     for b in range(model.num_bodies):
         R, I_B, V = bodies.R[b], inertia[b], bodies.V[b]
-        wx = R[0, 0] * V[0] + R[1, 0] * V[1] + R[2, 0] * V[2]
-        wy = R[0, 1] * V[0] + R[1, 1] * V[1] + R[2, 1] * V[2]
-        wz = R[0, 2] * V[0] + R[1, 2] * V[1] + R[2, 2] * V[2]
         w = bodies.V_body[b]
-        gyroscopic_step(I_B, (wx, wy, wz), h, w)
+        gyroscopic_step(I_B, rotate_back(R, V[0], V[1], V[2]), h, w)
         o = 6 * b
         for i in range(3):
             for j in range(3):

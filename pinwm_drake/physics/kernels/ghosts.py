@@ -12,6 +12,7 @@ import math
 
 from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_floor
 from pinwm_drake.geometry.features import contact_from_features
+from pinwm_drake.geometry.vectors import norm
 from pinwm_drake.jit import kernel, large_kernel, part_of_kernel
 from pinwm_drake.physics.kernels.cone import OPEN
 from pinwm_drake.physics.kernels.detect import place_pieces
@@ -33,9 +34,7 @@ def _move(model, bodies, solver, sweep, share):
     """Poses of all pieces' frames after a share of the step, by the velocities found."""
     nb, h = model.num_bodies, share * bodies.time_step[0]
     for b in range(nb + model.num_kinematic):
-        V = sweep.V[b]
-        for i in range(6):
-            V[i] = solver.x[6 * b + i] if b < nb else bodies.V[b, i]
+        V = solver.x[6 * b : 6 * b + 6] if b < nb else bodies.V[b]
         q = sweep.q[b]
         for i in range(4):
             q[i] = bodies.q[b, i]
@@ -49,26 +48,16 @@ def _move(model, bodies, solver, sweep, share):
 @large_kernel
 def _nearest(model, bodies, sweep, A, B):
     """Smallest gap of two bodies at the poses of the sweep, m; TOUCHING where they are farther apart."""
+    R, p, rows, point = sweep.R, sweep.p, sweep.rows, sweep.point
     offset = bodies.offset[model.pair_index[A, B]]
     near = TOUCHING + max(offset, 0.0)
     if model.num_bodies + 1 == B:
-        found = collide_floor(
-            model.table, A, bodies.spread[A], sweep.R[A], sweep.p[A], model.floor_height, near, sweep.rows, 0
-        )
+        found = collide_floor(model.table, A, bodies.spread[A], R[A], p[A], model.floor_height, near, rows, 0)
     else:
-        found = collide_bodies(model.table, A, sweep.R[A], sweep.p[A], B, sweep.R[B], sweep.p[B], near, sweep.rows, 0)
+        found = collide_bodies(model.table, A, R[A], p[A], B, R[B], p[B], near, rows, 0)
     least = TOUCHING
     for c in range(found):
-        gap = contact_from_features(
-            sweep.rows[c],
-            sweep.R[A],
-            sweep.p[A],
-            sweep.R[B],
-            sweep.p[B],
-            sweep.point[0],
-            sweep.point[1],
-            sweep.point[2],
-        )
+        gap = contact_from_features(rows[c], R[A], p[A], R[B], p[B], point[0], point[1], point[2])
         least = min(least, gap - offset)
     return least
 
@@ -145,10 +134,6 @@ def _fastest(model, bodies, solver):
     """Bound on the speed of two bodies against each other, m/s."""
     nb, fastest = model.num_bodies, 0.0
     for b in range(nb + model.num_kinematic):
-        spin, speed = 0.0, 0.0
-        for i in range(3):
-            w = solver.x[6 * b + i] if b < nb else bodies.V[b, i]
-            v = solver.x[6 * b + 3 + i] if b < nb else bodies.V[b, 3 + i]
-            spin, speed = spin + w * w, speed + v * v
-        fastest = max(fastest, math.sqrt(speed) + model.radius[b] * math.sqrt(spin))
+        V = solver.x[6 * b : 6 * b + 6] if b < nb else bodies.V[b]
+        fastest = max(fastest, norm(V[3], V[4], V[5]) + model.radius[b] * norm(V[0], V[1], V[2]))
     return 2.0 * fastest

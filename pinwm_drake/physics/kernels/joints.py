@@ -9,23 +9,19 @@ Source: Cline (2002), section 2.5.
 
 import numpy as np
 
+from pinwm_drake.geometry.vectors import cross, dot, rotate
 from pinwm_drake.jit import allocating_kernel, kernel
 from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, LINEAR
-
-
-@kernel
-def _rotate(R, v, out):
-    for i in range(3):
-        out[i] = R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2]
 
 
 @kernel
 def joint_geometry(model, bodies, r, d, u_A, u_B):
     """World-frame direction d and anchors (for hinges: axes) u_A, u_B of row r; each (3,)."""
     A, B = model.joint_bodies[r, 0], model.joint_bodies[r, 1]
-    _rotate(bodies.R[B], model.joint_direction[r], d)
-    _rotate(bodies.R[A], model.joint_anchor[r, 0], u_A)
-    _rotate(bodies.R[B], model.joint_anchor[r, 1], u_B)
+    v, a, b = model.joint_direction[r], model.joint_anchor[r, 0], model.joint_anchor[r, 1]
+    d[0], d[1], d[2] = rotate(bodies.R[B], v[0], v[1], v[2])
+    u_A[0], u_A[1], u_A[2] = rotate(bodies.R[A], a[0], a[1], a[2])
+    u_B[0], u_B[1], u_B[2] = rotate(bodies.R[B], b[0], b[1], b[2])
 
 
 @allocating_kernel
@@ -45,11 +41,7 @@ def build_joints(model, bodies, system):
             sign = 1.0 if side == 0 else -1.0
             u = u_A if side == 0 else u_B
             if kind == LINEAR:
-                row[0], row[1], row[2] = (
-                    u[1] * d[2] - u[2] * d[1],
-                    u[2] * d[0] - u[0] * d[2],
-                    u[0] * d[1] - u[1] * d[0],
-                )
+                row[0], row[1], row[2] = cross(u[0], u[1], u[2], d[0], d[1], d[2])
                 row[3], row[4], row[5] = d[0], d[1], d[2]
             else:
                 row[0], row[1], row[2] = d[0], d[1], d[2]
@@ -64,11 +56,7 @@ def build_joints(model, bodies, system):
             for i in range(3):
                 error += d[i] * (bodies.p[A, i] + u_A[i] - bodies.p[B, i] - u_B[i])
         elif kind == ANGULAR_HINGE:
-            error = (
-                d[0] * (u_B[1] * u_A[2] - u_B[2] * u_A[1])
-                + d[1] * (u_B[2] * u_A[0] - u_B[0] * u_A[2])
-                + d[2] * (u_B[0] * u_A[1] - u_B[1] * u_A[0])
-            )
+            error = dot(d[0], d[1], d[2], *cross(u_B[0], u_B[1], u_B[2], u_A[0], u_A[1], u_A[2]))
         else:
             # Small rotation of A away from R_WB R_BA: half the antisymmetric part of R_WA R_AB R_BW.
             R_A, R_B, K = bodies.R[A], bodies.R[B], model.joint_rotation[r]
@@ -84,10 +72,9 @@ def build_joints(model, bodies, system):
 
 
 @kernel
-def _add_cross(out, start, scale, a, b):
-    out[start] += scale * (a[1] * b[2] - a[2] * b[1])
-    out[start + 1] += scale * (a[2] * b[0] - a[0] * b[2])
-    out[start + 2] += scale * (a[0] * b[1] - a[1] * b[0])
+def _add_cross(out, scale, a, b):
+    x, y, z = cross(a[0], a[1], a[2], b[0], b[1], b[2])
+    out[0], out[1], out[2] = out[0] + scale * x, out[1] + scale * y, out[2] + scale * z
 
 
 @allocating_kernel
@@ -124,11 +111,11 @@ def joints_adjoint(model, bodies, system, solver, adjoint):
                     d_bar[i] += block[3 + i] + sign * error_bar * (bodies.p[body, i] + u[i])
                     u_bar[i] += sign * error_bar * d[i]
                     pose[3 + i] += sign * error_bar * d[i]
-                _add_cross(d_bar, 0, 1.0, block, u)
-                _add_cross(u_bar, 0, 1.0, d, block)
-                _add_cross(pose, 0, 1.0, u, u_bar)
+                _add_cross(d_bar, 1.0, block, u)
+                _add_cross(u_bar, 1.0, d, block)
+                _add_cross(pose, 1.0, u, u_bar)
                 if body >= nb:
-                    _add_cross(adjoint.V[body], 0, -y_e * sign, u, d)
+                    _add_cross(adjoint.V[body], -y_e * sign, u, d)
                     for i in range(3):
                         adjoint.V[body, 3 + i] -= y_e * sign * d[i]
             else:
@@ -137,4 +124,4 @@ def joints_adjoint(model, bodies, system, solver, adjoint):
                     pose[i] += sign * error_bar * d[i]
                     if body >= nb:
                         adjoint.V[body, i] -= y_e * sign * d[i]
-        _add_cross(adjoint.pose[B], 0, 1.0, d, d_bar)
+        _add_cross(adjoint.pose[B], 1.0, d, d_bar)

@@ -207,11 +207,11 @@ def _quaternion_gradient(theta_bar, q, q_bar):
 
 @kernel
 def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars, work, adjoint):
-    mass, inertia, friction, restitution = parameters[0][w], parameters[1][w], parameters[2][w], parameters[3][w]
+    theta = (parameters[0][w], parameters[1][w], parameters[2][w], parameters[3][w])
+    theta_bar = (bars[0][w], bars[1][w], bars[2][w], bars[3][w])
     status, steps, slots = frames[5][0], saved[8], saved[9]
     states, saved_states = frames[:5], saved[:5]
     q, q_P = frames[0], frames[3]
-    mass_bar, inertia_bar, friction_bar, restitution_bar = bars[0][w], bars[1][w], bars[2][w], bars[3][w]
     q0_bar, p0_bar, V0_bar, q_P0_bar, p_P0_bar, V_P_bar = bars[7:]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
@@ -226,23 +226,7 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
         load(bodies, nb, has_pusher, saved_states, s, w)
         drive(bodies, nb, has_pusher, V_P, t, w)
         _load_solution(bodies, contacts, solver, nb, states, saved, s, w)
-        ok = step_adjoint(
-            model,
-            mass,
-            inertia,
-            friction,
-            restitution,
-            mass_bar,
-            inertia_bar,
-            friction_bar,
-            restitution_bar,
-            bodies,
-            contacts,
-            system,
-            solver,
-            adjoint,
-        )
-        if not ok:
+        if not step_adjoint(model, theta, theta_bar, bodies, contacts, system, solver, adjoint):
             status[w] = -t - 1
             return
         if has_pusher:

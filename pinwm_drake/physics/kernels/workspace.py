@@ -9,193 +9,111 @@ from pinwm_drake.jit import allocating_kernel
 
 
 class BodyWork(NamedTuple):
-    """Poses and velocities at the start of a step: dynamic bodies, then the pusher, then the world.
+    """Poses and velocities at the start of a step: dynamic bodies, then the pusher, then the world."""
 
-    Attributes:
-        q: (N, 4), q_WB, (w, x, y, z).
-        R: (N, 3, 3), R_WB.
-        p: (N, 3), p_WB, m.
-        V: (N, 6), V_WB, [rad/s; m/s].
-        V_body: (nb, 3), angular velocity after the gyroscopic step, body frame, rad/s.
-        time_step: (1,), s, the model's, or a part of it; see `step.py`.
-        center: (N, 3), centre of mass B in the frame of the pieces, m; 0 for the pusher and the world.
-        place: (N, 3), origin of that frame, world frame, m.
-        spread: (nb, 3), factors of the pressure's spread along the axes of B.
-        offset: (num_pairs,), gap at which a pair touches, m.
-    """
-
-    q: np.ndarray
-    R: np.ndarray
-    p: np.ndarray
-    V: np.ndarray
-    V_body: np.ndarray
-    time_step: np.ndarray
-    center: np.ndarray
-    place: np.ndarray
-    spread: np.ndarray
-    offset: np.ndarray
+    q: np.ndarray  # (N, 4), q_WB, (w, x, y, z)
+    R: np.ndarray  # (N, 3, 3), R_WB
+    p: np.ndarray  # (N, 3), p_WB, m
+    V: np.ndarray  # (N, 6), V_WB, [rad/s; m/s]
+    V_body: np.ndarray  # (nb, 3), angular velocity after the gyroscopic step, body frame, rad/s
+    time_step: np.ndarray  # (1,), s, the model's, or a part of it; see `step.py`
+    center: np.ndarray  # (N, 3), centre of mass B in the frame of the pieces, m; 0 for the pusher and the world
+    place: np.ndarray  # (N, 3), origin of that frame, world frame, m
+    spread: np.ndarray  # (nb, 3), factors of the pressure's spread along the axes of B
+    offset: np.ndarray  # (num_pairs,), gap at which a pair touches, m
 
 
 class ContactWork(NamedTuple):
-    """The contacts of a step.
+    """The contacts of a step."""
 
-    Attributes:
-        number: (1,), number of contacts.
-        rows: (C, 16), feature pairs.
-        body: (C, 2), bodies A and B in BodyWork's numbering.
-        dynamic: (C, 2), the same, -1 where that side does not move freely.
-        pair: (C,), row of the pair tables.
-        frame: (C, 3, 3), rows nhat_BA_W, t1, t2.
-        witness: (C, 2, 3), surface points on A and B, world frame, m.
-        lever: (C, 2, 3), contact point from the origins of A and B, world frame, m.
-        gap: (C,), m.
-        J: (C, 2, 3, 6), Jacobians in the contact frame, B's with its minus sign.
-        approach: (C,), normal relative velocity before the step, m/s.
-        closing: (C,), 1 where the contact closes within the step.
-        bias: (C, 3), m/s.
-        rebound: (C,), speed of a bounce, m/s, of which bias has the share in elastic (1,).
-        mu: (C,), friction coefficients.
-        limit: (C,), largest normal impulse, N s.
-    """
-
-    number: np.ndarray
-    rows: np.ndarray
-    body: np.ndarray
-    dynamic: np.ndarray
-    pair: np.ndarray
-    frame: np.ndarray
-    witness: np.ndarray
-    lever: np.ndarray
-    gap: np.ndarray
-    J: np.ndarray
-    approach: np.ndarray
-    closing: np.ndarray
-    bias: np.ndarray
-    rebound: np.ndarray
-    elastic: np.ndarray
-    mu: np.ndarray
-    limit: np.ndarray
+    number: np.ndarray  # (1,), number of contacts
+    rows: np.ndarray  # (C, 16), feature pairs
+    body: np.ndarray  # (C, 2), bodies A and B in BodyWork's numbering
+    dynamic: np.ndarray  # (C, 2), the same, -1 where that side does not move freely
+    pair: np.ndarray  # (C,), row of the pair tables
+    frame: np.ndarray  # (C, 3, 3), rows nhat_BA_W, t1, t2
+    witness: np.ndarray  # (C, 2, 3), surface points on A and B, world frame, m
+    lever: np.ndarray  # (C, 2, 3), contact point from the origins of A and B, world frame, m
+    gap: np.ndarray  # (C,), m
+    J: np.ndarray  # (C, 2, 3, 6), Jacobians in the contact frame, B's with its minus sign
+    approach: np.ndarray  # (C,), normal relative velocity before the step, m/s
+    closing: np.ndarray  # (C,), 1 where the contact closes within the step
+    bias: np.ndarray  # (C, 3), m/s
+    rebound: np.ndarray  # (C,), speed of a bounce, m/s
+    elastic: np.ndarray  # (1,), share of the bounces that is in bias
+    mu: np.ndarray  # (C,), friction coefficients
+    limit: np.ndarray  # (C,), largest normal impulse, N s
 
 
 class SystemWork(NamedTuple):
-    """The bodies' part of a step; see `cone.py`.
+    """The bodies' part of a step; see `cone.py`."""
 
-    Attributes:
-        num_bodies, num_rows: dynamic bodies and joint rows.
-        contact_compliance, joint_compliance: (m/s)/(N s) and its angular likes.
-        inertia: (nb, 3, 3), about the origin, world axes, kg m^2.
-        mass: (nb,), kg.
-        momentum: (6 nb,), right-hand side p = M xi* + h f, [N m s; N s].
-        free: (6 nb,), velocity without contacts and joints, [rad/s; m/s].
-        J_e: (nr, 6 nb), bias_e: (nr,), joint rows.
-        error_e: (nr,), joint position errors, m or rad.
-    """
-
-    num_bodies: int
-    num_rows: int
-    contact_compliance: float
-    joint_compliance: float
-    inertia: np.ndarray
-    mass: np.ndarray
-    momentum: np.ndarray
-    free: np.ndarray
-    J_e: np.ndarray
-    bias_e: np.ndarray
-    error_e: np.ndarray
+    num_bodies: int  # dynamic ones
+    num_rows: int  # of joints
+    contact_compliance: float  # (m/s)/(N s)
+    joint_compliance: float  # the same, and its angular likes
+    inertia: np.ndarray  # (nb, 3, 3), about the origin, world axes, kg m^2
+    mass: np.ndarray  # (nb,), kg
+    momentum: np.ndarray  # (6 nb,), right-hand side p = M xi* + h f, [N m s; N s]
+    free: np.ndarray  # (6 nb,), velocity without contacts and joints, [rad/s; m/s]
+    J_e: np.ndarray  # (nr, 6 nb), joint rows
+    bias_e: np.ndarray  # (nr,), of these
+    error_e: np.ndarray  # (nr,), joint position errors, m or rad
 
 
 class SolverWork(NamedTuple):
-    """Solution and scratch of a step's solvers and of the stabilisation.
+    """Solution and scratch of a step's solvers and of the stabilisation."""
 
-    Attributes:
-        x: (n,), [xi'; lambda_e].
-        v, lam: (C, 3), velocity J x + bias and impulse of each contact in its frame, m/s and N s.
-        mode: (C,), see `cone.py`.
-        slip: (C, 3), direction of friction, and what it resists across that direction.
-        gain, offset: (C, 6) and (C, 3), impulse as a function of velocity, see `cone.py`.
-        radius: (C,), bounds of friction in `descent.py`, N s.
-        dv: (C, 3), change of v along dx.
-        dx, kept: (n,), right-hand side and step; a former x.
-        S, pivot: the derivative of the step's equations and its factors.
-        lagged: (1,), 1 where friction has the bounds of an iteration before; see `solve.py`.
-        lifts: (C,), 1 where a contact pushes in the stabilisation.
-        delta, S_delta, pivot_delta: the same of the stabilisation, of order 6 nb.
-    """
-
-    x: np.ndarray
-    v: np.ndarray
-    lam: np.ndarray
-    mode: np.ndarray
-    slip: np.ndarray
-    gain: np.ndarray
-    offset: np.ndarray
-    radius: np.ndarray
-    dv: np.ndarray
-    dx: np.ndarray
-    kept: np.ndarray
-    S: np.ndarray
-    pivot: np.ndarray
-    lagged: np.ndarray
-    lifts: np.ndarray
-    delta: np.ndarray
-    S_delta: np.ndarray
-    pivot_delta: np.ndarray
+    x: np.ndarray  # (n,), [xi'; lambda_e]
+    v: np.ndarray  # (C, 3), velocity J x + bias of each contact in its frame, m/s
+    lam: np.ndarray  # (C, 3), impulse of each contact in its frame, N s
+    mode: np.ndarray  # (C,), see `cone.py`
+    slip: np.ndarray  # (C, 3), direction of friction, and what it resists across that direction
+    gain: np.ndarray  # (C, 6), impulse as a function of velocity, see `cone.py`
+    offset: np.ndarray  # (C, 3), of that function
+    radius: np.ndarray  # (C,), bounds of friction in `descent.py`, N s
+    dv: np.ndarray  # (C, 3), change of v along dx
+    dx: np.ndarray  # (n,), right-hand side and step
+    kept: np.ndarray  # (n,), a former x
+    S: np.ndarray  # (n, n), derivative of the step's equations, then its factors
+    pivot: np.ndarray  # (n,), row exchanges of the factors
+    lagged: np.ndarray  # (1,), 1 where friction has the bounds of an iteration before; see `solve.py`
+    lifts: np.ndarray  # (C,), 1 where a contact pushes in the stabilisation
+    delta: np.ndarray  # (6 nb,), correction by the stabilisation
+    S_delta: np.ndarray  # (6 nb, 6 nb), its matrix and factors
+    pivot_delta: np.ndarray  # (6 nb,), row exchanges of these
 
 
 class Sweep(NamedTuple):
-    """Poses within a step, and the rows that are left out; see `ghosts.py`.
+    """Poses within a step, and the rows that are left out; see `ghosts.py`."""
 
-    Attributes:
-        q: (N, 4), R: (N, 3, 3), p: (N, 3), V: (N, 6), as in BodyWork.
-        rows: (C, 16), feature pairs there.
-        point: (3, 3), scratch: normal and witness points.
-        out: (C,), 1 where a row is left out.
-    """
-
-    q: np.ndarray
-    R: np.ndarray
-    p: np.ndarray
-    V: np.ndarray
-    rows: np.ndarray
-    point: np.ndarray
-    out: np.ndarray
+    q: np.ndarray  # (N, 4), as in BodyWork
+    R: np.ndarray  # (N, 3, 3)
+    p: np.ndarray  # (N, 3)
+    rows: np.ndarray  # (C, 16), feature pairs there
+    point: np.ndarray  # (3, 3), scratch: normal and witness points
+    out: np.ndarray  # (C,), 1 where a row is left out
 
 
 class AdjointWork(NamedTuple):
-    """Gradients on their way back through a step; bodies as in BodyWork.
+    """Gradients on their way back through a step; bodies as in BodyWork."""
 
-    Attributes:
-        pose: (N, 6), with respect to poses as [rotation vector; translation], world frame.
-        V: (N, 6), with respect to V_WB.
-        before: (N, 6), scratch: with respect to V_WB before the step, through restitution.
-        y: (n,), adjoint of the step's x.
-        field: (N, 6), velocities whose contact velocities are the adjoint of the contacts' impulses.
-        pull: (N, 6), with respect to velocities before the step, through the share of bounces.
-        other: (n,), scratch: derivative of the bodies' gain of energy, pulled through the step's equations.
-        energy: (1,), adjoint z of that gain; see `adjoint._share_adjoint`.
-        frame: (3, 3), lever: (2, 3), scratch of one contact.
-        J_e: (nr, 6 nb), bias_e: (nr,), error_e: (nr,), joint rows.
-        center: (nb, 3), spread: (nb, 3), offset: (num_pairs,), with respect to these of BodyWork.
-        moved: (2, 3), scratch: what a contact's geometry adds to the gradient by the places of its two bodies.
-    """
-
-    pose: np.ndarray
-    V: np.ndarray
-    before: np.ndarray
-    y: np.ndarray
-    field: np.ndarray
-    pull: np.ndarray
-    other: np.ndarray
-    energy: np.ndarray
-    frame: np.ndarray
-    lever: np.ndarray
-    J_e: np.ndarray
-    bias_e: np.ndarray
-    error_e: np.ndarray
-    center: np.ndarray
-    spread: np.ndarray
-    offset: np.ndarray
-    moved: np.ndarray
+    pose: np.ndarray  # (N, 6), with respect to poses as [rotation vector; translation], world frame
+    V: np.ndarray  # (N, 6), with respect to V_WB
+    before: np.ndarray  # (N, 6), scratch: with respect to V_WB before the step, through restitution
+    y: np.ndarray  # (n,), adjoint of the step's x
+    field: np.ndarray  # (N, 6), velocities whose contact velocities are the adjoint of the contacts' impulses
+    pull: np.ndarray  # (N, 6), with respect to velocities before the step, through the share of bounces
+    other: np.ndarray  # (n,), scratch: derivative of the bodies' gain of energy, pulled through the step's equations
+    energy: np.ndarray  # (1,), adjoint z of that gain; see `adjoint._share_adjoint`
+    frame: np.ndarray  # (3, 3), scratch of one contact
+    lever: np.ndarray  # (2, 3), scratch of one contact
+    J_e: np.ndarray  # (nr, 6 nb), with respect to joint rows
+    error_e: np.ndarray  # (nr,)
+    center: np.ndarray  # (nb, 3), with respect to that of BodyWork
+    spread: np.ndarray  # (nb, 3)
+    offset: np.ndarray  # (num_pairs,)
+    moved: np.ndarray  # (2, 3), scratch: what a contact's geometry adds to the gradient by the places of its two bodies
 
 
 @allocating_kernel
@@ -215,7 +133,6 @@ def make_adjoint_work(model):
         np.zeros((3, 3)),
         np.zeros((2, 3)),
         np.zeros((nr, 6 * nb)),
-        np.zeros(nr),
         np.zeros(nr),
         np.zeros((nb, 3)),
         np.zeros((nb, 3)),
@@ -300,7 +217,6 @@ def make_workspace(model, max_contacts):
         np.zeros((total, 4)),
         np.zeros((total, 3, 3)),
         np.zeros((total, 3)),
-        np.zeros((total, 6)),
         np.zeros((m, FEATURE_SIZE)),
         np.zeros((3, 3)),
         np.zeros(m, np.uint8),

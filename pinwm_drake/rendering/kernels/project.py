@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from pinwm_drake.geometry.vectors import rotate_back
 from pinwm_drake.jit import kernel
 from pinwm_drake.rendering import reference
 from pinwm_drake.rendering.kernels import columns as col
@@ -70,26 +71,6 @@ def exponential(x):
 
 
 @kernel
-def turn(R, v, x, y, z):
-    """Vector turned by the rotation of view v: R[v] (x, y, z)."""
-    return (
-        R[v, 0, 0] * x + R[v, 0, 1] * y + R[v, 0, 2] * z,
-        R[v, 1, 0] * x + R[v, 1, 1] * y + R[v, 1, 2] * z,
-        R[v, 2, 0] * x + R[v, 2, 1] * y + R[v, 2, 2] * z,
-    )
-
-
-@kernel
-def turn_back(R, v, x, y, z):
-    """Vector turned back by the rotation of view v: R[v]' (x, y, z)."""
-    return (
-        R[v, 0, 0] * x + R[v, 1, 0] * y + R[v, 2, 0] * z,
-        R[v, 0, 1] * x + R[v, 1, 1] * y + R[v, 2, 1] * z,
-        R[v, 0, 2] * x + R[v, 1, 2] * y + R[v, 2, 2] * z,
-    )
-
-
-@kernel
 def prepare_surfels(surfels, same):
     """Finds what is the same in all views of surfels: centres, axes in their lengths, normals, opacities, reaches.
 
@@ -127,7 +108,7 @@ def _project_block(v, view, size, same, work):
     r10, r11, r12 = R[v, 1, 0], R[v, 1, 1], R[v, 1, 2]
     r20, r21, r22 = R[v, 2, 0], R[v, 2, 1], R[v, 2, 2]
     tx, ty, tz = t[v, 0], t[v, 1], t[v, 2]
-    ox, oy, oz = turn_back(R, v, tx, ty, tz)
+    ox, oy, oz = rotate_back(R[v], tx, ty, tz)
     for i in range(BLOCK):
         px, py, pz = same[_PX, i], same[_PY, i], same[_PZ, i]
         x, y = r00 * px + r01 * py + r02 * pz + tx, r10 * px + r11 * py + r12 * pz + ty

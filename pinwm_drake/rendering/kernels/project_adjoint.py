@@ -2,25 +2,21 @@
 
 import math
 
+from pinwm_drake.geometry.vectors import rotate, rotate_back
 from pinwm_drake.jit import kernel
 from pinwm_drake.rendering.kernels import columns as col
 from pinwm_drake.rendering.kernels.columns import ONE, TWO, ZERO
 from pinwm_drake.rendering.kernels.harmonics import basis_gradient, fill_basis
-from pinwm_drake.rendering.kernels.project import EDGE_ON, exponential, rotation_columns, turn, turn_back
+from pinwm_drake.rendering.kernels.project import EDGE_ON, exponential, rotation_columns
 
 
 @kernel
 def _add_outer(R_bar, part, v, x, y, z, a, b, c):
     """Adds an outer product: R_bar += (x, y, z) (a, b, c)'."""
-    R_bar[part, v, 0, 0] += x * a
-    R_bar[part, v, 0, 1] += x * b
-    R_bar[part, v, 0, 2] += x * c
-    R_bar[part, v, 1, 0] += y * a
-    R_bar[part, v, 1, 1] += y * b
-    R_bar[part, v, 1, 2] += y * c
-    R_bar[part, v, 2, 0] += z * a
-    R_bar[part, v, 2, 1] += z * b
-    R_bar[part, v, 2, 2] += z * c
+    for i, row in enumerate((x, y, z)):
+        R_bar[part, v, i, 0] += row * a
+        R_bar[part, v, i, 1] += row * b
+        R_bar[part, v, i, 2] += row * c
 
 
 @kernel
@@ -66,13 +62,13 @@ def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars,
             first[k] += bars[i, v, s, k]
     fx, fy = intrinsics[v, 0], intrinsics[v, 1]
     px, py, pz = p[s, 0], p[s, 1], p[s, 2]
-    x, y, z = turn(R, v, px, py, pz)
+    x, y, z = rotate(R[v], px, py, pz)
     x, y, z = x + t[v, 0], y + t[v, 1], z + t[v, 2]
     qw, qx, qy, qz = q[s, 0], q[s, 1], q[s, 2], q[s, 3]
     ux, uy, uz, vx, vy, vz, nx, ny, nz = rotation_columns(qw, qx, qy, qz)
     scale_a, scale_b = exponential(log_scale[s, 0]), exponential(log_scale[s, 1])
-    ax, ay, az = turn(R, v, scale_a * ux, scale_a * uy, scale_a * uz)
-    bx, by, bz = turn(R, v, scale_b * vx, scale_b * vy, scale_b * vz)
+    ax, ay, az = rotate(R[v], scale_a * ux, scale_a * uy, scale_a * uz)
+    bx, by, bz = rotate(R[v], scale_b * vx, scale_b * vy, scale_b * vz)
     inverse = ONE / z
     w0, w1, x_z, y_z = az * inverse, bz * inverse, x * inverse, y * inverse
     b00, b01 = fx * inverse * (ax - x_z * az), fx * inverse * (bx - x_z * bz)
@@ -100,14 +96,14 @@ def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars,
     # Through the 1 / z of B and w, which are homogeneous in it.
     shrink = g00 * (ax - x_z * az) + g01 * (bx - x_z * bz) + g10 * (ay - y_z * az) + g11 * (by - y_z * bz)
     gz = first[col.Z] - inverse * (gx_z * x_z + gy_z * y_z + shrink + gw0 * w0 + gw1 * w1)
-    cx, cy, cz = turn(R, v, nx, ny, nz)
+    cx, cy, cz = rotate(R[v], nx, ny, nz)
     sign = -ONE if cx * x + cy * y + cz * z > ZERO else ONE
     gnx, gny, gnz = sign * first[col.NX], sign * first[col.NY], sign * first[col.NZ]
 
     # Colour: harmonics, and the direction from the camera.
     own = v if sh.shape[0] > 1 else 0
     number = sh.shape[2]
-    ox, oy, oz = turn_back(R, v, t[v, 0], t[v, 1], t[v, 2])
+    ox, oy, oz = rotate_back(R[v], t[v, 0], t[v, 1], t[v, 2])
     dx, dy, dz = px + ox, py + oy, pz + oz
     near = ONE / math.sqrt(dx * dx + dy * dy + dz * dz)
     dx, dy, dz = dx * near, dy * near, dz * near
@@ -124,13 +120,13 @@ def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars,
     along = hx * dx + hy * dy + hz * dz
     hx, hy, hz = near * (hx - along * dx), near * (hy - along * dy), near * (hz - along * dz)
 
-    ex, ey, ez = turn_back(R, v, gx, gy, gz)
+    ex, ey, ez = rotate_back(R[v], gx, gy, gz)
     p_out[s, 0] += ex + hx
     p_out[s, 1] += ey + hy
     p_out[s, 2] += ez + hz
-    au, av, aw = turn_back(R, v, gax, gay, gaz)
-    bu, bv, bw = turn_back(R, v, gbx, gby, gbz)
-    nu, nv, nw = turn_back(R, v, gnx, gny, gnz)
+    au, av, aw = rotate_back(R[v], gax, gay, gaz)
+    bu, bv, bw = rotate_back(R[v], gbx, gby, gbz)
+    nu, nv, nw = rotate_back(R[v], gnx, gny, gnz)
     scale_out[s, 0] += scale_a * (au * ux + av * uy + aw * uz)
     scale_out[s, 1] += scale_b * (bu * vx + bv * vy + bw * vz)
     first_bar = (scale_a * au, scale_a * av, scale_a * aw)
@@ -149,7 +145,7 @@ def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars,
     _add_outer(R_bar, part, v, gnx, gny, gnz, nx, ny, nz)
     # The camera's place in O is -R' t.
     _add_outer(R_bar, part, v, t[v, 0], t[v, 1], t[v, 2], hx, hy, hz)
-    hx, hy, hz = turn(R, v, hx, hy, hz)
+    hx, hy, hz = rotate(R[v], hx, hy, hz)
     p_bar[part, v, 0] += gx + hx
     p_bar[part, v, 1] += gy + hy
     p_bar[part, v, 2] += gz + hz

@@ -15,19 +15,13 @@ def mark_triangles(triangles, marked):
     """
     height, width = marked.shape
     for t in range(triangles.shape[0]):
-        x0, y0 = triangles[t, 0, 0] - 0.5, triangles[t, 0, 1] - 0.5
-        x1, y1 = triangles[t, 1, 0] - 0.5, triangles[t, 1, 1] - 0.5
-        x2, y2 = triangles[t, 2, 0] - 0.5, triangles[t, 2, 1] - 0.5
+        y0, y1, y2 = triangles[t, 0, 1] - 0.5, triangles[t, 1, 1] - 0.5, triangles[t, 2, 1] - 0.5
         for row in range(max(int(np.ceil(min(y0, y1, y2))), 0), min(int(np.floor(max(y0, y1, y2))), height - 1) + 1):
             # The row's interval inside the triangle, from the edges that cross it.
             low, high = np.inf, -np.inf
             for edge in range(3):
-                if edge == 0:
-                    xa, ya, xb, yb = x0, y0, x1, y1
-                elif edge == 1:
-                    xa, ya, xb, yb = x1, y1, x2, y2
-                else:
-                    xa, ya, xb, yb = x2, y2, x0, y0
+                a, b = triangles[t, edge], triangles[t, (edge + 1) % 3]
+                xa, ya, xb, yb = a[0] - 0.5, a[1] - 0.5, b[0] - 0.5, b[1] - 0.5
                 if min(ya, yb) <= row <= max(ya, yb) and ya != yb:
                     x = xa + (row - ya) / (yb - ya) * (xb - xa)
                     low, high = min(low, x), max(high, x)
