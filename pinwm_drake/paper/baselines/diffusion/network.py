@@ -116,7 +116,7 @@ def require_diffusers() -> None:
     """
     if importlib.util.find_spec("diffusers") is None:
         given = "no package diffusers"
-        raise ParameterError(f'diffusion policy: got {given}; allowed: after pip install "pinwm_drake[diffusion]"')
+        raise ParameterError(f'diffusion policy: got {given}; allowed: after pip install "pinwm_drake[paper]"')
 
 
 def _schedulers() -> Any:
