@@ -10,49 +10,40 @@ from pinwm_drake.experiments.evaluation.request import MPC as EVALUATED_MPC
 from pinwm_drake.experiments.evaluation.request import RANDOM, EvaluateRequest
 from pinwm_drake.experiments.evaluation.run import SUMMARY_FILE, EvaluationProgress, evaluate
 from pinwm_drake.paper.reproduce.cell import Cell, Say
-from pinwm_drake.paper.reproduce.policies import PolicyCell
-from pinwm_drake.paper.reproduce.recordings import DemonstrationsCell, DiffusionCell, dreamer
+from pinwm_drake.paper.reproduce.policies import DemonstrationsCell, DiffusionCell, PolicyCell, dreamer
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
-from pinwm_drake.paper.reproduce.scenes import task_scene
+from pinwm_drake.paper.reproduce.scenes import SceneCell
 from pinwm_drake.paper.reproduce.systems import (
     DIFFUSION,
     DREAMER,
     MPC,
-    PIN_WM,
     RANDOM_ACTIONS,
     SCENE,
     SYSTEMS,
     TRUE_THETA,
 )
-from pinwm_drake.paper.reproduce.twins import IdentifiedCell
 
 _DEMONSTRATIONS = 100
 _SECONDS = {"push": 20.0, "flip": 9.0}  # of an episode, by task, the mean of the rows in docs/tables.md
 
 
 @dataclass(frozen=True)
-class EvaluationCell(Cell):
+class EvaluationCell(SceneCell):
     """Cell of an evaluation in Drake's hydroelastic plant with VTK's images.
 
     Attributes:
-        task: Name of the task's scene.
         system: Name of the system.
-        seed: Seed of the experiment.
         episodes: Number of episodes.
         subject: Cell of the policy; for what plans of the twin to plan with, for chance None.
         max_steps: Number of actions of an episode; None for the task's.
         inside: Path of the policy in its cell's folder.
-        stand_in: Flag: in the stand-in for a robot; see `StandIn`.
     """
 
-    task: str
     system: str
-    seed: int
     episodes: int
     subject: Cell | None
     max_steps: int | None = None
     inside: str = ""
-    stand_in: bool = False
 
     @property
     def key(self) -> str:
@@ -63,12 +54,12 @@ class EvaluationCell(Cell):
     @property
     def hours(self) -> float:
         """Estimate of its time, h."""
-        known = _SECONDS[task_scene(self.task).task]
+        known = _SECONDS[self.scene.task]
         return self.episodes * (known if self.max_steps is None else 0.5 * self.max_steps) / 3600.0
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Runs the episodes; see `Cell.make`."""
-        scene = task_scene(self.task)
+        scene = self.scene
         subject = None if self.subject is None else str(root / self.subject.key / self.inside)
         given: dict[str, Any] = {"policy": subject}
         if self.system in (MPC, RANDOM_ACTIONS):
@@ -87,34 +78,20 @@ class EvaluationCell(Cell):
         return results
 
 
-def _twin(request: ReproduceRequest, task: str, origin: str, seed: int, stand_in: bool) -> IdentifiedCell | None:
-    """Cell of the twin of an identification; None for the scene's own parameters."""
-    if origin == SCENE:
-        return None
-    if origin == PIN_WM:
-        return request.twin(task, seed, stand_in=stand_in)
-    return request.tracked(task, seed, origin, stand_in=stand_in)
-
-
 def evaluated(request: ReproduceRequest, task: str, name: str, seed: int, *, stand_in: bool = False) -> EvaluationCell:
-    """Cell of the evaluation of a system, with those that it needs.
+    """Cell of the evaluation of a system in a task's scene, with those that it needs.
 
-    Args:
-        request: Episodes and budgets.
-        task: Name of the task's scene.
-        name: Name of the system.
-        seed: Seed of the experiment.
-        stand_in: Flag: in the stand-in for a robot, where it is filmed, identified and trained too.
+    In the stand-in for a robot, it is filmed, identified and trained there too.
     """
     about, quick = SYSTEMS[name], request.quick
-    twin, inside = _twin(request, task, about.twin, seed, stand_in), ""
+    twin, inside = None if about.twin == SCENE else request.twin(task, seed, about.twin, stand_in=stand_in), ""
     subject: Cell | None = twin
     if name == DIFFUSION:
-        expert = PolicyCell(task, TRUE_THETA, seed, None, quick, stand_in=stand_in)
+        expert = PolicyCell(task, seed, TRUE_THETA, None, quick, stand_in=stand_in)
         subject = DiffusionCell(DemonstrationsCell(expert, 2 if quick else _DEMONSTRATIONS), quick)
         inside = "policy"
     elif name == DREAMER:
         subject = dreamer(task, seed, quick, stand_in=stand_in)
     elif about.domains is not None:
-        subject = PolicyCell(task, name, seed, twin, quick, about.history, stand_in)
-    return EvaluationCell(task, name, seed, request.episodes, subject, request.max_steps, inside, stand_in)
+        subject = PolicyCell(task, seed, name, twin, quick, about.history, stand_in=stand_in)
+    return EvaluationCell(task, seed, name, request.episodes, subject, request.max_steps, inside, stand_in=stand_in)

@@ -10,8 +10,7 @@ from matplotlib.ticker import PercentFormatter
 
 from pinwm_drake.paper.reproduce.cell import Cell
 from pinwm_drake.paper.reproduce.evaluations import EvaluationCell
-from pinwm_drake.paper.reproduce.imagined_steps import ImaginedStepCell, SeenOutcomesCell
-from pinwm_drake.paper.reproduce.predictions import OneStepCell
+from pinwm_drake.paper.reproduce.predictions import ImaginedStepCell, OneStepCell, SeenOutcomesCell
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.scenes import task_scene
 from pinwm_drake.paper.reproduce.systems import PIN_WM

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pinwm_drake.errors import require
 from pinwm_drake.paper.reproduce.predictions import OutcomesCell
 from pinwm_drake.paper.reproduce.scenes import TASK_SCENES, TASKS, task_scene
-from pinwm_drake.paper.reproduce.systems import SYSTEMS
-from pinwm_drake.paper.reproduce.tracked_twins import TrackedTwinCell
-from pinwm_drake.paper.reproduce.twins import CaptureCell, SurfelsCell, TwinCell
+from pinwm_drake.paper.reproduce.systems import PIN_WM, SYSTEMS
+from pinwm_drake.paper.reproduce.twins import CaptureCell, IdentifiedCell, SurfelsCell, TrackedTwinCell, TwinCell
 
 _REST, _QUICK_REST = 20, 1  # actions in which an object comes to rest, at most
 
@@ -46,23 +45,14 @@ class ReproduceRequest:
         """Number of actions of an evaluated episode; None for the task's."""
         return 2 if self.quick else None
 
-    def twin(self, task: str, seed: int, *, stand_in: bool = False) -> TwinCell:
-        """Cell of the twin that PIN-WM identifies, of a task and seed; of the stand-in's object where that is asked."""
-        return TwinCell(self._surfels(task, seed, stand_in))
-
-    def tracked(self, task: str, seed: int, system: str, only: str = "", *, stand_in: bool = False) -> TrackedTwinCell:
-        """Cell of the twin that another system identifies, by one unknown alone where it is named; see `twin`."""
-        return TrackedTwinCell(self._surfels(task, seed, stand_in), system, only)
+    def twin(
+        self, task: str, seed: int, system: str = PIN_WM, only: str = "", *, stand_in: bool = False
+    ) -> IdentifiedCell:
+        """Cell of the twin that a system identifies, by one unknown alone where it is named; maybe in the stand-in."""
+        surfels = SurfelsCell(CaptureCell(task, seed, quick=self.quick, stand_in=stand_in))
+        return TwinCell(surfels, only=only) if system == PIN_WM else TrackedTwinCell(surfels, system, only)
 
     def outcomes(self, task: str, *, at_rest: bool = False) -> OutcomesCell:
-        """Cell of what random actions do in the plant, as long as those that policies are trained with.
-
-        Args:
-            task: Name of the task's scene.
-            at_rest: Flag: until the object rests after the action; otherwise until the action ends.
-        """
+        """Cell of what random actions do in the plant, as long as those that policies are trained with."""
         rest = (_QUICK_REST if self.quick else _REST) if at_rest else 0
         return OutcomesCell(task, self.draws, task_scene(task).max_translation, rest)
-
-    def _surfels(self, task: str, seed: int, stand_in: bool) -> SurfelsCell:
-        return SurfelsCell(CaptureCell(task, seed, self.quick, stand_in=stand_in))

@@ -11,8 +11,7 @@ from pinwm_drake.errors import ParameterError, PinwmError
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.paper.reproduce.cell import DONE_FILE, Cell, CellStore, in_order, log_path, made
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
-from pinwm_drake.paper.reproduce.tables.geometry_noise import GEOMETRY_NOISE
-from pinwm_drake.paper.reproduce.tables.one_step import ONE_STEP
+from pinwm_drake.paper.reproduce.tables.one_step import GEOMETRY_NOISE, ONE_STEP
 from pinwm_drake.paper.reproduce.tables.parameters import PARAMETERS
 from pinwm_drake.paper.reproduce.tables.policies import POLICIES, RANDOMIZATION, STAND_IN, TASKS_TABLE
 from pinwm_drake.paper.reproduce.tables.table import Table

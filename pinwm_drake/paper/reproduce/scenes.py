@@ -1,10 +1,11 @@
 """The paper's tasks as scenes: what is filmed, what its true parameters are, and where policies are tried."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pinwm_drake.cousins.randomization import FLIP_SPANS, Spans
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.paper.reproduce.cell import Cell
 from pinwm_drake.systems.runs.simulated_capture import SimulateOptions
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.tasks.registry import recipe_of
@@ -80,11 +81,6 @@ TASK_SCENES: Mapping[str, TaskScene] = {scene.name: scene for scene in _ALL}
 TASKS = ("push", "flip")  # those of most tables
 
 
-def scene_folder(task: str, stand_in: bool) -> str:
-    """Name of the folders of a task's scene, or of the stand-in for a robot with it."""
-    return f"{task}-stand-in" if stand_in else task
-
-
 def task_scene(task: str) -> TaskScene:
     """Scene of a name.
 
@@ -94,3 +90,28 @@ def task_scene(task: str) -> TaskScene:
     if task not in TASK_SCENES:
         raise ParameterError(f"--task: got {task!r}; allowed: {', '.join(TASK_SCENES)}")
     return TASK_SCENES[task]
+
+
+@dataclass(frozen=True)
+class SceneCell(Cell):
+    """Cell of what is made in a task's scene.
+
+    Attributes:
+        task: Name of the scene.
+        seed: Seed of the experiment.
+        stand_in: Flag: in the stand-in for a robot; see `StandIn`.
+    """
+
+    task: str
+    seed: int
+    stand_in: bool = field(default=False, kw_only=True)
+
+    @property
+    def scene(self) -> TaskScene:
+        """The scene."""
+        return task_scene(self.task)
+
+    @property
+    def place(self) -> str:
+        """Folder of what is made for the same scene."""
+        return f"{self.task}-stand-in" if self.stand_in else self.task

@@ -7,7 +7,7 @@ project's.
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 import torch
@@ -15,15 +15,14 @@ from torch import Tensor
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, pose_at
 from pinwm_drake.capture.scene import Capture
-from pinwm_drake.errors import ParameterError, SolverError
+from pinwm_drake.errors import ParameterError, SolverError, require
 from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.identification.expansion import deviation
 from pinwm_drake.identification.forward import Forward, inertia
 from pinwm_drake.identification.identify import NOMINAL_MASS, capture_scene, distinct_pushes
-from pinwm_drake.identification.pose_tracker import PoseTracker
+from pinwm_drake.identification.pose_tracker import PoseTracker, PoseTrackerOptions
 from pinwm_drake.identification.unknowns import UNKNOWNS
-from pinwm_drake.paper.baselines.asid.cross_entropy import Minimum, minimise
-from pinwm_drake.paper.baselines.asid.options import AsidOptions, Span, physical
+from pinwm_drake.paper.baselines.asid.cross_entropy import CrossEntropyBudget, Minimum, minimise
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Scene, resting_height
 from pinwm_drake.spatial.poses import Pose
@@ -33,6 +32,78 @@ from pinwm_drake.twin.document import to_plain
 from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
 from pinwm_drake.twin.rollout import NO_EFFECT
 from pinwm_drake.twin.twin import THETA, Estimate, Twin
+
+Span = tuple[float, float]
+_FRICTIONS = ("friction_floor", "friction_pusher")
+_RESTITUTIONS = ("restitution_floor", "restitution_pusher")
+
+
+@dataclass(frozen=True)
+class AsidOptions:
+    """Settings of a search for theta by simulated poses.
+
+    Attributes:
+        budget: Simulations that the search may use.
+        friction: Range of both coefficients of friction. Objects that are flipped rather than pushed grip more, 0.05
+            to 1.
+        restitution: Range of both coefficients of restitution.
+        inertia: Range of the factor of all moments of inertia, against a uniform solid of the same mass.
+        mass: Range of the mass, kg, where it is looked for.
+        free: Names of what is looked for; None for everything but a mass that the capture tells.
+        held: Values of what is not looked for, by name; with the inertia held, the mass has an effect.
+        tracker: Settings of the pose tracker.
+        time_step: Time step of the physics, s.
+        num_threads: Threads of the physics; None for one on each core.
+    """
+
+    budget: CrossEntropyBudget = field(default_factory=CrossEntropyBudget)
+    friction: Span = (0.005, 0.5)
+    restitution: Span = (0.0, 0.5)
+    inertia: Span = (0.3, 3.0)
+    mass: Span = (0.2, 5.0)
+    free: tuple[str, ...] | None = None
+    held: Mapping[str, float] = field(default_factory=dict)
+    tracker: PoseTrackerOptions = field(default_factory=PoseTrackerOptions)
+    time_step: float = 1.0 / 240.0
+    num_threads: int | None = None
+
+    def __post_init__(self) -> None:
+        most = {"friction": 5.0, "restitution": 1.0, "inertia": 20.0, "mass": 1e3}
+        for name, end in most.items():
+            low, high = getattr(self, name)
+            least = 0.0 if name == "restitution" else 1e-4
+            allowed = f"two numbers of {least:g} to {end:g}, the first below the second"
+            require(name, (low, high), least <= low < high <= end, allowed)
+        require("time_step", self.time_step, 1e-5 <= self.time_step <= 0.05, "1e-5 to 0.05 s")
+        names = {*_FRICTIONS, *_RESTITUTIONS, "inertia", "mass"}
+        chosen = set(self.free or names)
+        require("free", self.free, chosen <= names, ", ".join(sorted(names)))
+        if self.free is not None:
+            held = names - chosen - {"mass"}
+            require("held", sorted(self.held), held <= set(self.held) <= names - chosen, f"{', '.join(sorted(held))}")
+        number = self.num_threads
+        require("num_threads", number, number is None or number >= 1, "1 or more, or none")
+
+    def ranges(self, *, mass_known: bool) -> dict[str, Span]:
+        """Ranges of the unknowns, by the names of `THETA`; "inertia" is the factor of all three moments."""
+        found = dict.fromkeys(_FRICTIONS, self.friction) | dict.fromkeys(_RESTITUTIONS, self.restitution)
+        found |= {"inertia": self.inertia, "mass": self.mass}
+        names = self.free or [name for name in found if name != "mass" or not mass_known]
+        return {name: found[name] for name in names}
+
+
+def physical(points: np.ndarray, ranges: Mapping[str, Span]) -> dict[str, np.ndarray]:
+    """Physical values (W,) of points (W, d) of the unit cube, by name; what is positive counts by its logarithm.
+
+    Args:
+        points: A column for each of `ranges`, in their order.
+        ranges: Low and high ends, by name.
+    """
+    values = {}
+    for share, (name, (low, high)) in zip(points.T, ranges.items(), strict=True):
+        values[name] = low * (high / low) ** share if low > 0.0 else low + (high - low) * share
+    return values
+
 
 _NOTE = "by a cross-entropy search: a point, without an interval"
 _MASS_NOTE = f"{_NOTE}; with a velocity-driven pusher only ratios to the mass have an effect"

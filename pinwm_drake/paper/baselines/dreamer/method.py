@@ -13,11 +13,11 @@ from pinwm_drake.learning.rounds import ANY, StageRun, Until
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import require_device
 from pinwm_drake.paper.baselines.dreamer.collect import collect, random_pushes
-from pinwm_drake.paper.baselines.dreamer.networks import halvings
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
 from pinwm_drake.paper.baselines.dreamer.policy import DreamerPolicy, image_size, write_dreamer
 from pinwm_drake.paper.baselines.dreamer.replay import Episode, Replay, read_episodes
 from pinwm_drake.paper.baselines.dreamer.training import BEHAVIOUR, MODEL, train_behaviour, train_model
+from pinwm_drake.paper.baselines.dreamer.world_model import halvings
 
 EPISODES = "episodes"  # folder of what was collected
 _MODEL_SHARE = 0.5  # of the minutes, at most

@@ -16,8 +16,7 @@ from pinwm_drake.learning.spec import PolicySpec, seen_parts
 from pinwm_drake.learning.weights import device_of
 from pinwm_drake.paper.baselines.dreamer.behaviour import Actor
 from pinwm_drake.paper.baselines.dreamer.options import NetworkOptions
-from pinwm_drake.paper.baselines.dreamer.rssm import Latent
-from pinwm_drake.paper.baselines.dreamer.world_model import Perception
+from pinwm_drake.paper.baselines.dreamer.world_model import Latent, Perception
 from pinwm_drake.validation import from_document
 
 DREAMER_FILE = "dreamer.yaml"

@@ -12,8 +12,13 @@ from pinwm_drake.learning.method import MethodData
 from pinwm_drake.learning.progress import silent
 from pinwm_drake.learning.weights import device_of, weights
 from pinwm_drake.paper.baselines.diffusion.actor import read_actor
-from pinwm_drake.paper.baselines.diffusion.collection import collect_demonstrations
-from pinwm_drake.paper.baselines.diffusion.demonstrations import Episode, Windows, episode_path, read_demonstrations
+from pinwm_drake.paper.baselines.diffusion.demonstrations import (
+    Episode,
+    Windows,
+    collect_demonstrations,
+    episode_path,
+    read_demonstrations,
+)
 from pinwm_drake.paper.baselines.diffusion.method import STAGE, DiffusionPolicy, _Learner, _learning_rate
 from pinwm_drake.paper.baselines.diffusion.options import NetworkOptions, TrainingOptions
 
