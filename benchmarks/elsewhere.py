@@ -20,7 +20,7 @@ from benchmarks.next_push.engines import bullet, mujoco
 from benchmarks.next_push.engines.rollout import rigid, twin_truth
 from benchmarks.next_push.objects import StandingAnyhow
 from pinwm_drake.experiments.evaluation.contestant import read_contestant, usual_scene
-from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.learning.evaluation import EpisodeResult, evaluate
 from pinwm_drake.learning.spec import PolicySpec

@@ -97,7 +97,8 @@ def request(cls: _Class) -> _Class:
     A field without `option` or `argument` is for Python only.
     """
     made: Any = dataclass(
-        frozen=True, config=ConfigDict(extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False)
+        frozen=True,
+        config=ConfigDict(extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False, defer_build=True),
     )(cls)
     check = made.__init__
 

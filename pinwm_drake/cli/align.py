@@ -1,78 +1,28 @@
-"""`pinwm align`: options, a bar of the fit, and its quality in a table."""
+"""`pinwm align`: a bar of the fit, and its quality in a table."""
 
 import math
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from pinwm_drake.cli.console import say, stages_bar
+from pinwm_drake.experiments.requests.identify import AlignRequest
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from pinwm_drake.rendering.fit_options import FitOptions
     from pinwm_drake.rendering.fitting import FitResult
 
 
-def align(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="IMAGES_OR_CAPTURE", help="A capture (capture.yaml), or images with a nerfstudio transforms.json."
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Argument(metavar="OUT", help="Folder for surfels.ply, align.json, align.png, turntable.mp4, view.html."),
-    ],
-    mesh: Annotated[Path | None, typer.Option(help="The object's mesh, in metres; a capture names its own.")] = None,
-    iterations: Annotated[int, typer.Option(help="Steps of the optimiser, one view each.")] = 2500,
-    max_surfels: Annotated[int, typer.Option(help="How many surfels there may be in the end.")] = 5000,
-    sh_degree: Annotated[int, typer.Option(help="Degree of the spherical harmonics, 0 to 3.")] = 3,
-    held_out: Annotated[int, typer.Option(help="Keep every so many-th view for testing only; 0 keeps none.")] = 4,
-    seed: Annotated[int, typer.Option(help="Of the first surfels and of the order of views.")] = 0,
-    threads: Annotated[int | None, typer.Option(help="Threads.", show_default="one on each core")] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where an interrupted run with the same input ended.")
-    ] = False,
-) -> None:
+def align(request: AlignRequest) -> None:
     """Fits surfels to posed images of an object: its appearance, in the frame of its mesh."""
-    from pinwm_drake.rendering.fit_options import FitOptions
-
-    options = FitOptions(
-        iterations=iterations,
-        max_surfels=max_surfels,
-        sh_degree=sh_degree,
-        held_out=held_out,
-        seed=seed,
-        num_threads=threads,
-    )
-    show_align(source, out, mesh=mesh, options=options, resume=resume)
-
-
-def show_align(source: Path, out: Path, *, mesh: Path | None, options: "FitOptions", resume: bool) -> None:
-    """Fits surfels with a bar, and prints the result.
-
-    Args:
-        source: A capture, or images with poses.
-        out: Folder of the results.
-        mesh: The object's mesh; None for that of the capture.
-        options: Options of the fit.
-        resume: Flag: the fit goes on from a checkpoint, where there is one.
-
-    Raises:
-        PinwmError: An input was refused, or a file cannot be written.
-        SystemExit: With 1, when the user interrupts the fit (Ctrl-C).
-    """
     from rich.console import Console
 
-    from pinwm_drake.experiments.alignment import align
+    from pinwm_drake.experiments.alignment import align as run
     from pinwm_drake.rendering.fitting import CHECKPOINT_FILE
     from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, FILES, read_registration
     from pinwm_drake.spatial.rotations import quaternion_log
 
-    if resume and not (out / CHECKPOINT_FILE).exists():
+    out = request.out
+    if request.resume and not (out / CHECKPOINT_FILE).exists():
         say(f"no {CHECKPOINT_FILE} in {out}: starting anew")
     iteration = 0
     try:
@@ -80,10 +30,17 @@ def show_align(source: Path, out: Path, *, mesh: Path | None, options: "FitOptio
 
             def progress(stage: str, done: float, figures: str) -> None:
                 nonlocal iteration
-                iteration = round(done * options.iterations) if stage == "fitting" else iteration
+                iteration = round(done * request.fit.iterations) if stage == "fitting" else iteration
                 show(stage, done, figures)
 
-            result = align(source, out, mesh_path=mesh, options=options, resume=resume, progress=progress)
+            result = run(
+                request.source,
+                out,
+                mesh_path=request.mesh,
+                options=request.fit,
+                resume=request.resume,
+                progress=progress,
+            )
     except KeyboardInterrupt:
         kept = "; go on with --resume" if (out / CHECKPOINT_FILE).exists() else ""
         say(f"interrupted after iteration {iteration}{kept}")

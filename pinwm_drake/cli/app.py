@@ -5,6 +5,7 @@ makes no sense; 130, 143 and 129 when Ctrl-C, SIGTERM or a closed terminal ended
 Only light modules are imported here, so that `pinwm --help` answers at once; each command imports its work.
 """
 
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -33,7 +34,10 @@ from pinwm_drake.cli.simulate import simulate
 from pinwm_drake.cli.train import train
 from pinwm_drake.cli.view import view
 from pinwm_drake.errors import PinwmError
-from pinwm_drake.experiments.requests.control import ArmRequest, ControlRequest, ExportRequest
+from pinwm_drake.experiments.requests.control import ArmRequest, ControlRequest, ExportRequest, RehearseRun
+from pinwm_drake.experiments.requests.evaluate import EvaluateRun
+from pinwm_drake.experiments.requests.identify import AlignRequest, IdentifyRequest
+from pinwm_drake.experiments.requests.train import TrainRequest
 from pinwm_drake.experiments.requests.twins import (
     CousinsRequest,
     ModelRequest,
@@ -42,6 +46,9 @@ from pinwm_drake.experiments.requests.twins import (
     ReportRequest,
     ViewRequest,
 )
+from pinwm_drake.paper.reproduce.request import ReproduceRun
+from pinwm_drake.systems.crosscheck.options import CrossCheckRequest
+from pinwm_drake.systems.runs.session_options import SimulateRequest
 
 app = typer.Typer(
     name="pinwm",
@@ -53,48 +60,28 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(demo_app)
-app.command(epilog="Example: pinwm align capture out/align; then: pinwm view out/align")(align)
-app.add_typer(capture_app, name="capture")
-add_command(
-    app,
-    ArmRequest,
-    arm,
-    name="arm",
-    example="pinwm arm; then, in another terminal: pinwm control out/bundle --engine lcm --arm",
+app.add_typer(capture_app)
+_COMMANDS: tuple[tuple[type, Callable[..., None], str], ...] = (
+    (AlignRequest, align, "pinwm align capture out/align; then: pinwm view out/align"),
+    (ArmRequest, arm, "pinwm arm; then, in another terminal: pinwm control out/bundle --engine lcm --arm"),
+    (ControlRequest, control, "pinwm control out/bundle --simulate-arm --arm --meshcat"),
+    (CousinsRequest, cousins, "pinwm cousins out/twin -o out/cousins --from-intervals"),
+    (CrossCheckRequest, crosscheck, "pinwm crosscheck out/twin --truth capture/ground_truth.yaml -o out/check"),
+    (EvaluateRun, evaluate, "pinwm evaluate out/policy --engine hydroelastic -o out/evaluation"),
+    (ExportRequest, export, "pinwm export runs/push/best out/bundle --max-speed 0.1"),
+    (IdentifyRequest, identify, "pinwm identify capture out/twin; then: pinwm report out/twin"),
+    (ModelRequest, model, "pinwm model out/twin out/model"),
+    (NextPushRequest, next_push, "pinwm next-push out/twin -o out/next --low -0.3 -0.3 --high 0.3 0.3"),
+    (PredictRequest, predict, "pinwm predict out/twin capture/episodes/0001 -o out/poses.csv"),
+    (RehearseRun, rehearse, "pinwm rehearse push_t --faults --moments 5 -o out/rehearsal"),
+    (ReportRequest, report, "pinwm report out/twin -o out/report.html"),
+    (ReproduceRun, reproduce, "pinwm reproduce policies --task push --methods pin-wm,random --plan"),
+    (SimulateRequest, simulate, "pinwm simulate push_t --engine hydroelastic --video out/push.mp4"),
+    (TrainRequest, train, "pinwm train out/twin -o out/policy; then: pinwm evaluate out/policy"),
+    (ViewRequest, view, "pinwm view out/align --html out/object.html --video out/object.mp4"),
 )
-add_command(
-    app, ControlRequest, control, name="control", example="pinwm control out/bundle --simulate-arm --arm --meshcat"
-)
-add_command(
-    app, CousinsRequest, cousins, name="cousins", example="pinwm cousins out/twin -o out/cousins --from-intervals"
-)
-app.command(epilog="Example: pinwm crosscheck out/twin --truth capture/ground_truth.yaml -o out/check")(crosscheck)
-app.command(epilog="Example: pinwm evaluate out/policy --engine hydroelastic -o out/evaluation")(evaluate)
-add_command(app, ExportRequest, export, name="export", example="pinwm export runs/push/best out/bundle --max-speed 0.1")
-app.command(epilog="Example: pinwm identify capture out/twin; then: pinwm report out/twin")(identify)
-add_command(app, ModelRequest, model, name="model", example="pinwm model out/twin out/model")
-add_command(
-    app,
-    NextPushRequest,
-    next_push,
-    name="next-push",
-    example="pinwm next-push out/twin -o out/next --low -0.3 -0.3 --high 0.3 0.3",
-)
-add_command(
-    app,
-    PredictRequest,
-    predict,
-    name="predict",
-    example="pinwm predict out/twin capture/episodes/0001 -o out/poses.csv",
-)
-app.command(epilog="Example: pinwm rehearse push_t --faults --moments 5 -o out/rehearsal")(rehearse)
-add_command(app, ReportRequest, report, name="report", example="pinwm report out/twin -o out/report.html")
-app.command(epilog="Example: pinwm reproduce policies --task push --methods pin-wm,random --plan")(reproduce)
-app.command(epilog="Example: pinwm simulate push_t --engine hydroelastic --video out/push.mp4")(simulate)
-app.command(epilog="Example: pinwm train out/twin -o out/policy; then: pinwm evaluate out/policy")(train)
-add_command(
-    app, ViewRequest, view, name="view", example="pinwm view out/align --html out/object.html --video out/object.mp4"
-)
+for _request, _run, _example in _COMMANDS:
+    add_command(app, _request, _run, name=_run.__name__.replace("_", "-"), example=_example)
 
 
 def _print_version(wanted: bool) -> None:

@@ -13,6 +13,7 @@ from pinwm_drake.cli.capture_simulate import simulate
 from pinwm_drake.cli.command import add_command
 from pinwm_drake.cli.console import say, stages_bar
 from pinwm_drake.experiments.requests.captures import CheckRequest, RefineRequest
+from pinwm_drake.systems.runs.capture_options import SimulateCaptureRequest
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -113,6 +114,10 @@ capture_app = typer.Typer(name="capture", help="Check, import, refine and simula
 add_command(capture_app, CheckRequest, check, name="check", example="pinwm capture check mycapture")
 add_command(capture_app, RefineRequest, refine, name="refine", example="pinwm capture refine mycapture refined")
 capture_app.add_typer(import_app)
-capture_app.command("simulate", epilog="Example: pinwm capture simulate mycapture --object mug --friction 0.2")(
-    simulate
+add_command(
+    capture_app,
+    SimulateCaptureRequest,
+    simulate,
+    name="simulate",
+    example="pinwm capture simulate mycapture --object mug --friction 0.2",
 )

@@ -1,71 +1,25 @@
-"""`pinwm crosscheck`: options, a bar of the pushes, a table, and one line for each verdict."""
+"""`pinwm crosscheck`: a bar of the pushes, a table, and one line for each verdict."""
 
-import math
-import os
-from pathlib import Path
-from typing import Annotated
-
-import typer
 from rich.console import Console
 
 from pinwm_drake.cli.console import say, stages_bar
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder
+from pinwm_drake.systems.crosscheck.options import CrossCheckRequest
 
 _FAILED = 1  # exit code
 _WIDTH = 100  # characters, of a table that goes to a file
 
 
-def crosscheck(
-    twin: Annotated[
-        str, typer.Argument(metavar="TWIN", help="Folder that `pinwm identify` wrote, or a .scenario.yaml file.")
-    ],
-    more: Annotated[
-        list[str] | None, typer.Argument(metavar="ENGINE", help="Further engines: --engine hydroelastic point.")
-    ] = None,
-    engine: Annotated[
-        list[str] | None,
-        typer.Option(help="Drake's contact model to compare with.", show_default="hydroelastic and point"),
-    ] = None,
-    pushes: Annotated[
-        int, typer.Option(help="Number of random pushes; of pokes where the recipe of the scene's task has these.")
-    ] = 20,
-    seed: Annotated[int, typer.Option(help="Of the pushes.")] = 0,
-    truth: Annotated[
-        Path | None,
-        typer.Option(
-            help="ground_truth.yaml of a simulated capture: the plants have the true parameters, which checks "
-            "the identified ones.",
-            show_default="the plants have those of the twin, which checks the physics",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for crosscheck.csv and crosscheck.png.")
-    ] = None,
-    threshold_translation: Annotated[
-        float, typer.Option(help="In m, for the median difference of the object's place after rest.")
-    ] = 0.003,
-    threshold_rotation: Annotated[float, typer.Option(help="In degrees, likewise of its orientation.")] = 2.0,
-    processes: Annotated[
-        int | None, typer.Option(help="That share the pushes.", show_default="2, or 1 on one core")
-    ] = None,
-) -> None:
+def crosscheck(request: CrossCheckRequest) -> None:
     """Sends the same pushes through a twin and Drake's own contact; exits with 0 for PASS and with 1 for FAIL."""
     from pinwm_drake.report.twin.data import read_ground_truth
     from pinwm_drake.systems.crosscheck.crosscheck import cross_check
-    from pinwm_drake.systems.crosscheck.options import PLANTS, CrossCheckOptions
     from pinwm_drake.systems.scenario.load import load_setup
     from pinwm_drake.tasks.registry import recipe_of
 
-    options = CrossCheckOptions(
-        engines=(*(engine or ()), *(more or ())) or PLANTS,
-        pushes=pushes,
-        seed=seed,
-        threshold_translation=threshold_translation,
-        threshold_rotation=math.radians(threshold_rotation),
-        processes=min(2, os.cpu_count() or 1) if processes is None else processes,
-    )
-    setup = load_setup(twin)
+    options, truth, out = request.resolved(), request.truth, request.out
+    setup = load_setup(request.twin)
     known = None if truth is None else read_ground_truth(truth)
     if truth is not None and not known:
         raise InputError(truth, value="no parameter of a twin", allowed="mass, friction_floor, restitution, ...")
@@ -83,9 +37,9 @@ def crosscheck(
         def moved() -> None:
             nonlocal done
             done += 1
-            show(motions, done / pushes, f"{done}/{pushes}")
+            show(motions, done / options.pushes, f"{done}/{options.pushes}")
 
-        show(motions, 0.0, f"0/{pushes}")
+        show(motions, 0.0, f"0/{options.pushes}")
         found = cross_check(setup, options, truth=known, report=moved)
     console = Console() if Console().is_terminal else Console(width=_WIDTH)
     if (table := found.table()) is not None:
@@ -99,4 +53,4 @@ def crosscheck(
         for path in found.write(out, setup, question):
             say(f"wrote {path}")
     if not found.passed:
-        raise typer.Exit(_FAILED)
+        raise SystemExit(_FAILED)

@@ -1,14 +1,9 @@
-"""`pinwm identify`: options, a bar of the search, and the values that were found in a table."""
+"""`pinwm identify`: bars, and the values that were found in a table."""
 
-import math
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from pinwm_drake.cli.align import show_align
 from pinwm_drake.cli.console import say, stages_bar
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.experiments.requests.identify import IdentifyRequest
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -19,44 +14,7 @@ if TYPE_CHECKING:
 _UNEXPLAINED = 0.01  # loss; two rolls of a mug had 0.013 and 0.019, pushes of a T-block 0.0008
 
 
-def identify(
-    capture: Annotated[Path, typer.Argument(metavar="CAPTURE", help="A capture: images of an object and of a push.")],
-    twin: Annotated[Path, typer.Argument(metavar="TWIN", help="Folder of the twin; surfels that are in it are used.")],
-    episode: Annotated[
-        list[str] | None,
-        typer.Option(help="Which push; repeat it for several at once.", show_default="the first of the capture"),
-    ] = None,
-    free: Annotated[
-        list[str] | None,
-        typer.Option(help="A physical unknown to look for, instead of the four below; repeat it."),
-    ] = None,
-    hold: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="Hold an unknown at a value, or begin there.")
-    ] = None,
-    without: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Switch a nuisance off, such as time_offset; repeat it.")
-    ] = None,
-    support: Annotated[
-        str,
-        typer.Option(
-            help="How the pressure on the floor is spread: auto looks for it, patch holds it even, corners at the rim."
-        ),
-    ] = "auto",
-    directions: Annotated[int | None, typer.Option(hidden=True, help="Accepted without effect.")] = None,
-    time_step: Annotated[
-        float,
-        typer.Option(
-            help="s, of the physics. With long steps what is round rolls too short a way; where it rolled: 0.001.",
-            show_default="1/240",
-        ),
-    ] = 1.0 / 240.0,
-    starts: Annotated[int, typer.Option(help="Random starts of the optimiser.")] = 4,
-    seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
-    threads: Annotated[int | None, typer.Option(help="Threads.", show_default="one on each core")] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where an interrupted run with the same input ended.")
-    ] = False,
-) -> None:
+def identify(request: IdentifyRequest) -> None:
     """Finds friction and horizontal moments of a twin that reproduces the video of one push, or of several.
 
     By default friction_floor, friction_pusher, moment_xx, moment_yy and the nuisances are looked for; mass, moment_zz
@@ -67,38 +25,29 @@ def identify(
 
     from pinwm_drake.documents import ROUND_CONE, warn_without_effect
     from pinwm_drake.experiments.twins import has_surfels, read_pushes, twin_from_capture
-    from pinwm_drake.files import prepare_folder
     from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
-    from pinwm_drake.identification.options import IdentifyOptions
-    from pinwm_drake.rendering.fit_options import FitOptions
     from pinwm_drake.report.twin.score import pose_errors
 
-    if directions is not None:
+    if request.directions is not None:
         warn_without_effect("pinwm identify", "--directions", ROUND_CONE)
-    names, values = _choose(free, hold, without)
-    options = IdentifyOptions(
-        free=names,
-        held=values,
-        support=support,  # type: ignore[arg-type]  # IdentifyOptions refuses what it does not know
-        time_step=time_step,
-        starts=starts,
-        seed=seed,
-        num_threads=threads,
-    )
-    _, pushes = read_pushes(capture, episode or ())
-    prepare_folder(twin)
+    options, twin = request.options(), request.twin
+    _, pushes = read_pushes(request.capture, request.episodes)
     if not has_surfels(twin):
         say(f"no surfels in {twin}: aligning first")
-        show_align(capture, twin, mesh=None, options=FitOptions(), resume=resume)
-    if resume and not (twin / CHECKPOINT_FILE).exists():
+    if request.resume and not (twin / CHECKPOINT_FILE).exists():
         say(f"no {CHECKPOINT_FILE} in {twin}: starting anew")
     try:
         with stages_bar() as progress:
             result = twin_from_capture(
-                capture, twin, episodes=episode or (), options=options, resume=resume, progress=progress
+                request.capture,
+                twin,
+                episodes=request.episodes,
+                options=options,
+                resume=request.resume,
+                progress=progress,
             )
     except KeyboardInterrupt:
-        say("interrupted" + ("; go on with --resume" if (twin / CHECKPOINT_FILE).exists() else ""))
+        say("interrupted" + ("; go on with --resume" if twin.is_dir() and any(twin.glob("*checkpoint*")) else ""))
         raise SystemExit(1) from None
     Console().print(_summary(result))
     if force := result.twin.provenance.get("force"):
@@ -110,45 +59,6 @@ def identify(
         if errors is not None:
             say(f"episode {push.name}: score against object_poses.csv, which was not used: {errors.words()}")
     say(f"wrote {twin / 'twin.yaml'}; look at it with: pinwm report {twin}")
-
-
-def _choose(
-    free: list[str] | None, hold: list[str] | None, without: list[str] | None
-) -> tuple[tuple[str, ...], dict[str, float]]:
-    """Names of the free unknowns, and values of the held ones.
-
-    Args:
-        free: Names of physical unknowns to look for, instead of the default ones; nuisances are looked for as well.
-        hold: Texts NAME=VALUE; such an unknown is held, or begins there where `free` names it.
-        without: Names of unknowns to leave out.
-
-    Returns:
-        Names of the free unknowns, and values by name.
-
-    Raises:
-        ParameterError: A name is unknown, or a value is no number.
-    """
-    from pinwm_drake.identification.unknowns import DEFAULT_FREE, NUISANCES, UNKNOWNS
-
-    values = {}
-    for text in hold or []:
-        name, equals, number = text.partition("=")
-        try:
-            values[name] = float(number)
-        except ValueError:
-            values[name] = math.nan
-        if not equals or not math.isfinite(values[name]):
-            raise ParameterError(f"--hold: got {text!r}; allowed: NAME=VALUE, as in friction_pusher=0.2")
-    for option, names in (("--free", free), ("--hold", list(values)), ("--without", without)):
-        for name in names or []:
-            if name not in UNKNOWNS:
-                raise ParameterError(f"{option}: got {name!r}; allowed: {', '.join(UNKNOWNS)}")
-    left_out = {*(without or []), *(name for name in values if name not in (free or []))}
-    wanted = (*free, *NUISANCES) if free else DEFAULT_FREE
-    chosen = tuple(name for name in wanted if name not in left_out)
-    if not chosen:
-        raise ParameterError("no unknown is left; allowed: one or more free ones")
-    return tuple(dict.fromkeys(chosen)), values
 
 
 def _doubt(loss: float) -> str:

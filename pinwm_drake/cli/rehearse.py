@@ -1,69 +1,25 @@
-"""`pinwm rehearse`: options, a bar, and the table of faults."""
+"""`pinwm rehearse`: a bar, and the table of faults."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
 from rich.console import Console
 from rich.table import Table
 
 from pinwm_drake.cli.console import progress_bar, say
+from pinwm_drake.experiments.requests.control import RehearseRun
 
 if TYPE_CHECKING:
     from pinwm_drake.experiments.rehearsal.run import Trial
 
 
-def rehearse(
-    bundle: Annotated[
-        str, typer.Argument(metavar="BUNDLE", help="Folder that `pinwm export` wrote, or the name of one that ships.")
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the results, new or empty.")] = Path(
-        "out/rehearsal"
-    ),
-    scene: Annotated[
-        str | None,
-        typer.Option(
-            help="A scenario that ships, a .scenario.yaml file, or the folder of a twin.",
-            show_default="that of the bundle's task and object",
-        ),
-    ] = None,
-    goal: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(help="x [m], y [m] and yaw [rad] of the object, for a bundle that is told its goal."),
-    ] = None,
-    faults: Annotated[bool, typer.Option("--faults", help="Bring about faults at random moments.")] = False,
-    moments: Annotated[int, typer.Option(help="Random moments of each kind of fault.")] = 5,
-    kind: Annotated[
-        list[str] | None, typer.Option(help="A kind of fault; may be given again.", show_default="all")
-    ] = None,
-    minutes: Annotated[float, typer.Option(help="Of normal work, at least.")] = 0.0,
-    episodes: Annotated[
-        int | None, typer.Option(help="Of normal work, at least.", show_default="none with --faults, else 10")
-    ] = None,
-    latency: Annotated[float, typer.Option(help="s, between an image's exposure and its arrival.")] = 0.0,
-    port: Annotated[int, typer.Option(help="Of LCM on this machine; two rehearsals at once need two.")] = 7690,
-    seed: Annotated[int, typer.Option(help="Of moments and starts.")] = 0,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted rehearsal ended.")] = False,
-) -> None:
+def rehearse(request: RehearseRun) -> None:
     """Rehearses a bundle with a simulated arm over LCM in real time: normal work, or faults that have to stop it."""
     from pinwm_drake.experiments.rehearsal.report import REPORT_FILE, write_rehearsal_report
-    from pinwm_drake.experiments.rehearsal.run import RehearseRequest, shortfall, summary
     from pinwm_drake.experiments.rehearsal.run import rehearse as run
+    from pinwm_drake.experiments.rehearsal.run import shortfall, summary
 
-    normal = 0 if faults or minutes else 10
-    request = RehearseRequest(
-        bundle=bundle,
-        scene=scene,
-        goal=goal,
-        moments=moments if faults else 0,
-        kinds=tuple(kind or ()),
-        minutes=minutes,
-        episodes=normal if episodes is None else episodes,
-        latency=latency,
-        port=port,
-        seed=seed,
-    )
-    short = shortfall(request)
+    rehearsal, out = request.rehearsal, request.out
+    short = shortfall(rehearsal)
     if short:
         say(f"the arm is slower than the policy was trained for: {short}")
     done, bad = 0, 0
@@ -77,12 +33,12 @@ def rehearse(
                 figures = f"{bad} not as they should be; {trial.kind or 'normal work'}: {trial.state}"
                 bar.update(task, completed=number, total=max(total, number) if total else None, figures=figures)
 
-            trials = run(request, out, resume=resume, report=report)
+            trials = run(rehearsal, out, resume=request.resume, report=report)
     except KeyboardInterrupt:
         say(f"interrupted after {done} trials; go on with --resume")
         raise SystemExit(1) from None
     Console().print(_table(summary(trials)))
-    write_rehearsal_report(out / REPORT_FILE, request, trials)
+    write_rehearsal_report(out / REPORT_FILE, rehearsal, trials)
     say(f"wrote {out / REPORT_FILE}")
     wrong = [trial for trial in trials if not trial.good]
     for trial in wrong[:10]:

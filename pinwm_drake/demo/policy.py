@@ -3,14 +3,15 @@
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import torch
 
 from pinwm_drake.demo.options import DemoOptions
 from pinwm_drake.experiments.evaluation.contestant import read_contestant
 from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner
-from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.results import episode_film
+from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.film import EpisodeFilm
@@ -36,7 +37,7 @@ class Performance:
     horizon: float
 
 
-def run_policy(options: DemoOptions, scene: str, engine: str) -> Performance:
+def run_policy(options: DemoOptions, scene: str, engine: Literal["twin", "hydroelastic"]) -> Performance:
     """Lets the policy act in one episode.
 
     Args:

@@ -9,7 +9,8 @@ from typing import Any
 
 import torch
 
-from pinwm_drake.experiments.training import TrainRequest, method_of, worlds_of
+from pinwm_drake.experiments.requests.train import TrainRequest
+from pinwm_drake.experiments.training import method_of, worlds_of
 from pinwm_drake.learning.distil import DistilOptions
 from pinwm_drake.learning.method import MethodData
 from pinwm_drake.learning.pin_wm import Distillation, ImagePpo, StatePpo

@@ -1,8 +1,7 @@
 """The training of a policy of a task in the cousins of a twin, in one or two stages, with all files that it leaves."""
 
-import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import torch
 
 from pinwm_drake.cousins.domain import CousinDomains, DomainSource
 from pinwm_drake.errors import InputError, require
+from pinwm_drake.experiments.requests.train import TrainRequest
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.distil import DistilOptions
 from pinwm_drake.learning.export import check_exportable
@@ -29,90 +29,11 @@ from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks import DEFAULT_TASK
-from pinwm_drake.tasks.registry import recipe_of, task_names
+from pinwm_drake.tasks.registry import recipe_of
 from pinwm_drake.tasks.task import Task
 from pinwm_drake.twin.twin import Twin
 
-METHODS = ("distil", "ppo", "state")
-ALGORITHMS = ("sac", "ppo")
-GOALS = ("fixed", "random")
 FIGURE_FILE = "training.png"
-
-
-@dataclass(frozen=True)
-class TrainRequest:
-    """Request of a training: fields named, and in units, as the options of `pinwm train`, which describes them.
-
-    Raises:
-        ParameterError: An option is none of those allowed.
-    """
-
-    scene: str
-    out: Path
-    in_scene: str | None = None
-    task: str | None = None
-    method: str = "distil"
-    algorithm: str | None = None
-    delta: float = 0.1
-    from_intervals: bool = False
-    yaw: float | None = None
-    tolerance: float | None = None
-    turn_tolerance: float | None = None
-    latency: tuple[float, float] = (0.0, 0.0)
-    as_filmed: bool = False
-    goals: str = "fixed"
-    goal_reach: float = 0.1
-    goal_turn: float = math.pi
-    seed: int = 0
-    worlds: int = 64
-    image_size: int = 64
-    frames: int = 3
-    history: int = 0
-    max_translation: float | None = None
-    steps: int | None = None
-    round_steps: int | None = None
-    rounds: int | None = None
-    images: int | None = None
-    updates: int | None = None
-    episodes: int | None = None
-    shift: int | None = None
-    mask_error: float = 0.0
-    auxiliary: bool = True
-    teacher: Path | None = None
-    target: float | None = None
-    minutes: float | None = None
-    threads: int | None = None
-    device: str = "cpu"
-    resume: bool = False
-
-    def __post_init__(self) -> None:
-        """Checks the options that nothing else checks."""
-        require("--method", repr(self.method), self.method in METHODS, ", ".join(METHODS))
-        known = self.algorithm is None or self.algorithm in ALGORITHMS
-        require("--algorithm", repr(self.algorithm), known, ", ".join(ALGORITHMS))
-        for name in ("worlds", "threads", "steps", "round_steps", "rounds", "images", "updates", "episodes"):
-            value = getattr(self, name)
-            require(f"--{name.replace('_', '-')}", value, value is None or value >= 1, "1 or more")
-        reached = self.target is None or 0.0 < self.target <= 1.0
-        require("--target", self.target, reached, "more than 0, up to 1")
-        require("--minutes", self.minutes, self.minutes is None or self.minutes > 0.0, "more than 0")
-        require("--seed", self.seed, self.seed >= 0, "0 or more")
-        require("--yaw", self.yaw, self.yaw is None or 0.0 <= self.yaw <= math.pi + 1e-9, "0 to pi")
-        require("--goals", repr(self.goals), self.goals in GOALS, ", ".join(GOALS))
-        draws = task_names("goal_range")
-        drawn = self.goals == "fixed" or self.task in (None, *draws)
-        require("--goals", f"{self.goals} with task {self.task}", drawn, f"fixed, or random with {', '.join(draws)}")
-        require("--goal-reach", self.goal_reach, 0.0 <= self.goal_reach < math.inf, "0 or more")
-        require("--goal-turn", self.goal_turn, 0.0 <= self.goal_turn <= math.pi + 1e-9, "0 to pi")
-        least, most = self.latency
-        require("--latency", f"{least} to {most}", 0.0 <= least <= most < math.inf, "0 or more, the least first")
-        learned = self.mask_error == 0.0 or self.method == "distil"
-        require("--mask-error", f"{self.mask_error} with method {self.method}", learned, "with method distil")
-        require("--mask-error", self.mask_error, 0.0 <= self.mask_error <= 1.0, "0 to 1")
-        require("--no-auxiliary", f"method {self.method}", self.auxiliary or self.method == "ppo", "with method ppo")
-        require_device("--device", self.device)
-        with_teacher = self.teacher is None or self.method == "distil"
-        require("--teacher", f"one for method {self.method}", with_teacher, "with method distil")
 
 
 def train(
@@ -162,7 +83,8 @@ def train(
 
 
 def check_new(request: TrainRequest) -> None:
-    """Raises InputError where the folder of a request that is not to go on holds a training."""
+    """Raises InputError where the folder of a request that is not to go on holds a training; and checks its device."""
+    require_device("--device", request.device)
     if not request.resume and any((request.out / stage / CHECKPOINT_FILE).exists() for stage in STAGES):
         raise InputError(request.out, value="a training that was begun", allowed="a new folder, or --resume to go on")
 

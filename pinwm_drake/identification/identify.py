@@ -119,7 +119,7 @@ def identify(
             **to_plain({name: value for name, value in asdict(options).items() if name not in _MAY_CHANGE}),
         }
         found = Search(task, options, folder=folder, about=about, resume=resume, report=report).run()
-        unknown = capture.object.mass is None and "mass" not in (*options.held, *options.free)
+        unknown = capture.object.mass is None and "mass" not in (*options.held, *options.names)
         scale = find_mass_scale(forwards, coordinates, found.posterior, options.seed) if unknown else None
     finally:
         torch.set_num_threads(wide)
@@ -196,7 +196,7 @@ def _coordinates(
     A camera is as far off as the object that it shows is away from where the static views have it; starts (3,) are what
     `find_start` found.
     """
-    free, held = options.free, {"mass": mass, **options.held}
+    free, held = options.names, {"mass": mass, **options.held}
     if options.support != "auto":
         free = tuple(name for name in free if name not in _SUPPORT)
         R_WO = quaternion_to_matrix(capture.object.X_WO.q).numpy()

@@ -1,21 +1,26 @@
 """Options of an identification."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import field
+from typing import Annotated, Literal
 
-from pinwm_drake.errors import ParameterError
-from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates
-from pinwm_drake.scene import Support
-from pinwm_drake.threads import available
+from pydantic import Field
+
+from pinwm_drake.request import ADVANCED, BUDGET, option, request
+
+_MANY = 100_000
+_Count = Annotated[int, Field(ge=1, le=_MANY)]
+_CountFrom0 = Annotated[int, Field(ge=0, le=_MANY)]
+_CountFrom2 = Annotated[int, Field(ge=2, le=_MANY)]
+_Size = Annotated[float, Field(ge=8, le=4096)]
 
 
-@dataclass(frozen=True)
+@request
 class IdentifyOptions:
     """Options of the search for the unknowns.
 
     Attributes:
-        free: Names of the free unknowns; see `unknowns.UNKNOWNS`.
+        free: Names of the free unknowns, see `unknowns.UNKNOWNS`; None for `unknowns.DEFAULT_FREE`.
         held: Physical values of unknowns that are held, or at which free ones begin.
         support: How the pressure on the face that the object rests on is spread: "auto" looks for it, "patch" holds it
             even, "corners" holds it as if the corners alone carried.
@@ -32,51 +37,53 @@ class IdentifyOptions:
         checkpoint_every: Steps between two checkpoints.
     """
 
-    free: tuple[str, ...] = DEFAULT_FREE
+    free: tuple[str, ...] | None = None
     held: Mapping[str, float] = field(default_factory=dict)
-    support: Literal["auto"] | Support = "auto"
-    seed: int = 0
-    screened: int = 64
-    starts: int = 4
-    coarse_iterations: int = 50
-    fine_iterations: int = 8
-    moves: int = 50
-    coarse_size: float = 40.0
-    fine_size: float = 130.0
-    coarse_frames: int = 12
-    fine_frames: int = 40
-    time_step: float = 1.0 / 240.0
-    num_threads: int | None = None
-    checkpoint_every: int = 5
+    support: Annotated[
+        Literal["auto", "corners", "patch"],
+        option("Spread of the pressure on the floor: estimated, at the rim, or even.", group=ADVANCED),
+    ] = "auto"
+    time_step: Annotated[
+        float,
+        option(
+            "Time step of the physics. Rolling objects need 0.001.",
+            group=ADVANCED,
+            unit="s",
+            ge=1e-5,
+            le=0.05,
+            default="1/240",
+        ),
+    ] = 1.0 / 240.0
+    starts: Annotated[int, option("Random starts of the optimiser.", group=BUDGET, ge=1, le=1000)] = 4
+    num_threads: Annotated[int | None, option("Threads.", "--threads", group=BUDGET, ge=1, default="one a core")] = None
+    seed: Annotated[int, option("Seed of the random starts.", group=ADVANCED, ge=0, le=2**63 - 1)] = 0
+    screened: _Count = 64
+    coarse_iterations: _CountFrom0 = 50
+    fine_iterations: _CountFrom0 = 8
+    moves: _CountFrom2 = 50
+    coarse_size: _Size = 40.0
+    fine_size: _Size = 130.0
+    coarse_frames: _CountFrom2 = 12
+    fine_frames: _CountFrom2 = 40
+    checkpoint_every: _Count = 5
 
     def __post_init__(self) -> None:
-        """Raises ParameterError where an option is out of its range."""
-        Coordinates(self.free, self.held)
-        for name, low, high in (
-            ("seed", 0, 2**63 - 1),
-            ("screened", 1, 100_000),
-            ("starts", 1, 1000),
-            ("coarse_iterations", 0, 100_000),
-            ("fine_iterations", 0, 100_000),
-            ("moves", 2, 100_000),
-            ("coarse_frames", 2, 100_000),
-            ("fine_frames", 2, 100_000),
-            ("checkpoint_every", 1, 100_000),
-            ("coarse_size", 8.0, 4096.0),
-            ("fine_size", 8.0, 4096.0),
-            ("time_step", 1e-5, 0.05),
-        ):
-            value = getattr(self, name)
-            whole = isinstance(value, int) and not isinstance(value, bool)
-            if (isinstance(low, int) and not whole) or not low <= value <= high:
-                words = f"{low} to {high}" if isinstance(low, int) else f"{low:g} to {high:g}"
-                raise ParameterError(f"{name} is {value}; allowed: {words}")
-        if self.num_threads is not None and self.num_threads < 1:
-            raise ParameterError(f"num_threads is {self.num_threads}; allowed: at least 1")
-        if self.support not in ("auto", "corners", "patch"):
-            raise ParameterError(f"support is {self.support!r}; allowed: auto, corners or patch")
+        """Raises ParameterError where an unknown is free or held that there is not."""
+        from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates
+
+        if self.free is None:
+            object.__setattr__(self, "free", DEFAULT_FREE)
+        Coordinates(self.names, self.held)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free unknowns."""
+        assert self.free is not None
+        return self.free
 
     @property
     def threads(self) -> int:
         """Threads of physics and renderer."""
+        from pinwm_drake.threads import available
+
         return self.num_threads or available()

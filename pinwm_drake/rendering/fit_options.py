@@ -1,22 +1,20 @@
 """Options of fitting surfels to images."""
 
-from dataclasses import dataclass
-from types import NoneType
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Literal
 
-from annotated_types import Interval
+from pydantic import Field
 
-from pinwm_drake.errors import ParameterError
-from pinwm_drake.rendering.surfels import MAX_DEGREE
+from pinwm_drake.errors import require
+from pinwm_drake.request import ADVANCED, BUDGET, DATA, option, request
 
 _MANY = 10_000_000
-_Count = Annotated[int, Interval(ge=1, le=_MANY)]
-_CountFrom0 = Annotated[int, Interval(ge=0, le=_MANY)]
-_UpToOne = Annotated[float, Interval(ge=0.0, le=1.0)]
-_Weight = Annotated[float, Interval(ge=0.0, le=1e6)]
+_Count = Annotated[int, Field(ge=1, le=_MANY)]
+_CountFrom0 = Annotated[int, Field(ge=0, le=_MANY)]
+_UpToOne = Annotated[float, Field(ge=0, le=1)]
+_Weight = Annotated[float, Field(ge=0, le=1e6)]
 
 
-@dataclass(frozen=True)
+@request
 class FitOptions:
     """Options of `fit`; the defaults suit an object of some 300 px, and fewer iterations do for fewer pixels.
 
@@ -61,50 +59,51 @@ class FitOptions:
         ParameterError: a value is out of range; the message names it.
     """
 
-    iterations: _Count = 2500
-    max_surfels: _Count = 5000
+    iterations: Annotated[int, option("Steps of the optimiser, one view each.", group=BUDGET, ge=1, le=_MANY)] = 2500
+    max_surfels: Annotated[int, option("Largest number of surfels.", group=BUDGET, ge=1, le=_MANY)] = 5000
     first_surfels: _Count | None = None
     crease_share: _UpToOne = 0.7
-    sh_degree: Annotated[int, Interval(ge=0, le=MAX_DEGREE)] = 3
+    sh_degree: Annotated[int, option("Degree of the spherical harmonics.", group=ADVANCED, ge=0, le=3)] = 3
     sh_every: _Count = 700
-    held_out: _CountFrom0 = 4
+    held_out: Annotated[
+        int, option("Interval of views kept for testing; 0 keeps none.", group=DATA, ge=0, le=_MANY)
+    ] = 4
     photometric: Literal["l1", "l2"] = "l1"
     dssim: _UpToOne = 0.2
     distortion: _Weight = 0.1
     normal: _Weight = 0.02
     silhouette: _Weight = 4.0
-    silhouette_spread: Annotated[float, Interval(ge=0.0, le=3.2)] = 0.3
+    silhouette_spread: Annotated[float, Field(ge=0.0, le=3.2)] = 0.3
     silhouette_every: _Count = 2
     geometry_every: _Count = 10
     coarse: _UpToOne = 0.1
-    margin: Annotated[int, Interval(ge=0, le=1000)] = 12
+    margin: Annotated[int, Field(ge=0, le=1000)] = 12
     rate_position: _UpToOne = 5e-4
     rate_rotation: _UpToOne = 2e-3
     rate_scale: _UpToOne = 1e-2
     rate_opacity: _UpToOne = 5e-2
     rate_color: _UpToOne = 5e-3
     rate_camera: _UpToOne = 0.02
-    final_rate: Annotated[float, Interval(ge=1e-6, le=1.0)] = 0.02
+    final_rate: Annotated[float, Field(ge=1e-6, le=1.0)] = 0.02
     densify_from: _UpToOne = 0.02
     densify_until: _UpToOne = 0.6
     densify_every: _Count = 100
     growth: _UpToOne = 0.1
-    least_opacity: Annotated[float, Interval(ge=0.0, le=0.5)] = 0.02
+    least_opacity: Annotated[float, Field(ge=0.0, le=0.5)] = 0.02
     evaluate_every: _CountFrom0 = 500
     checkpoint_every: _Count = 500
-    seed: Annotated[int, Interval(ge=0, le=2**31 - 1)] = 0
-    num_threads: Annotated[int, Interval(ge=1, le=1024)] | None = None
+    seed: Annotated[
+        int, option("Seed of the first surfels and of the order of views.", group=ADVANCED, ge=0, le=2**31 - 1)
+    ] = 0
+    num_threads: Annotated[
+        int | None, option("Threads.", "--threads", group=BUDGET, ge=1, le=1024, default="one a core")
+    ] = None
     backend: Literal["numba", "torch"] = "numba"
 
     def __post_init__(self) -> None:
-        for name, hint in get_type_hints(FitOptions, include_extras=True).items():
-            _check(name, getattr(self, name), hint)
-        if self.held_out == 1:
-            raise ParameterError("held_out is 1, which leaves no view to fit; allowed: 0, or 2 and more")
-        if self.first_surfels is not None and self.first_surfels > self.max_surfels:
-            raise ParameterError(
-                f"first_surfels is {self.first_surfels}; allowed: 1 to max_surfels = {self.max_surfels}"
-            )
+        require("--held-out", "1, which leaves no view to fit", self.held_out != 1, "0, or 2 and more")
+        few = self.first_surfels is None or self.first_surfels <= self.max_surfels
+        require("first_surfels", self.first_surfels, few, f"1 to max_surfels = {self.max_surfels}")
 
     def degree(self, iteration: int) -> int:
         """Degree of the harmonics in an iteration, counted from 0."""
@@ -118,18 +117,3 @@ class FitOptions:
         """Flag: surfels are added and taken away after this many iterations."""
         low, high = self.densify_from * self.iterations, self.densify_until * self.iterations
         return low <= iteration <= high and iteration % self.densify_every == 0 and iteration < self.iterations
-
-
-def _check(name: str, value: object, hint: Any) -> None:
-    """Raises ParameterError unless a value is one of a `Literal`, in the `Interval` of its type, or an allowed None."""
-    optional = NoneType in get_args(hint)
-    kind, *span = get_args(get_args(hint)[0] if optional else hint)
-    if get_origin(hint) is Literal:
-        if value not in get_args(hint):
-            raise ParameterError(f"{name} is {value!r}; allowed: {' or '.join(map(repr, get_args(hint)))}")
-    elif value is None and optional:
-        return
-    elif kind is int and (isinstance(value, bool) or not isinstance(value, int)):
-        raise ParameterError(f"{name} is {value!r}; allowed: a whole number")
-    elif isinstance(value, bool) or not isinstance(value, int | float) or not span[0].ge <= value <= span[0].le:
-        raise ParameterError(f"{name} is {value!r}; allowed: {span[0].ge} to {span[0].le}")

@@ -1,48 +1,74 @@
-"""Options of a cross-check."""
+"""Requests of a cross-check: what `pinwm crosscheck` does. Light, as the command line reads it."""
 
+import dataclasses
 import math
-from dataclasses import dataclass
+import os
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
 
 from pinwm_drake.errors import ParameterError, require
-from pinwm_drake.systems.scenario.schema import ENGINES
+from pinwm_drake.request import ADVANCED, BUDGET, DATA, FLATTEN, LAB, argument, option, request
 
-PLANTS = tuple(name for name in ENGINES if name != "twin")
-_MOST_PUSHES, _MOST_PROCESSES = 10_000, 64
+PLANTS = ("hydroelastic", "point")
 
 
-@dataclass(frozen=True)
+@request
 class CrossCheckOptions:
     """Options of a cross-check: engines, pushes, and thresholds of agreement.
-
-    Attributes:
-        engines: Drake's contact models, each compared with the twin.
-        pushes: Number of pushes.
-        seed: Seed of the pushes.
-        threshold_translation: m, largest median over the pushes of the difference after rest.
-        threshold_rotation: rad, likewise.
-        processes: Number of processes that share the pushes.
 
     Raises:
         ParameterError: An option is out of range.
     """
 
-    engines: tuple[str, ...] = PLANTS
-    pushes: int = 20
-    seed: int = 0
-    threshold_translation: float = 3e-3
-    threshold_rotation: float = math.radians(2.0)
-    processes: int = 1
+    engines: Annotated[
+        tuple[str, ...], option("Drake's contact model; repeat it.", "--engine", default="hydroelastic, point")
+    ] = PLANTS
+    pushes: Annotated[int, option("Number of random pushes, or pokes for a flip.", group=BUDGET, ge=1, le=10_000)] = 20
+    processes: Annotated[int, Field(ge=1, le=64)] = 1
+    threshold_translation: Annotated[
+        float, option("Largest median difference of the place after rest.", group=LAB, unit="m", gt=0, le=1)
+    ] = 3e-3
+    threshold_rotation: Annotated[
+        float, option("Largest median difference of the orientation after rest.", group=LAB, unit="deg", gt=0, le=180)
+    ] = 2.0
+    seed: Annotated[int, option("Seed of the pushes.", group=ADVANCED, ge=0, lt=2**63, allowed="0 or more")] = 0
 
     def __post_init__(self) -> None:
-        """Checks names and numbers."""
+        """Checks the names of the engines."""
         for name in self.engines:
             if name not in PLANTS:
                 raise ParameterError(f"engine: got {name!r}; allowed: {', '.join(PLANTS)}")
-        if not self.engines or len(set(self.engines)) != len(self.engines):
-            raise ParameterError(f"engines: got {', '.join(self.engines) or 'none'}; allowed: one or more, each once")
-        require("pushes", self.pushes, 1 <= self.pushes <= _MOST_PUSHES, f"1 to {_MOST_PUSHES}")
-        require("seed", self.seed, 0 <= self.seed < 2**63, "0 or more")
-        require("processes", self.processes, 1 <= self.processes <= _MOST_PROCESSES, f"1 to {_MOST_PROCESSES}")
-        translation, rotation = self.threshold_translation, self.threshold_rotation
-        require("threshold of translation", translation, 0 < translation <= 1, "more than 0, up to 1 m")
-        require("threshold of rotation", rotation, 0 < rotation <= math.pi, "more than 0, up to pi rad")
+        once = bool(self.engines) and len(set(self.engines)) == len(self.engines)
+        require("engines", ", ".join(self.engines) or "none", once, "one or more, each once")
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Thresholds of translation [m] and rotation [rad]."""
+        return self.threshold_translation, math.radians(self.threshold_rotation)
+
+
+@request
+class CrossCheckRequest:
+    """Request of a cross-check of a twin with its files."""
+
+    twin: Annotated[str, argument("Folder of a twin, or a .scenario.yaml file.", "TWIN", completes="scene")]
+    more: Annotated[tuple[str, ...], argument("Further engines, as in --engine hydroelastic point.", "ENGINE")] = ()
+    options: Annotated[CrossCheckOptions, FLATTEN] = dataclasses.field(default_factory=CrossCheckOptions)
+    processes: Annotated[
+        int | None, option("Processes that share the pushes.", group=BUDGET, default="2, or 1 on one core")
+    ] = None
+    truth: Annotated[
+        Path | None,
+        option("ground_truth.yaml that gives the plants' parameters.", group=DATA, default="those of the twin"),
+    ] = None
+    out: Annotated[
+        Path | None, option("Folder for crosscheck.csv and crosscheck.png.", "--out", "-o", result="inside")
+    ] = None
+
+    def resolved(self) -> CrossCheckOptions:
+        """Options with all engines and a number of processes."""
+        engines = self.options.engines if self.options.engines != PLANTS or not self.more else ()
+        processes = min(2, os.cpu_count() or 1) if self.processes is None else self.processes
+        return dataclasses.replace(self.options, engines=(*engines, *self.more), processes=processes)

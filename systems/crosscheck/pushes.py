@@ -85,7 +85,7 @@ class Verdict:
     def words(self, options: CrossCheckOptions) -> str:
         """The verdict in one line."""
         most = _pair(self.most_translation, self.most_rotation)
-        limits = _pair(options.threshold_translation, options.threshold_rotation)
+        limits = _pair(*options.limits)
         line = f"{self.engine}: median of {options.pushes} pushes {1e3 * self.median_translation:.2f} mm, "
         line += f"{math.degrees(self.median_rotation):.2f}° (at most {most[0]} mm, {most[1]}°); "
         line += f"threshold of the medians {limits[0]} mm and {limits[1]}°"
@@ -182,7 +182,7 @@ class PushCheck:
                 )
                 for verdict in self.verdicts
             ],
-            thresholds=(options.threshold_translation, options.threshold_rotation),
+            thresholds=options.limits,
             mesh=load_mesh(setup.twin.mesh_path),
             worst=worst,
             paths={name: (motion.p_WO, motion.q_WO) for name, motion in motions.items()},
@@ -193,7 +193,7 @@ class PushCheck:
 
     def worst(self) -> int:
         """Index of the push with the largest difference after rest, in units of the thresholds."""
-        limits = self.options.threshold_translation, self.options.threshold_rotation
+        limits = self.options.limits
         scores = [
             max(max(d.translation / limits[0], d.rotation / limits[1]) for d in push.differences.values())
             for push in self.pushes
@@ -238,7 +238,7 @@ def _judge(engine: str, results: list[PushComparison], options: CrossCheckOption
         most_rotation=float(rotation.max()),
         unsound=sum(not (a.sound and b.sound) for a, b in pairs),
         rising=sum(a.energy_rises or b.energy_rises for a, b in pairs),
-        passed=medians[0] <= options.threshold_translation and medians[1] <= options.threshold_rotation,
+        passed=medians[0] <= options.limits[0] and medians[1] <= options.limits[1],
     )
 
 

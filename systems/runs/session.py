@@ -2,72 +2,26 @@
 
 import contextlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.geometry import Meshcat
 
-from pinwm_drake.capture.episode_tables import TRAJECTORY_FILE, read_trajectory
-from pinwm_drake.errors import InputError, require
+from pinwm_drake.capture.episode_tables import read_trajectory
 from pinwm_drake.files import appearing
 from pinwm_drake.report.video import write_video
 from pinwm_drake.systems.pusher.choice import random_push
 from pinwm_drake.systems.runs.episode import Episode, Record
 from pinwm_drake.systems.runs.episode_folder import EpisodeFolder, start_of_log
 from pinwm_drake.systems.runs.film import Film
-from pinwm_drake.systems.scenario.schema import ENGINES
+from pinwm_drake.systems.runs.session_options import SessionOptions
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import SceneStation, make_station
 from pinwm_drake.systems.view.meshcat import make_meshcat, recorded
 
-STRAIGHT = "straight"
 SessionProgress = Callable[[str, float, str], None]
 _FRAME_RATE = 30.0  # 1/s, of video and images, in simulated time
-
-
-@dataclass(frozen=True)
-class SessionOptions:
-    """A session, named and in units as the options of `pinwm simulate`, which describes them.
-
-    Raises:
-        ParameterError: One is out of range.
-    """
-
-    engine: str | None
-    seed: int | None
-    duration: float | None
-    push: str
-    meshcat: bool
-    host: str
-    port: int | None
-    record: Path | None
-    video: Path | None
-    out: Path | None
-
-    def __post_init__(self) -> None:
-        require("--engine", self.engine, self.engine in (None, *ENGINES), ", ".join(ENGINES))
-        require("--seed", self.seed, self.seed is None or 0 <= self.seed < 2**32, "0 to 4294967295")
-        require("--duration", self.duration, self.duration is None or 0.01 <= self.duration <= 600, "0.01 to 600 s")
-        for name, path, suffixes in (("--record", self.record, (".html", ".htm")), ("--video", self.video, (".mp4",))):
-            fits = path is None or path.suffix.lower() in suffixes
-            require(name, path, fits, f"a name that ends in {' or '.join(suffixes)}")
-
-    @property
-    def log_folder(self) -> Path | None:
-        """The folder of the trajectory.csv that is to be replayed; None for a straight push.
-
-        Raises:
-            InputError: `push` is something else.
-        """
-        if self.push == STRAIGHT:
-            return None
-        path = Path(self.push)
-        if path.name != TRAJECTORY_FILE:
-            raise InputError(self.push, allowed=f"{STRAIGHT}, or the path of a {TRAJECTORY_FILE}")
-        return path.parent
 
 
 class Session:

@@ -5,9 +5,7 @@ import math
 import shutil
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import torch
@@ -18,30 +16,28 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.capture.ground_truth import write_ground_truth
 from pinwm_drake.capture.pusher import pusher_surface, pushing_height
-from pinwm_drake.capture.scene import PUSHER_KINDS, PusherGeometry, PusherKind, PusherShape
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_transforms
-from pinwm_drake.errors import require
 from pinwm_drake.files import appearing
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.models import OBJECT_NAMES
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.systems.pusher.choice import choose_push, coasting_speed
 from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.systems.runs.capture_options import SimulateOptions
 from pinwm_drake.systems.runs.realism.camera import LabCamera
 from pinwm_drake.systems.runs.realism.lamp import glossy_model
 from pinwm_drake.systems.runs.realism.mistakes import MARGIN, Realism, late_log, moved_camera, moved_on_floor
 from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.runs.realism.uneven import uneven_twin
 from pinwm_drake.systems.runs.recorder import MakeSceneRecorder, Rates, Recording, SceneRecorder
-from pinwm_drake.systems.runs.rocking import RISES, SPEEDS, rocking_poke
+from pinwm_drake.systems.runs.rocking import SPEEDS, rocking_poke
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.schema import Physics, Plant, Pusher, Scenario, Shape, Theta
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import on_floor
 from pinwm_drake.systems.scenario.viewpoints import around, framed
-from pinwm_drake.tasks import DEFAULT_TASK
-from pinwm_drake.tasks.registry import recipe_of, task_names
+from pinwm_drake.tasks.registry import recipe_of
 from pinwm_drake.twin.rollout import twin_parameters, twin_scene
 
 CaptureProgress = Callable[[str, float, str], None]
@@ -61,106 +57,44 @@ _LONGEST_STEP = 1 / 3800  # s
 _BOUNCING_STEPS = 2  # times more of them where an impact of some 3 ms is to keep its energy
 
 
-@dataclass(frozen=True)
-class SimulateOptions:
-    """A capture to be simulated, named and in units as the options of `pinwm capture simulate`, which describes them.
+class _Plan:
+    """What follows from the options of a capture.
 
-    Raises:
-        ParameterError: One is out of range.
+    Attributes:
+        options: The options.
+        pusher_friction: Friction coefficient of object and pusher.
+        pokes: Flag: the object is poked, so that it slides and rocks, and not pushed.
+        push_speed: m/s, speed of the pusher; an object that stops with it shows only that its friction is large enough.
+        rates: Rates of pictures, rows of the log, and steps of the plant.
+        shape: Shape of the pusher.
     """
 
-    object_name: str
-    friction: float
-    pusher_friction: float
-    mass: float
-    restitution: float
-    seed: int
-    size: int
-    episodes: int
-    static_views: int
-    frames: int
-    rate: float
-    speed: float | None
-    distance: float
-    pusher: str
-    pusher_radius: float
-    lying: bool
-    supersampling: int
-    realistic: bool = False
-    task: str = DEFAULT_TASK
-    forces: bool = False
-    stand_in: bool = False
-    rise: tuple[float, float] = RISES
+    def __init__(self, options: SimulateOptions) -> None:
+        self.options = options
+        given = options.pusher_friction
+        self.pusher_friction = options.friction if given is None else given
+        self.pokes = recipe_of(options.task).motion == "poke"
+        usual = coasting_speed(options.friction, _GRAVITY, distance=_COASTING, speeds=_SPEEDS)
+        self.push_speed = options.speed or (max(SPEEDS) if self.pokes else usual)
+        records = math.ceil(_RECORD_RATE / options.rate)
+        steps = math.ceil(1 / (options.rate * records * _LONGEST_STEP))
+        self.rates = Rates(options.rate, records, steps if options.restitution == 0 else _BOUNCING_STEPS * steps)
+        length = 0.0 if options.pusher == "sphere" else _PUSHER_LENGTH
+        self.shape = PusherShape(options.pusher, options.pusher_radius, length)
 
-    def __post_init__(self) -> None:
-        """Checks them; those of the scenario within its bounds."""
-        require("--task", self.task, self.task in task_names(), ", ".join(task_names()))
-        require("--object", self.object_name, self.object_name in OBJECT_NAMES, ", ".join(OBJECT_NAMES))
-        require("--lying", self.lying, not self.lying or self.object_name in _LYING, "with a mug only")
-        _require_quantity("--friction", self.friction, Theta, "friction_floor")
-        _require_quantity("--pusher-friction", self.pusher_friction, Theta, "friction_pusher")
-        _require_quantity("--mass", self.mass, Theta, "mass")
-        _require_quantity("--restitution", self.restitution, Theta, "restitution")
-        require("--seed", self.seed, 0 <= self.seed < 2**63, "0 or more")
-        require("--size", self.size, 16 <= self.size <= 2048, "16 to 2048 px")
-        require("--episodes", self.episodes, 0 <= self.episodes <= 1000, "0 to 1000")
-        require("--static-views", self.static_views, 1 <= self.static_views <= 1000, "1 to 1000")
-        require("--frames", self.frames, 2 <= self.frames <= 10000, "2 to 10000")
-        require("--rate", self.rate, 1 <= self.rate <= 240, "1 to 240 Hz")
-        require("--speed", self.speed, self.speed is None or 0.01 <= self.speed <= 1.0, "0.01 to 1 m/s")
-        low, high = self.rise
-        require("--rise", f"{low} to {high}", 0.0 <= low <= high <= 1.4, "0 to 1.4 rad, the least first")
-        require("--distance", self.distance, 0.005 <= self.distance <= 0.5, "0.005 to 0.5 m")
-        require("--pusher", self.pusher, self.pusher in PUSHER_KINDS, ", ".join(PUSHER_KINDS))
-        _require_quantity("--pusher-radius", self.pusher_radius, Shape, "radius")
-        require("--supersampling", self.supersampling, 1 <= self.supersampling <= 8, "1 to 8")
-
-    @property
-    def in_a_lab(self) -> bool:
-        """Flag: nothing is as well known as Drake has it."""
-        return self.realistic or self.stand_in
-
-    @property
-    def pokes(self) -> bool:
-        """Flag: the object is poked, so that it slides and rocks, and not pushed."""
-        return recipe_of(self.task).motion == "poke"
-
-    @property
-    def push_speed(self) -> float:
-        """Speed of the pusher, m/s; an object that stops with it shows only that its friction is large enough."""
-        if self.speed is not None:
-            return self.speed
-        if self.pokes:
-            return max(SPEEDS)
-        return coasting_speed(self.friction, _GRAVITY, distance=_COASTING, speeds=_SPEEDS)
-
-    @property
-    def rates(self) -> Rates:
-        """Rates of pictures, rows of the log, and steps of the plant."""
-        records = math.ceil(_RECORD_RATE / self.rate)
-        steps = math.ceil(1 / (self.rate * records * _LONGEST_STEP))
-        return Rates(self.rate, records, steps if self.restitution == 0 else _BOUNCING_STEPS * steps)
-
-    @property
-    def shape(self) -> PusherShape:
-        """Shape of the pusher."""
-        kind = cast(PusherKind, self.pusher)
-        return PusherShape(kind, self.pusher_radius, 0.0 if kind == "sphere" else _PUSHER_LENGTH)
-
-    @property
     def scenario(self) -> Scenario:
         """Scenario of the capture, whose pusher may change its speed at every step of the plant."""
-        step = self.rates.time_step
+        options, step = self.options, self.rates.time_step
         return Scenario(
-            name=self.object_name,
-            object=self.object_name,
+            name=options.object_name,
+            object=options.object_name,
             engine="hydroelastic",
-            theta=Theta(self.mass, self.friction, self.pusher_friction, self.restitution),
+            theta=Theta(options.mass, options.friction, self.pusher_friction, options.restitution),
             pusher=Pusher(shape=Shape(self.shape.kind, self.shape.radius, self.shape.length), period=step),
             physics=Physics(time_step=step),
             plant=Plant(time_step=step, reference_speed=self.push_speed),
             gravity=_GRAVITY,
-            seed=self.seed,
+            seed=options.seed,
         )
 
 
@@ -185,8 +119,8 @@ class _Capture:
     """A capture in the making."""
 
     def __init__(self, folder: Path, options: SimulateOptions, models: Path) -> None:
-        self.folder, self.options = folder, options
-        setup = make_setup(options.scenario)
+        self.folder, self.options, self.plan = folder, options, _Plan(options)
+        setup = make_setup(self.plan.scenario())
         self.mesh_path, self.mesh = setup.twin.mesh_path, load_mesh(setup.twin.mesh_path)
         self.generator = np.random.default_rng([options.seed, 0])
         R_WO = self._first_turn()
@@ -196,10 +130,10 @@ class _Capture:
         self.X_WC_fixed = None if station is None else station.camera(self.X_WC_believed)
         if options.in_a_lab:
             setup = _uneven_setup(setup, R_WO, options, station, models)
-        self.twin, self.shape = setup.twin, options.shape
+        self.twin, self.shape = setup.twin, self.plan.shape
         self.camera = Camera.from_field_of_view(options.size, options.size, _FIELD_OF_VIEW)
         self.recorder: SceneRecorder = MakeSceneRecorder(
-            setup, options.rates, self.camera, options.supersampling, forces=options.forces
+            setup, self.plan.rates, self.camera, options.supersampling, forces=options.forces
         )
         x, y = self.generator.uniform(-_FROM_ORIGIN, _FROM_ORIGIN, 2)
         standing = load_mesh(self.twin.mesh_path).vertices
@@ -244,7 +178,7 @@ class _Capture:
             mass=self.options.mass,
             inertia=twin_parameters(self.twin, scene).inertia[0, 0].numpy(),
             friction_floor=self.options.friction,
-            friction_pusher=self.options.pusher_friction,
+            friction_pusher=self.plan.pusher_friction,
             restitution=self.options.restitution,
         )
 
@@ -252,7 +186,7 @@ class _Capture:
         """First orientation of the object, turned at random."""
         R_WO = RotationMatrix.MakeZRotation(self.generator.uniform(-math.pi, math.pi))
         options = self.options
-        if options.lying or (options.pokes and options.object_name in _LYING):
+        if options.lying or (self.plan.pokes and options.object_name in _LYING):
             lying = load_setup(_LYING[options.object_name]).scenario.start.q_WO
             R_WO = R_WO @ RotationMatrix(Quaternion(np.array(lying) / np.linalg.norm(lying)))
         return R_WO
@@ -318,7 +252,7 @@ class _Capture:
         """A random push of the object at rest, and what came of it."""
         options, p_WO, mesh_W = self.options, self.X_WO.translation(), self.mesh.copy()
         mesh_W.apply_transform(self.X_WO.GetAsMatrix4())
-        speed = options.push_speed * generator.uniform(0.85, 1.15)
+        speed = self.plan.push_speed * generator.uniform(0.85, 1.15)
         if options.in_a_lab and options.speed is None:
             # A lab does not know the friction when it chooses a speed.
             speed = generator.uniform(*_ANY_SPEED)
@@ -368,10 +302,3 @@ def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
     lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices]
     lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _require_quantity(name: str, value: float, schema: type, key: str) -> None:
-    """Requires what a scenario requires of one of its keys."""
-    about = next(field.metadata for field in dataclasses.fields(schema) if field.name == key)
-    low, high, unit = about["low"], about["high"], about["unit"]
-    require(name, value, low <= value <= high, f"{low:g} to {high:g}" + ("" if unit == "1" else f" {unit}"))

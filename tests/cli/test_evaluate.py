@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from pinwm_drake.experiments.evaluation.contestant import read_contestant, usual_scene
-from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import policy_spec

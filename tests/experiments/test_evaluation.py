@@ -11,10 +11,10 @@ import torch
 from pinwm_drake.errors import InputError, ParameterError, SolverError
 from pinwm_drake.experiments.evaluation.contestant import read_contestant
 from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner, _run, run_episodes
-from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.results import settings_of
 from pinwm_drake.experiments.evaluation.run import REPORT_FILE, TABLE_FILE, VIDEO_FILE, evaluate
 from pinwm_drake.experiments.evaluation.store import EpisodeStore
+from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
 from pinwm_drake.parallel import Executor
 from pinwm_drake.systems.envs.options import EnvOptions

@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from pinwm_drake.experiments.forecast import Forecast, _Clock, _kept, forecast
-from pinwm_drake.experiments.training import TrainRequest
+from pinwm_drake.experiments.requests.train import TrainRequest
 from pinwm_drake.learning.distil import DistilOptions
 from pinwm_drake.learning.pin_wm import Distillation, StateSac
 from pinwm_drake.learning.ppo import PpoOptions

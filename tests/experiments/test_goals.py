@@ -7,10 +7,11 @@ from typer.testing import CliRunner
 from pinwm_drake.cli.app import app
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.experiments import training
-from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.run import evaluate
 from pinwm_drake.experiments.golden_samples import export_bundle
-from pinwm_drake.experiments.training import TrainRequest, train
+from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
+from pinwm_drake.experiments.requests.train import TrainRequest
+from pinwm_drake.experiments.training import train
 from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.learning.ppo import PpoOptions

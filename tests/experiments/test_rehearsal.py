@@ -15,7 +15,8 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.experiments.rehearsal.faults import KINDS, kind_of
 from pinwm_drake.experiments.rehearsal.processes import Relay, robot_link
 from pinwm_drake.experiments.rehearsal.report import write_rehearsal_report
-from pinwm_drake.experiments.rehearsal.run import RESULTS_FILE, TRIALS_FILE, RehearseRequest, Trial, rehearse, summary
+from pinwm_drake.experiments.rehearsal.run import RESULTS_FILE, TRIALS_FILE, Trial, rehearse, summary
+from pinwm_drake.experiments.requests.control import RehearseRequest
 from pinwm_drake.systems.arm.messages import image_message
 from pinwm_drake.systems.engines.lcm.link import make_lcm
 from pinwm_drake.systems.engines.lcm.receiver import pixels_of
@@ -150,7 +151,7 @@ def test_requests_out_of_range(values, message):
 
 
 def test_a_rehearsal_goes_on_where_it_was_cut_off(tmp_path):
-    request = RehearseRequest("push_t", moments=2, kinds=("white images",), port=7674)
+    request = RehearseRequest("push_t", faults=True, moments=2, kinds=("white images",), port=7674)
 
     def go_on(changed=request, resume=True):
         seen = []

@@ -8,10 +8,11 @@ import pytest
 import torch
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.run import evaluate
 from pinwm_drake.experiments.golden_samples import export_bundle
-from pinwm_drake.experiments.training import TrainRequest, train
+from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
+from pinwm_drake.experiments.requests.train import TrainRequest
+from pinwm_drake.experiments.training import train
 from pinwm_drake.learning.policy import Policy, make_actor, read_policy, write_policy
 from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.models import model_path

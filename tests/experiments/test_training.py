@@ -5,10 +5,11 @@ import pytest
 
 from pinwm_drake.cousins.domain import CousinDomains
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.run import evaluate
 from pinwm_drake.experiments.golden_samples import export_bundle
-from pinwm_drake.experiments.training import TrainRequest, train, worlds_of
+from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
+from pinwm_drake.experiments.requests.train import TrainRequest
+from pinwm_drake.experiments.training import train, worlds_of
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.mpc.sampling import SamplingOptions

@@ -11,7 +11,8 @@ from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.report.twin.data import read_ground_truth
 from pinwm_drake.report.twin.score import pose_errors
-from pinwm_drake.systems.runs.simulated_capture import SimulateOptions, simulate_capture
+from pinwm_drake.systems.runs.capture_options import SimulateOptions
+from pinwm_drake.systems.runs.simulated_capture import simulate_capture
 from pinwm_drake.twin.predict import TWO_SIDED, predict_poses, predict_spread
 
 DEFAULTS = {

@@ -1,49 +1,33 @@
-"""Options of a demonstration push, checked."""
+"""Requests of the demonstrations: what `pinwm demo` and `pinwm demo push` do."""
 
-import math
-from dataclasses import dataclass
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Literal
 
-from pinwm_drake.errors import require
-
-PUSHER_SHAPES = ("sphere", "capsule", "cylinder")
-_HALF_BAR = 0.05  # half the length of the face that is pushed [m]
+from pinwm_drake.request import ADVANCED, FLATTEN, LAB, option, request
 
 
-@dataclass(frozen=True)
+@request
 class PushOptions:
     """One straight push of the T-block.
 
-    Attributes:
-        friction: Friction coefficient of block and floor, 0 or more.
-        pusher_friction: Friction coefficient of block and pusher, 0 or more.
-        speed: Speed of the pusher along +y [m/s].
-        offset: x at which it moves [m]; the block's centre of mass is at 0.
-        seconds: Simulated time [s].
-        time_step: [s].
-        pusher: One of `PUSHER_SHAPES`.
+    Raises:
+        ParameterError: An option is out of range.
     """
 
-    friction: float
-    pusher_friction: float
-    speed: float
-    offset: float
-    seconds: float
-    time_step: float
-    pusher: str
-
-    def __post_init__(self) -> None:
-        """Checks every option.
-
-        Raises:
-            ParameterError: When one is outside its range, named as on the command line.
-        """
-        require("--friction", self.friction, 0 <= self.friction < math.inf, "0 or more")
-        require("--pusher-friction", self.pusher_friction, 0 <= self.pusher_friction < math.inf, "0 or more")
-        require("--speed", self.speed, 0 < self.speed <= 2, "more than 0, at most 2 m/s")
-        require("--offset", self.offset, abs(self.offset) <= _HALF_BAR, f"-{_HALF_BAR} to {_HALF_BAR} m")
-        require("--seconds", self.seconds, 0 < self.seconds <= 60, "more than 0, at most 60 s")
-        require("--time-step", self.time_step, 0 < self.time_step <= 0.02, "more than 0, at most 0.02 s")
-        require("--pusher", self.pusher, self.pusher in PUSHER_SHAPES, ", ".join(PUSHER_SHAPES))
+    friction: Annotated[float, option("Friction coefficient of block and floor.", ge=0)] = 0.03
+    pusher_friction: Annotated[float, option("Friction coefficient of block and pusher.", ge=0)] = 0.1
+    pusher: Annotated[Literal["sphere", "capsule", "cylinder"], option("Shape of the pusher.")] = "sphere"
+    speed: Annotated[float, option("Speed of the pusher along y.", group=LAB, unit="m/s", gt=0, le=2)] = 0.15
+    offset: Annotated[
+        float, option("Place of the hit, sideways of the centre of mass.", group=LAB, unit="m", ge=-0.05, le=0.05)
+    ] = 0.01
+    seconds: Annotated[
+        float, option("Simulated time; the pusher moves for 2/3 of it.", group=LAB, unit="s", gt=0, le=60)
+    ] = 2.4
+    time_step: Annotated[
+        float, option("Time step of the physics.", group=ADVANCED, unit="s", gt=0, le=0.02, default="1/240")
+    ] = 1 / 240
 
     @property
     def steps_per_record(self) -> int:
@@ -54,3 +38,13 @@ class PushOptions:
     def records(self) -> int:
         """Recorded states after the first one; at least one."""
         return max(1, round(self.seconds / (self.time_step * self.steps_per_record)))
+
+
+@request
+class PushRequest:
+    """Request of a demonstration push and its folder."""
+
+    options: Annotated[PushOptions, FLATTEN] = dataclasses.field(default_factory=PushOptions)
+    out: Annotated[
+        Path, option("Folder for trajectory.csv, push.png and push.mp4.", "--out", "-o", result="inside")
+    ] = Path("out/push")

@@ -12,7 +12,7 @@ from gymnasium import spaces
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.evaluation.formats import find_format
-from pinwm_drake.experiments.evaluation.request import MPC, RANDOM, EvaluateRequest
+from pinwm_drake.experiments.requests.evaluate import MPC, RANDOM, EvaluateRequest
 from pinwm_drake.learning.evaluation import Acts
 from pinwm_drake.learning.policy import POLICY_FILE, read_policy, weights_digest
 from pinwm_drake.learning.spec import PolicySpec
@@ -20,6 +20,7 @@ from pinwm_drake.models import policy_path, shipped_policies
 from pinwm_drake.systems.envs import policy_scene
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.scenario.load import load_setup, scene_hash
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import with_start_yaw
@@ -121,6 +122,30 @@ def usual_scene(policy: str, task: str | None) -> str:
     return recipe_of(task or DEFAULT_TASK).scene if spec is None else policy_scene.usual_scene(spec)
 
 
+def with_scene(request: EvaluateRequest) -> EvaluateRequest:
+    """The request with a scene; that of its task and object where it names none."""
+    if request.scene is not None:
+        return request
+    return dataclasses.replace(request, scene=usual_scene(request.policy, request.task))
+
+
+def _scene(request: EvaluateRequest) -> str:
+    scene = with_scene(request).scene
+    assert scene is not None
+    return scene
+
+
+def station_of(request: EvaluateRequest) -> StandIn | None:
+    """Stand-in for a robot in which the episodes run; None for the scene as it is believed to be."""
+    return StandIn() if request.stand_in else None
+
+
+def delay_of(request: EvaluateRequest) -> float:
+    """Time after which actions take effect, s: the stand-in's own where there is one."""
+    station = station_of(request)
+    return request.latency if station is None else station.latency
+
+
 def make_environment(contestant: Contestant, request: EvaluateRequest, models: Path) -> TaskEnv:
     """Makes the environment that an evaluation runs in.
 
@@ -134,12 +159,13 @@ def make_environment(contestant: Contestant, request: EvaluateRequest, models: P
         ParameterError: An option is out of range, or the scene is not one that the policy is made for.
     """
     spec = contestant.spec
-    setup = load_setup(request.scene)
+    setup = load_setup(_scene(request))
     if request.yaw is not None:
         setup = with_start_yaw(setup, request.yaw, None if spec is None else spec.task.goal_yaw)
     named = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
     task = {name: value for name, value in named.items() if value is not None}
-    station, latency = request.station, (request.delay, request.delay)
+    station, delay = station_of(request), delay_of(request)
+    latency = (delay, delay)
     truth = None if station is None else lambda believed: station.true_scene(believed, models)
     if spec is None:
         task |= {} if request.task is None else {"name": request.task}
@@ -160,10 +186,10 @@ def make_environment(contestant: Contestant, request: EvaluateRequest, models: P
 def _model(request: EvaluateRequest) -> Setup:
     """The scene that a controller plans in: that of the evaluation, or as it would be with the twin `request.model`."""
     if request.model is None:
-        return load_setup(request.scene)
+        return load_setup(_scene(request))
     planner = recipe_of(request.task or DEFAULT_TASK).planner
     if planner == "sampling" and Path(request.model).is_dir():  # it plans in the worlds of the evaluation's scene
-        return load_setup(request.scene, twin=request.model)
+        return load_setup(_scene(request), twin=request.model)
     return load_setup(request.model)
 
 

@@ -15,8 +15,8 @@ import torch
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.experiments.evaluation.contestant import Contestant, make_environment, read_contestant
 from pinwm_drake.experiments.evaluation.coverage import coverage
-from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.store import EpisodeStore
+from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.learning.evaluation import run_episode
 from pinwm_drake.parallel import Executor

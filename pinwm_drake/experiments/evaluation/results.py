@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.experiments.evaluation.contestant import Contestant
-from pinwm_drake.experiments.evaluation.request import EvaluateRequest
+from pinwm_drake.experiments.evaluation.contestant import Contestant, delay_of, station_of
+from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.files import replacing
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.learning.evaluation import Evaluation
@@ -46,12 +46,12 @@ def settings_of(request: EvaluateRequest, contestant: Contestant, env: TaskEnv, 
         "engine": env.engine,
         **{f"task.{name}": value for name, value in env.task.to_document().items()},
         "start_yaw": [float(value) for value in env.setup.scenario.start.yaw],
-        "latency": request.delay,
+        "latency": delay_of(request),
         "max_steps": env.max_steps,
         "max_translation": env.run.max_translation,
         "observes": contestant.observes,
         "image": [env.setup.camera.width, env.setup.camera.height] if contestant.observes == "rgb" else None,
-        **({} if request.station is None else {"stand_in": asdict(request.station)}),
+        **({} if (station := station_of(request)) is None else {"stand_in": asdict(station)}),
     }
 
 
@@ -140,7 +140,9 @@ def story_of(
         q_WO=lying(env),
         settings=settings,
         provenance=provenance,
-        film=episode_film(env, visual_path=load_setup(request.scene).visual_path if request.stand_in else None),
+        film=episode_film(
+            env, visual_path=load_setup(request.scene or env.setup).visual_path if request.stand_in else None
+        ),
     )
 
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pinwm_drake.errors import require
-from pinwm_drake.experiments.evaluation.contestant import read_contestant
+from pinwm_drake.experiments.evaluation.contestant import read_contestant, with_scene
 from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner, run_episodes
-from pinwm_drake.experiments.evaluation.request import EvaluateRequest
 from pinwm_drake.experiments.evaluation.results import (
     lying,
     provenance_of,
@@ -17,6 +16,7 @@ from pinwm_drake.experiments.evaluation.results import (
     write_evaluation,
 )
 from pinwm_drake.experiments.evaluation.store import EpisodeStore
+from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.evaluation import Evaluation
 from pinwm_drake.parallel import Executor
@@ -52,7 +52,7 @@ ProgressCallback = Callable[[EvaluationProgress], None]
 
 def evaluate(
     request: EvaluateRequest,
-    out: Path,
+    out: Path | str,
     *,
     workers: int | None = None,
     executor: str = "joblib",
@@ -75,12 +75,13 @@ def evaluate(
     Raises:
         PinwmError: An input was refused, or a file cannot be written.
     """
+    request, out = with_scene(request), Path(out)
     require("--workers", workers, workers is None or workers >= 1, "1 or more")
     workers = workers or available()
     processes = Executor(executor, workers=workers)
     contestant = read_contestant(request)
     runner = EpisodeRunner(contestant, request)
-    believed = load_setup(request.scene) if request.stand_in else runner.env.setup
+    believed = load_setup(request.scene or runner.env.setup) if request.stand_in else runner.env.setup
     settings = settings_of(request, contestant, runner.env, scene_hash(believed))
     store = EpisodeStore(prepare_folder(out) / EPISODES, settings, resume=resume)
     records = _run_all(runner, request, store, processes, progress)

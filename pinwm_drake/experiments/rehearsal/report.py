@@ -7,7 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pinwm_drake.experiments.rehearsal.faults import kind_of
-from pinwm_drake.experiments.rehearsal.run import RehearseRequest, Trial, summary
+from pinwm_drake.experiments.rehearsal.run import Trial, summary
+from pinwm_drake.experiments.requests.control import RehearseRequest
 from pinwm_drake.report.page import write_page
 
 REPORT_FILE = "report.html"

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pinwm_drake.errors import InputError, ParameterError, StateError, require
+from pinwm_drake.errors import InputError, ParameterError, StateError
 from pinwm_drake.experiments.rehearsal.faults import (
     CONTENT,
     IMAGE_LIMIT,
@@ -27,6 +27,7 @@ from pinwm_drake.experiments.rehearsal.faults import (
     FaultKind,
 )
 from pinwm_drake.experiments.rehearsal.processes import Traffic, robot_link, run_arm, run_relay, with_link
+from pinwm_drake.experiments.requests.control import RehearseRequest
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.bundle import Bundle, read_bundle
 from pinwm_drake.learning.spec import PolicySpec
@@ -44,52 +45,9 @@ _PERIOD = 0.01  # s, of the link: with 5 ms two cores are not always enough for 
 _EARLIEST, _LATEST = 0.3, 1.5  # s after it was armed, of a fault
 _AFTER = 0.4  # s after the controller stopped, for the robot to come to rest
 _LONGEST = 3.0  # s after a fault, until a trial is given up
-_AMOUNTS = ("moments", "minutes", "episodes", "port")  # of a request, which may be others when it goes on
+_AMOUNTS = ("faults", "moments", "minutes", "episodes", "port")  # of a request, which may be others when it goes on
 _ATTEMPTS, _SEEDS = 10, 1_000_000  # of a start at which the task is not done at once, and seeds between two attempts
 _STARTING = 120.0  # s, for the arm to begin
-
-
-@dataclass(frozen=True)
-class RehearseRequest:
-    """Request of a rehearsal.
-
-    Attributes:
-        bundle: Folder of a bundle, or the name of one that ships.
-        scene: Scene; see `load_setup`. None for that of the bundle's task and object.
-        goal: Goal of a bundle that is told one, x [m], y [m], yaw [rad] of a push, world; None for other bundles.
-        moments: Number of random moments of each kind of fault; 0 for none.
-        kinds: Names of the kinds of fault; empty for all.
-        minutes: Least duration of the normal work, min; 0 for none.
-        episodes: Least number of episodes of normal work.
-        latency: s, between the exposure of an image and its arrival.
-        port: Port of LCM on this machine.
-        seed: Seed of the moments, and of where object and pusher start.
-
-    Raises:
-        ParameterError: A value is out of range.
-    """
-
-    bundle: str
-    scene: str | None = None
-    goal: tuple[float, ...] | None = None
-    moments: int = 5
-    kinds: tuple[str, ...] = ()
-    minutes: float = 0.0
-    episodes: int = 0
-    latency: float = 0.0
-    port: int = 7690
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        known = [kind.name for kind in KINDS]
-        require("--moments", self.moments, 0 <= self.moments <= 10_000, "0 to 10000")
-        for name in self.kinds:
-            require("--kind", name, name in known, ", ".join(known))
-        require("--minutes", self.minutes, 0.0 <= self.minutes <= 1440.0, "0 to 1440")
-        require("--episodes", self.episodes, 0 <= self.episodes <= 100_000, "0 to 100000")
-        require("--latency", self.latency, 0.0 <= self.latency <= 1.0, "0 to 1 s")
-        require("--port", self.port, 1024 <= self.port <= 65535, "1024 to 65535")
-        require("--seed", self.seed, 0 <= self.seed < 2**32, "0 to 4294967295")
 
 
 @dataclass(frozen=True)
@@ -203,7 +161,7 @@ def rehearse(
             file.flush()
             report(len(trials), total, trial)
 
-        faults = len(kinds) * request.moments
+        faults = len(kinds) * request.moments if request.faults else 0
         for number in range(faults):
             moment, kind = divmod(number, len(kinds))
             seed = request.seed + moment
@@ -211,8 +169,8 @@ def rehearse(
                 keep(parties().fault(kinds[kind], seed), faults)
         normal = [one for one in trials if not one.kind]
         number, spent = len(normal), sum(one.duration for one in normal)
-        while number < request.episodes or spent < 60.0 * request.minutes:
-            keep(parties().episode(request.seed + number), faults + request.episodes)
+        while number < request.normal_episodes or spent < 60.0 * request.minutes:
+            keep(parties().episode(request.seed + number), faults + request.normal_episodes)
             number, spent = number + 1, spent + trials[-1].duration
     _write_results(out, request, bundle.sha256, trials)
     return trials

@@ -1,5 +1,6 @@
 """Requests of the commands of `pinwm capture` that read, import and refine captures."""
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -89,7 +90,7 @@ class NerfstudioRequest:
     source: Annotated[Path, argument("Folder with transforms.json, or that file.", "SRC")]
     out: _Out
     scenery: Annotated[SceneryOptions, FLATTEN]
-    world: Annotated[WorldOptions, FLATTEN] = WorldOptions()
+    world: Annotated[WorldOptions, FLATTEN] = dataclasses.field(default_factory=WorldOptions)
 
 
 @request
@@ -103,7 +104,7 @@ class ColmapRequest:
     masks: Annotated[
         Path | None, option("Folder of masks NAME.png.", group=DATA, default="alpha or white background")
     ] = None
-    world: Annotated[WorldOptions, FLATTEN] = WorldOptions()
+    world: Annotated[WorldOptions, FLATTEN] = dataclasses.field(default_factory=WorldOptions)
 
 
 @request

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pinwm_drake.errors import require
-from pinwm_drake.request import ADVANCED, BUDGET, DATA, LAB, argument, option, request
+from pinwm_drake.request import ADVANCED, BUDGET, DATA, FLATTEN, LAB, argument, option, request
 
 StationEngine = Literal["twin", "hydroelastic", "point", "lcm"]
 Contact = Literal["hydroelastic", "point"]
@@ -145,3 +145,60 @@ class ArmRequest:
     meshcat: Annotated[bool, option("Show the arm in a browser on this machine.", group=LAB)] = False
     port: Port = None
     seed: Seed = 0
+
+
+@request
+class RehearseRequest:
+    """Request of a rehearsal.
+
+    Raises:
+        ParameterError: A value is out of range, or there is no such kind of fault.
+    """
+
+    bundle: Bundle
+    scene: Scene = None
+    goal: GoalPose = None
+    faults: Annotated[bool, option("Bring about faults at random moments.")] = False
+    moments: Annotated[int, option("Random moments of each kind of fault.", group=BUDGET, ge=0, le=10_000)] = 5
+    kinds: Annotated[tuple[str, ...], option("Kind of fault; repeat it.", "--kind", default="all")] = ()
+    minutes: Annotated[float, option("Least duration of normal work.", group=BUDGET, unit="min", ge=0, le=1440)] = 0.0
+    episodes: Annotated[
+        int | None,
+        option(
+            "Least number of episodes of normal work.", group=BUDGET, ge=0, le=100_000, default="10, or 0 with faults"
+        ),
+    ] = None
+    latency: Annotated[
+        float, option("Time from an image's exposure to its arrival.", group=LAB, unit="s", ge=0, le=1)
+    ] = 0.0
+    port: Annotated[
+        int, option("Port of LCM on this machine; two rehearsals at once need two.", group=LAB, ge=1024, le=65535)
+    ] = 7690
+    seed: Annotated[int, option("Seed of moments and starts.", group=ADVANCED, ge=0, le=2**32 - 1)] = 0
+
+    def __post_init__(self) -> None:
+        """Checks the kinds of faults; resolves the number of episodes."""
+        if self.kinds:
+            from pinwm_drake.experiments.rehearsal.faults import KINDS
+
+            known = [kind.name for kind in KINDS]
+            for name in self.kinds:
+                require("--kind", name, name in known, ", ".join(known))
+        if self.episodes is None:
+            object.__setattr__(self, "episodes", 0 if self.faults or self.minutes else 10)
+
+    @property
+    def normal_episodes(self) -> int:
+        """Least number of episodes of normal work."""
+        return self.episodes or 0
+
+
+@request
+class RehearseRun:
+    """Request of a rehearsal and its folder: what `pinwm rehearse` does."""
+
+    rehearsal: Annotated[RehearseRequest, FLATTEN]
+    out: Annotated[Path, option("Folder of the results, new or empty.", "--out", "-o", result="inside")] = Path(
+        "out/rehearsal"
+    )
+    resume: Annotated[bool, option("Continue an interrupted rehearsal.", group=BUDGET)] = False

@@ -95,6 +95,11 @@ class TrainRequest:
 
     def __post_init__(self) -> None:
         """Checks options that depend on each other."""
+        from pinwm_drake.tasks.registry import task_names
+
+        draws = task_names("goal_range")
+        drawn = self.goals == "fixed" or self.task in (None, *draws)
+        require("--goals", f"{self.goals} with task {self.task}", drawn, f"fixed, or random with {', '.join(draws)}")
         least, most = self.latency
         require("--latency", f"{least} to {most}", 0.0 <= least <= most, "0 or more, the least first")
         learned = self.mask_error == 0.0 or self.method == "distil"

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pinwm_drake.experiments.evaluation.request import MPC as EVALUATED_MPC
-from pinwm_drake.experiments.evaluation.request import RANDOM, EvaluateRequest
 from pinwm_drake.experiments.evaluation.run import SUMMARY_FILE, EvaluationProgress, evaluate
+from pinwm_drake.experiments.requests.evaluate import MPC as EVALUATED_MPC
+from pinwm_drake.experiments.requests.evaluate import RANDOM, EvaluateRequest
 from pinwm_drake.paper.reproduce.cell import Cell, Say
 from pinwm_drake.paper.reproduce.policies import DemonstrationsCell, DiffusionCell, PolicyCell, dreamer
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
@@ -22,6 +22,7 @@ from pinwm_drake.paper.reproduce.systems import (
     SYSTEMS,
     TRUE_THETA,
 )
+from pinwm_drake.paper.reproduce.twins import twin_cell
 
 _DEMONSTRATIONS = 100
 _SECONDS = {"push": 20.0, "flip": 9.0}  # of an episode, by task, the mean of the rows in docs/tables.md
@@ -84,7 +85,7 @@ def evaluated(request: ReproduceRequest, task: str, name: str, seed: int, *, sta
     In the stand-in for a robot, it is filmed, identified and trained there too.
     """
     about, quick = SYSTEMS[name], request.quick
-    twin, inside = None if about.twin == SCENE else request.twin(task, seed, about.twin, stand_in=stand_in), ""
+    twin, inside = None if about.twin == SCENE else twin_cell(request, task, seed, about.twin, stand_in=stand_in), ""
     subject: Cell | None = twin
     if name == DIFFUSION:
         expert = PolicyCell(task, seed, TRUE_THETA, None, quick, stand_in=stand_in)

@@ -8,7 +8,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from pinwm_drake.experiments.training import FIGURE_FILE, TrainRequest, quickest_device, train, worlds_of
+from pinwm_drake.experiments.requests.train import TrainRequest
+from pinwm_drake.experiments.training import FIGURE_FILE, quickest_device, train, worlds_of
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.evaluation import Acts
 from pinwm_drake.learning.method import Method, MethodData

@@ -18,6 +18,7 @@ from pinwm_drake.paper.imagined_step import SeenOutcomes, imagine, picture_error
 from pinwm_drake.paper.one_step import Outcomes, outcomes_at_rest, plant_outcomes, step_errors
 from pinwm_drake.paper.reproduce.cell import Cell, Say
 from pinwm_drake.paper.reproduce.policies import DreamerCell
+from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.scenes import task_scene
 from pinwm_drake.paper.reproduce.systems import DREAMER
 from pinwm_drake.paper.reproduce.twins import IdentifiedCell
@@ -26,6 +27,7 @@ from pinwm_drake.twin.rollout import NO_EFFECT, twin_scene
 from pinwm_drake.twin.twin import Estimate, Twin
 
 OUTCOMES_FILE, ENGINE = "outcomes.npz", "hydroelastic"
+_REST, _QUICK_REST = 20, 1  # actions in which an object comes to rest, at most
 _POINTS = 8  # of the curve over the iterations
 _MOMENTS = ("moment_xx", "moment_yy", "moment_zz")
 
@@ -68,12 +70,22 @@ class OutcomesCell(Cell):
         """Draws the actions, or takes them again until the object rests; see `Cell.make`."""
         scene = task_scene(self.task).scene
         if self.rest:
-            drawn = Outcomes.read(root / replace(self, rest=0).key / OUTCOMES_FILE)
+            _, drawn = replace(self, rest=0).read(root)
             found = outcomes_at_rest(scene, ENGINE, drawn, self.rest)
         else:
             found = plant_outcomes(scene, ENGINE, self.draws, 0, max_translation=self.max_translation)
         found.write(prepare_folder(root / self.key) / OUTCOMES_FILE)
         return {"moved": float(np.linalg.norm(found.moved, axis=1).mean())}
+
+    def read(self, root: Path) -> tuple[str, Outcomes]:
+        """Scene and outcomes, once they are made."""
+        return task_scene(self.task).scene, Outcomes.read(root / self.key / OUTCOMES_FILE)
+
+
+def outcomes_cell(request: ReproduceRequest, task: str, *, at_rest: bool = False) -> OutcomesCell:
+    """Cell of what random actions do in the plant, as long as those that policies are trained with."""
+    rest = (_QUICK_REST if request.quick else _REST) if at_rest else 0
+    return OutcomesCell(task, request.draws, task_scene(task).max_translation, rest)
 
 
 @dataclass(frozen=True)
@@ -105,7 +117,7 @@ class OneStepCell(Cell):
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Takes the same actions in the twin; see `Cell.make`."""
-        scene, outcomes = task_scene(self.outcomes.task).scene, Outcomes.read(root / self.outcomes.key / OUTCOMES_FILE)
+        scene, outcomes = self.outcomes.read(root)
         rest = self.outcomes.rest
         if self.twin is None:
             return summary(step_errors(load_setup(scene), outcomes, rest))
@@ -154,7 +166,6 @@ def summary(errors: np.ndarray) -> dict[str, Any]:
 
 
 SEEN_FILE = "seen.npz"
-READOUT = "readout"
 _READING = 0.5  # s, of a pose from an image
 
 
@@ -166,14 +177,9 @@ class SeenOutcomesCell(Cell):
         outcomes: Cell of the actions.
     """
 
-    path = "one-step/readout/{self.outcomes.task}"
+    path, origin = "one-step/readout/{self.outcomes.task}", "readout"
 
     outcomes: OutcomesCell
-
-    @property
-    def origin(self) -> str:
-        """Name of what tells the poses."""
-        return READOUT
 
     @property
     def hours(self) -> float:
@@ -182,7 +188,7 @@ class SeenOutcomesCell(Cell):
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Takes the actions again, and reads the images after them; see `Cell.make`."""
-        scene, outcomes = task_scene(self.outcomes.task).scene, Outcomes.read(root / self.outcomes.key / OUTCOMES_FILE)
+        scene, outcomes = self.outcomes.read(root)
         seen = see_outcomes(scene, ENGINE, outcomes)
         seen.write(prepare_folder(root / self.key) / SEEN_FILE)
         return summary(picture_errors(load_setup(scene), outcomes, seen, seen.after, num_threads=1))
@@ -198,24 +204,15 @@ class ImaginedStepCell(Cell):
     """
 
     path = "one-step/dreamer-v2/{self.dreamer.trajectories.task}/seed-{self.dreamer.trajectories.seed}"
+    origin = DREAMER
 
     seen: SeenOutcomesCell
     dreamer: DreamerCell
 
     @property
-    def origin(self) -> str:
-        """Name of what tells the poses."""
-        return DREAMER
-
-    @property
     def outcomes(self) -> OutcomesCell:
         """Cell of the actions."""
         return self.seen.outcomes
-
-    @property
-    def needs(self) -> tuple[Cell, ...]:
-        """Images, their actions, and the model."""
-        return (self.seen, self.outcomes, self.dreamer)
 
     @property
     def hours(self) -> float:
@@ -224,11 +221,10 @@ class ImaginedStepCell(Cell):
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Imagines the images after the actions, and reads them; see `Cell.make`."""
-        about, folder = self.outcomes, root / self.dreamer.key
-        outcomes = Outcomes.read(root / about.key / OUTCOMES_FILE)
+        folder, (scene, outcomes) = root / self.dreamer.key, self.outcomes.read(root)
         seen = SeenOutcomes.read(root / self.seen.key / SEEN_FILE)
         policy, longest = read_dreamer(folder), float(outcomes.longest)
         unit = policy.spec.max_translation
         require("translation of an action", f"{longest:g} m", abs(longest - unit) < 1e-9, f"the model's, {unit:g} m")
         images = imagine(read_world_model(folder, policy), seen)
-        return summary(picture_errors(load_setup(task_scene(about.task).scene), outcomes, seen, images, num_threads=1))
+        return summary(picture_errors(load_setup(scene), outcomes, seen, images, num_threads=1))

@@ -1,40 +1,45 @@
-"""The request of a reproduction."""
+"""Requests of a reproduction: what `pinwm reproduce` does. Light, as the command line reads it."""
 
+import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
 
 from pinwm_drake.errors import require
-from pinwm_drake.paper.reproduce.predictions import OutcomesCell
-from pinwm_drake.paper.reproduce.scenes import TASK_SCENES, TASKS, task_scene
-from pinwm_drake.paper.reproduce.systems import PIN_WM, SYSTEMS
-from pinwm_drake.paper.reproduce.twins import CaptureCell, IdentifiedCell, SurfelsCell, TrackedTwinCell, TwinCell
+from pinwm_drake.request import ADVANCED, BUDGET, DATA, FLATTEN, argument, option, request
 
-_REST, _QUICK_REST = 20, 1  # actions in which an object comes to rest, at most
+REPORT = "report"
+_QUICK_DRAWS = 3
 
 
-@dataclass(frozen=True)
+@request
 class ReproduceRequest:
-    """Request of one table or several: fields named as the options of `pinwm reproduce`, which describes them.
+    """Request of one table or several.
 
     Raises:
         ParameterError: An option is none of those allowed.
     """
 
-    tasks: Sequence[str] = TASKS
-    methods: Sequence[str] | None = None
-    seeds: int = 1
-    episodes: int = 100
-    draws: int = 200
-    quick: bool = False
+    tasks: Annotated[
+        tuple[str, ...],
+        option("Task, such as push, flip or push-cube; repeat it.", "--task", default="push and flip"),
+    ] = ("push", "flip")
+    methods: tuple[str, ...] | None = None
+    seeds: Annotated[int, option("Number of seeds, each with a capture of its own.", group=BUDGET, ge=1)] = 1
+    episodes: Annotated[int, option("Episodes of each evaluation.", group=BUDGET, ge=1)] = 100
+    draws: Annotated[int, option("Actions of one-step errors.", group=BUDGET, ge=1)] = 200
+    quick: Annotated[bool, option("Tiny budgets, one episode, three draws: shows that it works.", group=BUDGET)] = False
 
     def __post_init__(self) -> None:
+        """Checks the names; what is named twice counts once."""
+        from pinwm_drake.paper.reproduce.scenes import TASK_SCENES
+        from pinwm_drake.paper.reproduce.systems import SYSTEMS
+
         object.__setattr__(self, "tasks", tuple(dict.fromkeys(self.tasks)))
         for task in self.tasks:
             require("--task", repr(task), task in TASK_SCENES, ", ".join(TASK_SCENES))
         for name in self.methods or ():
             require("--methods", repr(name), name in SYSTEMS, f"all, {', '.join(SYSTEMS)}")
-        for name in ("seeds", "episodes", "draws"):
-            require(f"--{name}", getattr(self, name), getattr(self, name) >= 1, "1 or more")
 
     def chosen(self, names: Sequence[str]) -> list[str]:
         """Names of a table's systems, those of the request alone where it names some."""
@@ -45,14 +50,35 @@ class ReproduceRequest:
         """Number of actions of an evaluated episode; None for the task's."""
         return 2 if self.quick else None
 
-    def twin(
-        self, task: str, seed: int, system: str = PIN_WM, only: str = "", *, stand_in: bool = False
-    ) -> IdentifiedCell:
-        """Cell of the twin that a system identifies, by one unknown alone where it is named; maybe in the stand-in."""
-        surfels = SurfelsCell(CaptureCell(task, seed, quick=self.quick, stand_in=stand_in))
-        return TwinCell(surfels, only=only) if system == PIN_WM else TrackedTwinCell(surfels, system, only)
 
-    def outcomes(self, task: str, *, at_rest: bool = False) -> OutcomesCell:
-        """Cell of what random actions do in the plant, as long as those that policies are trained with."""
-        rest = (_QUICK_REST if self.quick else _REST) if at_rest else 0
-        return OutcomesCell(task, self.draws, task_scene(task).max_translation, rest)
+@request
+class ReproduceRun:
+    """Request of tables, with folder and processes."""
+
+    tables: Annotated[
+        tuple[str, ...],
+        argument(
+            "Tables: policies, one-step, randomization, parameters, geometry-noise, tasks, stand-in, all, report.",
+            "TABLE...",
+        ),
+    ]
+    work: Annotated[ReproduceRequest, FLATTEN] = dataclasses.field(default_factory=ReproduceRequest)
+    systems: Annotated[
+        str, option("Names of systems with commas between them, or all.", "--methods", default="all")
+    ] = "all"
+    out: Annotated[Path, option("Folder of the cells, each made once.", "--out", "-o", group=DATA, result="inside")] = (
+        Path("out/reproduce")
+    )
+    report: Annotated[Path | None, option("File of the report.", group=DATA, default="OUT/report.md")] = None
+    plan_only: Annotated[bool, option("Print the plan and end.", "--plan")] = False
+    resume: Annotated[bool, option("Keep cells that are made; else none may be there.", group=BUDGET)] = True
+    workers: Annotated[int | None, option("Processes.", group=BUDGET, default="one a core")] = None
+    executor: Annotated[Literal["joblib", "ray"], option("Library that runs the processes.", group=ADVANCED)] = "joblib"
+
+    def resolved(self) -> ReproduceRequest:
+        """Request of the tables, with the systems and the budget."""
+        names = tuple(name.strip() for name in self.systems.split(","))
+        chosen = dataclasses.replace(self.work, methods=None if "all" in names else names)
+        if chosen.quick:
+            chosen = dataclasses.replace(chosen, episodes=1, draws=min(chosen.draws, _QUICK_DRAWS))
+        return chosen

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from pinwm_drake.cousins.randomization import FLIP_SPANS, Spans
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.paper.reproduce.cell import Cell
-from pinwm_drake.systems.runs.simulated_capture import SimulateOptions
+from pinwm_drake.systems.runs.capture_options import SimulateOptions
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.tasks.registry import recipe_of
 
@@ -48,25 +49,16 @@ class TaskScene:
 
     def capture(self, seed: int, *, quick: bool) -> SimulateOptions:
         """Options of the capture; a quick one has fewer and smaller images."""
+        small: dict[str, Any] = (
+            {"size": 128, "static_views": 6, "frames": 12, "rate": 12.0, "supersampling": 1} if quick else {}
+        )
         return SimulateOptions(
             object_name=self.object_name,
             friction=self.friction,
             pusher_friction=self.pusher_friction,
-            mass=1.0,
-            restitution=0.0,
             seed=self.capture_seed + seed,
-            size=128 if quick else 400,
-            episodes=2,
-            static_views=6 if quick else 24,
-            frames=12 if quick else 48,
-            rate=12.0 if quick else 24.0,
-            speed=None,
-            distance=0.10,
-            pusher="sphere",
-            pusher_radius=0.01,
-            lying=False,
-            supersampling=1 if quick else 3,
             task=self.task,
+            **small,
         )
 
 

@@ -24,6 +24,7 @@ from pinwm_drake.paper.baselines.asid.identify import AsidOptions, identify_asid
 from pinwm_drake.paper.baselines.planar.body import make_planar_body
 from pinwm_drake.paper.baselines.planar.identify import PlanarOptions, identify_planar, planar_twin
 from pinwm_drake.paper.reproduce.cell import DONE_FILE, Cell, Say, empty_folder
+from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.scenes import SceneCell, task_scene
 from pinwm_drake.paper.reproduce.systems import ASID, ASID_GENEROUS, PIN_WM
 from pinwm_drake.rendering.fit_options import FitOptions
@@ -270,3 +271,11 @@ class TrackedTwinCell(IdentifiedCell):
         twin = replace(twin, provenance={**twin.provenance, **run_provenance()})
         write_twin(out, twin)
         return self.told(twin)
+
+
+def twin_cell(
+    request: ReproduceRequest, task: str, seed: int, system: str = PIN_WM, only: str = "", *, stand_in: bool = False
+) -> IdentifiedCell:
+    """Cell of the twin that a system identifies, by one unknown alone where it is named; maybe in the stand-in."""
+    surfels = SurfelsCell(CaptureCell(task, seed, quick=request.quick, stand_in=stand_in))
+    return TwinCell(surfels, only=only) if system == PIN_WM else TrackedTwinCell(surfels, system, only)

@@ -116,7 +116,7 @@ def test_energy_from_nowhere_is_seen():
 
 
 def test_a_verdict_takes_medians_and_counts_failures_as_infinite():
-    options = CrossCheckOptions(engines=("point",), threshold_translation=0.003, threshold_rotation=0.1)
+    options = CrossCheckOptions(engines=("point",), threshold_translation=0.003, threshold_rotation=math.degrees(0.1))
     still = motion_of([0, 0])
 
     def judge(*translations):
@@ -251,8 +251,8 @@ def test_an_engine_that_gives_up_says_so(monkeypatch):
         ("pushes", 0, "pushes: got 0"),
         ("seed", -1, "seed: got -1"),
         ("processes", 0, "processes: got 0"),
-        ("threshold_translation", 0.0, "threshold of translation: got 0.0"),
-        ("threshold_rotation", math.nan, "threshold of rotation: got nan"),
+        ("threshold_translation", 0.0, "--threshold-translation: got 0.0"),
+        ("threshold_rotation", math.nan, "--threshold-rotation: got nan"),
     ],
 )
 def test_options_out_of_range_are_refused(option, value, message):

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 from pinwm_drake.paper.reproduce.cell import Cell
 from pinwm_drake.paper.reproduce.policies import dreamer
-from pinwm_drake.paper.reproduce.predictions import ImaginedStepCell, OneStepCell, SeenOutcomesCell
+from pinwm_drake.paper.reproduce.predictions import ImaginedStepCell, OneStepCell, SeenOutcomesCell, outcomes_cell
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.systems import ASID, ASID_GENEROUS, DREAMER, PIN_WM, PLANAR, SCENE
 from pinwm_drake.paper.reproduce.tables import paper
 from pinwm_drake.paper.reproduce.tables.table import MISSING, NONE, Line, Results, Table
-from pinwm_drake.paper.reproduce.twins import CaptureCell, NoisyCaptureCell, SurfelsCell, TwinCell
+from pinwm_drake.paper.reproduce.twins import CaptureCell, NoisyCaptureCell, SurfelsCell, TwinCell, twin_cell
 
 _SYSTEMS = (PIN_WM, ASID, ASID_GENEROUS, PLANAR, DREAMER)
 _READOUT = "readout of true images: what reading a pose adds"
@@ -23,8 +23,8 @@ def _lines(request: ReproduceRequest) -> list[Line]:
     """
     found: list[Line] = []
     for task in request.tasks:
-        outcomes, names = request.outcomes(task), request.chosen(_SYSTEMS)
-        at_rest = request.outcomes(task, at_rest=True)
+        outcomes, names = outcomes_cell(request, task), request.chosen(_SYSTEMS)
+        at_rest = outcomes_cell(request, task, at_rest=True)
 
         def add(name: str, seed: str, cell: Cell, resting: Cell | None, task: str = task) -> None:
             tail = (str(request.draws), paper.ONE_STEP.get((task, name), NONE))
@@ -36,7 +36,7 @@ def _lines(request: ReproduceRequest) -> list[Line]:
                     seen = SeenOutcomesCell(outcomes)
                     add(name, str(seed), ImaginedStepCell(seen, dreamer(task, seed, request.quick)), None)
                     continue
-                twin = request.twin(task, seed, name)
+                twin = twin_cell(request, task, seed, name)
                 step = OneStepCell(name, outcomes, twin, curve=name == PIN_WM)
                 add(name, str(seed), step, OneStepCell(name, at_rest, twin))
         if DREAMER in names:
@@ -91,7 +91,7 @@ def _noise_lines(request: ReproduceRequest) -> list[Line]:
             for seed in range(request.seeds):
                 capture = CaptureCell(task, seed, request.quick)
                 twin = TwinCell(SurfelsCell(NoisyCaptureCell(capture, share, refined) if share else capture))
-                cell = OneStepCell(twin.system, request.outcomes(task), twin, curve=not share)
+                cell = OneStepCell(twin.system, outcomes_cell(request, task), twin, curve=not share)
                 tail = [paper.NOISE.get((task, words), NONE)]
                 found.append(Line([task, cell.origin, words, str(seed)], [cell], tail))
     return found

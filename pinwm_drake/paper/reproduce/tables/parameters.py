@@ -7,7 +7,14 @@ from pinwm_drake.paper.reproduce.scenes import task_scene
 from pinwm_drake.paper.reproduce.systems import ASID, ASID_GENEROUS, PIN_WM, PLANAR
 from pinwm_drake.paper.reproduce.tables import paper
 from pinwm_drake.paper.reproduce.tables.table import MISSING, NONE, Line, Results, Table
-from pinwm_drake.paper.reproduce.twins import CaptureCell, IdentifiedCell, SurfelsCell, TrackedTwinCell, TwinCell
+from pinwm_drake.paper.reproduce.twins import (
+    CaptureCell,
+    IdentifiedCell,
+    SurfelsCell,
+    TrackedTwinCell,
+    TwinCell,
+    twin_cell,
+)
 
 _UNKNOWNS = ("friction_floor", "mass", "restitution_floor")
 _FORCES = "mass"  # what a capture with forces is for
@@ -30,9 +37,9 @@ def _cells(request: ReproduceRequest) -> list[IdentifiedCell]:
         seeds = range(request.seeds)
         for name in _UNKNOWNS:
             for system in request.chosen((PIN_WM, ASID, ASID_GENEROUS)):
-                found += [request.twin(task, seed, system, name) for seed in seeds]
+                found += [twin_cell(request, task, seed, system, name) for seed in seeds]
             if name == _PLANAR_UNKNOWN and request.chosen((PLANAR,)):
-                found += [request.twin(task, seed, PLANAR) for seed in seeds]
+                found += [twin_cell(request, task, seed, PLANAR) for seed in seeds]
         if request.chosen((PIN_WM,)):
             forced = [SurfelsCell(CaptureCell(task, seed, request.quick, forces=True)) for seed in seeds]
             found += [TwinCell(one) for one in forced]
