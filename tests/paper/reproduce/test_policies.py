@@ -7,7 +7,7 @@ import pytest
 
 from pinwm_drake.paper.baselines.diffusion.demonstrations import read_demonstrations
 from pinwm_drake.paper.baselines.dreamer.policy import read_dreamer
-from pinwm_drake.paper.baselines.dreamer.replay import read_episodes
+from pinwm_drake.paper.baselines.recording import read_episodes
 from pinwm_drake.paper.reproduce.policies import TrajectoriesCell
 from pinwm_drake.paper.reproduce.report import read_results
 from pinwm_drake.paper.reproduce.request import ReproduceRequest

@@ -6,7 +6,7 @@ project's.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
@@ -139,7 +139,6 @@ def identify_asid(
     seed: int,
     X_OS: Pose | None = None,
     poses: Sequence[ObjectPoses] | None = None,
-    report: Callable[[float], None] = lambda share: None,
 ) -> AsidIdentification:
     """Finds theta such that simulated pushes move the object as it was tracked.
 
@@ -152,7 +151,6 @@ def identify_asid(
         seed: Seed of the search, 0 or more.
         X_OS: Where the static views have the object, against the pose in `capture.yaml`; None for the latter.
         poses: Poses of the object in each push; None for those of a `PoseTracker`.
-        report: Called after each round of the search with the share of it that is done.
 
     Returns:
         The twin and the search.
@@ -177,7 +175,7 @@ def identify_asid(
     ranges = options.ranges(mass_known=capture.object.mass is not None)
     number = options.num_threads or available()
     matches = [
-        _Match.of(Forward(scene, push, capture.object.X_WO, mass, number), one)
+        _Match(Forward(scene, push, capture.object.X_WO, mass, number), one)
         for push, one in zip(pushes, poses, strict=True)
     ]
 
@@ -186,7 +184,7 @@ def identify_asid(
         found: np.ndarray = np.mean([match.loss(values) for match in matches], axis=0)
         return found
 
-    minimum = minimise(loss, len(ranges), options.budget, np.random.default_rng(seed), report)
+    minimum = minimise(loss, len(ranges), options.budget, np.random.default_rng(seed))
     if not np.isfinite(minimum.value):
         raise SolverError("the physics found no solution for any guess; allowed: another seed or time_step")
     seconds = tracking, time.process_time() - begun
@@ -213,42 +211,29 @@ def identify_asid(
     return AsidIdentification(twin, list(poses), minimum, seconds)
 
 
-@dataclass(frozen=True, eq=False)
 class _Match:
-    """Comparison of simulated poses with those of one push.
+    """Comparison of simulated poses with those of one push, at whose frames these are interpolated."""
 
-    Attributes:
-        forward: Physics of the push, with poses in the frames of its first camera.
-        X_WO: Poses to be reproduced: q (n, 4), p (n, 3) [m].
-        start: Unknowns of the start by which the first of them differs from the capture's.
-    """
-
-    forward: Forward
-    X_WO: Pose
-    start: dict[str, float]
-
-    @staticmethod
-    def of(forward: Forward, poses: ObjectPoses) -> "_Match":
-        """Comparison with poses at other times, which are interpolated; raises ParameterError where they end early."""
+    def __init__(self, forward: Forward, poses: ObjectPoses) -> None:
         episode = forward.episode
         t, first, last = episode.t, float(poses.t[0]), float(poses.t[-1])
         if first > t[0] + _ROUNDING or last < t[-1] - _ROUNDING:
             allowed = f"poses from {t[0]:g} to {t[-1]:g} s, the frames of episode {episode.name}"
             raise ParameterError(f"poses: got {first:g} to {last:g} s; allowed: {allowed}")
         found = [pose_at(poses.t, poses.p_WO, poses.q_WO, float(one)) for one in t]
-        X_WO = Pose(torch.stack([X.q for X in found]), torch.stack([X.p for X in found]))
+        self.X_WO = Pose(torch.stack([X.q for X in found])[:, None], torch.stack([X.p for X in found])[:, None])
         _, _, yaw, x, y, _ = deviation(found[0], forward.X_WO).tolist()
-        chosen = torch.arange(len(t))
-        return _Match(replace(forward, chosen=chosen), X_WO, {"start_x": x, "start_y": y, "start_yaw": yaw})
+        self.forward = replace(forward, chosen=torch.arange(len(t)))
+        nominal = {name: unknown.nominal for name, unknown in UNKNOWNS.items()}
+        self.held = nominal | NO_EFFECT | {"start_x": x, "start_y": y, "start_yaw": yaw}
 
     @torch.no_grad()
     def loss(self, values: dict[str, np.ndarray]) -> np.ndarray:
         """Mean squares (W,) [m^2] for W values of theta; infinite where the physics found no solution."""
         W = len(values["inertia"])
-        held = {name: unknown.nominal for name, unknown in UNKNOWNS.items()} | NO_EFFECT | self.start
-        unknowns = {name: torch.full((W,), value, dtype=torch.float64) for name, value in held.items()}
+        unknowns = {name: torch.full((W,), value, dtype=torch.float64) for name, value in self.held.items()}
         X, alive = self.forward.poses(unknowns | _unknowns(values, self.forward.mass))
-        far = deviation(X, Pose(self.X_WO.q[:, None], self.X_WO.p[:, None]))
+        far = deviation(X, self.X_WO)
         far[..., :3] *= half_diagonal(self.forward.scene.mesh)
         return torch.where(alive, far.square().sum(-1).mean(0), torch.inf).numpy()
 

@@ -13,7 +13,7 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.evaluation import Acts, result_of
 from pinwm_drake.learning.rounds import OnRound
-from pinwm_drake.paper.baselines.recording import record_episodes
+from pinwm_drake.paper.baselines.recording import Act, episode_file, episode_files, record_batch
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,18 +51,13 @@ class Episode(ArrayFile):
         return cls(image, pusher.astype(np.float32), action.astype(np.float32))
 
 
-def episode_path(folder: Path, number: int) -> Path:
-    """File of an episode, counted from 0."""
-    return folder / f"{number:05}.npz"
-
-
 def read_demonstrations(folder: Path) -> list[Episode]:
     """Reads all recorded episodes of a folder, in the order of their names.
 
     Raises:
         InputError: There are none, one cannot be read, or they do not fit together.
     """
-    paths = sorted(folder.glob("[0-9]*.npz"))  # and not what a run that was killed left half-written
+    paths = episode_files(folder)
     if not paths:
         raise InputError(folder, value="no episode", allowed="a folder with recorded episodes, 00000.npz and so on")
     episodes = [Episode.read(path) for path in paths]
@@ -170,12 +165,14 @@ def collect_demonstrations(
         if batch * env.num_envs >= _TRIES * episodes:
             given = f"{done} successes in {batch * env.num_envs} episodes"
             raise ParameterError(f"expert: got {given}; allowed: one that succeeds in one of {_TRIES} or more")
-        words = np.random.SeedSequence(seed, spawn_key=(batch,)).generate_state(2)
-        if on_batch is not None:
-            on_batch(int(words[0] >> 1))
-        found = _successes(env, expert, int(words[1] >> 1))
+        recorded = record_batch(env, lambda seed: _acting(expert), batch, seed=seed, on_batch=on_batch)
+        found = [
+            Episode(one.images, one.pusher, one.actions)
+            for one, info in recorded
+            if result_of(info, None, len(one), {}).success
+        ]
         for one in found[: episodes - done]:
-            one.write(episode_path(folder, done), told, **{_BATCH: np.array(batch)})
+            one.write(episode_file(folder, done), told, **{_BATCH: np.array(batch)})
             done += 1
         batch += 1
 
@@ -183,13 +180,12 @@ def collect_demonstrations(
 def _recorded(folder: Path, about: Mapping[str, object]) -> tuple[int, int]:
     """Number of the batch to go on with, and of the episodes before it: the last batch may not be whole."""
     batches: list[int] = []
-    while (arrays := read_arrays(episode_path(folder, len(batches)), about, Episode.work, (_BATCH,))) is not None:
+    while (arrays := read_arrays(episode_file(folder, len(batches)), about, Episode.work, (_BATCH,))) is not None:
         batches.append(int(arrays[_BATCH]))
     return (batches[-1], batches.index(batches[-1])) if batches else (0, 0)
 
 
-def _successes(env: VecEnv, expert: Acts, seed: int) -> list[Episode]:
-    """Episodes with success among one of each world, in the order of the worlds."""
+def _acting(expert: Acts) -> Act:
     state: Any = None
 
     def act(seen: Any, begins: np.ndarray) -> np.ndarray:
@@ -197,8 +193,4 @@ def _successes(env: VecEnv, expert: Acts, seed: int) -> list[Episode]:
         actions, state = expert.predict(seen, state=state, episode_start=begins, deterministic=True)
         return actions
 
-    return [
-        Episode(one.images, one.pusher, one.actions)
-        for one in record_episodes(env, act, seed)
-        if result_of(one.info, None, len(one.actions), {}).success
-    ]
+    return act

@@ -11,8 +11,7 @@ from pinwm_drake.errors import require
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.rounds import OnRound
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.paper.baselines.dreamer.replay import Episode, episode_file
-from pinwm_drake.paper.baselines.recording import Act, record_episodes
+from pinwm_drake.paper.baselines.recording import Act, Episode, episode_file, record_batch
 
 Explore = Callable[[Any], np.ndarray]
 _SHORTEST, _LONGEST = 3, 12  # actions of one push
@@ -100,6 +99,11 @@ def collect(
         InputError: A file cannot be read or written, or is of another collection.
         ParameterError: The number is out of range.
     """
+
+    def acting(seed: int) -> Act:
+        explore = make_explore(seed)
+        return lambda seen, begins: explore(seen)
+
     require("episodes", episodes, episodes >= 1, "1 or more")
     told = {"seed": seed, "worlds": env.num_envs, **(about or {})}
     files = [episode_file(prepare_folder(folder), number) for number in range(episodes)]
@@ -110,15 +114,7 @@ def collect(
         batch = files[begin : begin + env.num_envs]
         if all(file.exists() for file in batch):
             continue
-        domains, worlds, own = np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(3) >> 1
-        if on_batch is not None:
-            on_batch(int(domains))
-        found = record_episodes(env, _acting(make_explore(int(own))), int(worlds))
-        for file, one in zip(batch, found, strict=False):
-            terminated = np.array(not one.info.get("TimeLimit.truncated", False))
-            Episode(one.images, one.pusher, one.actions, one.rewards, terminated).write(file, told)
+        found = record_batch(env, acting, number, seed=seed, on_batch=on_batch)
+        for file, (one, _) in zip(batch, found, strict=False):
+            one.write(file, told)
     return [Episode.read(file, told) for file in files]
-
-
-def _acting(explore: Explore) -> Act:
-    return lambda seen, begins: explore(seen)

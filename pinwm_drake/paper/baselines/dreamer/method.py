@@ -15,9 +15,10 @@ from pinwm_drake.learning.weights import require_device
 from pinwm_drake.paper.baselines.dreamer.collect import collect, random_pushes
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
 from pinwm_drake.paper.baselines.dreamer.policy import DreamerPolicy, image_size, write_dreamer
-from pinwm_drake.paper.baselines.dreamer.replay import Episode, Replay, read_episodes
+from pinwm_drake.paper.baselines.dreamer.replay import Replay
 from pinwm_drake.paper.baselines.dreamer.training import BEHAVIOUR, MODEL, train_behaviour, train_model
 from pinwm_drake.paper.baselines.dreamer.world_model import halvings
+from pinwm_drake.paper.baselines.recording import Episode, read_episodes
 
 EPISODES = "episodes"  # folder of what was collected
 _MODEL_SHARE = 0.5  # of the minutes, at most

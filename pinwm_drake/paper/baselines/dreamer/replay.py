@@ -1,77 +1,16 @@
-"""Episodes that the world model learns from: on disk one file each, in memory one after another."""
+"""Episodes that the world model learns from, one after another, and sequences of them."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import NamedTuple, Self
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from pinwm_drake.checkpoints import ArrayFile
-from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.errors import ParameterError
+from pinwm_drake.paper.baselines.recording import Episode
 
 _MOST = 10.0  # largest reward, in standard deviations: a bonus on success is a hundred, and its error all that counts
-
-
-@dataclass(frozen=True, eq=False)
-class Episode(ArrayFile):
-    """One episode of T actions.
-
-    Attributes:
-        images: (T + 1, height, width, 3) uint8, RGB.
-        pusher: (T + 1, n) float32, position of the pusher along the task's axes across its box, -1 to 1.
-        actions: (T, n) float32 in [-1, 1].
-        rewards: (T,) float32.
-        terminated: () bool, true where it ended by success, false where by a limit of time or a failure.
-    """
-
-    work, wanted = "collection of episodes", "an episode"
-
-    images: np.ndarray
-    pusher: np.ndarray
-    actions: np.ndarray
-    rewards: np.ndarray
-    terminated: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.actions)
-
-    @classmethod
-    def read(cls, path: Path, about: Mapping[str, object] | None = None) -> Self:
-        """Reads the episode that `write` wrote to a file, whose arrays have to fit each other; see `ArrayFile.read`."""
-        episode = super().read(path, about)
-        steps = len(episode)
-        lengths = (len(episode.images), len(episode.pusher), len(episode.rewards))
-        if steps < 1 or lengths != (steps + 1, steps + 1, steps):
-            given = f"{steps} actions, {lengths[0]} images, {lengths[1]} pushers, {lengths[2]} rewards"
-            raise InputError(path, value=given, allowed="T actions and rewards, 1 or more, and T + 1 of the others")
-        images, parts = episode.images, (episode.pusher, episode.actions)
-        seen = images.dtype == np.uint8 and images.ndim == 4 and images.shape[3] == 3
-        if not seen or any(part.ndim != 2 for part in parts) or len({part.shape[1] for part in parts}) != 1:
-            given = f"images {images.dtype} {images.shape}, pusher {parts[0].shape}, actions {parts[1].shape}"
-            allowed = "images uint8 (T + 1, height, width, 3), pusher (T + 1, n), actions (T, n)"
-            raise InputError(path, value=given, allowed=allowed)
-        if not (np.abs(episode.actions) <= 1.0).all() or not all(
-            np.isfinite(part).all() for part in (episode.pusher, episode.rewards)
-        ):
-            raise InputError(path, value="others", allowed="finite positions and rewards, and actions in [-1, 1]")
-        return episode
-
-
-def episode_file(folder: Path, number: int) -> Path:
-    """File of an episode in a folder, by its number from 0."""
-    return folder / f"{number:05}.npz"
-
-
-def read_episodes(folder: Path) -> list[Episode]:
-    """Episodes of a folder, in the order of their files' names; none where it has none.
-
-    Raises:
-        InputError: One of them cannot be read.
-    """
-    return [Episode.read(path) for path in sorted(folder.glob("[0-9]*.npz"))]
 
 
 class Batch(NamedTuple):

@@ -24,7 +24,7 @@ from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.unknowns import UNKNOWNS
 from pinwm_drake.learning.options import Options
 from pinwm_drake.paper.baselines.planar.body import PlanarBody
-from pinwm_drake.paper.baselines.planar.rollout import PlanarParameters, PlanarPush, rollout
+from pinwm_drake.paper.baselines.planar.rollout import PlanarParameters, PlanarPush, rollout, turned
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import step_count
 from pinwm_drake.spatial.poses import Pose
@@ -33,7 +33,6 @@ from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
 from pinwm_drake.twin.twin import THETA, Estimate, Twin
 
 MASSES = (0.2, 5.0)  # bounds, kg
-_BETAS, _EPSILON = (0.8, 0.97), 1e-12
 _LAST_RATE = 0.05  # of the first learning rate
 _VAGUE = 2.0  # standard deviation of the logits of frictions within their bounds, before any pose is seen
 
@@ -146,7 +145,7 @@ def identify_planar(
     require("mass", mass, MASSES[0] <= mass <= MASSES[1], f"{MASSES[0]:g} to {MASSES[1]:g} kg")
     if len(poses.t) < 2 or not np.isfinite(poses.p_WO).all() or not np.isfinite(poses.q_WO).all():
         raise ParameterError(f"poses: got {len(poses.t)}, not all of them finite; allowed: two or more, all finite")
-    problem = _Problem.of(body, poses, pusher, radius, mass, gravity, options)
+    problem = _Problem(body, poses, pusher, radius, mass, gravity, options)
     z, losses = _descend(problem, options)
     with torch.no_grad():
         best = z[int(losses.argmin())][None]
@@ -165,7 +164,6 @@ def identify_planar(
     return PlanarResult(properties, cells, simulated[:, 0].numpy(), error, losses.numpy())
 
 
-@dataclass(frozen=True, eq=False)
 class _Problem:
     """Poses to explain, and what is known.
 
@@ -173,18 +171,8 @@ class _Problem:
     friction over the object's, then of its mass over the mean, in units of their standard deviations.
     """
 
-    body: PlanarBody
-    given: Tensor
-    step: Tensor
-    share: Tensor
-    push: PlanarPush
-    pairs: Tensor
-    mass: float
-    gravity: float
-    options: PlanarOptions
-
-    @staticmethod
-    def of(
+    def __init__(
+        self,
         body: PlanarBody,
         poses: ObjectPoses,
         pusher: PusherTrajectory,
@@ -192,16 +180,17 @@ class _Problem:
         mass: float,
         gravity: float,
         options: PlanarOptions,
-    ) -> "_Problem":
+    ) -> None:
+        self.body, self.mass, self.gravity, self.options = body, mass, gravity, options
+        self.pairs = body.neighbours()
         h, after = options.time_step, np.asarray(poses.t, float) - float(poses.t[0])
         T = step_count(float(after[-1]), h)
         times = float(poses.t[0]) + h * np.arange(T + 1)
         path = np.stack([np.interp(times, pusher.t, pusher.p_WP[:, axis]) for axis in range(2)], axis=-1)
+        self.push = PlanarPush(torch.from_numpy(path), radius, h)
+        self.given = torch.from_numpy(body.planar(poses.q_WO, poses.p_WO))
         step = np.clip(np.floor(after / h).astype(int), 0, T - 1)
-        given = torch.from_numpy(body.planar(poses.q_WO, poses.p_WO))
-        push = PlanarPush(torch.from_numpy(path), radius, h)
-        share = torch.from_numpy(after / h - step)[:, None, None]
-        return _Problem(body, given, torch.from_numpy(step), share, push, body.neighbours(), mass, gravity, options)
+        self.step, self.share = torch.from_numpy(step), torch.from_numpy(after / h - step)[:, None, None]
 
     def parameters(self, z: Tensor) -> PlanarParameters:
         """Parameters of W guesses z (W, 2 + 2 C)."""
@@ -227,9 +216,9 @@ class _Problem:
         middle = cells.mean(0)
         # Both poses are rigid: the mean distance is that of the middle, and one that grows with the angle between them.
         spread = (cells - middle).square().sum(-1).mean()
-        apart = _places(simulated, middle) - _places(given, middle)
-        turned = simulated[..., 2] - given[..., 2]
-        return apart.square().sum(-1) + 2.0 * spread * (1.0 - turned.cos())
+        found, wanted = (poses[..., :2] + turned(poses[..., 2], middle) for poses in (simulated, given))
+        angle = simulated[..., 2] - given[..., 2]
+        return (found - wanted).square().sum(-1) + 2.0 * spread * (1.0 - angle.cos())
 
     def losses(self, z: Tensor) -> Tensor:
         """Minus the logarithm of the posterior of W guesses, up to a constant."""
@@ -241,34 +230,24 @@ class _Problem:
         return 0.5 * (squares / self.options.noise**2 + prior)
 
 
-def _places(poses: Tensor, point: Tensor) -> Tensor:
-    """Places (..., 2) [m, world] of a point (2,) of Q at poses (..., 3)."""
-    c, s = poses[..., 2].cos(), poses[..., 2].sin()
-    return poses[..., :2] + torch.stack([c * point[0] - s * point[1], s * point[0] + c * point[1]], -1)
-
-
 def _descend(problem: _Problem, options: PlanarOptions) -> tuple[Tensor, Tensor]:
     """The best z (W, p) of each guess on its way down by Adam, and their losses (W,)."""
     size = 2 + 2 * len(problem.body.cells)
     generator = torch.Generator().manual_seed(options.seed)
     z = torch.zeros(options.starts, size, dtype=torch.float64)
     z[1:, :2] = _VAGUE * torch.randn(options.starts - 1, 2, generator=generator, dtype=torch.float64)
-    first, second = torch.zeros_like(z), torch.zeros_like(z)
     best, lowest = z.clone(), torch.full((len(z),), math.inf, dtype=torch.float64)
+    optimizer = torch.optim.Adam([z.requires_grad_()], betas=(0.8, 0.97), eps=1e-12)
     for iteration in range(1, options.iterations + 2):
-        at = z.clone().requires_grad_()
-        losses = problem.losses(at)
+        losses = problem.losses(z)
         better = losses.detach() < lowest
         lowest = torch.where(better, losses.detach(), lowest)
-        best = torch.where(better[:, None], z, best)
-        if iteration > options.iterations:
-            break
-        (gradient,) = torch.autograd.grad(losses.sum(), at)
-        first = _BETAS[0] * first + (1.0 - _BETAS[0]) * gradient
-        second = _BETAS[1] * second + (1.0 - _BETAS[1]) * gradient.square()
-        speed = options.rate * _LAST_RATE ** (iteration / options.iterations)
-        unbiased = (second / (1.0 - _BETAS[1] ** iteration)).sqrt() + _EPSILON
-        z = z - speed * first / (1.0 - _BETAS[0] ** iteration) / unbiased
+        best = torch.where(better[:, None], z.detach(), best)
+        if iteration <= options.iterations:
+            optimizer.param_groups[0]["lr"] = options.rate * _LAST_RATE ** (iteration / options.iterations)
+            optimizer.zero_grad()
+            losses.sum().backward()
+            optimizer.step()
     return best, lowest
 
 

@@ -189,14 +189,14 @@ def rollout(
         SolverError: A step did not converge.
     """
     sliding = parameters.sliding(body, gravity)
-    place = start[..., :2] + _turned(start[..., 2], sliding.center)
+    place = start[..., :2] + turned(start[..., 2], sliding.center)
     velocity = torch.zeros_like(start) if velocity is None else velocity
     at = torch.cat([place, start[..., 2:]], -1)
     poses = _Rollout.apply(body.outlines, push, at, velocity, *sliding)  # type: ignore[no-untyped-call]
-    return torch.cat([poses[..., :2] - _turned(poses[..., 2], sliding.center), poses[..., 2:]], -1)
+    return torch.cat([poses[..., :2] - turned(poses[..., 2], sliding.center), poses[..., 2:]], -1)
 
 
-def _turned(yaw: Tensor, vector: Tensor) -> Tensor:
+def turned(yaw: Tensor, vector: Tensor) -> Tensor:
     """Vectors (..., 2), turned by angles (...) [rad]."""
     c, s = yaw.cos(), yaw.sin()
     x, y = vector[..., 0], vector[..., 1]
@@ -205,7 +205,7 @@ def _turned(yaw: Tensor, vector: Tensor) -> Tensor:
 
 def _own_axes(yaw: Tensor, V: Tensor) -> Tensor:
     """Velocities (..., 3) of the world, in the axes of objects with these angles (...)."""
-    return torch.cat([_turned(-yaw, V[..., :2]), V[..., 2:]], -1)
+    return torch.cat([turned(-yaw, V[..., :2]), V[..., 2:]], -1)
 
 
 def _turning(V: Tensor) -> Tensor:
@@ -252,8 +252,8 @@ class _Rollout(torch.autograd.Function):
             inputs = [tensor.detach().requires_grad_() for tensor in sliding]
             body = Sliding(*inputs)
             q = poses[:-1].detach().requires_grad_()
-            middle = _turned(-q[..., 2], push.path[:-1, None] - q[..., :2]) + body.center
-            own = _turned(-q[..., 2], moves[:, None].expand_as(q[..., :2]))
+            middle = turned(-q[..., 2], push.path[:-1, None] - q[..., :2]) + body.center
+            own = turned(-q[..., 2], moves[:, None].expand_as(q[..., :2]))
             contact = touch(Feature(corners, normals, flat), middle, push.radius)
             residual = step_residual(V, before, body, contact, own, h)
             # Each step and world depends on its own pose only: by way of the contact, and of the axes below.

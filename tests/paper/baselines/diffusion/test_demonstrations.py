@@ -12,9 +12,9 @@ from pinwm_drake.paper.baselines.diffusion.demonstrations import (
     Windows,
     collect_demonstrations,
     digest,
-    episode_path,
     read_demonstrations,
 )
+from pinwm_drake.paper.baselines.recording import episode_file
 
 
 def episode(length, first=0):
@@ -27,7 +27,7 @@ def episode(length, first=0):
 
 def test_episodes_are_read_as_they_were_written(tmp_path):
     for number, one in enumerate((episode(4), episode(6, first=20))):
-        one.write(episode_path(tmp_path, number), {})
+        one.write(episode_file(tmp_path, number), {})
     again = read_demonstrations(tmp_path)
     assert [len(one) for one in again] == [4, 6]
     assert np.array_equal(again[1].image, episode(6, first=20).image)
@@ -74,10 +74,10 @@ def test_windows_are_drawn_evenly():
     ],
 )
 def test_episodes_that_do_not_fit_are_named(tmp_path, change, words):
-    episode(4).write(episode_path(tmp_path, 0), {})
+    episode(4).write(episode_file(tmp_path, 0), {})
     one = episode(4)
     arrays = {"image": one.image, "pusher": one.pusher, "action": one.action} | change
-    Episode(**arrays).write(episode_path(tmp_path, 1), {})
+    Episode(**arrays).write(episode_file(tmp_path, 1), {})
     with pytest.raises(InputError, match=words) as found:
         read_demonstrations(tmp_path)
     assert found.value.path.endswith("00001.npz")

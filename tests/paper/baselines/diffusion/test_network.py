@@ -82,7 +82,7 @@ def test_a_loss_reaches_every_weight_and_sees_every_input():
 
 def test_without_diffusers_the_extra_is_named(monkeypatch):
     monkeypatch.setattr(network_module.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ParameterError, match=r"pinwm_drake\[diffusion\]"):
+    with pytest.raises(ParameterError, match=r"pinwm_drake\[paper\]"):
         require_diffusers()
 
 

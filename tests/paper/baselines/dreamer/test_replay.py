@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.paper.baselines.dreamer.replay import Episode, Replay, episode_file, read_episodes
+from pinwm_drake.paper.baselines.dreamer.replay import Replay
+from pinwm_drake.paper.baselines.recording import Episode, episode_file, read_episodes
 from tests.paper.baselines.dreamer.small import numbered
 
 

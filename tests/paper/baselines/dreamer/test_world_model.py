@@ -8,7 +8,7 @@ import torch
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.paper.baselines.dreamer.options import ModelOptions, NetworkOptions
-from pinwm_drake.paper.baselines.dreamer.replay import Episode, Replay
+from pinwm_drake.paper.baselines.dreamer.replay import Replay
 from pinwm_drake.paper.baselines.dreamer.world_model import (
     Cell,
     Decoder,
@@ -20,6 +20,7 @@ from pinwm_drake.paper.baselines.dreamer.world_model import (
     draw,
     layers,
 )
+from pinwm_drake.paper.baselines.recording import Episode
 from tests.paper.baselines.dreamer.small import SIZES, numbered
 
 
