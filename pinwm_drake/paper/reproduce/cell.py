@@ -83,11 +83,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class CellStore:
-    """Results of cells under a folder: what is there is not made again. It serves as a `Store` of an `Executor`.
-
-    Attributes:
-        root: Folder of the experiment.
-    """
+    """Results of cells under a folder: what is there is not made again. It serves as a `Store` of an `Executor`."""
 
     root: Path
 

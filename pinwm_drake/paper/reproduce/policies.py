@@ -1,5 +1,6 @@
-"""Cells of policies, and of the episodes that some of them learn from, which are recorded in the plant."""
+"""Cells of policies, of the episodes that some of them learn from, and of their evaluations in a plant."""
 
+import json
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -8,6 +9,9 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from pinwm_drake.experiments.evaluation.run import SUMMARY_FILE, EvaluationProgress, evaluate
+from pinwm_drake.experiments.requests.evaluate import MPC as EVALUATED_MPC
+from pinwm_drake.experiments.requests.evaluate import RANDOM, EvaluateRequest
 from pinwm_drake.experiments.requests.train import TrainRequest
 from pinwm_drake.experiments.training import FIGURE_FILE, quickest_device, train, worlds_of
 from pinwm_drake.files import prepare_folder
@@ -28,9 +32,20 @@ from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelO
 from pinwm_drake.paper.baselines.dreamer.options import NetworkOptions as DreamerSizes
 from pinwm_drake.paper.baselines.dreamer.training import BEHAVIOUR
 from pinwm_drake.paper.reproduce.cell import Cell, Say
-from pinwm_drake.paper.reproduce.scenes import SceneCell
-from pinwm_drake.paper.reproduce.systems import NO_COUSINS, PIN_WM, SYSTEMS
-from pinwm_drake.paper.reproduce.twins import IdentifiedCell
+from pinwm_drake.paper.reproduce.request import ReproduceRequest
+from pinwm_drake.paper.reproduce.systems import (
+    DIFFUSION,
+    DREAMER,
+    MPC,
+    NO_COUSINS,
+    PIN_WM,
+    RANDOM_ACTIONS,
+    SCENE,
+    SYSTEMS,
+    TRUE_THETA,
+    SceneCell,
+)
+from pinwm_drake.paper.reproduce.twins import IdentifiedCell, twin_cell
 from pinwm_drake.report.figures.training import training_figure
 from pinwm_drake.systems.envs.env import changed_options
 from pinwm_drake.systems.envs.options import environment_setup
@@ -64,9 +79,7 @@ class PolicyCell(SceneCell):
     """Cell of a policy that a system trains.
 
     Attributes:
-        system: Name of the system.
         twin: Cell of the twin that it is trained in; None for the scene's own parameters.
-        quick: Flag: hardly any training.
         history: Number of past states and actions that the policy sees.
     """
 
@@ -142,7 +155,6 @@ class DemonstrationsCell(Cell):
 
     Attributes:
         expert: Cell of a policy whose teacher, which sees the state, is the expert.
-        episodes: Number of episodes.
     """
 
     path = "demonstrations/{self.expert.place}/seed-{self.expert.seed}"
@@ -171,12 +183,7 @@ class DemonstrationsCell(Cell):
 
 @dataclass(frozen=True)
 class DiffusionCell(Cell):
-    """Cell of a diffusion policy of demonstrations.
-
-    Attributes:
-        demonstrations: Cell of the demonstrations.
-        quick: Flag: hardly any training, of a small network.
-    """
+    """Cell of a diffusion policy of demonstrations."""
 
     path = "policies/{self.demonstrations.expert.place}/diffusion-policy/seed-{self.demonstrations.expert.seed}"
     times = 0.01, 2.0
@@ -201,7 +208,6 @@ class TrajectoriesCell(SceneCell):
     """Cell of task-agnostic episodes: random pushes in Drake's hydroelastic plant with VTK's images.
 
     Attributes:
-        episodes: Number of episodes.
         steps: Number of actions of each.
     """
 
@@ -229,12 +235,7 @@ class TrajectoriesCell(SceneCell):
 
 @dataclass(frozen=True)
 class DreamerCell(Cell):
-    """Cell of a policy of Dreamer V2, which learns from recorded episodes.
-
-    Attributes:
-        trajectories: Cell of the episodes.
-        quick: Flag: hardly any training, of small networks.
-    """
+    """Cell of a policy of Dreamer V2, which learns from recorded episodes."""
 
     path = "policies/{self.trajectories.place}/dreamer-v2/seed-{self.trajectories.seed}"
     times = 0.01, 1.3
@@ -263,7 +264,6 @@ def recording_plant(scene: str, folder: Path, *, stand_in: bool, **changes: Any)
         scene: Scene as it is believed to be; see `load_setup`.
         folder: Folder for meshes of a stand-in; it has to stay.
         stand_in: Flag: the stand-in for a robot, with its camera, light, masks and late actions.
-        changes: Options of the environment.
 
     Returns:
         The world, and the specification of a policy that sees its images.
@@ -306,3 +306,75 @@ def _trained(
     policy: Acts = method.train(data, worlds_of(request), out, seed=origin.seed, resume=True, report=report)
     training_figure(out / FIGURE_FILE, {stage: out / stage / HISTORY_FILE})
     return policy, told
+
+
+_DEMONSTRATIONS = 100
+_SECONDS = {"push": 20.0, "flip": 9.0}  # of an episode, by task, the mean of the rows in docs/tables.md
+
+
+@dataclass(frozen=True)
+class EvaluationCell(SceneCell):
+    """Cell of an evaluation in Drake's hydroelastic plant with VTK's images.
+
+    Attributes:
+        subject: Cell of the policy; for what plans of the twin to plan with, for chance None.
+        max_steps: Number of actions of an episode; None for the task's.
+        inside: Path of the policy in its cell's folder.
+    """
+
+    system: str
+    episodes: int
+    subject: Cell | None
+    max_steps: int | None = None
+    inside: str = ""
+
+    @property
+    def key(self) -> str:
+        """Path of its folder."""
+        kind = "stand-in" if self.stand_in else "evaluations"
+        return f"{kind}/{self.task}/{self.system}/seed-{self.seed}"
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        known = _SECONDS[self.scene.task]
+        return self.episodes * (known if self.max_steps is None else 0.5 * self.max_steps) / 3600.0
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Runs the episodes; see `Cell.make`."""
+        scene = self.scene
+        subject = None if self.subject is None else str(root / self.subject.key / self.inside)
+        given: dict[str, Any] = {"policy": subject}
+        if self.system in (MPC, RANDOM_ACTIONS):
+            given = {"policy": EVALUATED_MPC if self.system == MPC else RANDOM, "model": subject, "task": scene.task}
+        request = EvaluateRequest(
+            scene=scene.scene, episodes=self.episodes, max_steps=self.max_steps, stand_in=self.stand_in, **given
+        )
+
+        def progress(now: EvaluationProgress) -> None:
+            if now.evaluation is not None and now.drawn is None and now.done % 10 == 0:
+                say(f"{now.done} of {now.total} episodes, success {now.evaluation.success_rate:.0%}")
+
+        out = root / self.key
+        evaluate(request, out, workers=1, resume=True, progress=progress)
+        results: dict[str, Any] = json.loads((out / SUMMARY_FILE).read_text(encoding="utf-8"))["results"]
+        return results
+
+
+def evaluated(request: ReproduceRequest, task: str, name: str, seed: int, *, stand_in: bool = False) -> EvaluationCell:
+    """Cell of the evaluation of a system in a task's scene, with those that it needs.
+
+    In the stand-in for a robot, it is filmed, identified and trained there too.
+    """
+    about, quick = SYSTEMS[name], request.quick
+    twin, inside = None if about.twin == SCENE else twin_cell(request, task, seed, about.twin, stand_in=stand_in), ""
+    subject: Cell | None = twin
+    if name == DIFFUSION:
+        expert = PolicyCell(task, seed, TRUE_THETA, None, quick, stand_in=stand_in)
+        subject = DiffusionCell(DemonstrationsCell(expert, 2 if quick else _DEMONSTRATIONS), quick)
+        inside = "policy"
+    elif name == DREAMER:
+        subject = dreamer(task, seed, quick, stand_in=stand_in)
+    elif about.domains is not None:
+        subject = PolicyCell(task, seed, name, twin, quick, about.history, stand_in=stand_in)
+    return EvaluationCell(task, seed, name, request.episodes, subject, request.max_steps, inside, stand_in=stand_in)

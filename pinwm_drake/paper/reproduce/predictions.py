@@ -14,13 +14,20 @@ from pinwm_drake.identification.forward import inertia
 from pinwm_drake.identification.history import HISTORY_FILE, History, read_history
 from pinwm_drake.paper.baselines.dreamer.policy import read_dreamer
 from pinwm_drake.paper.baselines.dreamer.training import read_world_model
-from pinwm_drake.paper.imagined_step import SeenOutcomes, imagine, picture_errors, see_outcomes
-from pinwm_drake.paper.one_step import Outcomes, outcomes_at_rest, plant_outcomes, step_errors
+from pinwm_drake.paper.one_step import (
+    Outcomes,
+    SeenOutcomes,
+    imagine,
+    outcomes_at_rest,
+    picture_errors,
+    plant_outcomes,
+    see_outcomes,
+    step_errors,
+)
 from pinwm_drake.paper.reproduce.cell import Cell, Say
 from pinwm_drake.paper.reproduce.policies import DreamerCell
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
-from pinwm_drake.paper.reproduce.scenes import task_scene
-from pinwm_drake.paper.reproduce.systems import DREAMER
+from pinwm_drake.paper.reproduce.systems import DREAMER, task_scene
 from pinwm_drake.paper.reproduce.twins import IdentifiedCell
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.twin.rollout import NO_EFFECT, twin_scene
@@ -37,8 +44,6 @@ class OutcomesCell(Cell):
     """Cell of random actions in Drake's hydroelastic plant, and what they do.
 
     Attributes:
-        task: Name of the task's scene.
-        draws: Number of actions.
         max_translation: m, translation of the pusher in each; None for the longest that its speed allows.
         rest: Number of actions of standing still, at the most, in which the object comes to rest after each; 0 where it
             is looked at when the action ends.
@@ -94,7 +99,6 @@ class OneStepCell(Cell):
 
     Attributes:
         origin: Name of the identification, or "scene" for the scene's own parameters.
-        outcomes: Cell of the actions.
         twin: Cell of the twin; None for the scene's own.
         curve: Flag: errors of the best start's guesses on the way, too.
     """
@@ -171,11 +175,7 @@ _READING = 0.5  # s, of a pose from an image
 
 @dataclass(frozen=True)
 class SeenOutcomesCell(Cell):
-    """Cell of the plant's images of random actions, and of the errors of poses that are read from them.
-
-    Attributes:
-        outcomes: Cell of the actions.
-    """
+    """Cell of the plant's images of random actions, and of the errors of poses that are read from them."""
 
     path, origin = "one-step/readout/{self.outcomes.task}", "readout"
 
@@ -200,7 +200,6 @@ class ImaginedStepCell(Cell):
 
     Attributes:
         seen: Cell of the plant's images, of which the model sees those before the action.
-        dreamer: Cell of the model.
     """
 
     path = "one-step/dreamer-v2/{self.dreamer.trajectories.task}/seed-{self.dreamer.trajectories.seed}"

@@ -32,8 +32,7 @@ class ReproduceRequest:
 
     def __post_init__(self) -> None:
         """Checks the names; what is named twice counts once."""
-        from pinwm_drake.paper.reproduce.scenes import TASK_SCENES
-        from pinwm_drake.paper.reproduce.systems import SYSTEMS
+        from pinwm_drake.paper.reproduce.systems import SYSTEMS, TASK_SCENES
 
         object.__setattr__(self, "tasks", tuple(dict.fromkeys(self.tasks)))
         for task in self.tasks:

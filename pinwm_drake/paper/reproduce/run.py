@@ -28,7 +28,6 @@ class Plan:
 
     Attributes:
         waves: Cells: those of a wave need none but those of the waves before.
-        done: Number of cells that are made, of each wave.
         hours: h of one core, estimated, of the cells that are not made.
     """
 
@@ -84,9 +83,6 @@ def reproduce(
     """Makes all cells of tables that are not made yet; those that a run left that was killed go on.
 
     Args:
-        tables: The tables.
-        request: Tasks, systems, seeds and budgets.
-        root: Folder of the experiment; made if need be.
         executor: Processes that share the cells; None for one on each core.
         on_cell: Called with each cell that is made, and its result.
 

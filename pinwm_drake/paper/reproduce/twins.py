@@ -25,8 +25,7 @@ from pinwm_drake.paper.baselines.planar.body import make_planar_body
 from pinwm_drake.paper.baselines.planar.identify import PlanarOptions, identify_planar, planar_twin
 from pinwm_drake.paper.reproduce.cell import DONE_FILE, Cell, Say, empty_folder
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
-from pinwm_drake.paper.reproduce.scenes import SceneCell, task_scene
-from pinwm_drake.paper.reproduce.systems import ASID, ASID_GENEROUS, PIN_WM
+from pinwm_drake.paper.reproduce.systems import ASID, ASID_GENEROUS, PIN_WM, SceneCell, task_scene
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
@@ -84,7 +83,6 @@ class NoisyCaptureCell(Cell):
     """Cell of a capture whose mesh is known with an error only: its images are those of the true object.
 
     Attributes:
-        capture: Cell of the capture.
         share: Standard deviation of the vertices, along each axis, by the diagonal of the mesh's box.
         refined: Flag: the mesh is then fitted to the masks of the static views, as `pinwm capture refine` does.
     """
@@ -145,11 +143,7 @@ Captured = CaptureCell | NoisyCaptureCell
 
 @dataclass(frozen=True)
 class SurfelsCell(Cell):
-    """Cell of the surfels that are fitted to a capture's static views: the appearance of all twins of it.
-
-    Attributes:
-        capture: Cell of the capture.
-    """
+    """Cell of the surfels that are fitted to a capture's static views: the appearance of all twins of it."""
 
     path = "surfels/{self.capture.place}"
     times = 0.005, 0.03
@@ -171,8 +165,6 @@ class IdentifiedCell(Cell):
     """Cell of a twin that a system identifies from one push; the systems are its subclasses.
 
     Attributes:
-        surfels: Cell of the appearance.
-        system: Name of the identification.
         only: Name of the one physical unknown that is looked for, while the others have their true values; "" for what
             is looked for by default.
     """

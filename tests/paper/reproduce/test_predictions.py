@@ -8,8 +8,7 @@ import pytest
 from pinwm_drake.identification.history import History
 from pinwm_drake.paper.baselines.dreamer.policy import read_dreamer
 from pinwm_drake.paper.baselines.dreamer.training import read_world_model
-from pinwm_drake.paper.imagined_step import SeenOutcomes
-from pinwm_drake.paper.one_step import Outcomes
+from pinwm_drake.paper.one_step import Outcomes, SeenOutcomes
 from pinwm_drake.paper.reproduce.predictions import guesses, twin_at
 from pinwm_drake.paper.reproduce.report import read_results, write_report
 from pinwm_drake.paper.reproduce.request import ReproduceRequest

@@ -9,7 +9,7 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.paper.baselines.asid.cross_entropy import CrossEntropyBudget
 from pinwm_drake.paper.reproduce import twins
-from pinwm_drake.paper.reproduce.scenes import task_scene
+from pinwm_drake.paper.reproduce.systems import task_scene
 from pinwm_drake.paper.reproduce.twins import CaptureCell, NoisyCaptureCell, SurfelsCell, TrackedTwinCell, TwinCell
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import angle_between

@@ -18,9 +18,7 @@ class CrossEntropyBudget:
     """Budget of a search.
 
     Attributes:
-        samples: Points that are tried in each round.
         elites: Number of the best points so far, to which the next round's Gaussian is fitted.
-        rounds: Number of rounds.
     """
 
     samples: int = 20
@@ -43,7 +41,6 @@ class Minimum:
 
     Attributes:
         point: (d,), where it was found, in the unit cube.
-        value: The value.
         rounds: (rounds,), the least value of each round.
     """
 

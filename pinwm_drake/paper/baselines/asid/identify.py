@@ -120,13 +120,11 @@ class AsidIdentification:
         twin: The twin; its provenance lacks entries that only the caller knows, such as the command.
         poses: Poses of the object in each push that the search was to reproduce.
         minimum: The search; values are mean squares, m^2: distance, and angle times the object's radius.
-        seconds: CPU time of tracking and of searching, s, all threads.
     """
 
     twin: Twin
     poses: list[ObjectPoses]
     minimum: Minimum
-    seconds: tuple[float, float]
 
 
 def identify_asid(
@@ -169,7 +167,6 @@ def identify_asid(
     if poses is None:
         tracker = PoseTracker(capture, surfels, camera_offset, options.tracker)
         poses = [tracker.track(push).poses for push in pushes]
-    tracking, begun = time.process_time() - begun, time.process_time()
     scene = capture_scene(capture, options.time_step)
     mass = capture.object.mass or NOMINAL_MASS
     ranges = options.ranges(mass_known=capture.object.mass is not None)
@@ -187,7 +184,6 @@ def identify_asid(
     minimum = minimise(loss, len(ranges), options.budget, np.random.default_rng(seed))
     if not np.isfinite(minimum.value):
         raise SolverError("the physics found no solution for any guess; allowed: another seed or time_step")
-    seconds = tracking, time.process_time() - begun
     best = _values(minimum.point[None], ranges, options.held, mass)
     twin = assemble_twin(
         capture,
@@ -202,13 +198,13 @@ def identify_asid(
             "poses": "tracked" if tracked else "given",
             "seed": seed,
             "loss": minimum.value,
-            "seconds": round(sum(seconds), 2),
+            "seconds": round(time.process_time() - begun, 2),
             "options": to_plain(asdict(options)),
         },
         lift=float(capture.object.X_WO.p[2]) - resting_height(scene, capture.object.X_WO.q),
         time_step=options.time_step,
     )
-    return AsidIdentification(twin, list(poses), minimum, seconds)
+    return AsidIdentification(twin, list(poses), minimum)
 
 
 class _Match:

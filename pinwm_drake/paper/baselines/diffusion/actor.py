@@ -76,13 +76,9 @@ class DiffusionActor:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Chunks]:
-        """Actions (n,) or (W, n) in [-1, 1]^n, and the state to be given with the next observation.
+        """Actions (n,) or (W, n) in [-1, 1]^n, and the state to be given with the next observation; see `Acts`.
 
-        Args:
-            observation: Dict of one world or of W, with `image` and `pusher`.
-            state: The state that came back last; None where all worlds begin an episode.
-            episode_start: (W,) bool, true where an episode begins; None where none does.
-            deterministic: Not used: the noise is drawn anyway.
+        What is observed has `image` and `pusher`; noise is drawn, whatever `deterministic` is.
 
         Raises:
             ParameterError: The observation lacks an entry, or the state is of other worlds.

@@ -40,9 +40,6 @@ class DiffusionPolicy:
     """Diffusion policy of recorded demonstrations, which needs the extra `paper` of the package.
 
     Attributes:
-        network: Settings of the network.
-        training: Settings of the training.
-        until: What ends the training before its last round.
         device: Device of the network, as torch names it; the policy that is returned is on the CPU.
     """
 

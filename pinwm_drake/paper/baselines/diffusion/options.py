@@ -34,7 +34,6 @@ class NetworkOptions:
         step_features: Number of features of the diffusion's step, even.
         channels: Channels of the encoder's stages, each of which halves the image; official a ResNet-18.
         keypoints: Number of points that spatial softmax finds.
-        image_features: Number of features of an image.
 
     Raises:
         ParameterError: A number is out of range.
@@ -76,17 +75,14 @@ class TrainingOptions(Options):
     Attributes:
         updates: Number of updates of the network; rounded up to whole rounds. Official 3,050 epochs of all windows.
         round_updates: Number of updates in a round; an evaluation follows.
-        batch_size: Number of windows in an update.
         learning_rate: Highest learning rate of AdamW; it rises evenly in the warm-up, and falls to 0 along half a
             cosine. Official 1e-4, for a network a hundred times as large and many more updates.
         warmup: Number of updates in which the learning rate rises.
-        weight_decay: Weight decay of AdamW.
         average_power: Power p of the weights' moving average, whose decay is 1 - (1 + update)^-p.
         average_most: Largest decay of the moving average.
         shift: px, largest random shift of the images; official a random crop that moves them by up to a tenth. The goal
             is not in the images here: a pixel of a shift is 8 mm of it.
         gain: Relative half-width of the colours' random factors; official 0.
-        episodes: Number of episodes in an evaluation.
     """
 
     may_be_zero: ClassVar[tuple[str, ...]] = ("warmup", "weight_decay", "shift", "gain")

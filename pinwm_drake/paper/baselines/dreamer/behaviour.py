@@ -133,7 +133,6 @@ class Behaviour(nn.Module):
     """Actor, critic, and the slow copy of the critic that gives the values.
 
     Attributes:
-        actor: The actor.
         critic: Network from features to a value.
         slow: Its copy of some updates ago.
     """

@@ -35,9 +35,6 @@ class DreamerV2:
 
     Attributes:
         episodes: Number of episodes that are collected where there are none in the data.
-        networks: Sizes of the networks.
-        model: Settings of the world model's training.
-        behaviour: Settings of the training of actor and critic.
         until: What ends the training before its last round; of the minutes, the world model takes half at most.
         device: Device of the networks, as torch names it; the policy that is returned is on the CPU.
 

@@ -44,13 +44,10 @@ class DreamerPolicy:
     def predict(
         self, observation: Any, state: Memory | None = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Memory]:
-        """Actions (n,) or (W, n) in [-1, 1]^n, with the signature of SB3's `predict`, and the state to hand back.
+        """Actions (n,) or (W, n) in [-1, 1]^n, and the state to be given with the next observation; see `Acts`.
 
-        Args:
-            observation: Dict with `image`, uint8 (height, width, 3 k) or (W, ...), and `pusher`, (n,) or (W, n).
-            state: The state that came back last; None at first.
-            episode_start: (W,) bool, true where an episode begins and the state is forgotten; None for nowhere.
-            deterministic: Flag: the likeliest latents and actions; otherwise torch's generator draws them.
+        What is observed has `image` and `pusher`. Latents and actions are the likeliest ones, or drawn by torch's
+        generator where `deterministic` is false.
 
         Raises:
             ParameterError: An entry is not in the observation, or the state is of another number of worlds.

@@ -292,8 +292,6 @@ class WorldModel(nn.Module):
     """Latent dynamics with an encoder, and heads for what is predicted.
 
     Attributes:
-        perception: Encoder and latent dynamics.
-        decoder: Head of images and the pusher's position.
         reward: Head of the reward, in standard deviations of the data's.
         goes_on: Head of the logit that an episode goes on after a step.
     """

@@ -43,7 +43,6 @@ class PlanarOptions(Options):
 
     Attributes:
         starts: Number of guesses that descend side by side; the first is the middle of the bounds.
-        iterations: Steps of Adam.
         rate: Learning rate at first, in units of the unknowns, which are of order one.
         noise: Standard deviation of the given places of cells, m, in the balance of poses and prior.
         spread_mass: Standard deviation of the logarithm of a cell's mass over the mean, before any pose is seen.
@@ -51,7 +50,6 @@ class PlanarOptions(Options):
             more often of one surface than of even weight.
         smoothness: Standard deviation of the difference of these logarithms between neighbours, over their own.
         time_step: s.
-        seed: Seed of the guesses.
         friction: Least and largest coefficient of friction, at the floor and at the pusher.
     """
 

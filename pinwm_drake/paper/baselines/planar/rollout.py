@@ -272,14 +272,6 @@ def _adjoint(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Adjoint of the steps r(V', q, V) = 0, q' = q + h V' with V, V' in the world and r in the axes of the object.
 
-    Args:
-        h: Time step, s.
-        bar: (T + 1, W, 3), gradient by the poses.
-        yaw: (T, W), rad.
-        inverse: (T, W, 3, 3), inverse of the derivative of r by V' in the object's axes.
-        by_pose: (T, W, 3, 3), derivative of r by q.
-        M: (W, 3), derivative of r by V, in the object's axes, times -1.
-
     Returns:
         Gradients (W, 3) by the first pose and velocity, and (T, W, 3), what the gradient by r is, times -1.
     """

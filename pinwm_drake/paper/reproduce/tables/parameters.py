@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
-from pinwm_drake.paper.reproduce.scenes import task_scene
-from pinwm_drake.paper.reproduce.systems import ASID, ASID_GENEROUS, PIN_WM, PLANAR
+from pinwm_drake.paper.reproduce.systems import ASID, ASID_GENEROUS, PIN_WM, PLANAR, task_scene
 from pinwm_drake.paper.reproduce.tables import paper
 from pinwm_drake.paper.reproduce.tables.table import MISSING, NONE, Line, Results, Table
 from pinwm_drake.paper.reproduce.twins import (

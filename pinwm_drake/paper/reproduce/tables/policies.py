@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from pinwm_drake.paper.reproduce.evaluations import EvaluationCell, evaluated
+from pinwm_drake.paper.reproduce.policies import EvaluationCell, evaluated
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.systems import NO_COUSINS, PIN_WM, SYSTEMS
 from pinwm_drake.paper.reproduce.tables import paper

@@ -33,10 +33,6 @@ class Table:
     """A table of the paper.
 
     Attributes:
-        name: Name on the command line.
-        title: Heading.
-        header: Names of the columns.
-        lines: Lines for a request.
         columns: Columns of the cells of a line, by the results; a missing one is "not run".
         words: Explanation of what is compared, for the report.
     """
