@@ -94,13 +94,7 @@ def plant_outcomes(scene: str, engine: str, draws: int, seed: int, *, max_transl
 
 
 def outcomes_at_rest(scene: str, engine: str, outcomes: Outcomes, rest: int) -> Outcomes:
-    """Outcomes of the same actions after which the pusher stands still until the object does.
-
-    Args:
-        scene: Scene of the outcomes.
-        engine: Their engine.
-        outcomes: The starts and actions.
-        rest: Number of actions of standing still, at the most.
+    """Outcomes of the same actions after which the pusher stands still until the object does, `rest` actions at most.
 
     Raises:
         PinwmError: The scene cannot be used.
@@ -118,11 +112,6 @@ def step_errors(setup: Setup, outcomes: Outcomes, rest: int = 0) -> np.ndarray:
 
     Compared are ways and turns of the object from rest until the action ends, while it still moves; or until it rests
     again.
-
-    Args:
-        setup: The scene, with the twin in the place of the object.
-        outcomes: What the same actions did in the plant.
-        rest: Number of actions of standing still after each, at the most, as the outcomes have.
     """
     env = TaskEnv(setup, "twin", EnvOptions(max_translation=float(outcomes.longest)))
     vertices = StartDistribution(setup).vertices
@@ -205,11 +194,6 @@ class SeenOutcomes(ArrayFile):
 
 def see_outcomes(scene: str, engine: str, outcomes: Outcomes) -> SeenOutcomes:
     """Observations of the actions of `plant_outcomes`, which are taken again, in the images of trainings.
-
-    Args:
-        scene: Scene of the outcomes.
-        engine: Their engine.
-        outcomes: The starts and actions.
 
     Raises:
         PinwmError: The scene cannot be used.

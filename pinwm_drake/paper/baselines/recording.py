@@ -80,15 +80,7 @@ def read_episodes(folder: Path) -> list[Episode]:
 def record_batch(
     env: VecEnv, make_act: Callable[[int], Act], number: int, *, seed: int, on_batch: OnRound | None
 ) -> list[tuple[Episode, dict[str, Any]]]:
-    """Records a batch of episodes, all of which follow from the seed and the batch's number; see `record_episodes`.
-
-    Args:
-        env: The worlds.
-        make_act: Gives, from a seed, the function that acts.
-        number: Number of the batch, from 0.
-        seed: Seed of all batches, 0 or more.
-        on_batch: Called with a seed before, to draw the domains.
-    """
+    """Records a batch of episodes, all of which follow from the seed and the batch's number; see `record_episodes`."""
     domains, worlds, own = np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(3) >> 1
     if on_batch is not None:
         on_batch(int(domains))

@@ -32,9 +32,6 @@ def table_figures(table: Table, request: ReproduceRequest, results: Results) -> 
     """Figures of a table, by the stems of their files; none where nothing is made.
 
     Evaluations are drawn as rates and actions, predictions as errors, twins as parameters beside the true ones.
-
-    Args:
-        results: Results of the table's cells, as `read_results` gives them; what is missing is named in the figure.
     """
     done = {cell: None if (one := results.get(cell)) is None else one["result"] for cell in table.cells(request)}
     evaluations = _of(EvaluationCell, done)

@@ -83,13 +83,6 @@ class Windows:
     """
 
     def __init__(self, episodes: Sequence[Episode], observations: int, horizon: int) -> None:
-        """Lays the episodes one after another.
-
-        Args:
-            episodes: The episodes, 1 or more.
-            observations: Number of observations in a window, To.
-            horizon: Number of actions in a window, Th.
-        """
         self.image = np.concatenate([one.image[:-1] for one in episodes])
         self.pusher = np.concatenate([one.pusher[:-1] for one in episodes])
         self.action = np.concatenate([one.action for one in episodes])
@@ -116,12 +109,7 @@ class Windows:
         return images, self.pusher[seen], self.action[done]
 
     def draw(self, size: int, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Draws windows evenly and with repetition; see `take`.
-
-        Args:
-            size: Number of windows, B.
-            generator: Source of randomness.
-        """
+        """Draws windows evenly and with repetition; see `take`."""
         return self.take(generator.integers(len(self), size=size))
 
 

@@ -81,13 +81,6 @@ class TemporalUnet(nn.Module):
     """
 
     def __init__(self, options: NetworkOptions, action_size: int, condition_size: int) -> None:
-        """Makes the layers.
-
-        Args:
-            options: Settings of the network.
-            action_size: Number of an action's components, n.
-            condition_size: Number of the condition's features, C.
-        """
         super().__init__()
         features = options.step_features
         self.step = nn.Sequential(
@@ -220,12 +213,6 @@ class DiffusionNetwork(nn.Module):
     """
 
     def __init__(self, options: NetworkOptions, action_size: int) -> None:
-        """Makes the layers.
-
-        Args:
-            options: Settings of the network.
-            action_size: Number of an action's components, n.
-        """
         super().__init__()
         self.options = options
         self.action, self.pusher = Stretch(action_size), Stretch(action_size)

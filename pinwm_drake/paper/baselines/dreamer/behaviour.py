@@ -111,11 +111,8 @@ def imagine(model: WorldModel, actor: Actor, start: Latent, terminal: Tensor, op
     """Sequences that the actor leads to from N states.
 
     Args:
-        model: The world model.
-        actor: The actor, which sees features without a gradient to them.
         start: States (N, ...).
         terminal: (N,) bool, true where a start is the end of its episode.
-        options: Horizon and discount.
     """
     latent, features = start, [start.features]
     for _ in range(options.horizon):
@@ -148,13 +145,7 @@ class Behaviour(nn.Module):
         self.slow.load_state_dict(self.critic.state_dict())
 
     def losses(self, model: WorldModel, batch: Batch, options: BehaviourOptions) -> tuple[Tensor, Tensor]:
-        """Losses () of actor and critic.
-
-        Args:
-            model: The world model, whose parameters take no gradient.
-            batch: Sequences whose states are the starts.
-            options: Settings.
-        """
+        """Losses () of actor and critic."""
         with torch.no_grad():
             start = Latent(*(part.flatten(0, 1) for part in model.posterior(batch)[0]))
         seen = imagine(model, self.actor, start, batch.terminal.flatten(), options)

@@ -28,13 +28,6 @@ class RandomPushes:
     """
 
     def __init__(self, spec: PolicySpec, worlds: int, generator: np.random.Generator) -> None:
-        """Begins without a motion.
-
-        Args:
-            spec: Specification of a policy, which knows task and object.
-            worlds: Number of worlds, W.
-            generator: Generator of the motions.
-        """
         self._task, self._generator = spec.task, generator
         self._half = _HALF if spec.scene is None else 0.5 * max(spec.scene.object.size)
         self._left = np.zeros(worlds, int)

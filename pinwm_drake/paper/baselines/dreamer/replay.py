@@ -49,9 +49,6 @@ class Replay:
     def __init__(self, episodes: Sequence[Episode]) -> None:
         """Joins the episodes.
 
-        Args:
-            episodes: Episodes with images of one size, 1 or more.
-
         Raises:
             ParameterError: There are none, or their images or actions differ in size.
         """

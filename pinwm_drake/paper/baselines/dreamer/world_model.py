@@ -52,14 +52,6 @@ class Encoder(nn.Module):
     """
 
     def __init__(self, image_size: int, pusher_size: int, depth: int, units: int) -> None:
-        """Makes the layers.
-
-        Args:
-            image_size: px, side of the images.
-            pusher_size: Number n of components of the pusher's position.
-            depth: Number of channels of the first convolution.
-            units: Width of the layers of the pusher's position.
-        """
         super().__init__()
         channels = [3, *(depth * 2**k for k in range(halvings(image_size)))]
         self.convolutions = nn.Sequential(
@@ -78,7 +70,6 @@ class Decoder(nn.Module):
     """Network from features of a latent state to the means of image and pusher's position."""
 
     def __init__(self, features: int, image_size: int, pusher_size: int, depth: int, units: int) -> None:
-        """Makes the layers; the arguments are those of `Encoder`, and the number of features."""
         super().__init__()
         channels = [*(depth * 2**k for k in reversed(range(halvings(image_size)))), 3]
         first = channels[0]
@@ -168,13 +159,6 @@ class Rssm(nn.Module):
     """Latent dynamics: a recurrent state, a prior of the latents from it, and a posterior that sees an observation."""
 
     def __init__(self, action_size: int, embed_size: int, sizes: NetworkOptions) -> None:
-        """Makes the layers.
-
-        Args:
-            action_size: Components of an action, n.
-            embed_size: Number of the encoder's features.
-            sizes: Sizes of the networks.
-        """
         super().__init__()
         self._deter, self._shape = sizes.deter, (sizes.latents, sizes.classes)
         drawn = sizes.latents * sizes.classes
@@ -222,14 +206,7 @@ class Rssm(nn.Module):
         return Latent(deter, draw(logits, mode=mode)), logits
 
     def observe(self, action: Tensor, embed: Tensor, first: Tensor, *, mode: bool = False) -> tuple[Latent, Tensor]:
-        """Latent states (B, L, ...) of sequences, and the posterior's logits (B, L, latents, classes).
-
-        Args:
-            action: (B, L, n) actions that led to each step.
-            embed: (B, L, embed_size) features of the observations.
-            first: (B, L) bool, true where an episode begins; as if it were in each sequence's first step.
-            mode: Flag: the likeliest latents instead of drawn ones.
-        """
+        """Latent states (B, L, ...) of sequences, and the posterior's logits (B, L, latents, classes)."""
         latent, states, logits = self.initial(len(action)), [], []
         for t in range(action.shape[1]):
             latent, found = self.see(latent, action[:, t], embed[:, t], first[:, t], mode=mode)
@@ -239,19 +216,13 @@ class Rssm(nn.Module):
 
 
 class Perception(nn.Module):
-    """Part of the world model that a policy needs: the encoder, and the latent dynamics."""
+    """Part of the world model that a policy needs: the encoder, and the latent dynamics.
+
+    Raises:
+        ParameterError: The side of the images [px] is no power of two, or less than 8.
+    """
 
     def __init__(self, image_size: int, action_size: int, sizes: NetworkOptions) -> None:
-        """Makes the layers.
-
-        Args:
-            image_size: px, side of the images, a power of two.
-            action_size: Number n of components of an action and of the pusher's position.
-            sizes: Sizes of the networks.
-
-        Raises:
-            ParameterError: The image size is not allowed.
-        """
         super().__init__()
         self.encoder = Encoder(image_size, action_size, sizes.depth, sizes.units)
         self.rssm = Rssm(action_size, self.encoder.size, sizes)
@@ -268,8 +239,6 @@ class Terms:
 
     Attributes:
         image: Half the squared error of the images, summed over pixels.
-        pusher: That of the pusher's position.
-        reward: That of the reward.
         end: Cross-entropy of the end of episodes.
         divergence: Balanced divergence of posterior and prior.
         nats: The divergence itself [nat], without a gradient.

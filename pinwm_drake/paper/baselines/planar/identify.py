@@ -125,11 +125,9 @@ def identify_planar(
     Args:
         body: Geometry of the object, for the height of the pusher.
         poses: The N given poses, at rest at first; their times are those of the pusher.
-        pusher: Motion of the pusher.
         radius: Radius of the pusher, m.
         mass: Mass of the object, kg, which is held.
         gravity: m/s^2.
-        options: Options of the search.
 
     Returns:
         The result; with the same inputs, the same.
@@ -268,11 +266,8 @@ def planar_twin(
     the centre of mass moves in the plane only. No intervals are known.
 
     Args:
-        found: The properties.
         body: Geometry with which they were found.
-        capture: Object, pusher, floor and gravity.
         episodes: The pushes that they were found from.
-        surfels: The object's appearance, frame O.
         camera_offset: px, of the principal points of the capture's cameras.
         X_OS: Where the static views have the object, against the pose in `capture.yaml`; None for the latter.
 
