@@ -13,7 +13,7 @@ from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.checkpoints import ArrayFile
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.identification.picture_pose import PictureReader
-from pinwm_drake.paper.baselines.dreamer.replay import Batch
+from pinwm_drake.paper.baselines.dreamer.episodes import Batch
 from pinwm_drake.paper.baselines.dreamer.world_model import WorldModel
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.systems.crosscheck.difference import angles_between

@@ -13,8 +13,7 @@ from pinwm_drake.paper.reproduce.policies import EvaluationCell
 from pinwm_drake.paper.reproduce.predictions import ImaginedStepCell, OneStepCell, SeenOutcomesCell
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.systems import PIN_WM, task_scene
-from pinwm_drake.paper.reproduce.tables.parameters import BESIDE, unknown
-from pinwm_drake.paper.reproduce.tables.table import MISSING, Results, Table
+from pinwm_drake.paper.reproduce.tables import BESIDE, MISSING, Results, Table, unknown
 from pinwm_drake.paper.reproduce.twins import IdentifiedCell, NoisyCaptureCell
 from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, new_figure, start_colour, tidy
 from pinwm_drake.twin.twin import THETA

@@ -26,7 +26,7 @@ from pinwm_drake.paper.baselines.diffusion.actor import write_actor
 from pinwm_drake.paper.baselines.diffusion.demonstrations import collect_demonstrations
 from pinwm_drake.paper.baselines.diffusion.method import STAGE, DiffusionPolicy
 from pinwm_drake.paper.baselines.diffusion.options import NetworkOptions, TrainingOptions
-from pinwm_drake.paper.baselines.dreamer.collect import collect, random_pushes
+from pinwm_drake.paper.baselines.dreamer.episodes import collect, random_pushes
 from pinwm_drake.paper.baselines.dreamer.method import DreamerV2
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelOptions
 from pinwm_drake.paper.baselines.dreamer.options import NetworkOptions as DreamerSizes

@@ -9,9 +9,8 @@ from pinwm_drake.paper.baselines.diffusion.demonstrations import read_demonstrat
 from pinwm_drake.paper.baselines.dreamer.policy import read_dreamer
 from pinwm_drake.paper.baselines.recording import read_episodes
 from pinwm_drake.paper.reproduce.policies import TrajectoriesCell
-from pinwm_drake.paper.reproduce.report import read_results
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
-from pinwm_drake.paper.reproduce.run import reproduce, tables_of
+from pinwm_drake.paper.reproduce.run import read_results, reproduce, tables_of
 from pinwm_drake.parallel import Executor
 
 

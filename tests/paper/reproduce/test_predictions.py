@@ -10,9 +10,8 @@ from pinwm_drake.paper.baselines.dreamer.policy import read_dreamer
 from pinwm_drake.paper.baselines.dreamer.training import read_world_model
 from pinwm_drake.paper.one_step import Outcomes, SeenOutcomes
 from pinwm_drake.paper.reproduce.predictions import guesses, twin_at
-from pinwm_drake.paper.reproduce.report import read_results, write_report
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
-from pinwm_drake.paper.reproduce.run import plan, reproduce, tables_of
+from pinwm_drake.paper.reproduce.run import plan, read_results, reproduce, tables_of, write_report
 from pinwm_drake.parallel import Executor
 from pinwm_drake.systems.scenario.load import load_setup
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from pinwm_drake.paper.baselines.dreamer.episodes import Batch
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, NetworkOptions
-from pinwm_drake.paper.baselines.dreamer.replay import Batch
 from pinwm_drake.paper.baselines.dreamer.world_model import Latent, WorldModel, layers
 
 _ROOT = math.sqrt(2.0)

@@ -12,10 +12,9 @@ from pinwm_drake.learning.progress import Report
 from pinwm_drake.learning.rounds import ANY, StageRun, Until
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import require_device
-from pinwm_drake.paper.baselines.dreamer.collect import collect, random_pushes
+from pinwm_drake.paper.baselines.dreamer.episodes import Replay, collect, random_pushes
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
 from pinwm_drake.paper.baselines.dreamer.policy import DreamerPolicy, image_size, write_dreamer
-from pinwm_drake.paper.baselines.dreamer.replay import Replay
 from pinwm_drake.paper.baselines.dreamer.training import BEHAVIOUR, MODEL, train_behaviour, train_model
 from pinwm_drake.paper.baselines.dreamer.world_model import halvings
 from pinwm_drake.paper.baselines.recording import Episode, read_episodes

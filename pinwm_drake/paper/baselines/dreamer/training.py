@@ -25,9 +25,9 @@ from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import device_of, pack, set_weights, unpack
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.paper.baselines.dreamer.behaviour import Actor, Behaviour
+from pinwm_drake.paper.baselines.dreamer.episodes import Replay
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
 from pinwm_drake.paper.baselines.dreamer.policy import DreamerPolicy, image_size
-from pinwm_drake.paper.baselines.dreamer.replay import Replay
 from pinwm_drake.paper.baselines.dreamer.world_model import Terms, WorldModel
 
 MODEL, BEHAVIOUR = "model", "behaviour"  # stages, and their folders

@@ -17,8 +17,8 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.weights import device_of
+from pinwm_drake.paper.baselines.dreamer.episodes import Batch
 from pinwm_drake.paper.baselines.dreamer.options import ModelOptions, NetworkOptions
-from pinwm_drake.paper.baselines.dreamer.replay import Batch
 
 _LAST = 4  # px, side of the encoder's last feature maps
 _SMALLEST = 8  # px, side of the smallest images

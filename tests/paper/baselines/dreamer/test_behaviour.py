@@ -9,8 +9,8 @@ from scipy.stats import kstest, truncnorm
 
 from pinwm_drake.paper.baselines.dreamer import behaviour as module
 from pinwm_drake.paper.baselines.dreamer.behaviour import Actor, Behaviour, TruncatedNormal, imagine, lambda_returns
+from pinwm_drake.paper.baselines.dreamer.episodes import Replay
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions
-from pinwm_drake.paper.baselines.dreamer.replay import Replay
 from pinwm_drake.paper.baselines.dreamer.world_model import WorldModel
 from tests.paper.baselines.dreamer.small import SIZES, numbered
 

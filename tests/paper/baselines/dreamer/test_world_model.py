@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.paper.baselines.dreamer.episodes import Replay
 from pinwm_drake.paper.baselines.dreamer.options import ModelOptions, NetworkOptions
-from pinwm_drake.paper.baselines.dreamer.replay import Replay
 from pinwm_drake.paper.baselines.dreamer.world_model import (
     Cell,
     Decoder,
