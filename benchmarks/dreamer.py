@@ -24,7 +24,7 @@ from pinwm_drake.learning.method import MethodData
 from pinwm_drake.learning.progress import silent
 from pinwm_drake.learning.rounds import HISTORY_FILE
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
-from pinwm_drake.paper.baselines.dreamer.collect import collect
+from pinwm_drake.paper.baselines.dreamer.episodes import collect
 from pinwm_drake.paper.baselines.dreamer.method import EPISODES, DreamerV2
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
 from pinwm_drake.paper.baselines.dreamer.training import BEHAVIOUR, CURVE_FILE, MODEL

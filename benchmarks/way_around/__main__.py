@@ -17,8 +17,7 @@ from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.method import MethodData
 from pinwm_drake.learning.progress import silent
 from pinwm_drake.learning.rounds import HISTORY_FILE
-from pinwm_drake.paper.baselines.diffusion.collection import collect_demonstrations
-from pinwm_drake.paper.baselines.diffusion.demonstrations import read_demonstrations
+from pinwm_drake.paper.baselines.diffusion.demonstrations import collect_demonstrations, read_demonstrations
 from pinwm_drake.paper.baselines.diffusion.method import STAGE
 from pinwm_drake.report.figures.training import training_figure
 

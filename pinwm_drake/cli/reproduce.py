@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 
 def reproduce(request: ReproduceRun) -> None:
     """Makes the paper's tables: captures, twins, policies, evaluations, each once; after a kill it goes on."""
-    from pinwm_drake.paper.reproduce.report import write_report
-    from pinwm_drake.paper.reproduce.run import plan, seeds_of, tables_of
+    from pinwm_drake.paper.reproduce.run import plan, seeds_of, tables_of, write_report
     from pinwm_drake.paper.reproduce.run import reproduce as run
     from pinwm_drake.parallel import Executor
 

@@ -1,10 +1,10 @@
 """A policy: a network with its specification, on disk as a folder of YAML and npz."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -21,6 +21,7 @@ from pinwm_drake.learning.weights import device_of, set_weights, weights
 POLICY_FILE, WEIGHTS_FILE = "policy.yaml", "weights.npz"
 _VERSION = 2
 _WEIGHTS_VERSION = 1
+_Read = TypeVar("_Read")
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,45 +89,8 @@ def weights_digest(policy: Policy) -> str:
 
 
 def write_policy(folder: Path, policy: Policy) -> None:
-    """Writes a policy over an earlier one of the folder; each file appears whole or not at all.
-
-    Args:
-        folder: Folder of the policy; made if need be.
-        policy: The policy.
-
-    Raises:
-        InputError: A file cannot be written.
-    """
-    prepare_folder(folder)
-    write_arrays(folder / WEIGHTS_FILE, {"schema_version": _WEIGHTS_VERSION}, weights(policy.actor))
-    document = {"schema_version": _VERSION, "spec": policy.spec.to_document(), "provenance": policy.provenance}
-    write_document(folder / POLICY_FILE, document)
-
-
-def write_document(path: Path, document: Mapping[str, Any]) -> None:
-    """Writes the document of a policy, plain data, as YAML; raises InputError where it cannot be written."""
-    with replacing(path) as temporary:
-        temporary.write_text(yaml.safe_dump(dict(document), sort_keys=False, allow_unicode=True))
-
-
-def read_document(path: Path, version: int, allowed: str) -> dict[str, Any]:
-    """Document that `write_document` wrote.
-
-    Args:
-        path: File.
-        version: Its schema_version.
-        allowed: Words on what the file should be, for messages.
-
-    Raises:
-        InputError: The file is missing, cannot be read, or is another document.
-    """
-    try:
-        document = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, value=error, allowed=allowed) from error
-    if not isinstance(document, dict) or document.get("schema_version") != version:
-        raise InputError(path, value="another document", allowed=f"{allowed}, with schema_version {version}")
-    return document
+    """Writes a policy over an earlier one of the folder; see `write_parts`."""
+    write_parts(folder / POLICY_FILE, policy.spec, policy.actor, policy.provenance, version=_VERSION)
 
 
 def read_policy(folder: Path) -> Policy:
@@ -135,19 +99,79 @@ def read_policy(folder: Path) -> Policy:
     Raises:
         InputError: A file is missing, cannot be read, or does not fit the other.
     """
-    path = folder / POLICY_FILE
-    document = read_document(path, _VERSION, "policy.yaml that `pinwm train` wrote")
+
+    def make(spec: PolicySpec, document: Mapping[str, Any]) -> tuple[Policy, nn.Module]:
+        actor = make_actor(spec).eval()
+        return Policy(spec, actor, document["provenance"]), actor
+
+    return read_parts(folder / POLICY_FILE, make, "policy.yaml that `pinwm train` wrote", version=_VERSION)
+
+
+def write_parts(
+    path: Path,
+    spec: PolicySpec,
+    network: nn.Module,
+    provenance: Mapping[str, Any],
+    /,
+    *,
+    version: int = 1,
+    **settings: Any,
+) -> None:
+    """Writes a policy of any method over an earlier one; each file appears whole or not at all.
+
+    Args:
+        path: Its document; the weights are beside it, and the folder is made if need be.
+        spec: Specification of its inputs and outputs.
+        network: Network with all weights.
+        provenance: Origin as plain data.
+        version: The document's schema_version.
+        settings: Further entries of the document, plain data.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    prepare_folder(path.parent)
+    write_arrays(path.with_name(WEIGHTS_FILE), {"schema_version": _WEIGHTS_VERSION}, weights(network))
+    document = {"schema_version": version, "spec": spec.to_document(), **settings, "provenance": dict(provenance)}
+    with replacing(path) as temporary:
+        temporary.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
+
+
+def read_parts(
+    path: Path,
+    make: Callable[[PolicySpec, Mapping[str, Any]], tuple[_Read, nn.Module]],
+    allowed: str,
+    *,
+    version: int = 1,
+) -> _Read:
+    """Reads a policy that `write_parts` wrote.
+
+    Args:
+        path: Its document.
+        make: Makes the policy from specification and document, and tells the network that the weights are for.
+        allowed: Words on what the document should be, for messages.
+        version: The document's schema_version.
+
+    Raises:
+        InputError: A file is missing, cannot be read, or does not fit the other.
+    """
+    try:
+        document = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(path, value=error, allowed=allowed) from error
+    if not isinstance(document, dict) or document.get("schema_version") != version:
+        raise InputError(path, value="another document", allowed=f"{allowed}, with schema_version {version}")
     try:
         spec = PolicySpec.from_document(document.get("spec"))
-    except ParameterError as error:
-        raise InputError(path, value=error, allowed="a specification that `pinwm train` wrote") from error
-    arrays = read_arrays(folder / WEIGHTS_FILE, {"schema_version": _WEIGHTS_VERSION}, "policy")
+        policy, network = make(spec, document | {"provenance": dict(document.get("provenance") or {})})
+    except (ParameterError, KeyError, TypeError, ValueError) as error:
+        raise InputError(path, value=error, allowed=allowed) from error
+    path = path.with_name(WEIGHTS_FILE)
+    arrays = read_arrays(path, {"schema_version": _WEIGHTS_VERSION}, "policy")
     if arrays is None:
-        raise InputError(folder / WEIGHTS_FILE, value="no such file", allowed="the weights beside policy.yaml")
-    actor = make_actor(spec)
+        raise InputError(path, value="no such file", allowed="the weights beside the policy's document")
     try:
-        set_weights(actor, arrays)
+        set_weights(network, arrays)
     except ParameterError as error:
-        raise InputError(folder / WEIGHTS_FILE, value=error, allowed="weights of the network in policy.yaml") from error
-    actor.eval()
-    return Policy(spec, actor, dict(document.get("provenance") or {}))
+        raise InputError(path, value=error, allowed="weights of the network in the policy's document") from error
+    return policy

@@ -132,9 +132,7 @@ class _Capture:
             setup = _uneven_setup(setup, R_WO, options, station, models)
         self.twin, self.shape = setup.twin, self.plan.shape
         self.camera = Camera.from_field_of_view(options.size, options.size, _FIELD_OF_VIEW)
-        self.recorder = SceneRecorder(
-            setup, self.plan.rates, self.camera, options.supersampling, forces=options.forces
-        )
+        self.recorder = SceneRecorder(setup, self.plan.rates, self.camera, options.supersampling, forces=options.forces)
         x, y = self.generator.uniform(-_FROM_ORIGIN, _FROM_ORIGIN, 2)
         standing = load_mesh(self.twin.mesh_path).vertices
         self.X_WO = self.recorder.settle(on_floor(standing, R_WO, x, y, 0.0))

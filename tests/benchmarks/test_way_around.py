@@ -6,7 +6,7 @@ from benchmarks.way_around.methods import around_method
 from benchmarks.way_around.worlds import Anyhow, AroundWorlds, Expert, MakeAround, sides, success
 from pinwm_drake.learning.method import MethodData
 from pinwm_drake.learning.progress import silent
-from pinwm_drake.paper.baselines.diffusion.collection import collect_demonstrations
+from pinwm_drake.paper.baselines.diffusion.demonstrations import collect_demonstrations
 
 pytest.importorskip("diffusers")
 UPDATES = 1600

@@ -50,14 +50,15 @@ class Cell:
 
     @property
     def needs(self) -> "tuple[Cell, ...]":
-        """Cells that have to be made before."""
+        """Cells that have to be made before: those among its settings, and what these need."""
         values = (getattr(self, one.name) for one in fields(self))
-        return tuple(value for value in values if isinstance(value, Cell))
+        own = [value for value in values if isinstance(value, Cell)]
+        return tuple(dict.fromkeys(cell for one in own for cell in (one, *one.needs)))
 
     @property
     def quick(self) -> bool:
-        """Flag: hardly anything is done."""
-        return False
+        """Flag: hardly anything is done; that of the cells that it needs."""
+        return any(cell.quick for cell in self.needs)
 
     @property
     def hours(self) -> float:
@@ -82,11 +83,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class CellStore:
-    """Results of cells under a folder: what is there is not made again. It serves as a `Store` of an `Executor`.
-
-    Attributes:
-        root: Folder of the experiment.
-    """
+    """Results of cells under a folder: what is there is not made again. It serves as a `Store` of an `Executor`."""
 
     root: Path
 

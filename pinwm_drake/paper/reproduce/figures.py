@@ -9,14 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from pinwm_drake.paper.reproduce.cell import Cell
-from pinwm_drake.paper.reproduce.evaluations import EvaluationCell
-from pinwm_drake.paper.reproduce.imagined_steps import ImaginedStepCell, SeenOutcomesCell
-from pinwm_drake.paper.reproduce.predictions import OneStepCell
+from pinwm_drake.paper.reproduce.policies import EvaluationCell
+from pinwm_drake.paper.reproduce.predictions import ImaginedStepCell, OneStepCell, SeenOutcomesCell
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
-from pinwm_drake.paper.reproduce.scenes import task_scene
-from pinwm_drake.paper.reproduce.systems import PIN_WM
-from pinwm_drake.paper.reproduce.tables.parameters import BESIDE, unknown
-from pinwm_drake.paper.reproduce.tables.table import MISSING, Results, Table
+from pinwm_drake.paper.reproduce.systems import PIN_WM, task_scene
+from pinwm_drake.paper.reproduce.tables import BESIDE, MISSING, Results, Table, unknown
 from pinwm_drake.paper.reproduce.twins import IdentifiedCell, NoisyCaptureCell
 from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, new_figure, start_colour, tidy
 from pinwm_drake.twin.twin import THETA
@@ -34,11 +31,6 @@ def table_figures(table: Table, request: ReproduceRequest, results: Results) -> 
     """Figures of a table, by the stems of their files; none where nothing is made.
 
     Evaluations are drawn as rates and actions, predictions as errors, twins as parameters beside the true ones.
-
-    Args:
-        table: The table.
-        request: Tasks, systems and seeds.
-        results: Results of the table's cells, as `read_results` gives them; what is missing is named in the figure.
     """
     done = {cell: None if (one := results.get(cell)) is None else one["result"] for cell in table.cells(request)}
     evaluations = _of(EvaluationCell, done)
@@ -53,7 +45,7 @@ def table_figures(table: Table, request: ReproduceRequest, results: Results) -> 
         figures[table.name] = success_figure(evaluations)
     resting = {cell: steps.pop(cell) for cell in list(steps) if cell.outcomes.rest}
     if any(steps.values()):
-        noisy = any(_share(cell) > 0.0 for cell in steps)
+        noisy = any(_mesh(cell)[0] > 0.0 for cell in steps)
         figures[table.name] = noise_figure(steps) if noisy else error_figure(steps)
         curves = {_path(cell): found["curve"] for cell, found in steps.items() if found and found.get("curve")}
         if curves and not noisy:
@@ -66,19 +58,12 @@ def table_figures(table: Table, request: ReproduceRequest, results: Results) -> 
 
 
 def curve_figure(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
-    """Figure of mean errors over the iterations of identifications.
-
-    Args:
-        curves: Points of each identification, by its name: `iteration`, and the `mean` of `translation` [m] and of
-            `rotation` [rad].
-    """
-    figure = new_figure(8, 3.0)
-    panels = figure.subplots(1, 2)
-    for axes, (part, scale, title) in zip(panels, _PARTS, strict=True):
+    """Figure of mean errors over the iterations of identifications."""
+    figure, panels = _pair()
+    for axes, (part, scale, _) in zip(panels, _PARTS, strict=True):
         for name, points in curves.items():
             means = [scale * point[part]["mean"] for point in points]
             axes.plot([point["iteration"] for point in points], means, marker=".", label=name)
-        axes.set_title(title, fontsize=9)
         axes.set(xlabel="iteration", yscale="log")
     panels[0].legend(frameon=False, fontsize=8)
     tidy(panels)
@@ -89,9 +74,6 @@ def success_figure(results: Mapping[EvaluationCell, Result | None]) -> Figure:
     """Figure of success with Wilson's 95 % intervals, and of the mean number of actions of a success.
 
     A bar is the mean of a system's seeds, and a point a seed.
-
-    Args:
-        results: Summary of each evaluation; None where it is not made.
     """
     figure, panels = _rows_figure(results, lambda cell: cell.task, lambda cell: cell.system)
     for task, (left, right), rows in panels:
@@ -116,11 +98,7 @@ def success_figure(results: Mapping[EvaluationCell, Result | None]) -> Figure:
 
 
 def error_figure(results: Mapping[Predicted, Result | None]) -> Figure:
-    """Figure of errors after one action: the mean of each seed, and a line from the median to the 95th percentile.
-
-    Args:
-        results: Errors of each twin; None where they are not made.
-    """
+    """Figure of errors after one action: the mean of each seed, and a line from the median to the 95th percentile."""
     figure, panels = _rows_figure(results, lambda cell: cell.outcomes.task, lambda cell: cell.origin)
     for task, pair, rows in panels:
         for axes, (part, scale, title) in zip(pair, _PARTS, strict=True):
@@ -135,15 +113,10 @@ def error_figure(results: Mapping[Predicted, Result | None]) -> Figure:
 
 
 def noise_figure(results: Mapping[Predicted, Result | None]) -> Figure:
-    """Figure of mean errors after one action over the noise of the mesh: a point a seed, the line their mean.
-
-    Args:
-        results: Errors of each twin; None where they are not made.
-    """
-    figure = new_figure(8, 3.0)
-    panels = figure.subplots(1, 2)
-    for number, (known, mine) in enumerate(_grouped(results, _known).items()):
-        shares = {100.0 * share: _done(found) for share, found in _grouped(mine, _share).items()}
+    """Figure of mean errors after one action over the noise of the mesh: a point a seed, the line their mean."""
+    figure, panels = _pair()
+    for number, (known, mine) in enumerate(_grouped(results, lambda cell: _mesh(cell)[1]).items()):
+        shares = {100.0 * share: _done(found) for share, found in _grouped(mine, lambda cell: _mesh(cell)[0]).items()}
         missing = ", ".join(f"{share:g}" for share, found in shares.items() if not found)
         label = f"{known} ({MISSING}: {missing} %)" if missing else known
         for axes, (part, scale, _) in zip(panels, _PARTS, strict=True):
@@ -152,8 +125,7 @@ def noise_figure(results: Mapping[Predicted, Result | None]) -> Figure:
             axes.plot(list(means), [np.mean(each) for each in means.values()], color=colour, label=label)
             for share, each in means.items():
                 axes.plot([share] * len(each), each, "o", color=colour, markersize=4)
-    for axes, (_, _, title) in zip(panels, _PARTS, strict=True):
-        axes.set_title(title, fontsize=9)
+    for axes in panels:
         axes.set_xlabel("sigma of the vertices by the mesh's diagonal [%]")
         axes.set_ylim(bottom=0.0)
     panels[0].legend(frameon=False, fontsize=8)
@@ -165,9 +137,6 @@ def parameter_figure(results: Mapping[IdentifiedCell, Result | None]) -> Figure:
     """Figure of identified parameters with their 95 % intervals, by system; hollow where the video does not tell.
 
     The dotted line is the true value, and a point is a seed.
-
-    Args:
-        results: Estimates of each twin; None where it is not made.
     """
     tasks = _grouped(results, lambda cell: cell.surfels.capture.task)
     panels = list(dict.fromkeys(_panel(cell) for cell in results))
@@ -180,6 +149,14 @@ def parameter_figure(results: Mapping[IdentifiedCell, Result | None]) -> Figure:
             _draw_estimates(axes, twins, task_scene(task).true_theta)
     tidy(grid.ravel())
     return figure
+
+
+def _pair() -> tuple[Figure, list[Axes]]:
+    figure = new_figure(8, 3.0)
+    panels = list(figure.subplots(1, 2))
+    for axes, (_, _, title) in zip(panels, _PARTS, strict=True):
+        axes.set_title(title, fontsize=9)
+    return figure, panels
 
 
 def _draw_estimates(axes: Axes, twins: Mapping[IdentifiedCell, Result | None], true: Mapping[str, float]) -> None:
@@ -210,11 +187,6 @@ def _rows_figure(
     results: Mapping[Made, Result | None], task_of: Callable[[Made], str], name_of: Callable[[Made], str]
 ) -> tuple[Figure, list[tuple[str, tuple[Axes, Axes], dict[str, list[Result]]]]]:
     """Figure with a row of two panels for each task of which a cell is made, and in these a row for each name.
-
-    Args:
-        results: Results of cells.
-        task_of: Name of a cell's task.
-        name_of: Name of a cell's row.
 
     Returns:
         The figure; and of each task name, panels, and results by name of the row, empty where none is made.
@@ -268,20 +240,10 @@ def _done(results: Mapping[Any, Result | None]) -> list[Result]:
     return [found for found in results.values() if found is not None]
 
 
-def _noisy(cell: Predicted) -> NoisyCaptureCell | None:
-    """Cell of the capture whose mesh is known with an error that a twin was made of; None for the true one, or none."""
+def _mesh(cell: Predicted) -> tuple[float, str]:
+    """Noise of the mesh that a twin was made with, by its diagonal, and words on its task and on the mesh."""
     twin = cell.twin if isinstance(cell, OneStepCell) else None
     capture = None if twin is None else twin.surfels.capture
-    return capture if isinstance(capture, NoisyCaptureCell) else None
-
-
-def _share(cell: Predicted) -> float:
-    """Standard deviation of the mesh that a twin was made with, by its diagonal; 0 for the true one, or none."""
-    noisy = _noisy(cell)
-    return 0.0 if noisy is None else noisy.share
-
-
-def _known(cell: Predicted) -> str:
-    """Task of a twin, and how its mesh came about."""
-    noisy = _noisy(cell)
-    return cell.outcomes.task + (", mesh fitted to the masks" if noisy is not None and noisy.refined else "")
+    if not isinstance(capture, NoisyCaptureCell):
+        return 0.0, cell.outcomes.task
+    return capture.share, cell.outcomes.task + ", mesh fitted to the masks" * capture.refined

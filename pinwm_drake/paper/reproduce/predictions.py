@@ -1,4 +1,4 @@
-"""Cells of a twin's predictions against the plant."""
+"""Cells of predictions against the plant: those of twins, and those that Dreamer V2 imagines."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -8,18 +8,33 @@ from typing import Any
 import numpy as np
 import torch
 
+from pinwm_drake.errors import require
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.identification.forward import inertia
 from pinwm_drake.identification.history import HISTORY_FILE, History, read_history
-from pinwm_drake.paper.one_step import Outcomes, outcomes_at_rest, plant_outcomes, step_errors
+from pinwm_drake.paper.baselines.dreamer.policy import read_dreamer
+from pinwm_drake.paper.baselines.dreamer.training import read_world_model
+from pinwm_drake.paper.one_step import (
+    Outcomes,
+    SeenOutcomes,
+    imagine,
+    outcomes_at_rest,
+    picture_errors,
+    plant_outcomes,
+    see_outcomes,
+    step_errors,
+)
 from pinwm_drake.paper.reproduce.cell import Cell, Say
-from pinwm_drake.paper.reproduce.scenes import task_scene
+from pinwm_drake.paper.reproduce.policies import DreamerCell
+from pinwm_drake.paper.reproduce.request import ReproduceRequest
+from pinwm_drake.paper.reproduce.systems import DREAMER, task_scene
 from pinwm_drake.paper.reproduce.twins import IdentifiedCell
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.twin.rollout import NO_EFFECT, twin_scene
 from pinwm_drake.twin.twin import Estimate, Twin
 
 OUTCOMES_FILE, ENGINE = "outcomes.npz", "hydroelastic"
+_REST, _QUICK_REST = 20, 1  # actions in which an object comes to rest, at most
 _POINTS = 8  # of the curve over the iterations
 _MOMENTS = ("moment_xx", "moment_yy", "moment_zz")
 
@@ -29,8 +44,6 @@ class OutcomesCell(Cell):
     """Cell of random actions in Drake's hydroelastic plant, and what they do.
 
     Attributes:
-        task: Name of the task's scene.
-        draws: Number of actions.
         max_translation: m, translation of the pusher in each; None for the longest that its speed allows.
         rest: Number of actions of standing still, at the most, in which the object comes to rest after each; 0 where it
             is looked at when the action ends.
@@ -62,12 +75,22 @@ class OutcomesCell(Cell):
         """Draws the actions, or takes them again until the object rests; see `Cell.make`."""
         scene = task_scene(self.task).scene
         if self.rest:
-            drawn = Outcomes.read(root / replace(self, rest=0).key / OUTCOMES_FILE)
+            _, drawn = replace(self, rest=0).read(root)
             found = outcomes_at_rest(scene, ENGINE, drawn, self.rest)
         else:
             found = plant_outcomes(scene, ENGINE, self.draws, 0, max_translation=self.max_translation)
         found.write(prepare_folder(root / self.key) / OUTCOMES_FILE)
         return {"moved": float(np.linalg.norm(found.moved, axis=1).mean())}
+
+    def read(self, root: Path) -> tuple[str, Outcomes]:
+        """Scene and outcomes, once they are made."""
+        return task_scene(self.task).scene, Outcomes.read(root / self.key / OUTCOMES_FILE)
+
+
+def outcomes_cell(request: ReproduceRequest, task: str, *, at_rest: bool = False) -> OutcomesCell:
+    """Cell of what random actions do in the plant, as long as those that policies are trained with."""
+    rest = (_QUICK_REST if request.quick else _REST) if at_rest else 0
+    return OutcomesCell(task, request.draws, task_scene(task).max_translation, rest)
 
 
 @dataclass(frozen=True)
@@ -76,7 +99,6 @@ class OneStepCell(Cell):
 
     Attributes:
         origin: Name of the identification, or "scene" for the scene's own parameters.
-        outcomes: Cell of the actions.
         twin: Cell of the twin; None for the scene's own.
         curve: Flag: errors of the best start's guesses on the way, too.
     """
@@ -99,7 +121,7 @@ class OneStepCell(Cell):
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
         """Takes the same actions in the twin; see `Cell.make`."""
-        scene, outcomes = task_scene(self.outcomes.task).scene, Outcomes.read(root / self.outcomes.key / OUTCOMES_FILE)
+        scene, outcomes = self.outcomes.read(root)
         rest = self.outcomes.rest
         if self.twin is None:
             return summary(step_errors(load_setup(scene), outcomes, rest))
@@ -145,3 +167,63 @@ def summary(errors: np.ndarray) -> dict[str, Any]:
         low, high = (float(np.quantile(values, share)) for share in (0.5, 0.95))
         found[name] = {"mean": float(values.mean()), "median": low, "high": high}
     return found
+
+
+SEEN_FILE = "seen.npz"
+_READING = 0.5  # s, of a pose from an image
+
+
+@dataclass(frozen=True)
+class SeenOutcomesCell(Cell):
+    """Cell of the plant's images of random actions, and of the errors of poses that are read from them."""
+
+    path, origin = "one-step/readout/{self.outcomes.task}", "readout"
+
+    outcomes: OutcomesCell
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        return self.outcomes.draws * (2.0 + _READING) / 3600.0
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Takes the actions again, and reads the images after them; see `Cell.make`."""
+        scene, outcomes = self.outcomes.read(root)
+        seen = see_outcomes(scene, ENGINE, outcomes)
+        seen.write(prepare_folder(root / self.key) / SEEN_FILE)
+        return summary(picture_errors(load_setup(scene), outcomes, seen, seen.after, num_threads=1))
+
+
+@dataclass(frozen=True)
+class ImaginedStepCell(Cell):
+    """Cell of the errors of poses that are read from what Dreamer V2 imagines after random actions.
+
+    Attributes:
+        seen: Cell of the plant's images, of which the model sees those before the action.
+    """
+
+    path = "one-step/dreamer-v2/{self.dreamer.trajectories.task}/seed-{self.dreamer.trajectories.seed}"
+    origin = DREAMER
+
+    seen: SeenOutcomesCell
+    dreamer: DreamerCell
+
+    @property
+    def outcomes(self) -> OutcomesCell:
+        """Cell of the actions."""
+        return self.seen.outcomes
+
+    @property
+    def hours(self) -> float:
+        """Estimate of its time, h."""
+        return self.outcomes.draws * _READING / 3600.0
+
+    def make(self, root: Path, say: Say) -> Mapping[str, Any]:
+        """Imagines the images after the actions, and reads them; see `Cell.make`."""
+        folder, (scene, outcomes) = root / self.dreamer.key, self.outcomes.read(root)
+        seen = SeenOutcomes.read(root / self.seen.key / SEEN_FILE)
+        policy, longest = read_dreamer(folder), float(outcomes.longest)
+        unit = policy.spec.max_translation
+        require("translation of an action", f"{longest:g} m", abs(longest - unit) < 1e-9, f"the model's, {unit:g} m")
+        images = imagine(read_world_model(folder, policy), seen)
+        return summary(picture_errors(load_setup(scene), outcomes, seen, images, num_threads=1))

@@ -3,18 +3,12 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from pinwm_drake.errors import require
 from pinwm_drake.request import ADVANCED, BUDGET, DATA, FLATTEN, argument, option, request
 
-if TYPE_CHECKING:
-    from pinwm_drake.paper.reproduce.predictions import OutcomesCell
-    from pinwm_drake.paper.reproduce.tracked_twins import TrackedTwinCell
-    from pinwm_drake.paper.reproduce.twins import SurfelsCell, TwinCell
-
 REPORT = "report"
-_REST, _QUICK_REST = 20, 1  # actions in which an object comes to rest, at most
 _QUICK_DRAWS = 3
 
 
@@ -38,8 +32,7 @@ class ReproduceRequest:
 
     def __post_init__(self) -> None:
         """Checks the names; what is named twice counts once."""
-        from pinwm_drake.paper.reproduce.scenes import TASK_SCENES
-        from pinwm_drake.paper.reproduce.systems import SYSTEMS
+        from pinwm_drake.paper.reproduce.systems import SYSTEMS, TASK_SCENES
 
         object.__setattr__(self, "tasks", tuple(dict.fromkeys(self.tasks)))
         for task in self.tasks:
@@ -55,38 +48,6 @@ class ReproduceRequest:
     def max_steps(self) -> int | None:
         """Number of actions of an evaluated episode; None for the task's."""
         return 2 if self.quick else None
-
-    def twin(self, task: str, seed: int, *, stand_in: bool = False) -> "TwinCell":
-        """Cell of the twin that PIN-WM identifies, of a task and seed; of the stand-in's object where that is asked."""
-        from pinwm_drake.paper.reproduce.twins import TwinCell
-
-        return TwinCell(self._surfels(task, seed, stand_in))
-
-    def tracked(
-        self, task: str, seed: int, system: str, only: str = "", *, stand_in: bool = False
-    ) -> "TrackedTwinCell":
-        """Cell of the twin that another system identifies, by one unknown alone where it is named; see `twin`."""
-        from pinwm_drake.paper.reproduce.tracked_twins import TrackedTwinCell
-
-        return TrackedTwinCell(self._surfels(task, seed, stand_in), system, only)
-
-    def outcomes(self, task: str, *, at_rest: bool = False) -> "OutcomesCell":
-        """Cell of what random actions do in the plant, as long as those that policies are trained with.
-
-        Args:
-            task: Name of the task's scene.
-            at_rest: Flag: until the object rests after the action; otherwise until the action ends.
-        """
-        from pinwm_drake.paper.reproduce.predictions import OutcomesCell
-        from pinwm_drake.paper.reproduce.scenes import task_scene
-
-        rest = (_QUICK_REST if self.quick else _REST) if at_rest else 0
-        return OutcomesCell(task, self.draws, task_scene(task).max_translation, rest)
-
-    def _surfels(self, task: str, seed: int, stand_in: bool) -> "SurfelsCell":
-        from pinwm_drake.paper.reproduce.twins import CaptureCell, SurfelsCell
-
-        return SurfelsCell(CaptureCell(task, seed, self.quick, stand_in=stand_in))
 
 
 @request

@@ -15,9 +15,9 @@ def test_each_world_gives_one_episode_whose_last_image_is_that_of_the_end():
     found = record_episodes(PointMass(3, 8), act, 5)
     assert len(found) == 3
     np.testing.assert_array_equal(begins[0], True)
-    for world, one in enumerate(found):
+    for world, (one, info) in enumerate(found):
         T = len(one.actions)
-        assert T == STEPS or one.info["success"]
+        assert T == STEPS or info["success"]
         assert one.images.shape == (T + 1, 8, 8, 3)
         assert len(one.pusher) == T + 1
         np.testing.assert_array_equal(one.images[:-1], np.stack([image[world] for image in seen[:T]]))
@@ -28,4 +28,4 @@ def test_each_world_gives_one_episode_whose_last_image_is_that_of_the_end():
         assert np.abs(one.actions).max() <= 1.0
         # Rewards add up to the way towards the middle, and 1 more where it was reached.
         assert one.rewards.shape == (T,)
-        assert one.rewards.sum() - one.info["success"] > -(2.0**0.5)
+        assert one.rewards.sum() - info["success"] > -(2.0**0.5)

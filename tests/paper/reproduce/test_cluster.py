@@ -7,7 +7,7 @@ import pytest
 
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.run import reproduce
-from pinwm_drake.paper.reproduce.tables.table import Table
+from pinwm_drake.paper.reproduce.tables import Table
 from pinwm_drake.parallel import Executor
 from tests.paper.reproduce.gated import Gated
 

@@ -6,9 +6,8 @@ from scipy.stats import binomtest
 
 from pinwm_drake.paper.reproduce.cell import CellStore, settings_of
 from pinwm_drake.paper.reproduce.figures import table_figures
-from pinwm_drake.paper.reproduce.report import read_results, write_report
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
-from pinwm_drake.paper.reproduce.run import TABLES, tables_of
+from pinwm_drake.paper.reproduce.run import TABLES, read_results, tables_of, write_report
 from pinwm_drake.paper.reproduce.twins import CaptureCell
 
 REQUEST = ReproduceRequest(seeds=2)

@@ -10,14 +10,12 @@ from pathlib import Path
 import pytest
 
 from pinwm_drake.errors import InputError, ParameterError, PinwmError
-from pinwm_drake.paper.reproduce import policies
+from pinwm_drake.paper.reproduce import paper, policies
 from pinwm_drake.paper.reproduce.policies import PolicyCell
-from pinwm_drake.paper.reproduce.report import read_results, write_report
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
-from pinwm_drake.paper.reproduce.run import CellError, plan, reproduce, seeds_of, tables_of
+from pinwm_drake.paper.reproduce.run import CellError, plan, read_results, reproduce, seeds_of, tables_of, write_report
 from pinwm_drake.paper.reproduce.systems import SYSTEMS
-from pinwm_drake.paper.reproduce.tables import paper
-from pinwm_drake.paper.reproduce.tables.table import Table
+from pinwm_drake.paper.reproduce.tables import NONE, Table
 from pinwm_drake.parallel import Executor
 
 OPTIONS = {"tasks": ("push",), "methods": ("pin-wm", "random-actions"), "episodes": 2, "quick": True}
@@ -95,7 +93,7 @@ def test_each_figure_of_the_paper_stands_in_a_row_of_its_table(name, known):
     (table,) = tables_of([name])
     rows = table.rows(ReproduceRequest(), {})
     assert {len(row) for row in rows} == {len(table.header)}
-    told = [row[-1] for row in rows if row[-1] != paper.NONE]
+    told = [row[-1] for row in rows if row[-1] != NONE]
     assert sorted(set(told)) == sorted(set(known.values()))
     assert len(told) >= len(known)
 
@@ -122,7 +120,7 @@ def test_pin_wm_alone_learns_from_the_video_where_the_camera_of_a_station_is(
 ):
     asked = []
     monkeypatch.setattr(policies, "train", lambda request, **settings: asked.append(request))
-    PolicyCell("flip", name, 0, None, stand_in=stand_in).make(tmp_path, print)
+    PolicyCell("flip", 0, name, None, stand_in=stand_in).make(tmp_path, print)
     (request,) = asked
     assert request.as_filmed is filmed
     assert (request.mask_error, request.latency) == ((1.0, (0.07, 0.09)) if stand_in else (0.0, (0.0, 0.0)))

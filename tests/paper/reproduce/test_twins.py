@@ -5,15 +5,18 @@ import pytest
 import torch
 
 from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
-from pinwm_drake.paper.reproduce import tracked_twins
-from pinwm_drake.paper.reproduce.scenes import task_scene
-from pinwm_drake.paper.reproduce.tracked_twins import TrackedTwinCell
-from pinwm_drake.paper.reproduce.twins import CaptureCell, NoisyCaptureCell, SurfelsCell, TwinCell
+from pinwm_drake.paper.baselines.asid.cross_entropy import CrossEntropyBudget
+from pinwm_drake.paper.reproduce import twins
+from pinwm_drake.paper.reproduce.systems import task_scene
+from pinwm_drake.paper.reproduce.twins import CaptureCell, NoisyCaptureCell, SurfelsCell, TrackedTwinCell, TwinCell
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
+from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.twin.read import read_twin
 from tests.capture.pushed_cube import write_pushed_cube
-from tests.identification.samples import write_capture
+from tests.identification.samples import write_appearance, write_capture
 
 
 def test_a_mesh_that_is_known_with_an_error_stays_a_solid_and_images_stay(tmp_path):
@@ -47,6 +50,29 @@ def test_a_mesh_that_is_fitted_to_masks_is_nearer_to_the_true_one_than_without(t
     assert told[0] == {name: value for name, value in told[1].items() if name != "masks"}
 
 
+def test_asid_writes_a_twin_that_scenes_take_with_the_poses_that_it_is_to_reproduce(tmp_path, monkeypatch):
+    few = CrossEntropyBudget(samples=4, elites=2, rounds=2)
+    monkeypatch.setattr(twins, "CrossEntropyBudget", lambda: few)
+    cell = TrackedTwinCell(SurfelsCell(CaptureCell("push", 0, quick=True)), "asid")
+    write_capture(tmp_path / cell.surfels.capture.key)
+    write_appearance(tmp_path / cell.surfels.key)
+    told = cell.make(tmp_path, print)
+    twin = read_twin(tmp_path / cell.key)
+    assert {name: one.value for name, one in twin.theta.items()} == told["theta"]
+    assert {name: one["value"] for name, one in told["estimates"].items()} == told["theta"]
+    assert twin.provenance["versions"]["pinwm_drake"]
+    assert (tmp_path / cell.key / "episodes/0000.csv").is_file()
+    assert sorted(path.name for path in (tmp_path / cell.surfels.key).iterdir()) == ["align.json", "surfels.ply"]
+    assert load_setup(tmp_path / cell.key).twin.theta == twin.theta
+
+
+def test_a_folder_without_surfels_is_refused(tmp_path):
+    cell = TrackedTwinCell(SurfelsCell(CaptureCell("push", 0, quick=True)), "asid")
+    write_capture(tmp_path / cell.surfels.capture.key)
+    with pytest.raises(InputError, match=r"surfels\.ply"):
+        cell.make(tmp_path, print)
+
+
 def test_2d_physics_begins_where_the_static_views_have_the_object(tmp_path, monkeypatch):
     class Seen(Exception):
         pass
@@ -57,8 +83,8 @@ def test_2d_physics_begins_where_the_static_views_have_the_object(tmp_path, monk
     turned, q = 0.07, torch.tensor([math.cos(0.035), 0.0, 0.0, math.sin(0.035)], dtype=torch.float64)
     X_OS = Pose(q, torch.tensor([0.007, 0.0, 0.0], dtype=torch.float64))
     for name, value in {"read_ply": None, "read_offset": (0.0, 0.0), "read_registration": X_OS}.items():
-        monkeypatch.setattr(tracked_twins, name, lambda path, value=value: value)
-    monkeypatch.setattr(tracked_twins, "PoseTracker", tracker)
+        monkeypatch.setattr(twins, name, lambda path, value=value: value)
+    monkeypatch.setattr(twins, "PoseTracker", tracker)
     capture = CaptureCell("push", 3)
     write_pushed_cube(tmp_path / capture.key)
     written = read_capture(tmp_path / capture.key).object.X_WO

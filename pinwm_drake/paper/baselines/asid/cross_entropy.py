@@ -18,9 +18,7 @@ class CrossEntropyBudget:
     """Budget of a search.
 
     Attributes:
-        samples: Points that are tried in each round.
         elites: Number of the best points so far, to which the next round's Gaussian is fitted.
-        rounds: Number of rounds.
     """
 
     samples: int = 20
@@ -43,7 +41,6 @@ class Minimum:
 
     Attributes:
         point: (d,), where it was found, in the unit cube.
-        value: The value.
         rounds: (rounds,), the least value of each round.
     """
 
@@ -57,7 +54,6 @@ def minimise(
     number: int,
     budget: CrossEntropyBudget,
     generator: np.random.Generator,
-    report: Callable[[float], None] = lambda share: None,
 ) -> Minimum:
     """Searches the unit cube.
 
@@ -66,14 +62,13 @@ def minimise(
         number: Number of coordinates.
         budget: Points and rounds.
         generator: Source of randomness.
-        report: Called after each round with the share of the work that is done.
 
     Returns:
         The best of all points that were tried.
     """
     points = generator.random((budget.samples, number))
     elites, least, rounds = points[:0], np.empty(0), []
-    for turn in range(budget.rounds):
+    for _ in range(budget.rounds):
         values = function(points)
         rounds.append(values.min())
         points, values = np.concatenate([elites, points]), np.concatenate([least, values])
@@ -81,5 +76,4 @@ def minimise(
         elites, least = points[order], values[order]
         noise = generator.normal(size=(budget.samples, number))
         points = np.clip(elites.mean(0) + elites.std(0) * noise, 0.0, 1.0)
-        report((turn + 1) / budget.rounds)
     return Minimum(elites[0], float(least[0]), np.array(rounds))

@@ -1,25 +1,26 @@
 """A trained diffusion policy: it draws a sequence of actions, carries some out, and draws again."""
 
 import hashlib
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from pydantic_core import to_jsonable_python
+from torch import nn
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
-from pinwm_drake.errors import InputError, ParameterError, require
+from pinwm_drake.errors import require
 from pinwm_drake.experiments.evaluation.formats import PolicyFormat
-from pinwm_drake.files import prepare_folder
-from pinwm_drake.learning.policy import read_document, write_document
+from pinwm_drake.learning.policy import WEIGHTS_FILE, read_parts, write_parts
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
-from pinwm_drake.learning.weights import device_of, set_weights, weights
+from pinwm_drake.learning.weights import device_of
 from pinwm_drake.paper.baselines.diffusion.network import DiffusionNetwork, require_diffusers
 from pinwm_drake.paper.baselines.diffusion.options import NetworkOptions
+from pinwm_drake.validation import from_document
 
-ACTOR_FILE, WEIGHTS_FILE = "diffusion.yaml", "weights.npz"
-_VERSION = 1
+ACTOR_FILE = "diffusion.yaml"
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +76,9 @@ class DiffusionActor:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Chunks]:
-        """Actions (n,) or (W, n) in [-1, 1]^n, and the state to be given with the next observation.
+        """Actions (n,) or (W, n) in [-1, 1]^n, and the state to be given with the next observation; see `Acts`.
 
-        Args:
-            observation: Dict of one world or of W, with `image` and `pusher`.
-            state: The state that came back last; None where all worlds begin an episode.
-            episode_start: (W,) bool, true where an episode begins; None where none does.
-            deterministic: Not used: the noise is drawn anyway.
+        What is observed has `image` and `pusher`; noise is drawn, whatever `deterministic` is.
 
         Raises:
             ParameterError: The observation lacks an entry, or the state is of other worlds.
@@ -139,25 +136,9 @@ def _rolled(before: np.ndarray, now: np.ndarray, starts: np.ndarray) -> np.ndarr
 
 
 def write_actor(folder: Path, actor: DiffusionActor) -> None:
-    """Writes a diffusion policy over an earlier one of the folder; each file appears whole or not at all.
-
-    Args:
-        folder: Folder of the policy; made if need be.
-        actor: The policy.
-
-    Raises:
-        InputError: A file cannot be written.
-    """
-    prepare_folder(folder)
-    write_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, weights(actor.network))
-    document = {
-        "schema_version": _VERSION,
-        "spec": actor.spec.to_document(),
-        "network": actor.network.options.to_document(),
-        "seed": actor.seed,
-        "provenance": actor.provenance,
-    }
-    write_document(folder / ACTOR_FILE, document)
+    """Writes a diffusion policy over an earlier one of the folder; see `write_parts`."""
+    settings = {"network": asdict(actor.network.options), "seed": actor.seed}
+    write_parts(folder / ACTOR_FILE, actor.spec, actor.network, actor.provenance, **to_jsonable_python(settings))
 
 
 def read_actor(folder: Path) -> DiffusionActor:
@@ -168,18 +149,13 @@ def read_actor(folder: Path) -> DiffusionActor:
         ParameterError: diffusers is not installed.
     """
     require_diffusers()
-    path, allowed = folder / ACTOR_FILE, "what `write_actor` wrote"
-    document = read_document(path, _VERSION, allowed)
-    arrays = read_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, "diffusion policy")
-    if arrays is None:
-        raise InputError(folder / WEIGHTS_FILE, value="no such file", allowed=f"the weights beside {ACTOR_FILE}")
-    try:
-        spec = PolicySpec.from_document(document.get("spec"))
-        network = DiffusionNetwork(NetworkOptions.from_document(document.get("network")), spec.action_size)
-        set_weights(network, arrays)
-        return DiffusionActor(spec, network.eval(), int(document["seed"]), dict(document.get("provenance") or {}))
-    except (ParameterError, KeyError, TypeError, ValueError) as error:
-        raise InputError(path, value=error, allowed=allowed) from error
+
+    def make(spec: PolicySpec, document: Mapping[str, Any]) -> tuple[DiffusionActor, nn.Module]:
+        options = from_document(NetworkOptions, document.get("network"), "network")
+        network = DiffusionNetwork(options, spec.action_size).eval()
+        return DiffusionActor(spec, network, int(document["seed"]), document["provenance"]), network
+
+    return read_parts(folder / ACTOR_FILE, make, "what `write_actor` wrote")
 
 
 FORMAT = PolicyFormat(WEIGHTS_FILE, read_actor)

@@ -1,14 +1,19 @@
-"""Demonstrations: recorded episodes of an expert on disk, and windows of them for sequences of actions."""
+"""Demonstrations: episodes in which an expert succeeds, their files, and windows of them for sequences of actions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
 
-from pinwm_drake.checkpoints import ArrayFile, digest_of
-from pinwm_drake.errors import InputError
+from pinwm_drake.checkpoints import ArrayFile, digest_of, read_arrays
+from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.files import prepare_folder
+from pinwm_drake.learning.evaluation import Acts, result_of
+from pinwm_drake.learning.rounds import OnRound
+from pinwm_drake.paper.baselines.recording import Act, episode_file, episode_files, record_batch
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,18 +51,13 @@ class Episode(ArrayFile):
         return cls(image, pusher.astype(np.float32), action.astype(np.float32))
 
 
-def episode_path(folder: Path, number: int) -> Path:
-    """File of an episode, counted from 0."""
-    return folder / f"{number:05}.npz"
-
-
 def read_demonstrations(folder: Path) -> list[Episode]:
     """Reads all recorded episodes of a folder, in the order of their names.
 
     Raises:
         InputError: There are none, one cannot be read, or they do not fit together.
     """
-    paths = sorted(folder.glob("[0-9]*.npz"))  # and not what a run that was killed left half-written
+    paths = episode_files(folder)
     if not paths:
         raise InputError(folder, value="no episode", allowed="a folder with recorded episodes, 00000.npz and so on")
     episodes = [Episode.read(path) for path in paths]
@@ -83,13 +83,6 @@ class Windows:
     """
 
     def __init__(self, episodes: Sequence[Episode], observations: int, horizon: int) -> None:
-        """Lays the episodes one after another.
-
-        Args:
-            episodes: The episodes, 1 or more.
-            observations: Number of observations in a window, To.
-            horizon: Number of actions in a window, Th.
-        """
         self.image = np.concatenate([one.image[:-1] for one in episodes])
         self.pusher = np.concatenate([one.pusher[:-1] for one in episodes])
         self.action = np.concatenate([one.action for one in episodes])
@@ -116,10 +109,76 @@ class Windows:
         return images, self.pusher[seen], self.action[done]
 
     def draw(self, size: int, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Draws windows evenly and with repetition; see `take`.
-
-        Args:
-            size: Number of windows, B.
-            generator: Source of randomness.
-        """
+        """Draws windows evenly and with repetition; see `take`."""
         return self.take(generator.integers(len(self), size=size))
+
+
+_BATCH = "batch"
+_TRIES = 10  # episodes for each one that is wanted, before the expert is given up
+
+
+def collect_demonstrations(
+    env: VecEnv,
+    expert: Acts,
+    folder: Path,
+    episodes: int,
+    *,
+    seed: int = 0,
+    about: Mapping[str, object] | None = None,
+    on_batch: OnRound | None = None,
+) -> None:
+    """Records episodes in which an expert succeeds; each is a file `00000.npz` and so on.
+
+    The worlds run batches of one episode each, all of which follow from the seed and the batch's number. A recording
+    that was stopped goes on with the same episodes, and so does one that is asked for more.
+
+    Args:
+        env: Worlds whose observation has `image` and `pusher` beside what the expert sees, such as "rgb_state".
+        expert: Policy or controller that acts, such as a policy of the state.
+        folder: Folder of the episodes; made if need be.
+        episodes: Number of episodes, 1 or more.
+        seed: Seed of the worlds, 0 or more.
+        about: Description of worlds and expert, as JSON takes it: a folder with episodes of other ones is refused.
+        on_batch: Called with a seed before a batch, to draw its domains.
+
+    Raises:
+        ParameterError: The number of episodes is out of range, or the expert fails in nine of ten episodes.
+        InputError: The folder holds episodes of another recording, or a file cannot be written.
+    """
+    if episodes < 1:
+        raise ParameterError(f"episodes: got {episodes}; allowed: 1 or more")
+    told = {"seed": seed, "worlds": env.num_envs, **(about or {})}
+    batch, done = _recorded(prepare_folder(folder), told)
+    while done < episodes:
+        if batch * env.num_envs >= _TRIES * episodes:
+            given = f"{done} successes in {batch * env.num_envs} episodes"
+            raise ParameterError(f"expert: got {given}; allowed: one that succeeds in one of {_TRIES} or more")
+        recorded = record_batch(env, lambda seed: _acting(expert), batch, seed=seed, on_batch=on_batch)
+        found = [
+            Episode(one.images, one.pusher, one.actions)
+            for one, info in recorded
+            if result_of(info, None, len(one), {}).success
+        ]
+        for one in found[: episodes - done]:
+            one.write(episode_file(folder, done), told, **{_BATCH: np.array(batch)})
+            done += 1
+        batch += 1
+
+
+def _recorded(folder: Path, about: Mapping[str, object]) -> tuple[int, int]:
+    """Number of the batch to go on with, and of the episodes before it: the last batch may not be whole."""
+    batches: list[int] = []
+    while (arrays := read_arrays(episode_file(folder, len(batches)), about, Episode.work, (_BATCH,))) is not None:
+        batches.append(int(arrays[_BATCH]))
+    return (batches[-1], batches.index(batches[-1])) if batches else (0, 0)
+
+
+def _acting(expert: Acts) -> Act:
+    state: Any = None
+
+    def act(seen: Any, begins: np.ndarray) -> np.ndarray:
+        nonlocal state
+        actions, state = expert.predict(seen, state=state, episode_start=begins, deterministic=True)
+        return actions
+
+    return act

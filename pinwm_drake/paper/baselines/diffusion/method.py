@@ -6,12 +6,13 @@ convolutions. It takes positions as actions; here an action is what the worlds t
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from pydantic_core import to_jsonable_python
 from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
@@ -36,12 +37,9 @@ _Weights = tuple[Tensor, ...] | list[Tensor]
 
 @dataclass(frozen=True)
 class DiffusionPolicy:
-    """Diffusion policy of recorded demonstrations, which needs the extra `diffusion` of the package.
+    """Diffusion policy of recorded demonstrations, which needs the extra `paper` of the package.
 
     Attributes:
-        network: Settings of the network.
-        training: Settings of the training.
-        until: What ends the training before its last round.
         device: Device of the network, as torch names it; the policy that is returned is on the CPU.
     """
 
@@ -66,7 +64,8 @@ class DiffusionPolicy:
         best = DiffusionActor(spec, DiffusionNetwork(self.network, spec.action_size).eval(), seed)
         episodes, options = read_demonstrations(data.demonstrations), self.training
         _check(data.demonstrations, episodes[0], env.observation_space, spec.action_size)
-        about = {"network": self.network.to_document(), "demonstrations": digest(episodes), **make_worlds.about}
+        network = to_jsonable_python(asdict(self.network))
+        about = {"network": network, "demonstrations": digest(episodes), **make_worlds.about}
         total = math.ceil(options.updates / options.round_updates)
         run = StageRun(folder, STAGE, seed, about, make_worlds.begin, resume, self.until, self.device, report)
         rounds = Rounds(run.telling(options, spec, env), total)

@@ -1,4 +1,4 @@
-"""Network of diffusion policy: encoder and U-Net, the loss that trains them, and how they draw actions.
+"""Network of diffusion policy: encoder of images and temporal U-Net, their loss, and how they draw actions.
 
 Sources: Ho et al., "Denoising diffusion probabilistic models" (NeurIPS 2020); Nichol and Dhariwal, "Improved denoising
 diffusion probabilistic models" (ICML 2021) for the squared cosine; Song et al., "Denoising diffusion implicit models"
@@ -6,6 +6,7 @@ diffusion probabilistic models" (ICML 2021) for the squared cosine; Song et al.,
 """
 
 import importlib.util
+import math
 from typing import Any
 
 import torch
@@ -13,9 +14,159 @@ from torch import Tensor, nn
 from torch.nn.functional import mse_loss
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.paper.baselines.diffusion.encoder import ImageEncoder
-from pinwm_drake.paper.baselines.diffusion.options import NetworkOptions
-from pinwm_drake.paper.baselines.diffusion.unet import TemporalUnet
+from pinwm_drake.paper.baselines.diffusion.options import NORM_CHANNELS, NetworkOptions
+
+
+class ImageEncoder(nn.Module):
+    """Network from an image to features; every stage halves the image.
+
+    Source: Chi et al., "Diffusion policy" (RSS 2023), section III.A; the stages are fewer than those of a ResNet-18.
+    """
+
+    def __init__(self, options: NetworkOptions) -> None:
+        super().__init__()
+        first, *rest = options.channels
+        stages: list[nn.Module] = [nn.Conv2d(3, first, 5, 2, 2, bias=False), _norm(first), nn.ReLU()]
+        before = first
+        for channels in rest:
+            stages.append(_Stage(before, channels))
+            before = channels
+        self.stages = nn.Sequential(*stages)
+        self.points = nn.Conv2d(before, options.keypoints, 1)
+        self.head = nn.Linear(2 * options.keypoints, options.image_features)
+
+    def forward(self, dark: Tensor) -> Tensor:
+        """Features (B, image_features) of images (B, 3, height, width) float32, 0 for white and 1 for black."""
+        features: Tensor = self.head(spatial_softmax(self.points(self.stages(dark))).flatten(1))
+        return features
+
+
+def spatial_softmax(maps: Tensor) -> Tensor:
+    """Mean places (B, K, 2) under the softmax of maps (B, K, height, width): x along the width, then y.
+
+    They are -1 and 1 at the centres of the first and last pixels; a side of one pixel has its place at 0.
+    """
+    shares = maps.flatten(2).softmax(-1).unflatten(2, maps.shape[2:])
+    height, width = (torch.linspace(-1.0, 1.0, size) if size > 1 else torch.zeros(1) for size in maps.shape[2:])
+    return torch.stack([shares.sum(2) @ width.to(maps), shares.sum(3) @ height.to(maps)], dim=-1)
+
+
+class _Stage(nn.Module):
+    """Residual block of two convolutions, the first of which halves the image."""
+
+    def __init__(self, before: int, channels: int) -> None:
+        super().__init__()
+        self.body = nn.Sequential(
+            nn.Conv2d(before, channels, 3, 2, 1, bias=False),
+            _norm(channels),
+            nn.ReLU(),
+            nn.Conv2d(channels, channels, 3, 1, 1, bias=False),
+            _norm(channels),
+        )
+        self.short = nn.Sequential(nn.Conv2d(before, channels, 1, 2, bias=False), _norm(channels))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return torch.relu(self.body(x) + self.short(x))
+
+
+def _norm(channels: int) -> nn.GroupNorm:
+    return nn.GroupNorm(max(1, channels // NORM_CHANNELS), channels)
+
+
+class TemporalUnet(nn.Module):
+    """U-Net along time, whose levels each halve the sequence but for the last; every block is modulated.
+
+    Attributes:
+        step: Network from the diffusion's step to features.
+    """
+
+    def __init__(self, options: NetworkOptions, action_size: int, condition_size: int) -> None:
+        super().__init__()
+        features = options.step_features
+        self.step = nn.Sequential(
+            _Waves(features), nn.Linear(features, 4 * features), nn.Mish(), nn.Linear(4 * features, features)
+        )
+        size = features + condition_size
+
+        def pair(before: int, after: int) -> nn.ModuleList:
+            return nn.ModuleList([_Block(before, after, size, options), _Block(after, after, size, options)])
+
+        widths = options.widths
+        inputs = (action_size, *widths[:-1])
+        self.down = nn.ModuleList([pair(before, after) for before, after in zip(inputs, widths, strict=True)])
+        self.shorter = nn.ModuleList([nn.Conv1d(width, width, 3, 2, 1) for width in widths[:-1]])
+        self.middle = pair(widths[-1], widths[-1])
+        upwards = list(zip(widths[:0:-1], widths[-2::-1], strict=True))
+        self.up = nn.ModuleList([pair(2 * before, after) for before, after in upwards])
+        self.longer = nn.ModuleList([nn.ConvTranspose1d(after, after, 4, 2, 1) for _, after in upwards])
+        self.head = nn.Sequential(_convolution(widths[0], widths[0], options), nn.Conv1d(widths[0], action_size, 1))
+
+    def forward(self, noisy: Tensor, step: Tensor, condition: Tensor) -> Tensor:
+        """Noise (B, Th, n) in sequences of actions.
+
+        Args:
+            noisy: (B, Th, n) normalised actions with noise.
+            step: (B,) whole numbers, step of the diffusion: 0 is the least noise.
+            condition: (B, C) features of what is seen.
+        """
+        given = torch.cat([self.step(step), condition], 1)
+        x, kept = noisy.transpose(1, 2), []
+        for level, blocks in enumerate(self.down):
+            x = _through(blocks, x, given)
+            kept.append(x)
+            x = self.shorter[level](x) if level < len(self.shorter) else x
+        x = _through(self.middle, x, given)
+        for blocks, longer in zip(self.up, self.longer, strict=True):
+            x = longer(_through(blocks, torch.cat([x, kept.pop()], 1), given))
+        noise: Tensor = self.head(x).transpose(1, 2)
+        return noise
+
+
+class _Block(nn.Module):
+    """Residual block: two convolutions, between which the condition scales and shifts each channel (FiLM)."""
+
+    def __init__(self, before: int, after: int, condition_size: int, options: NetworkOptions) -> None:
+        super().__init__()
+        self.first, self.second = _convolution(before, after, options), _convolution(after, after, options)
+        self.film = nn.Sequential(nn.Mish(), nn.Linear(condition_size, 2 * after))
+        self.short = nn.Conv1d(before, after, 1) if before != after else nn.Identity()
+
+    def forward(self, x: Tensor, given: Tensor) -> Tensor:
+        scale, shift = self.film(given).unsqueeze(-1).chunk(2, 1)
+        found: Tensor = self.second(scale * self.first(x) + shift) + self.short(x)
+        return found
+
+
+class _Waves(nn.Module):
+    """Sines and cosines (B, features) of a step, with wavelengths from 2 pi to 20,000 pi.
+
+    Source: Vaswani et al., "Attention is all you need" (NeurIPS 2017), section 3.5.
+    """
+
+    def __init__(self, features: int) -> None:
+        super().__init__()
+        self._half = features // 2
+
+    def forward(self, step: Tensor) -> Tensor:
+        rates = torch.exp(-math.log(1e4) / max(self._half - 1, 1) * torch.arange(self._half, device=step.device))
+        angles = step[:, None].float() * rates
+        return torch.cat([angles.sin(), angles.cos()], 1)
+
+
+def _convolution(before: int, after: int, options: NetworkOptions) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv1d(before, after, options.kernel, padding=options.kernel // 2),
+        nn.GroupNorm(options.groups, after),
+        nn.Mish(),
+    )
+
+
+def _through(blocks: nn.Module, x: Tensor, given: Tensor) -> Tensor:
+    assert isinstance(blocks, nn.ModuleList)
+    for block in blocks:
+        x = block(x, given)
+    return x
+
 
 _FLAT = 1e-4  # range of a component, below which it is not stretched
 _SCHEDULE = {"beta_schedule": "squaredcos_cap_v2", "clip_sample": True, "prediction_type": "epsilon"}
@@ -62,12 +213,6 @@ class DiffusionNetwork(nn.Module):
     """
 
     def __init__(self, options: NetworkOptions, action_size: int) -> None:
-        """Makes the layers.
-
-        Args:
-            options: Settings of the network.
-            action_size: Number of an action's components, n.
-        """
         super().__init__()
         self.options = options
         self.action, self.pusher = Stretch(action_size), Stretch(action_size)
@@ -116,7 +261,7 @@ def require_diffusers() -> None:
     """
     if importlib.util.find_spec("diffusers") is None:
         given = "no package diffusers"
-        raise ParameterError(f'diffusion policy: got {given}; allowed: after pip install "pinwm_drake[diffusion]"')
+        raise ParameterError(f'diffusion policy: got {given}; allowed: after pip install "pinwm_drake[paper]"')
 
 
 def _schedulers() -> Any:

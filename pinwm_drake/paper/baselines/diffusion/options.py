@@ -1,12 +1,17 @@
 """Settings of diffusion policy, smaller than the official ones, so that two cores can train it."""
 
-from dataclasses import asdict, dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
-from pinwm_drake.errors import ParameterError, require
+from pydantic import Field
+
+from pinwm_drake.errors import require
 from pinwm_drake.learning.options import Options
+from pinwm_drake.validation import check_fields
 
 NORM_CHANNELS = 8  # of a group of the encoder's group normalisation; official 16
+_Count = Annotated[int, Field(ge=1, json_schema_extra={"allowed": "a whole number, 1 or more"})]
+_Counts = Annotated[tuple[_Count, ...], Field(min_length=1, json_schema_extra={"allowed": "whole numbers, 1 or more"})]
 
 
 @dataclass(frozen=True)
@@ -29,31 +34,26 @@ class NetworkOptions:
         step_features: Number of features of the diffusion's step, even.
         channels: Channels of the encoder's stages, each of which halves the image; official a ResNet-18.
         keypoints: Number of points that spatial softmax finds.
-        image_features: Number of features of an image.
 
     Raises:
         ParameterError: A number is out of range.
     """
 
-    horizon: int = 16
-    observations: int = 2
-    actions: int = 8
-    diffusion_steps: int = 100
-    sampling_steps: int = 16
-    widths: tuple[int, ...] = (64, 128, 256)
-    kernel: int = 5
-    groups: int = 8
-    step_features: int = 128
-    channels: tuple[int, ...] = (16, 32, 64)
-    keypoints: int = 32
-    image_features: int = 64
+    horizon: _Count = 16
+    observations: _Count = 2
+    actions: _Count = 8
+    diffusion_steps: _Count = 100
+    sampling_steps: _Count = 16
+    widths: _Counts = (64, 128, 256)
+    kernel: _Count = 5
+    groups: _Count = 8
+    step_features: _Count = 128
+    channels: _Counts = (16, 32, 64)
+    keypoints: _Count = 32
+    image_features: _Count = 64
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            numbers = value if isinstance(value, tuple) else (value,)
-            whole = all(isinstance(one, int) and one >= 1 for one in numbers)
-            require(field.name, value, whole and len(numbers) > 0, "whole numbers, 1 or more")
+        check_fields(self)
         halved = 2 ** (len(self.widths) - 1)
         require("horizon", self.horizon, self.horizon % halved == 0, f"a multiple of {halved}, as there are levels")
         most = self.horizon - self.observations + 1
@@ -67,19 +67,6 @@ class NetworkOptions:
         grouped = all(width % max(1, width // NORM_CHANNELS) == 0 for width in self.channels)
         require("channels", self.channels, grouped, f"below {NORM_CHANNELS}, or multiples of it")
 
-    def to_document(self) -> dict[str, Any]:
-        """Settings as plain data."""
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
-
-    @classmethod
-    def from_document(cls, document: Any) -> "NetworkOptions":
-        """Settings that `to_document` gave; raises ParameterError for others."""
-        names = [one.name for one in fields(cls)]
-        if not isinstance(document, dict) or set(document) != set(names):
-            raise ParameterError(f"network: got {document}; allowed: the keys {', '.join(names)}")
-        given: dict[str, Any] = {name: tuple(one) if isinstance(one, list) else one for name, one in document.items()}
-        return cls(**given)
-
 
 @dataclass(frozen=True)
 class TrainingOptions(Options):
@@ -88,17 +75,14 @@ class TrainingOptions(Options):
     Attributes:
         updates: Number of updates of the network; rounded up to whole rounds. Official 3,050 epochs of all windows.
         round_updates: Number of updates in a round; an evaluation follows.
-        batch_size: Number of windows in an update.
         learning_rate: Highest learning rate of AdamW; it rises evenly in the warm-up, and falls to 0 along half a
             cosine. Official 1e-4, for a network a hundred times as large and many more updates.
         warmup: Number of updates in which the learning rate rises.
-        weight_decay: Weight decay of AdamW.
         average_power: Power p of the weights' moving average, whose decay is 1 - (1 + update)^-p.
         average_most: Largest decay of the moving average.
         shift: px, largest random shift of the images; official a random crop that moves them by up to a tenth. The goal
             is not in the images here: a pixel of a shift is 8 mm of it.
         gain: Relative half-width of the colours' random factors; official 0.
-        episodes: Number of episodes in an evaluation.
     """
 
     may_be_zero: ClassVar[tuple[str, ...]] = ("warmup", "weight_decay", "shift", "gain")

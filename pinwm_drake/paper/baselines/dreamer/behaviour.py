@@ -5,17 +5,56 @@ gradient through the model's dynamics, as in the paper for continuous actions.
 """
 
 import copy
+import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
-from pinwm_drake.paper.baselines.dreamer.networks import layers
+from pinwm_drake.paper.baselines.dreamer.episodes import Batch
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, NetworkOptions
-from pinwm_drake.paper.baselines.dreamer.replay import Batch
-from pinwm_drake.paper.baselines.dreamer.rssm import Latent
-from pinwm_drake.paper.baselines.dreamer.truncated_normal import TruncatedNormal
-from pinwm_drake.paper.baselines.dreamer.world_model import WorldModel
+from pinwm_drake.paper.baselines.dreamer.world_model import Latent, WorldModel, layers
+
+_ROOT = math.sqrt(2.0)
+_LOG = 0.5 * math.log(2.0 * math.pi * math.e)
+_INSIDE = 1.0 - 1e-6  # largest action that is drawn
+
+
+class TruncatedNormal:
+    """Normal distribution of independent components within [-1, 1].
+
+    Attributes:
+        mean: (..., n) mean of the whole normal distribution, within [-1, 1]: the mode of the cut one.
+        std: (..., n) standard deviation of the whole one.
+    """
+
+    def __init__(self, mean: Tensor, std: Tensor) -> None:
+        self.mean, self.std = mean, std
+        self._low, self._high = (-1.0 - mean) / std, (1.0 - mean) / std
+        self._below = _cdf(self._low)
+        self._inside = _cdf(self._high) - self._below
+
+    def rsample(self) -> Tensor:
+        """Sample (..., n), drawn by torch's generator, with a gradient to mean and standard deviation."""
+        share = self._below + torch.rand_like(self.mean) * self._inside
+        least = torch.finfo(share.dtype).eps  # a share of 0 or 1, which rounding makes, would be infinitely far
+        found = self.mean + self.std * torch.special.ndtri(share.clamp(least, 1.0 - least))
+        # Cut off by rounding only, which leaves the gradient as it is.
+        return found + (found.clamp(-_INSIDE, _INSIDE) - found).detach()
+
+    def entropy(self) -> Tensor:
+        """Entropy (...) [nat] of all components together."""
+        low, high = self._low * _density(self._low), self._high * _density(self._high)
+        return (_LOG + self.std.log() + self._inside.log() + 0.5 * (low - high) / self._inside).sum(-1)
+
+
+def _cdf(x: Tensor) -> Tensor:
+    return 0.5 * (1.0 + torch.erf(x / _ROOT))
+
+
+def _density(x: Tensor) -> Tensor:
+    return (-0.5 * x * x).exp() / math.sqrt(2.0 * math.pi)
+
 
 _LEAST_STD = 0.1
 
@@ -72,11 +111,8 @@ def imagine(model: WorldModel, actor: Actor, start: Latent, terminal: Tensor, op
     """Sequences that the actor leads to from N states.
 
     Args:
-        model: The world model.
-        actor: The actor, which sees features without a gradient to them.
         start: States (N, ...).
         terminal: (N,) bool, true where a start is the end of its episode.
-        options: Horizon and discount.
     """
     latent, features = start, [start.features]
     for _ in range(options.horizon):
@@ -94,7 +130,6 @@ class Behaviour(nn.Module):
     """Actor, critic, and the slow copy of the critic that gives the values.
 
     Attributes:
-        actor: The actor.
         critic: Network from features to a value.
         slow: Its copy of some updates ago.
     """
@@ -110,13 +145,7 @@ class Behaviour(nn.Module):
         self.slow.load_state_dict(self.critic.state_dict())
 
     def losses(self, model: WorldModel, batch: Batch, options: BehaviourOptions) -> tuple[Tensor, Tensor]:
-        """Losses () of actor and critic.
-
-        Args:
-            model: The world model, whose parameters take no gradient.
-            batch: Sequences whose states are the starts.
-            options: Settings.
-        """
+        """Losses () of actor and critic."""
         with torch.no_grad():
             start = Latent(*(part.flatten(0, 1) for part in model.posterior(batch)[0]))
         seen = imagine(model, self.actor, start, batch.terminal.flatten(), options)

@@ -12,12 +12,12 @@ from pinwm_drake.learning.progress import Report
 from pinwm_drake.learning.rounds import ANY, StageRun, Until
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import require_device
-from pinwm_drake.paper.baselines.dreamer.collect import collect, random_pushes
-from pinwm_drake.paper.baselines.dreamer.networks import halvings
+from pinwm_drake.paper.baselines.dreamer.episodes import Replay, collect, random_pushes
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
 from pinwm_drake.paper.baselines.dreamer.policy import DreamerPolicy, image_size, write_dreamer
-from pinwm_drake.paper.baselines.dreamer.replay import Episode, Replay, read_episodes
 from pinwm_drake.paper.baselines.dreamer.training import BEHAVIOUR, MODEL, train_behaviour, train_model
+from pinwm_drake.paper.baselines.dreamer.world_model import halvings
+from pinwm_drake.paper.baselines.recording import Episode, read_episodes
 
 EPISODES = "episodes"  # folder of what was collected
 _MODEL_SHARE = 0.5  # of the minutes, at most
@@ -34,9 +34,6 @@ class DreamerV2:
 
     Attributes:
         episodes: Number of episodes that are collected where there are none in the data.
-        networks: Sizes of the networks.
-        model: Settings of the world model's training.
-        behaviour: Settings of the training of actor and critic.
         until: What ends the training before its last round; of the minutes, the world model takes half at most.
         device: Device of the networks, as torch names it; the policy that is returned is on the CPU.
 

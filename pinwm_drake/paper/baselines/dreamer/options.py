@@ -44,10 +44,7 @@ class ModelOptions(Options):
     """Settings of the world model's training.
 
     Attributes:
-        updates: Number of updates.
-        batch_size: Number of sequences in an update.
         length: Number of steps of a sequence; official: 50.
-        learning_rate: Learning rate of Adam.
         kl_balance: Share of the gradient of the divergence that moves the prior, the rest the posterior, 0 to 1.
         kl_scale: Weight of the divergence; official: 0.1 for Atari, 1 for control. With 1 a square of 2 x 2 px was not
             learned: its error weighs less than what the latents would have to tell.
@@ -56,7 +53,6 @@ class ModelOptions(Options):
             any numbers: 1. The images do not show the pusher, and one unit is the whole of its box.
         reward_std: Standard deviation of the reward as it is decoded, in units of that of the data; official: 1.
         weight_decay: Share of the weights that each update takes off, times the learning rate.
-        clip: Largest norm of the gradient.
     """
 
     may_be_zero: ClassVar[tuple[str, ...]] = ("kl_balance", "free_nats", "weight_decay")
@@ -80,20 +76,14 @@ class BehaviourOptions(Options):
     """Settings of actor and critic, which learn in imagination.
 
     Attributes:
-        rounds: Number of rounds, with an evaluation after each.
-        round_updates: Number of updates in a round.
-        episodes: Number of episodes in an evaluation.
         batch_size: Number of sequences whose states an update imagines from.
         length: Number of steps of such a sequence; official: 50.
-        horizon: Number of imagined steps.
-        discount: Discount of a step.
         trace: Weight λ of longer returns, 0 to 1.
         entropy: Weight of the actor's entropy; official: 1e-4 for control.
         actor_rate: Learning rate of the actor; official: 8e-5.
         critic_rate: Learning rate of the critic; official: 8e-5.
         target_period: Number of updates after which the slow critic becomes a copy of the critic.
         weight_decay: Share of the weights that each update takes off, times the learning rate.
-        clip: Largest norm of a gradient.
     """
 
     may_be_zero: ClassVar[tuple[str, ...]] = ("trace", "entropy", "weight_decay")

@@ -1,28 +1,25 @@
 """Policy of Dreamer V2, which remembers what it saw; on disk a folder of YAML and npz."""
 
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from torch import nn
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
-from pinwm_drake.errors import InputError, ParameterError, require
+from pinwm_drake.errors import require
 from pinwm_drake.experiments.evaluation.formats import PolicyFormat
-from pinwm_drake.files import prepare_folder
-from pinwm_drake.learning.policy import read_document, write_document
+from pinwm_drake.learning.policy import WEIGHTS_FILE, read_parts, write_parts
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
-from pinwm_drake.learning.weights import device_of, set_weights, weights
+from pinwm_drake.learning.weights import device_of
 from pinwm_drake.paper.baselines.dreamer.behaviour import Actor
 from pinwm_drake.paper.baselines.dreamer.options import NetworkOptions
-from pinwm_drake.paper.baselines.dreamer.rssm import Latent
-from pinwm_drake.paper.baselines.dreamer.world_model import Perception
+from pinwm_drake.paper.baselines.dreamer.world_model import Latent, Perception
+from pinwm_drake.validation import from_document
 
-DREAMER_FILE, WEIGHTS_FILE = "dreamer.yaml", "weights.npz"
-_VERSION = 1
-_KEYS = ("schema_version", "spec", "networks", "provenance")
-_PARTS = ("perception", "actor")
+DREAMER_FILE = "dreamer.yaml"
 Memory = tuple[Latent, torch.Tensor]  # the latent state, and the action that was taken in it
 
 
@@ -47,13 +44,10 @@ class DreamerPolicy:
     def predict(
         self, observation: Any, state: Memory | None = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Memory]:
-        """Actions (n,) or (W, n) in [-1, 1]^n, with the signature of SB3's `predict`, and the state to hand back.
+        """Actions (n,) or (W, n) in [-1, 1]^n, and the state to be given with the next observation; see `Acts`.
 
-        Args:
-            observation: Dict with `image`, uint8 (height, width, 3 k) or (W, ...), and `pusher`, (n,) or (W, n).
-            state: The state that came back last; None at first.
-            episode_start: (W,) bool, true where an episode begins and the state is forgotten; None for nowhere.
-            deterministic: Flag: the likeliest latents and actions; otherwise torch's generator draws them.
+        What is observed has `image` and `pusher`. Latents and actions are the likeliest ones, or drawn by torch's
+        generator where `deterministic` is false.
 
         Raises:
             ParameterError: An entry is not in the observation, or the state is of another number of worlds.
@@ -80,22 +74,10 @@ class DreamerPolicy:
 
 
 def make_policy(spec: PolicySpec, networks: NetworkOptions) -> DreamerPolicy:
-    """An untrained policy.
-
-    Args:
-        spec: Specification of a policy that observes "rgb", with square images.
-        networks: Sizes of the networks.
-
-    Raises:
-        ParameterError: The specification is none that can be learned.
-    """
+    """An untrained policy; raises ParameterError for a specification that cannot be learned."""
     size = image_size(spec)
-    return DreamerPolicy(
-        spec,
-        networks,
-        Perception(size, spec.action_size, networks).eval(),
-        Actor(spec.action_size, networks).eval(),
-    )
+    perception, actor = Perception(size, spec.action_size, networks), Actor(spec.action_size, networks)
+    return DreamerPolicy(spec, networks, perception.eval(), actor.eval())
 
 
 def image_size(spec: PolicySpec) -> int:
@@ -108,21 +90,9 @@ def image_size(spec: PolicySpec) -> int:
 
 
 def write_dreamer(folder: Path, policy: DreamerPolicy) -> None:
-    """Writes a policy over an earlier one of the folder; each file appears whole or not at all.
-
-    Args:
-        folder: Folder of the policy; made if need be.
-        policy: The policy.
-
-    Raises:
-        InputError: A file cannot be written.
-    """
-    prepare_folder(folder)
-    arrays = {f"{part}.{name}": value for part in _PARTS for name, value in weights(getattr(policy, part)).items()}
-    write_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, arrays)
-    spec, sizes = policy.spec.to_document(), asdict(policy.networks)
-    document = dict(zip(_KEYS, (_VERSION, spec, sizes, policy.provenance), strict=True))
-    write_document(folder / DREAMER_FILE, document)
+    """Writes a policy over an earlier one of the folder; see `write_parts`."""
+    path, sizes = folder / DREAMER_FILE, asdict(policy.networks)
+    write_parts(path, policy.spec, _network(policy), policy.provenance, networks=sizes)
 
 
 def read_dreamer(folder: Path) -> DreamerPolicy:
@@ -131,25 +101,16 @@ def read_dreamer(folder: Path) -> DreamerPolicy:
     Raises:
         InputError: A file is missing, cannot be read, or does not fit the other.
     """
-    path = folder / DREAMER_FILE
-    document = read_document(path, _VERSION, "a policy of Dreamer V2")
-    if set(document) != set(_KEYS):
-        raise InputError(path, value="another document", allowed=f"a policy with schema_version {_VERSION}")
-    try:
-        spec = PolicySpec.from_document(document["spec"])
-        policy = make_policy(spec, NetworkOptions(**document["networks"]))
-    except (ParameterError, TypeError) as error:
-        raise InputError(path, value=error, allowed="a specification and sizes of networks") from error
-    arrays = read_arrays(folder / WEIGHTS_FILE, {"schema_version": _VERSION}, "policy")
-    if arrays is None:
-        raise InputError(folder / WEIGHTS_FILE, value="no such file", allowed=f"the weights beside {DREAMER_FILE}")
-    try:
-        for part in _PARTS:
-            own = {name.removeprefix(f"{part}."): a for name, a in arrays.items() if name.startswith(f"{part}.")}
-            set_weights(getattr(policy, part), own)
-    except ParameterError as error:
-        raise InputError(folder / WEIGHTS_FILE, value=error, allowed=f"weights of the networks in {path}") from error
-    return DreamerPolicy(spec, policy.networks, policy.perception, policy.actor, dict(document["provenance"] or {}))
+
+    def make(spec: PolicySpec, document: Mapping[str, Any]) -> tuple[DreamerPolicy, nn.Module]:
+        policy = make_policy(spec, from_document(NetworkOptions, document.get("networks"), "networks"))
+        return replace(policy, provenance=document["provenance"]), _network(policy)
+
+    return read_parts(folder / DREAMER_FILE, make, "a policy of Dreamer V2")
+
+
+def _network(policy: DreamerPolicy) -> nn.Module:
+    return nn.ModuleDict({"perception": policy.perception, "actor": policy.actor})
 
 
 FORMAT = PolicyFormat(WEIGHTS_FILE, read_dreamer)

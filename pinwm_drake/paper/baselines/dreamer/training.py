@@ -25,9 +25,9 @@ from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import device_of, pack, set_weights, unpack
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.paper.baselines.dreamer.behaviour import Actor, Behaviour
+from pinwm_drake.paper.baselines.dreamer.episodes import Replay
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
 from pinwm_drake.paper.baselines.dreamer.policy import DreamerPolicy, image_size
-from pinwm_drake.paper.baselines.dreamer.replay import Replay
 from pinwm_drake.paper.baselines.dreamer.world_model import Terms, WorldModel
 
 MODEL, BEHAVIOUR = "model", "behaviour"  # stages, and their folders
@@ -43,9 +43,6 @@ def train_model(
     """Trains a world model.
 
     Args:
-        replay: Steps of the episodes.
-        networks: Sizes of the networks.
-        options: Settings of the training.
         run: The run, whose folder has the checkpoint and `curve.csv`: terms of the loss, means of 20 updates. It ends
             after its minutes.
 
@@ -98,10 +95,6 @@ def train_model(
 def read_world_model(folder: Path, policy: DreamerPolicy) -> WorldModel:
     """Reads the world model of a training, which stays in its checkpoint.
 
-    Args:
-        folder: Folder of the training, in which `train_model` had the folder `MODEL`.
-        policy: Policy that was trained in it, which tells the sizes.
-
     Returns:
         The model, without gradients.
 
@@ -135,9 +128,6 @@ def train_behaviour(
         env: Worlds with observation "rgb_state", in which each round is evaluated; nothing is learned from them.
         model: The world model, without gradients; it is on the CPU afterwards.
         replay: Steps of the episodes, whose states the imagination begins from.
-        spec: Specification of the policy.
-        networks: Sizes of the networks.
-        options: Settings of the training.
         run: The run, on the device of the model; the steps of its `history.csv` are imagined ones.
 
     Returns:

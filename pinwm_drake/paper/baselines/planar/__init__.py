@@ -1,4 +1,1 @@
-"""Identification in the plane: a differentiable simulator of sliding cells, and the twin that its finds make.
-
-Source: Song and Boularias, "Learning to slide unknown objects with differentiable physics simulations" (RSS 2020).
-"""
+"""2D Physics: identification in the plane by a differentiable simulator of sliding cells."""

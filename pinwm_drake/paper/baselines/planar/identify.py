@@ -8,6 +8,7 @@ nothing depends on the scale of the mass: that is held.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -15,15 +16,22 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory
+from pinwm_drake.capture.episodes import Episode, ObjectPoses, PusherTrajectory
+from pinwm_drake.capture.scene import Capture
 from pinwm_drake.errors import ParameterError, require
+from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.identification.options import IdentifyOptions
+from pinwm_drake.identification.unknowns import UNKNOWNS
 from pinwm_drake.learning.options import Options
 from pinwm_drake.paper.baselines.planar.body import PlanarBody
-from pinwm_drake.paper.baselines.planar.rollout import PlanarParameters, PlanarPush, rollout
+from pinwm_drake.paper.baselines.planar.rollout import PlanarParameters, PlanarPush, rollout, turned
+from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import step_count
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
+from pinwm_drake.twin.twin import THETA, Estimate, Twin, assemble_twin
 
 MASSES = (0.2, 5.0)  # bounds, kg
-_BETAS, _EPSILON = (0.8, 0.97), 1e-12
 _LAST_RATE = 0.05  # of the first learning rate
 _VAGUE = 2.0  # standard deviation of the logits of frictions within their bounds, before any pose is seen
 
@@ -34,7 +42,6 @@ class PlanarOptions(Options):
 
     Attributes:
         starts: Number of guesses that descend side by side; the first is the middle of the bounds.
-        iterations: Steps of Adam.
         rate: Learning rate at first, in units of the unknowns, which are of order one.
         noise: Standard deviation of the given places of cells, m, in the balance of poses and prior.
         spread_mass: Standard deviation of the logarithm of a cell's mass over the mean, before any pose is seen.
@@ -42,7 +49,6 @@ class PlanarOptions(Options):
             more often of one surface than of even weight.
         smoothness: Standard deviation of the difference of these logarithms between neighbours, over their own.
         time_step: s.
-        seed: Seed of the guesses.
         friction: Least and largest coefficient of friction, at the floor and at the pusher.
     """
 
@@ -118,11 +124,9 @@ def identify_planar(
     Args:
         body: Geometry of the object, for the height of the pusher.
         poses: The N given poses, at rest at first; their times are those of the pusher.
-        pusher: Motion of the pusher.
         radius: Radius of the pusher, m.
         mass: Mass of the object, kg, which is held.
         gravity: m/s^2.
-        options: Options of the search.
 
     Returns:
         The result; with the same inputs, the same.
@@ -136,7 +140,7 @@ def identify_planar(
     require("mass", mass, MASSES[0] <= mass <= MASSES[1], f"{MASSES[0]:g} to {MASSES[1]:g} kg")
     if len(poses.t) < 2 or not np.isfinite(poses.p_WO).all() or not np.isfinite(poses.q_WO).all():
         raise ParameterError(f"poses: got {len(poses.t)}, not all of them finite; allowed: two or more, all finite")
-    problem = _Problem.of(body, poses, pusher, radius, mass, gravity, options)
+    problem = _Problem(body, poses, pusher, radius, mass, gravity, options)
     z, losses = _descend(problem, options)
     with torch.no_grad():
         best = z[int(losses.argmin())][None]
@@ -155,7 +159,6 @@ def identify_planar(
     return PlanarResult(properties, cells, simulated[:, 0].numpy(), error, losses.numpy())
 
 
-@dataclass(frozen=True, eq=False)
 class _Problem:
     """Poses to explain, and what is known.
 
@@ -163,18 +166,8 @@ class _Problem:
     friction over the object's, then of its mass over the mean, in units of their standard deviations.
     """
 
-    body: PlanarBody
-    given: Tensor
-    step: Tensor
-    share: Tensor
-    push: PlanarPush
-    pairs: Tensor
-    mass: float
-    gravity: float
-    options: PlanarOptions
-
-    @staticmethod
-    def of(
+    def __init__(
+        self,
         body: PlanarBody,
         poses: ObjectPoses,
         pusher: PusherTrajectory,
@@ -182,16 +175,17 @@ class _Problem:
         mass: float,
         gravity: float,
         options: PlanarOptions,
-    ) -> "_Problem":
+    ) -> None:
+        self.body, self.mass, self.gravity, self.options = body, mass, gravity, options
+        self.pairs = body.neighbours()
         h, after = options.time_step, np.asarray(poses.t, float) - float(poses.t[0])
         T = step_count(float(after[-1]), h)
         times = float(poses.t[0]) + h * np.arange(T + 1)
         path = np.stack([np.interp(times, pusher.t, pusher.p_WP[:, axis]) for axis in range(2)], axis=-1)
+        self.push = PlanarPush(torch.from_numpy(path), radius, h)
+        self.given = torch.from_numpy(body.planar(poses.q_WO, poses.p_WO))
         step = np.clip(np.floor(after / h).astype(int), 0, T - 1)
-        given = torch.from_numpy(body.planar(poses.q_WO, poses.p_WO))
-        push = PlanarPush(torch.from_numpy(path), radius, h)
-        share = torch.from_numpy(after / h - step)[:, None, None]
-        return _Problem(body, given, torch.from_numpy(step), share, push, body.neighbours(), mass, gravity, options)
+        self.step, self.share = torch.from_numpy(step), torch.from_numpy(after / h - step)[:, None, None]
 
     def parameters(self, z: Tensor) -> PlanarParameters:
         """Parameters of W guesses z (W, 2 + 2 C)."""
@@ -217,9 +211,9 @@ class _Problem:
         middle = cells.mean(0)
         # Both poses are rigid: the mean distance is that of the middle, and one that grows with the angle between them.
         spread = (cells - middle).square().sum(-1).mean()
-        apart = _places(simulated, middle) - _places(given, middle)
-        turned = simulated[..., 2] - given[..., 2]
-        return apart.square().sum(-1) + 2.0 * spread * (1.0 - turned.cos())
+        found, wanted = (poses[..., :2] + turned(poses[..., 2], middle) for poses in (simulated, given))
+        angle = simulated[..., 2] - given[..., 2]
+        return (found - wanted).square().sum(-1) + 2.0 * spread * (1.0 - angle.cos())
 
     def losses(self, z: Tensor) -> Tensor:
         """Minus the logarithm of the posterior of W guesses, up to a constant."""
@@ -231,32 +225,89 @@ class _Problem:
         return 0.5 * (squares / self.options.noise**2 + prior)
 
 
-def _places(poses: Tensor, point: Tensor) -> Tensor:
-    """Places (..., 2) [m, world] of a point (2,) of Q at poses (..., 3)."""
-    c, s = poses[..., 2].cos(), poses[..., 2].sin()
-    return poses[..., :2] + torch.stack([c * point[0] - s * point[1], s * point[0] + c * point[1]], -1)
-
-
 def _descend(problem: _Problem, options: PlanarOptions) -> tuple[Tensor, Tensor]:
     """The best z (W, p) of each guess on its way down by Adam, and their losses (W,)."""
     size = 2 + 2 * len(problem.body.cells)
     generator = torch.Generator().manual_seed(options.seed)
     z = torch.zeros(options.starts, size, dtype=torch.float64)
     z[1:, :2] = _VAGUE * torch.randn(options.starts - 1, 2, generator=generator, dtype=torch.float64)
-    first, second = torch.zeros_like(z), torch.zeros_like(z)
     best, lowest = z.clone(), torch.full((len(z),), math.inf, dtype=torch.float64)
+    optimizer = torch.optim.Adam([z.requires_grad_()], betas=(0.8, 0.97), eps=1e-12)
     for iteration in range(1, options.iterations + 2):
-        at = z.clone().requires_grad_()
-        losses = problem.losses(at)
+        losses = problem.losses(z)
         better = losses.detach() < lowest
         lowest = torch.where(better, losses.detach(), lowest)
-        best = torch.where(better[:, None], z, best)
-        if iteration > options.iterations:
-            break
-        (gradient,) = torch.autograd.grad(losses.sum(), at)
-        first = _BETAS[0] * first + (1.0 - _BETAS[0]) * gradient
-        second = _BETAS[1] * second + (1.0 - _BETAS[1]) * gradient.square()
-        speed = options.rate * _LAST_RATE ** (iteration / options.iterations)
-        unbiased = (second / (1.0 - _BETAS[1] ** iteration)).sqrt() + _EPSILON
-        z = z - speed * first / (1.0 - _BETAS[0] ** iteration) / unbiased
+        best = torch.where(better[:, None], z.detach(), best)
+        if iteration <= options.iterations:
+            optimizer.param_groups[0]["lr"] = options.rate * _LAST_RATE ** (iteration / options.iterations)
+            optimizer.zero_grad()
+            losses.sum().backward()
+            optimizer.step()
     return best, lowest
+
+
+_HELD, _SCALED = "held", "of the mesh, scaled by what was found about the vertical"
+
+
+def planar_twin(
+    found: PlanarProperties,
+    body: PlanarBody,
+    capture: Capture,
+    episodes: Sequence[Episode],
+    surfels: Surfels,
+    camera_offset: tuple[float, float],
+    *,
+    X_OS: Pose | None = None,
+) -> Twin:
+    """Twin of an object whose properties were found in the plane.
+
+    Moments of inertia are those of a uniform solid, all scaled alike so that the one about the vertical is as found;
+    the centre of mass moves in the plane only. No intervals are known.
+
+    Args:
+        body: Geometry with which they were found.
+        episodes: The pushes that they were found from.
+        camera_offset: px, of the principal points of the capture's cameras.
+        X_OS: Where the static views have the object, against the pose in `capture.yaml`; None for the latter.
+
+    Returns:
+        The twin; its provenance lacks entries that only the caller knows, such as the command.
+
+    Raises:
+        InputError: A file of the capture cannot be read.
+    """
+    solid = mass_properties(load_mesh(capture.object.mesh_path), mass=1.0)
+    up = body.R_QO[2]
+    moments = solid.inertia.diagonal() * found.inertia / float(up @ solid.inertia @ up)
+    moved = np.array([*found.center, 0.0]) - body.R_QO @ solid.p_com * np.array([1.0, 1.0, 0.0])
+    values = {
+        "mass": found.mass,
+        **{f"inertia_{axis * 2}": float(moment) for axis, moment in zip("xyz", moments, strict=True)},
+        "friction_floor": found.friction_floor,
+        "friction_pusher": found.friction_pusher,
+    }
+    theta = {}
+    for key, unit in THETA.items():
+        free = key.startswith("friction")
+        note = "" if free else _SCALED if key.startswith("inertia") else _HELD
+        value = values[key] if key in values else UNKNOWNS[key].nominal
+        theta[key] = Estimate(value, None, free, unit, note)
+    center = {
+        f"center_{axis}": Estimate(float(value), None, True, "m")
+        for axis, value in zip("xyz", body.R_QO.T @ moved, strict=True)
+    }
+    seen = capture if X_OS is None else seen_in(capture, X_OS)
+    return assemble_twin(
+        capture,
+        surfels,
+        camera_offset,
+        theta,
+        center,
+        {
+            **Origin.of(capture, episodes).to_provenance(),
+            **registration_entry(capture.object.X_WO, seen.object.X_WO),
+            "method": "2d-physics",
+        },
+        lift=0.0,
+        time_step=IdentifyOptions().time_step,
+    )

@@ -9,8 +9,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.identification.pose_tracker import PoseTrackerOptions
 from pinwm_drake.paper.baselines.asid.cross_entropy import GENEROUS, CrossEntropyBudget
-from pinwm_drake.paper.baselines.asid.identify import identify_asid
-from pinwm_drake.paper.baselines.asid.options import AsidOptions, physical
+from pinwm_drake.paper.baselines.asid.identify import AsidOptions, identify_asid, physical
 from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.twin.origin import identified_push
 from pinwm_drake.twin.read import read_twin

@@ -5,10 +5,10 @@ import yaml
 
 from benchmarks.way_around.worlds import AroundWorlds, MakeAround
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.learning.policy import WEIGHTS_FILE
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.paper.baselines.diffusion.actor import (
     ACTOR_FILE,
-    WEIGHTS_FILE,
     DiffusionActor,
     read_actor,
     write_actor,

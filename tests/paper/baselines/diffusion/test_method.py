@@ -12,10 +12,15 @@ from pinwm_drake.learning.method import MethodData
 from pinwm_drake.learning.progress import silent
 from pinwm_drake.learning.weights import device_of, weights
 from pinwm_drake.paper.baselines.diffusion.actor import read_actor
-from pinwm_drake.paper.baselines.diffusion.collection import collect_demonstrations
-from pinwm_drake.paper.baselines.diffusion.demonstrations import Episode, Windows, episode_path, read_demonstrations
+from pinwm_drake.paper.baselines.diffusion.demonstrations import (
+    Episode,
+    Windows,
+    collect_demonstrations,
+    read_demonstrations,
+)
 from pinwm_drake.paper.baselines.diffusion.method import STAGE, DiffusionPolicy, _Learner, _learning_rate
 from pinwm_drake.paper.baselines.diffusion.options import NetworkOptions, TrainingOptions
+from pinwm_drake.paper.baselines.recording import episode_file
 
 pytest.importorskip("diffusers")
 
@@ -128,7 +133,7 @@ def test_a_training_of_other_demonstrations_is_refused(tmp_path, demonstrations,
 def test_demonstrations_of_other_images_are_refused(tmp_path):
     moved = np.zeros((3, 2), np.float32)
     Episode(np.zeros((4, 16, 16, 3), np.uint8), np.zeros((4, 2), np.float32), moved).write(
-        episode_path(tmp_path, 0), {}
+        episode_file(tmp_path, 0), {}
     )
     with pytest.raises(InputError, match=r"\(16, 16, 2\).*\(32, 32, 2\)"):
         train(SHORT, tmp_path, tmp_path / "out")

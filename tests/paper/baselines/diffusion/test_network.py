@@ -1,3 +1,5 @@
+"""Network of diffusion policy."""
+
 import importlib.util
 import math
 
@@ -6,7 +8,14 @@ import torch
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.paper.baselines.diffusion import network as network_module
-from pinwm_drake.paper.baselines.diffusion.network import DiffusionNetwork, Stretch, require_diffusers
+from pinwm_drake.paper.baselines.diffusion.network import (
+    DiffusionNetwork,
+    ImageEncoder,
+    Stretch,
+    TemporalUnet,
+    require_diffusers,
+    spatial_softmax,
+)
 from pinwm_drake.paper.baselines.diffusion.options import NetworkOptions
 
 SMALL = NetworkOptions(widths=(16, 24), channels=(8,), keypoints=4, image_features=8, step_features=16)
@@ -73,5 +82,64 @@ def test_a_loss_reaches_every_weight_and_sees_every_input():
 
 def test_without_diffusers_the_extra_is_named(monkeypatch):
     monkeypatch.setattr(network_module.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ParameterError, match=r"pinwm_drake\[diffusion\]"):
+    with pytest.raises(ParameterError, match=r"pinwm_drake\[paper\]"):
         require_diffusers()
+
+
+def test_the_place_of_a_peak_is_found():
+    maps = torch.full((2, 3, 5, 9), -50.0)
+    maps[0, 1, 4, 2] = 50.0  # row 4 of 0 to 4, column 2 of 0 to 8
+    maps[1, 2, 1, 8] = 50.0
+    places = spatial_softmax(maps)
+    assert places.shape == (2, 3, 2)
+    assert places[0, 1].tolist() == pytest.approx([-0.5, 1.0], abs=1e-6)
+    assert places[1, 2].tolist() == pytest.approx([1.0, -0.5], abs=1e-6)
+    assert places[0, 0].tolist() == pytest.approx([0.0, 0.0], abs=1e-6)  # an even map: its middle
+
+
+def test_a_side_of_one_pixel_has_its_place_in_the_middle():
+    assert torch.equal(spatial_softmax(torch.randn(1, 2, 1, 1)), torch.zeros(1, 2, 2))
+
+
+@pytest.mark.parametrize("size", [16, 32, 64])
+def test_images_of_any_size_become_features(size):
+    encoder = ImageEncoder(NetworkOptions(channels=(8, 16), keypoints=5, image_features=12))
+    features = encoder(torch.rand(3, 3, size, size))
+    assert features.shape == (3, 12)
+    features.sum().backward()
+    assert all(one.grad is not None for one in encoder.parameters())
+
+
+@pytest.mark.parametrize(("widths", "horizon", "size"), [((16,), 5, 2), ((16, 24), 8, 3), ((16, 24, 32), 16, 2)])
+def test_noise_has_the_shape_of_the_actions(widths, horizon, size):
+    options = NetworkOptions(widths=widths, horizon=horizon, actions=2, step_features=16)
+    unet = TemporalUnet(options, size, 7)
+    noise = unet(torch.randn(4, horizon, size), torch.arange(4), torch.randn(4, 7))
+    assert noise.shape == (4, horizon, size)
+    noise.square().sum().backward()
+    assert all(one.grad is not None and one.grad.abs().sum() > 0 for one in unet.parameters())
+
+
+def test_each_sequence_is_told_by_its_own_step_and_condition():
+    torch.manual_seed(0)
+    unet = TemporalUnet(NetworkOptions(widths=(16, 24), step_features=16), 2, 7)
+    noisy, step, condition = torch.randn(3, 16, 2), torch.tensor([5, 5, 5]), torch.randn(3, 7)
+    before = unet(noisy, step, condition)
+    other = condition.clone()
+    other[1] += 1.0
+    changed = (unet(noisy, step, other) - before).abs().amax((1, 2))
+    assert changed[1] > 1e-3
+    assert changed[[0, 2]].max() < 1e-5
+    changed = (unet(noisy, torch.tensor([5, 5, 60]), condition) - before).abs().amax((1, 2))
+    assert changed[2] > 1e-3
+    assert changed[:2].max() < 1e-5
+
+
+def test_a_block_scales_and_shifts_its_channels_by_the_condition():
+    torch.manual_seed(0)
+    block = TemporalUnet(NetworkOptions(widths=(16,), step_features=16), 2, 7).middle[0]
+    x, given = torch.randn(2, 16, 16), torch.randn(2, 23)
+    with torch.no_grad():
+        block.film[1].weight.zero_()
+        block.film[1].bias.copy_(torch.cat([torch.full((16,), 3.0), torch.full((16,), -2.0)]))
+    assert torch.allclose(block(x, given), block.second(3.0 * block.first(x) - 2.0) + x, atol=1e-5)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pinwm_drake.paper.baselines.dreamer.options import NetworkOptions
-from pinwm_drake.paper.baselines.dreamer.replay import Episode
+from pinwm_drake.paper.baselines.recording import Episode
 
 SIZES = NetworkOptions(deter=12, hidden=12, latents=4, classes=4, depth=4, units=16, layers=1)
 

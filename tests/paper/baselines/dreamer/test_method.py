@@ -14,11 +14,11 @@ from pinwm_drake.learning.progress import silent
 from pinwm_drake.learning.weights import device_of, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.paper.baselines.dreamer import training
-from pinwm_drake.paper.baselines.dreamer.collect import collect
+from pinwm_drake.paper.baselines.dreamer.episodes import collect
 from pinwm_drake.paper.baselines.dreamer.method import EPISODES, DreamerV2
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions
 from pinwm_drake.paper.baselines.dreamer.policy import read_dreamer
-from pinwm_drake.paper.baselines.dreamer.replay import episode_file
+from pinwm_drake.paper.baselines.recording import episode_file
 from tests.paper.baselines.dreamer.small import SIZES, numbered
 
 SHORT = DreamerV2(

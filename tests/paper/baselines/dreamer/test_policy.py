@@ -5,9 +5,9 @@ import yaml
 
 from benchmarks.point_mass import PointMass, PointMassWorlds
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.learning.policy import WEIGHTS_FILE
 from pinwm_drake.paper.baselines.dreamer.policy import (
     DREAMER_FILE,
-    WEIGHTS_FILE,
     make_policy,
     read_dreamer,
     write_dreamer,

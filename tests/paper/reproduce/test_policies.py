@@ -1,3 +1,5 @@
+"""Cells of policies and of what they learn from."""
+
 from pathlib import Path
 
 import numpy as np
@@ -5,11 +7,10 @@ import pytest
 
 from pinwm_drake.paper.baselines.diffusion.demonstrations import read_demonstrations
 from pinwm_drake.paper.baselines.dreamer.policy import read_dreamer
-from pinwm_drake.paper.baselines.dreamer.replay import read_episodes
-from pinwm_drake.paper.reproduce.recordings import TrajectoriesCell
-from pinwm_drake.paper.reproduce.report import read_results
+from pinwm_drake.paper.baselines.recording import read_episodes
+from pinwm_drake.paper.reproduce.policies import TrajectoriesCell
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
-from pinwm_drake.paper.reproduce.run import reproduce, tables_of
+from pinwm_drake.paper.reproduce.run import read_results, reproduce, tables_of
 from pinwm_drake.parallel import Executor
 
 
@@ -31,7 +32,7 @@ def test_random_pushes_are_recorded_in_the_plant_dreamt_of_and_evaluated(tmp_pat
 
 
 def test_for_the_stand_in_they_are_recorded_in_it(tmp_path: Path):
-    plain, stand_in = (TrajectoriesCell("push", 0, 1, 3, flag) for flag in (False, True))
+    plain, stand_in = (TrajectoriesCell("push", 0, 1, 3, stand_in=flag) for flag in (False, True))
     assert plain.key != stand_in.key
     found = []
     for cell in (plain, stand_in):
