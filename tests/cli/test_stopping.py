@@ -47,7 +47,7 @@ def test_an_armed_controller_stops_for_ctrl_c_and_sigterm_through_a_terminal(num
         os.execv(sys.executable, [sys.executable, "-c", code, "control", "push_t", "--arm", "--engine", "twin"])
     output = b""
     with contextlib.suppress(OSError):  # where the process has ended
-        while b"armed: the pusher moves" not in output:
+        while b": the pusher moves" not in output:
             output += os.read(terminal, 4096)
         if number == signal.SIGINT:
             os.write(terminal, b"\x03")
