@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
 
-from benchmarks.mujoco_xml import mesh_geoms, numbers, pusher
+from benchmarks.mujoco_xml import poked_model, pusher
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 from pinwm_drake.systems.envs.vector import TaskVecEnv
@@ -64,23 +64,17 @@ class Theirs:
         theta, shape, solid = setup.twin.theta, setup.twin.pusher.shape, twin_solid(setup.twin)
         assert shape is not None
         self.steps, self.speed = round(horizon / setup.twin.time_step), LONGEST / horizon
-        meshes, geoms = mesh_geoms(list(mesh_pieces(setup.twin.mesh_path)))
-        tip = f'type="sphere" size="{shape.radius}" friction="{theta["friction_pusher"].value} 0 0"'
-        held = "".join(f'<velocity joint="{name}" kv="{GAIN:g}"/>' for name in "xyz")
-        self.model = mujoco.MjModel.from_xml_string(f"""<mujoco>
-          <option timestep="{setup.twin.time_step:.17g}" integrator="implicitfast"/>
-          <default><geom friction="0 0 0"/></default>
-          <asset>{meshes}</asset>
-          <worldbody>
-            <geom type="plane" size="0 0 1" friction="{theta["friction_floor"].value} 0 0"/>
-            <body name="object"><freejoint/>
-              <inertial pos="{numbers(solid.p_OB)}" mass="{solid.mass}"
-                diaginertia="{numbers(np.diag(solid.inertia))}"/>
-              {geoms}
-            </body>
-            {pusher(tip)}
-          </worldbody>
-          <actuator>{held}</actuator></mujoco>""")
+        tip = pusher("sphere", shape.radius, 0.0, theta["friction_pusher"].value)
+        held = "".join(f'<velocity joint="slide{k}" kv="{GAIN:g}"/>' for k in range(3))
+        self.model = poked_model(
+            mesh_pieces(setup.twin.mesh_path),
+            (solid.mass, solid.p_OB, np.diag(solid.inertia)),
+            tip,
+            setup.twin.time_step,
+            friction=theta["friction_floor"].value,
+            option='integrator="implicitfast"',
+            more=f"<actuator>{held}</actuator>",
+        )
         self._datas = [mujoco.MjData(self.model) for _ in range(THREADS)]
         self._rollout = Rollout(nthread=THREADS)
         self._random, self._starts, self._action = np.random.default_rng(0), StartDistribution(setup), 0

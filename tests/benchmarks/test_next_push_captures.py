@@ -11,8 +11,8 @@ from PIL import Image
 from pydrake.math import RigidTransform
 
 from benchmarks.next_push.captures import FIELD_OF_VIEW, Size, episode_viewpoint, write_capture
+from benchmarks.next_push.engines import engine
 from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, Rollout, Theta, log_times
-from benchmarks.next_push.engines.table import engine
 from benchmarks.next_push.jug import scanned_jug
 from benchmarks.next_push.objects import OBJECTS, make_thing
 from benchmarks.next_push.poses import PER_FRAME, pose_capture, read_poses, write_poses

@@ -33,16 +33,6 @@ _NO_PUSHER = PusherShape("sphere", 0.01)
 _AWAY = np.array([0.0, 0.0, 50.0])  # m
 
 
-def hydroelastic(thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None, t: np.ndarray) -> Rollout:
-    """Rolls out a push with hydroelastic contact; see `mujoco.roll_out` for arguments."""
-    return _roll_out("hydroelastic", thing, theta, X_WO, push, t)
-
-
-def point(thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None, t: np.ndarray) -> Rollout:
-    """Rolls out a push with point contact; see `mujoco.roll_out` for arguments."""
-    return _roll_out("point", thing, theta, X_WO, push, t)
-
-
 def make_recorder(
     engine: str,
     thing: Thing,
@@ -105,9 +95,10 @@ def _setup(engine: str, thing: Thing, theta: Theta, shape: PusherShape) -> Setup
     return dataclasses.replace(make_setup(scenario, twin=twin), visual_path=thing.visual_path)
 
 
-def _roll_out(
+def roll_out(
     engine: str, thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None, t: np.ndarray
 ) -> Rollout:
+    """Rolls out a push in "hydroelastic" or "point" contact; see `engine` for the other arguments."""
     shape = _NO_PUSHER if push is None else push.shape
     recorder = make_recorder(engine, thing, theta, shape, Camera.from_field_of_view(16, 16, 0.7), 1)
     if engine == "point" and len(theta.feet):
