@@ -225,7 +225,9 @@ def check_fields(instance: Any, place: str = "") -> None:
     except ValidationError as error:
         problem = first_problem(error, model)
         name = str(problem.location[0])
-        raise ParameterError(f"{place}{name}: got {given[name]!r}; allowed: {problem.allowed}") from None
+        found = getattr(instance, name)
+        shown = found if isinstance(found, list) else given[name]
+        raise ParameterError(f"{place}{name}: got {shown!r}; allowed: {problem.allowed}") from None
     for name in given:
         object.__setattr__(instance, name, getattr(checked, name))
 

@@ -73,8 +73,6 @@ def forecast(request: TrainRequest) -> Forecast:
 
 
 class _Clock:
-    """Clock of a brief training, which reads the time whenever it reports."""
-
     def __init__(self) -> None:
         self.stage = ""
         self._times: list[tuple[float, int]] = []

@@ -114,7 +114,6 @@ def roll_out(
 
 
 def _with_feet(thing: Thing, theta: Theta) -> Path:
-    """Mesh of an object with its feet, in a folder that goes with the process."""
     folder = Path(tempfile.mkdtemp(prefix="next_push_"))
     Finalize(None, shutil.rmtree, (folder, True), exitpriority=0)
     return write_with_feet(thing.mesh_path, folder, theta.feet, np.array([0.0, 0.0, 1.0]))
@@ -141,7 +140,6 @@ def _stand_on_corners(recorder: SceneRecorder) -> None:
 
 
 def _set_inertia(recorder: SceneRecorder, theta: Theta) -> None:
-    """Gives the object the very mass, centre of mass and inertia of theta."""
     parts = _plant(recorder)
     context = parts.plant.GetMyMutableContextFromRoot(recorder.simulator.get_mutable_context())
     J = theta.inertia
