@@ -19,10 +19,10 @@ import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
 
+from benchmarks.environment import Player
 from benchmarks.mujoco_xml import poked_model, pusher
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
-from pinwm_drake.systems.envs.vector import TaskVecEnv
 from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.systems.sdf.twin import twin_solid
 from pinwm_drake.tasks.recipes.flip import FLIP
@@ -38,22 +38,6 @@ def heading(away: np.ndarray, random: np.random.Generator) -> np.ndarray:
     """Actions (W, 3) towards the object, with noise, by where the pusher is from it (W, 3) [m]."""
     ahead = -away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 0.01)
     return np.clip(ahead + 0.3 * random.normal(size=away.shape), -1, 1).astype(np.float32)
-
-
-class Ours:
-    """Player of our worlds."""
-
-    def __init__(self, worlds: TrainingWorlds, kind: str) -> None:
-        self.env: TaskVecEnv = worlds.worlds(KINDS[kind])
-        self._random = np.random.default_rng(0)
-        self.env.seed(0)
-        self._seen = self.env.reset()
-
-    def play(self, actions: int) -> None:
-        """Takes a number of actions in every world."""
-        for _ in range(actions):
-            state = self._seen["state"] if isinstance(self._seen, dict) else self._seen
-            self._seen = self.env.step(heading(0.1 * state[:, 15:18], self._random))[0]
 
 
 class Theirs:
@@ -103,7 +87,11 @@ class Theirs:
 def measure(given: argparse.Namespace) -> dict:
     """Times all players in turn."""
     worlds = TrainingWorlds(SCENE, training_options(), num_worlds=WORLDS)
-    players = {kind: Ours(worlds, kind) for kind in KINDS} | {"mujoco": Theirs(worlds)}
+
+    def act(state: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        return heading(0.1 * state[:, 15:18], random)
+
+    players: dict = {kind: Player(worlds.worlds(KINDS[kind]), act) for kind in KINDS} | {"mujoco": Theirs(worlds)}
     cases = {
         name: timing.Case(functools.partial(player.play, EPISODE), units=EPISODE * WORLDS)
         for name, player in players.items()

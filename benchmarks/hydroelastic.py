@@ -72,18 +72,15 @@ def agreement() -> str:
             difference_of(push.motions["twin"], rig.run(push.trial)) for push in found.pushes
         ]
         for other, differences in ends.items():
-            lines.append(_agreement_row(name, friction, other, *_ends(differences)))
+            ways, angles = _ends(differences)
+            above, ended = int(((ways > 3) | (angles > 2)).sum()), np.isfinite(ways)
+            medians = f"{np.median(ways):.2f} mm, {np.median(angles):.2f}°"
+            most = f"{ways[ended].max():.1f} mm, {angles[ended].max():.1f}°"  # failed pushes are left out
+            failed = "" if ended.all() else f", {int((~ended).sum())} failed"
+            cells = f"{name} | {friction:g} | {other} | {medians} | {most} | {above} of {len(ways)}{failed}"
+            lines.append(f"| {cells} |")
             print(lines[-1], flush=True)
     return "\n".join(lines)
-
-
-def _agreement_row(name: str, friction: float, other: str, ways: np.ndarray, angles: np.ndarray) -> str:
-    """Row of the table of differences in mm and degrees; failed pushes are counted and left out of the largest."""
-    above, ended = int(((ways > 3) | (angles > 2)).sum()), np.isfinite(ways)
-    medians = f"{np.median(ways):.2f} mm, {np.median(angles):.2f}°"
-    most = f"{ways[ended].max():.1f} mm, {angles[ended].max():.1f}°"
-    failed = "" if ended.all() else f", {int((~ended).sum())} failed"
-    return f"| {name} | {friction:g} | {other} | {medians} | {most} | {above} of {len(ways)}{failed} |"
 
 
 def twins() -> str:

@@ -41,14 +41,6 @@ class _Staged:
 
 @dataclass(frozen=True)
 class _Trained(_Staged):
-    """Policy that an algorithm trains.
-
-    Attributes:
-        options: Settings of the algorithm.
-        until: What ends it before its last round.
-        device: Device of the networks, as torch names it.
-    """
-
     options: Any
     until: Until = ANY
     device: str = "cpu"

@@ -75,7 +75,7 @@ class FlipTask(Task):
     room: Positive = 0.2
 
     def __post_init__(self) -> None:
-        check_fields(self, "task.")
+        check_fields(self, "task.", as_given=True)
         require("task.up", self.up, any(self.up), "an axis in O, finite and not zero")
         across = not any(self.side) or float(np.linalg.norm(np.cross(self.up, self.side))) > 0.0
         require("task.side", self.side, across, "zero, or an axis in O that is not along `up`")

@@ -85,7 +85,7 @@ class PushTask(Task):
     goal_range: Annotated[tuple[_Reach, _Reach, _Reach], _words(f"{_GOAL}, 0 or more")] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        check_fields(self, "task.")
+        check_fields(self, "task.", as_given=True)
         require("task.q_WO", self.q_WO, any(self.q_WO), _TURNS)
 
     @cached_property

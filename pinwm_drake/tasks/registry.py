@@ -63,7 +63,7 @@ def task_from_document(document: Any) -> Task:
     if unknown := [name for name in values if name not in known]:
         raise ParameterError(f"task.{unknown[0]}: got an unknown key; allowed: {', '.join(known)}")
     task = kind(**values)
-    check_fields(task, "task.")
+    check_fields(task, "task.", as_given=True)
     return task
 
 
