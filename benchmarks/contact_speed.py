@@ -21,7 +21,7 @@ import numpy as np
 import torch
 
 from benchmarks.contact_scenes import l_block, prism, solid
-from benchmarks.mujoco_xml import mesh_geoms, numbers, pusher
+from benchmarks.mujoco_xml import poked_model, pusher
 from benchmarks.results import markdown, write_json
 from pinwm_drake.geometry.convex import hollow_mug, t_block
 from pinwm_drake.geometry.shapes import box, sphere
@@ -124,19 +124,9 @@ class Theirs:
     """Pokes in MuJoCo, one world after the other."""
 
     def __init__(self, pokes: Pokes) -> None:
-        meshes, geoms = mesh_geoms(list(pokes.body.pieces))
-        self.pokes = pokes
-        self.model = mujoco.MjModel.from_xml_string(f"""<mujoco>
-          <option timestep="{1.0 / pokes.rate:.17g}"/>
-          <asset>{meshes}</asset>
-          <worldbody>
-            <geom name="floor" type="plane" size="0 0 1"/>
-            <body name="object"><freejoint/>
-              <inertial pos="0 0 0" mass="{pokes.body.mass}" diaginertia="{numbers(np.diag(pokes.body.inertia))}"/>
-              {geoms}
-            </body>
-            {pusher(f'type="sphere" size="{RADIUS}"')}
-          </worldbody></mujoco>""")
+        self.pokes, body = pokes, pokes.body
+        solid = body.mass, np.zeros(3), np.diag(body.inertia)
+        self.model = poked_model(body.pieces, solid, pusher("sphere", RADIUS, 0.0), 1.0 / pokes.rate)
         self.data = mujoco.MjData(self.model)
         self.ends = np.zeros((WORLDS, 3))
 
@@ -145,8 +135,6 @@ class Theirs:
         model, data, pokes = self.model, self.data, self.pokes
         for w in range(WORLDS):
             mujoco.mj_resetData(model, data)
-            # MuJoCo takes the larger friction of two geoms.
-            model.geom_friction[:, 0] = 0.0
             model.geom("floor").friction[0], model.geom("pusher").friction[0] = pokes.friction[w]
             data.qpos[:3], data.qpos[3:7], data.qpos[7:10] = pokes.p[w], pokes.q[w], pokes.start[w]
             data.qvel[6:9] = pokes.velocity[w]

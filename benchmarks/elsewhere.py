@@ -16,8 +16,8 @@ from benchmarks import timing
 
 timing.limit_threads(1)  # before numba and torch are imported
 
-from benchmarks.next_push.engines import bullet, mujoco
-from benchmarks.next_push.engines.rollout import rigid, twin_truth
+from benchmarks.next_push.engines import scene_maker
+from benchmarks.next_push.engines.rollout import Tip, rigid, twin_truth
 from benchmarks.next_push.objects import StandingAnyhow
 from pinwm_drake.experiments.evaluation.contestant import read_contestant, usual_scene
 from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
@@ -29,7 +29,7 @@ from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.envs.worlds import progress_info
 from pinwm_drake.systems.scenario.start import Place
 
-ENGINES = {"mujoco": mujoco.PokedScene, "bullet": bullet.PokedScene}
+ENGINES = ("bullet", "mujoco")
 
 
 class ElsewhereEnv(gymnasium.Env):
@@ -53,7 +53,8 @@ class ElsewhereEnv(gymnasium.Env):
         q, p = np.split(self.env.run.object_state[0, :7], [4])
         shape = self.env.setup.twin.pusher.shape
         assert shape is not None
-        self._scene = ENGINES[self._engine](self._thing, self._theta, rigid(q, p), shape, self.env.run.p_WP[0].copy())
+        tip = Tip(shape, self.env.run.p_WP[0].copy())
+        self._scene = scene_maker(self._engine)(self._thing, self._theta, rigid(q, p), tip)
         self._steps = 0
         if self._observer.needs_images:
             self._observer.begin(np.arange(1), self.env.run.images())
@@ -84,7 +85,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("policy", help="a folder of a policy or bundle, or one that ships")
     parser.add_argument("--scene", help="that of the policy's task and object")
-    parser.add_argument("--engine", nargs="+", choices=sorted(ENGINES), default=sorted(ENGINES))
+    parser.add_argument("--engine", nargs="+", choices=ENGINES, default=ENGINES)
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--start", type=int, default=0, help="seed of the first episode")
     given = parser.parse_args()

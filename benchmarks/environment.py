@@ -8,6 +8,7 @@ a few actions of the others, mostly without a reset.
 
 import argparse
 import functools
+from collections.abc import Callable
 
 from benchmarks import results, timing
 from benchmarks.memory import status
@@ -34,23 +35,25 @@ GROWTH = 5.0  # MB
 class Player:
     """Player of an environment: a policy that heads for the object, with some noise."""
 
-    def __init__(self, env: VecEnv) -> None:
-        self.env, self._random = env, np.random.default_rng(0)
+    def __init__(self, env: VecEnv, act: Callable[[np.ndarray, np.random.Generator], np.ndarray]) -> None:
+        self.env, self._act, self._random = env, act, np.random.default_rng(0)
         env.seed(0)
         self._seen = env.reset()
 
     def play(self, actions: int) -> None:
         """Takes a number of actions in every world."""
         for _ in range(actions):
-            self._seen = self.env.step(self._action())[0]
+            state = self._seen["state"] if isinstance(self._seen, dict) else self._seen
+            self._seen = self.env.step(self._act(state, self._random))[0]
 
-    def _action(self) -> np.ndarray:
-        state = self._seen["state"] if isinstance(self._seen, dict) else self._seen
-        # Entries 7 and 8 are the pusher in the axes of the object, 2 and 3 cosine and sine of its yaw.
-        c, s, x, y = state[:, 2], state[:, 3], -state[:, 7], -state[:, 8]
-        ahead = np.stack([c * x - s * y, s * x + c * y], axis=1)
-        ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 0.1)
-        return np.clip(ahead + 0.3 * self._random.normal(size=ahead.shape), -1, 1).astype(np.float32)
+
+def heading(state: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """Actions (W, 2) towards the object, with noise, by states (W, 11)."""
+    # Entries 7 and 8 are the pusher in the axes of the object, 2 and 3 cosine and sine of its yaw.
+    c, s, x, y = state[:, 2], state[:, 3], -state[:, 7], -state[:, 8]
+    ahead = np.stack([c * x - s * y, s * x + c * y], axis=1)
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 0.1)
+    return np.clip(ahead + 0.3 * random.normal(size=ahead.shape), -1, 1).astype(np.float32)
 
 
 def scene(plant_step: float | None = None) -> Scenario:
@@ -72,7 +75,7 @@ def ours(kind: str, *, cousins: bool = False) -> Player:
     if cousins:
         draw, numbers = CousinDraw(env.worlds.setup.twin, delta=0.1), iter(range(1 << 30))
         env.worlds.domain = lambda _: draw.cousin(next(numbers))
-    return Player(env)
+    return Player(env, heading)
 
 
 def one_of_point(kind: str, plant_step: float | None) -> TaskEnv:
@@ -83,7 +86,7 @@ def one_of_point(kind: str, plant_step: float | None) -> TaskEnv:
 def point(kind: str, plant_step: float | None) -> Player:
     """Player of Drake's point contact in two processes."""
     makers = [functools.partial(one_of_point, kind, plant_step) for _ in range(PROCESSES)]
-    return Player(SubprocVecEnv(makers, start_method="spawn"))
+    return Player(SubprocVecEnv(makers, start_method="spawn"), heading)
 
 
 def measure(given: argparse.Namespace) -> dict:

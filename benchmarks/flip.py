@@ -19,10 +19,10 @@ import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
 
-from benchmarks.mujoco_xml import mesh_geoms, numbers, pusher
+from benchmarks.environment import Player
+from benchmarks.mujoco_xml import poked_model, pusher
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
-from pinwm_drake.systems.envs.vector import TaskVecEnv
 from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.systems.sdf.twin import twin_solid
 from pinwm_drake.tasks.recipes.flip import FLIP
@@ -40,22 +40,6 @@ def heading(away: np.ndarray, random: np.random.Generator) -> np.ndarray:
     return np.clip(ahead + 0.3 * random.normal(size=away.shape), -1, 1).astype(np.float32)
 
 
-class Ours:
-    """Player of our worlds."""
-
-    def __init__(self, worlds: TrainingWorlds, kind: str) -> None:
-        self.env: TaskVecEnv = worlds.worlds(KINDS[kind])
-        self._random = np.random.default_rng(0)
-        self.env.seed(0)
-        self._seen = self.env.reset()
-
-    def play(self, actions: int) -> None:
-        """Takes a number of actions in every world."""
-        for _ in range(actions):
-            state = self._seen["state"] if isinstance(self._seen, dict) else self._seen
-            self._seen = self.env.step(heading(0.1 * state[:, 15:18], self._random))[0]
-
-
 class Theirs:
     """Player of MuJoCo's worlds."""
 
@@ -64,23 +48,17 @@ class Theirs:
         theta, shape, solid = setup.twin.theta, setup.twin.pusher.shape, twin_solid(setup.twin)
         assert shape is not None
         self.steps, self.speed = round(horizon / setup.twin.time_step), LONGEST / horizon
-        meshes, geoms = mesh_geoms(list(mesh_pieces(setup.twin.mesh_path)))
-        tip = f'type="sphere" size="{shape.radius}" friction="{theta["friction_pusher"].value} 0 0"'
-        held = "".join(f'<velocity joint="{name}" kv="{GAIN:g}"/>' for name in "xyz")
-        self.model = mujoco.MjModel.from_xml_string(f"""<mujoco>
-          <option timestep="{setup.twin.time_step:.17g}" integrator="implicitfast"/>
-          <default><geom friction="0 0 0"/></default>
-          <asset>{meshes}</asset>
-          <worldbody>
-            <geom type="plane" size="0 0 1" friction="{theta["friction_floor"].value} 0 0"/>
-            <body name="object"><freejoint/>
-              <inertial pos="{numbers(solid.p_OB)}" mass="{solid.mass}"
-                diaginertia="{numbers(np.diag(solid.inertia))}"/>
-              {geoms}
-            </body>
-            {pusher(tip)}
-          </worldbody>
-          <actuator>{held}</actuator></mujoco>""")
+        tip = pusher("sphere", shape.radius, 0.0, theta["friction_pusher"].value)
+        held = "".join(f'<velocity joint="slide{k}" kv="{GAIN:g}"/>' for k in range(3))
+        self.model = poked_model(
+            mesh_pieces(setup.twin.mesh_path),
+            (solid.mass, solid.p_OB, np.diag(solid.inertia)),
+            tip,
+            setup.twin.time_step,
+            friction=theta["friction_floor"].value,
+            option='integrator="implicitfast"',
+            more=f"<actuator>{held}</actuator>",
+        )
         self._datas = [mujoco.MjData(self.model) for _ in range(THREADS)]
         self._rollout = Rollout(nthread=THREADS)
         self._random, self._starts, self._action = np.random.default_rng(0), StartDistribution(setup), 0
@@ -109,7 +87,11 @@ class Theirs:
 def measure(given: argparse.Namespace) -> dict:
     """Times all players in turn."""
     worlds = TrainingWorlds(SCENE, training_options(), num_worlds=WORLDS)
-    players = {kind: Ours(worlds, kind) for kind in KINDS} | {"mujoco": Theirs(worlds)}
+
+    def act(state: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        return heading(0.1 * state[:, 15:18], random)
+
+    players: dict = {kind: Player(worlds.worlds(KINDS[kind]), act) for kind in KINDS} | {"mujoco": Theirs(worlds)}
     cases = {
         name: timing.Case(functools.partial(player.play, EPISODE), units=EPISODE * WORLDS)
         for name, player in players.items()

@@ -1,16 +1,13 @@
-"""Effect of the settings of Drake's hydroelastic contact on a push: the tables of docs/hydroelastic.md.
+"""Distance of the twin from Drake's contact in a push: the tables of docs/hydroelastic.md.
 
-One setting at a time is changed by a factor; the same pushes of the T-block then end elsewhere, by as much as the
-table says. Beside it stand what a contact without bounce ought to have (the object leaves an impact no faster than the
-pusher), how deep the object sinks into the floor, how fast it creeps, and what a second of it costs. `--agreement`
-measures how far the twin is from both of Drake's contact models; that takes half an hour.
+The same pushes go through several twins and through plants with shorter and shorter steps. `--agreement` measures how
+far the twin is from both of Drake's contact models; that takes half an hour.
 """
 
 import argparse
 import dataclasses
 import math
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks import results, timing
@@ -19,19 +16,18 @@ timing.limit_threads(1, cpus=os.cpu_count())  # before numba and torch are impor
 
 import numpy as np
 
-from benchmarks.hydroelastic_scene import Findings, measure, scene
-from benchmarks.hydroelastic_settings import applied, variants
 from pinwm_drake.systems.crosscheck.crosscheck import cross_check
 from pinwm_drake.systems.crosscheck.difference import Difference, difference_of
-from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
+from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig, unlimited
 from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
 from pinwm_drake.systems.crosscheck.pushes import PushCheck
 from pinwm_drake.systems.crosscheck.trials import draw_trials
-from pinwm_drake.systems.scenario.schema import Physics
+from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta
+from pinwm_drake.systems.scenario.setup import Setup, make_setup
 
 PAGE = Path(__file__).resolve().parent.parent / "docs/hydroelastic.md"
 
-_FRICTION, _PUSHES, _SEED = 0.1, 4, 0
+_FRICTION, _PUSHES, _SEED = 0.1, 8, 0
 _AGREEMENT = (("t_block", 0.03), ("t_block", 0.1), ("t_block", 0.3), ("cube", 0.3), ("mug", 0.5))
 # Of the T-block at a friction of 0.3: the pushes after which both contact models are farthest from the twin.
 _HARD_FRICTION, _HARD = 0.3, (0, 8, 12, 17, 18)
@@ -43,61 +39,15 @@ _TWINS = {
 }
 
 
-def study() -> str:
-    """Table of the settings, in Markdown."""
-    shipped = scene("t_block", _FRICTION)
-    trials = draw_trials(shipped, shipped, _PUSHES, _SEED)
-    # The meshes of a twin are made afresh, those of a shipped object are not.
-    fresh = dataclasses.replace(shipped, scenario=dataclasses.replace(shipped.scenario, object=None))
-    twin = measure(shipped, "twin", trials)
-    lines = [
-        "| setting | value | end of a push moves: median, most | from the twin: median | bounce at 0.2 m/s "
-        "| sinks | creeps | core seconds a second |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
-    usual: Findings | None = None
-    for variant in variants():
-        with applied(variant):
-            setup = dataclasses.replace(fresh, plant_time_step=variant.time_step or fresh.plant_time_step)
-            found = _attempt(lambda setup=setup: measure(setup, "hydroelastic", trials))
-        if isinstance(found, str):
-            lines.append(f"| {variant.name} | {variant.value} | {found} | | | | | |")
-        else:
-            usual = usual or found
-            lines.append(_row(variant.name, variant.value, found, usual, twin))
-        print(lines[-1], flush=True)
-    lines.append(_row("twin", "", twin, usual or twin, twin))
-    return "\n".join(lines)
+def scene(name: str, friction: float, physics: Physics | None = None) -> Setup:
+    """Setup of an object of 1 kg with the same friction on floor and pusher, at any yaw."""
+    start, theta = Start(yaw=[-math.pi, math.pi]), Theta(1.0, friction, friction, 0.0)
+    return unlimited(make_setup(Scenario(object=name, theta=theta, start=start, physics=physics or Physics())))
 
 
-def _attempt(work: Callable[[], Findings]) -> Findings | str:
-    try:
-        return work()
-    except RuntimeError as error:
-        return str(error).splitlines()[0]
-
-
-def _row(name: str, value: str, found: Findings, usual: Findings, twin: Findings) -> str:
-    failed = sum(bool(motion.failure) or motion.rest is None for motion in found.motions)
-    if failed:
-        return f"| {name} | {value} | {failed} of {len(found.motions)} pushes fail | | | | | |"
-    cells = [
-        name,
-        value,
-        "" if found is usual else _apart(found.motions, usual.motions, most=True),
-        "" if found is twin else _apart(found.motions, twin.motions, most=False),
-        f"{1e3 * found.bounce:+.1f} mm/s",
-        f"{1e6 * found.sinking:.1f} µm",
-        f"{1e3 * found.creep:.1g} mm/s",
-        f"{found.cost:.1f}",
-    ]
-    return f"| {' | '.join(cells)} |"
-
-
-def _apart(motions: list[Motion], others: list[Motion], *, most: bool) -> str:
+def _apart(motions: list[Motion], others: list[Motion]) -> str:
     ways, angles = _ends([difference_of(one, other) for one, other in zip(motions, others, strict=True)])
-    text = f"{np.median(ways):.2f} mm, {np.median(angles):.2f}°"
-    return text + (f"; {ways.max():.2f} mm, {angles.max():.2f}°" if most else "")
+    return f"{np.median(ways):.2f} mm, {np.median(angles):.2f}°; {ways.max():.2f} mm, {angles.max():.2f}°"
 
 
 def _ends(differences: list[Difference]) -> tuple[np.ndarray, np.ndarray]:
@@ -122,30 +72,27 @@ def agreement() -> str:
             difference_of(push.motions["twin"], rig.run(push.trial)) for push in found.pushes
         ]
         for other, differences in ends.items():
-            lines.append(_agreement_row(name, friction, other, *_ends(differences)))
+            ways, angles = _ends(differences)
+            above, ended = int(((ways > 3) | (angles > 2)).sum()), np.isfinite(ways)
+            medians = f"{np.median(ways):.2f} mm, {np.median(angles):.2f}°"
+            most = f"{ways[ended].max():.1f} mm, {angles[ended].max():.1f}°"  # failed pushes are left out
+            failed = "" if ended.all() else f", {int((~ended).sum())} failed"
+            cells = f"{name} | {friction:g} | {other} | {medians} | {most} | {above} of {len(ways)}{failed}"
+            lines.append(f"| {cells} |")
             print(lines[-1], flush=True)
     return "\n".join(lines)
-
-
-def _agreement_row(name: str, friction: float, other: str, ways: np.ndarray, angles: np.ndarray) -> str:
-    """Row of the table of differences in mm and degrees; failed pushes are counted and left out of the largest."""
-    above, ended = int(((ways > 3) | (angles > 2)).sum()), np.isfinite(ways)
-    medians = f"{np.median(ways):.2f} mm, {np.median(angles):.2f}°"
-    most = f"{ways[ended].max():.1f} mm, {angles[ended].max():.1f}°"
-    failed = "" if ended.all() else f", {int((~ended).sum())} failed"
-    return f"| {name} | {friction:g} | {other} | {medians} | {most} | {above} of {len(ways)}{failed} |"
 
 
 def twins() -> str:
     """Table of settings of the twin, against hydroelastic contact, in Markdown."""
     usual = scene("t_block", _FRICTION)
-    trials = draw_trials(usual, usual, 2 * _PUSHES, _SEED)
+    trials = draw_trials(usual, usual, _PUSHES, _SEED)
     rig = SceneRig(usual, "hydroelastic")
     drake = [rig.run(trial) for trial in trials]
     lines = ["| twin | from hydroelastic contact: median; most |", "| --- | --- |"]
     for name, physics in _TWINS.items():
         rig = SceneRig(scene("t_block", _FRICTION, physics), "twin")
-        lines.append(f"| {name} | {_apart([rig.run(trial) for trial in trials], drake, most=True)} |")
+        lines.append(f"| {name} | {_apart([rig.run(trial) for trial in trials], drake)} |")
         print(lines[-1], flush=True)
     return "\n".join(lines)
 
@@ -164,7 +111,7 @@ def steps() -> str:
     for engine, number in _STEPS:
         rig = SceneRig(dataclasses.replace(usual, plant_time_step=1 / number), engine)
         motions = [rig.run(trial) for trial in trials]
-        cells = [_apart(motions, others, most=True) for others in twin_motions]
+        cells = [_apart(motions, others) for others in twin_motions]
         lines.append(f"| {engine} | 1/{number} s | {' | '.join(cells)} |")
         print(lines[-1], flush=True)
     return "\n".join(lines)
@@ -177,7 +124,7 @@ def main() -> None:
     parser.add_argument("--agreement", action="store_true", help="measure the twin against both contact models too")
     given = parser.parse_args()
     command = "python -m benchmarks.hydroelastic"
-    tables = [("settings", study, command), ("twins", twins, command), ("steps", steps, command)]
+    tables = [("twins", twins, command), ("steps", steps, command)]
     if given.agreement:
         tables.append(("agreement", agreement, f"{command} --agreement"))
     for name, table, how in tables:

@@ -9,42 +9,22 @@ but moves without a velocity, so that MuJoCo's soft contact lags behind it by 5 
 import mujoco
 import numpy as np
 
-from benchmarks import push
-from benchmarks.mujoco_xml import PUSHER_MASS, numbers
+from benchmarks import mujoco_xml, push
+from benchmarks.pinwm_scene import block
 from benchmarks.timing import Case
-
-
-def _xml(pusher: str) -> str:
-    bar, stem = np.array(push.BAR_SIZE) / 2, np.array(push.STEM_SIZE) / 2
-    size = f"{push.RADIUS}" if pusher == "sphere" else f"{push.RADIUS} {push.LENGTH / 2}"
-
-    # The pusher collides with the block and not with the floor (contype and conaffinity). MuJoCo takes the
-    # larger friction of the two geoms, so that all of them have the pair's.
-    return f"""<mujoco>
-      <option timestep="{push.TIME_STEP:.17g}"/>
-      <default><geom friction="{push.FRICTION} 0 0"/></default>
-      <worldbody>
-        <geom type="plane" size="0 0 1"/>
-        <body name="block" pos="0 0 {push.BLOCK_HEIGHT}">
-          <freejoint/>
-          <inertial pos="0 0 0" mass="{push.MASS}" diaginertia="{numbers(push.block_inertia())}"/>
-          <geom type="box" size="{numbers(bar)}" pos="{numbers(push.BAR_CENTER)}" contype="3" conaffinity="3"/>
-          <geom type="box" size="{numbers(stem)}" pos="{numbers(push.STEM_CENTER)}" contype="3" conaffinity="3"/>
-        </body>
-        <body name="pusher" pos="{numbers(push.pusher_start(pusher))}">
-          <joint type="slide" axis="0 -1 0"/>
-          <inertial pos="0 0 0" mass="{PUSHER_MASS}" diaginertia="1 1 1"/>
-          <geom name="pusher" type="{pusher}" size="{size}" contype="2" conaffinity="2"/>
-        </body>
-      </worldbody>
-    </mujoco>"""
 
 
 class MujocoPush:
     """Push in MuJoCo, one world."""
 
     def __init__(self, pusher: str) -> None:
-        self.model = mujoco.MjModel.from_xml_string(_xml(pusher))
+        tip = mujoco_xml.pusher(
+            pusher, push.RADIUS, push.LENGTH, push.FRICTION, np.array([[0.0, -1.0, 0.0]]), push.pusher_start(pusher)
+        )
+        solid = push.MASS, np.zeros(3), push.block_inertia()
+        self.model = mujoco_xml.poked_model(
+            block().pieces, solid, tip, push.TIME_STEP, friction=push.FRICTION, height=push.BLOCK_HEIGHT
+        )
         self.data = mujoco.MjData(self.model)
 
     def reset(self) -> None:

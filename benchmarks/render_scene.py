@@ -28,6 +28,7 @@ from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose, inverse
 from pinwm_drake.spatial.rotations import matrix_to_quaternion
+from pinwm_drake.systems.scenario.viewpoints import look_at
 
 FOCAL = 965.685424949238 / 800  # of the capture in shared/data, per pixel of width
 DISTANCE = 0.53  # m, as there: the block covers 6 % of the image
@@ -41,15 +42,11 @@ def camera(size: int) -> Camera:
 
 def poses(number: int) -> Pose:
     """Poses X_CO from cameras on a circle around the block, looking down at it at 37 degrees: q (V, 4), p (V, 3)."""
-    parts = []
-    for angle in np.linspace(0.0, 2.0 * np.pi, number, endpoint=False) + 0.3:
-        p_OC = DISTANCE * np.array([0.8 * np.cos(angle), 0.8 * np.sin(angle), 0.6])
-        forward = -p_OC / np.linalg.norm(p_OC)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        R_OC = np.stack([right, np.cross(forward, right), forward], 1)
-        parts.append(inverse(Pose(matrix_to_quaternion(torch.tensor(R_OC)), torch.tensor(p_OC))))
-    return Pose(torch.stack([X.q for X in parts]), torch.stack([X.p for X in parts]))
+    angles = np.linspace(0.0, 2.0 * np.pi, number, endpoint=False) + 0.3
+    places = DISTANCE * np.column_stack([0.8 * np.cos(angles), 0.8 * np.sin(angles), np.full(number, 0.6)])
+    views = [look_at(p_OC, np.zeros(3)).inverse() for p_OC in places]
+    q = np.array([X.rotation().ToQuaternion().wxyz() for X in views])
+    return Pose(torch.tensor(q), torch.tensor(np.array([X.translation() for X in views])))
 
 
 def block() -> trimesh.Trimesh:

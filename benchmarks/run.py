@@ -16,7 +16,6 @@ NAMES = (
     "environment",
     "flip",
     "policy",
-    "mixed_precision",
 )
 LONG = ("hydroelastic",)  # a quarter of an hour or more: by name only
 

@@ -206,7 +206,7 @@ def _find(model: Any, location: Sequence[str | int]) -> tuple[FieldInfo | None, 
     return field, model
 
 
-def check_fields(instance: Any, place: str = "") -> None:
+def check_fields(instance: Any, place: str = "", *, as_given: bool = False) -> None:
     """Checks the fields of a dataclass by their annotations, for `__post_init__`; numbers become plain ones.
 
     Lists and arrays become tuples. No number may be NaN or infinite, and none is taken from a text or a flag.
@@ -214,6 +214,7 @@ def check_fields(instance: Any, place: str = "") -> None:
     Args:
         instance: The dataclass, of which the fields are set even where it is frozen.
         place: Place that messages put before a field's name, such as "scene.object."; empty for none.
+        as_given: Flag: messages show a list as it was given, not as a tuple.
 
     Raises:
         ParameterError: A value is of the wrong kind or out of range.
@@ -225,7 +226,8 @@ def check_fields(instance: Any, place: str = "") -> None:
     except ValidationError as error:
         problem = first_problem(error, model)
         name = str(problem.location[0])
-        raise ParameterError(f"{place}{name}: got {given[name]!r}; allowed: {problem.allowed}") from None
+        shown = getattr(instance, name) if as_given else given[name]
+        raise ParameterError(f"{place}{name}: got {shown!r}; allowed: {problem.allowed}") from None
     for name in given:
         object.__setattr__(instance, name, getattr(checked, name))
 

@@ -3,7 +3,6 @@
 import math
 import shutil
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,26 +34,15 @@ _STATIC_MARGIN, _EPISODE_MARGIN = 0.12, 0.12  # of the image, free on each side 
 _SUPERSAMPLING, _LAB_SUPERSAMPLING = 3, 2
 
 
-@dataclass(frozen=True)
-class Size:
-    """Size of a capture.
-
-    Attributes:
-        pixels: Width and height of all images, px.
-        views: Number of static views.
-    """
-
-    pixels: int = 400
-    views: int = 12
-
-
 def write_capture(
     out: Path,
     spec: CaptureSpec,
     thing: Thing,
     posed: PosedCapture,
-    size: Size | None = None,
     realism: Realism | None = None,
+    *,
+    pixels: int = 400,
+    views: int = 12,
 ) -> dict[str, Any]:
     """Writes a capture, a clean one or as a lab has it.
 
@@ -63,24 +51,22 @@ def write_capture(
         spec: The capture.
         thing: Its object.
         posed: Its poses; for a realistic capture those of an uneven object.
-        size: Of its pictures; 400 px and 12 views by default.
         realism: How large its mistakes are; None for a clean capture, without shadows of a lamp.
+        pixels: Width and height of all images, px.
+        views: Number of static views.
 
     Returns:
         The mistakes that were made: start pose, clocks, cameras; SI units. Empty for a clean capture.
     """
-    size = size or Size()
-    camera = Camera.from_field_of_view(size.pixels, size.pixels, FIELD_OF_VIEW)
+    camera = Camera.from_field_of_view(pixels, pixels, FIELD_OF_VIEW)
     with appearing(out) as folder, tempfile.TemporaryDirectory() as models:
         seen = None if realism is None else glossy_model(thing.visual_path, Path(models))
         finer = _SUPERSAMPLING if realism is None else _LAB_SUPERSAMPLING
         recorder = make_recorder("hydroelastic", thing, posed.theta, spec.shape, camera, finer, seen=seen)
-        return _Writer(folder, spec, thing, posed, recorder, realism).write(size.views)
+        return _Writer(folder, spec, thing, posed, recorder, realism).write(views)
 
 
 class _Writer:
-    """A capture in the making."""
-
     def __init__(
         self,
         folder: Path,

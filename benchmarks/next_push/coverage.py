@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from scipy.stats import binomtest
 
-from benchmarks.next_push.captures import Size, write_capture
+from benchmarks.next_push.captures import write_capture
 from benchmarks.next_push.objects import OBJECTS, make_thing
 from benchmarks.next_push.poses import pose_capture
 from benchmarks.next_push.specification import ENGINES, CaptureSpec
@@ -65,9 +65,9 @@ def _case(out: Path, number: int) -> Row:
     looks = out / "coverage" / "looks" / name
     with tempfile.TemporaryDirectory() as folder:
         there = looks / ALIGN_FILE
-        size = Size(_SIZE, 1 if there.exists() else _VIEWS)
         posed = pose_capture(spec, thing, number=2)
-        write_capture(Path(folder) / "capture", spec, thing, posed, size)
+        views = 1 if there.exists() else _VIEWS
+        write_capture(Path(folder) / "capture", spec, thing, posed, pixels=_SIZE, views=views)
         if not there.exists():
             align(Path(folder) / "capture", looks)
         capture = read_capture(Path(folder) / "capture")

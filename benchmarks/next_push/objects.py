@@ -90,14 +90,6 @@ Parts = tuple[tuple[Box, ...], list[np.ndarray], Meshed | None, Paint]
 _NO_PAINT = Paint(((), (), ()), lambda middle, normal: "grey")
 
 
-def _t() -> Parts:
-    return _T_BOXES, [_box_points(box) for box in _T_BOXES], None, _NO_PAINT
-
-
-def _l() -> Parts:
-    return _L_BOXES, [_box_points(box) for box in _L_BOXES], _extruded(_L, 3, 0.0, _L_HEIGHT), _L_PAINT
-
-
 def _prism() -> Parts:
     angles = np.pi / 3 * np.arange(6)
     outline = _PRISM_RADIUS * np.column_stack([np.cos(angles), np.sin(angles)])
@@ -105,21 +97,19 @@ def _prism() -> Parts:
     return (), [surface[0]], surface, _PRISM_PAINT
 
 
-def _mug() -> Parts:
-    pieces = [piece.vertices for piece in hollow_mug(segments=_MUG_SEGMENTS)]
-    return (), pieces, None, _NO_PAINT
-
-
-def _cube() -> Parts:
-    return _CUBE_BOXES, [_box_points(box) for box in _CUBE_BOXES], None, _NO_PAINT
-
-
 def _jug() -> Parts:
     surface = scanned_jug()
     return (), jug_pieces(*surface), surface, _JUG_PAINT
 
 
-OBJECTS: dict[str, Callable[[], Parts]] = {"t": _t, "l": _l, "prism": _prism, "mug": _mug, "cube": _cube, "jug": _jug}
+OBJECTS: dict[str, Callable[[], Parts]] = {
+    "t": lambda: (_T_BOXES, [_box_points(box) for box in _T_BOXES], None, _NO_PAINT),
+    "l": lambda: (_L_BOXES, [_box_points(box) for box in _L_BOXES], _extruded(_L, 3, 0.0, _L_HEIGHT), _L_PAINT),
+    "prism": _prism,
+    "mug": lambda: ((), [piece.vertices for piece in hollow_mug(segments=_MUG_SEGMENTS)], None, _NO_PAINT),
+    "cube": lambda: (_CUBE_BOXES, [_box_points(box) for box in _CUBE_BOXES], None, _NO_PAINT),
+    "jug": _jug,
+}
 
 
 def _tiles(middle: np.ndarray, normal: np.ndarray) -> str:

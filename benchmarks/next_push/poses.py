@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
+from benchmarks.next_push.engines import engine
 from benchmarks.next_push.engines.rollout import FLOOR_HEIGHT, LOG_RATE, Rollout, Theta, log_times, rigid
-from benchmarks.next_push.engines.table import engine
 from benchmarks.next_push.objects import Thing
 from benchmarks.next_push.pushes import FRAME_RATE, Push, draw_pushes
 from benchmarks.next_push.specification import CaptureSpec

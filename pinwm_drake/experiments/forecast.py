@@ -64,7 +64,9 @@ def forecast(request: TrainRequest) -> Forecast:
         with TemporaryDirectory() as folder:
             brief = _brief(stage, W)
             if isinstance(brief, Distillation) and not isinstance(brief.teacher, Path):
-                brief = replace(brief, teacher=_untrained(worlds.spec("state"), Path(folder) / "untrained"))
+                teacher, spec = Path(folder) / "untrained", worlds.spec("state")
+                write_policy(teacher, Policy(spec, make_actor(spec)))
+                brief = replace(brief, teacher=teacher)
             brief.train(MethodData(), worlds, Path(folder), seed=0, resume=False, report=clock)
         minutes[clock.stage] = clock.seconds(stage, W) / 60.0
         if not isinstance(stage, StatePpo):  # whose rollouts hold no images
@@ -74,8 +76,6 @@ def forecast(request: TrainRequest) -> Forecast:
 
 
 class _Clock:
-    """Clock of a brief training, which reads the time whenever it reports."""
-
     def __init__(self) -> None:
         self.stage = ""
         self._times: list[tuple[float, int]] = []
@@ -107,11 +107,6 @@ def _brief(stage: Any, worlds: int) -> Any:
     if isinstance(stage, StatePpo | ImagePpo):
         options, steps = replace(options, n_steps=_ROLLOUT), 2 * _ROLLOUT * worlds
     return replace(stage, options=replace(options, steps=steps, round_steps=steps, episodes=worlds))
-
-
-def _untrained(spec: PolicySpec, folder: Path) -> Path:
-    write_policy(folder, Policy(spec, make_actor(spec)))
-    return folder
 
 
 def _kept(options: SacOptions | PpoOptions | DistilOptions, spec: PolicySpec, worlds: int) -> float:

@@ -20,6 +20,7 @@ from pinwm_drake.learning.images.estimated import TRUTH
 from pinwm_drake.learning.worlds import SeenWorlds
 
 _RATE, _BATCH = 1e-3, 256  # of imitation
+_WIDTH = 256  # of the critic's hidden layers
 
 
 class _AsSeen(BaseFeaturesExtractor):
@@ -67,7 +68,6 @@ class ActorCritic(ActorCriticPolicy):
         lr_schedule: Any,
         *,
         actor: nn.Module,
-        critic_width: int = 256,
         **unused: Any,
     ) -> None:
         """Takes over an actor.
@@ -77,12 +77,10 @@ class ActorCritic(ActorCriticPolicy):
             action_space: Action space of `ByLevels`: a level's index for each component.
             lr_schedule: Schedule of Adam's learning rate.
             actor: The network; trained in place, from weights that are drawn anew (orthogonal).
-            critic_width: Width of the critic's hidden layers.
             unused: Further arguments that PPO passes to every policy.
         """
         # In a list, as nn.Module takes no module before it is initialised.
         self._given: list[Any] = [actor]
-        self._width = critic_width
         # SB3's initial values need weights that lie as they are numbered.
         self._given[0].to(memory_format=torch.contiguous_format)
         super().__init__(
@@ -102,7 +100,7 @@ class ActorCritic(ActorCriticPolicy):
     def _build_mlp_extractor(self) -> None:
         space: Any = self.observation_space
         state: Any = space["state"] if isinstance(space, spaces.Dict) else space
-        self.mlp_extractor = _Latents(self._given[0], state.shape[0], self._width)  # type: ignore[assignment]
+        self.mlp_extractor = _Latents(self._given[0], state.shape[0], _WIDTH)  # type: ignore[assignment]
 
     @property
     def _actor(self) -> Any:
@@ -141,7 +139,6 @@ class ByLevels(SeenWorlds):
     """Worlds that take the index of a level for each component of an action."""
 
     def __init__(self, env: VecEnv) -> None:
-        """Wraps worlds whose actions are numbers in [-1, 1]."""
         space: Any = env.action_space
         super().__init__(env, action_space=spaces.MultiDiscrete([len(LEVELS)] * int(space.shape[0])))
         self._levels = np.array(LEVELS, np.float32)
@@ -158,7 +155,6 @@ class Augmented(SeenWorlds):
     """
 
     def __init__(self, env: VecEnv, augment: Augment) -> None:
-        """Wraps worlds whose observation is a dict with `image`."""
         super().__init__(env)
         self._augment = augment
 

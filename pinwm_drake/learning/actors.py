@@ -31,6 +31,7 @@ from pinwm_drake.tasks.task import Task
 # ONNX moved an action by 9 of the 10 micrometres that a bundle allows.
 _WAVES = 30.0
 _LOG_SPREADS = (-20.0, 2.0)  # as SB3's SAC has them
+_FEATURES = 192  # of images
 _FAR = 0.3  # m, unit of places that layers take
 # An action between two levels, such as one of a plan that is imitated, is done by chance while PPO tries it: with
 # thirds, 60 % of flips after imitation became 20 %; with ninths they became 90 %.
@@ -151,7 +152,6 @@ class DitherActor(StateActor):
     _waves: Tensor
 
     def __init__(self, task: Task, width: int = 256, history: int = 0) -> None:
-        """Builds layers; see `StateActor`."""
         super().__init__(task, width, history)
         number = task.state_size * task.action_size
         waves = _WAVES * torch.linspace(1.0, 2.0, number).reshape(task.state_size, task.action_size)
@@ -215,13 +215,8 @@ class ImageActor(nn.Module):
             asks for where the CPU is quicker so; weights keep 32 bits.
     """
 
-    def __init__(self, spec: PolicySpec, features: int = 192) -> None:
-        """Makes the layers.
-
-        Args:
-            spec: Specification of a policy that observes "rgb".
-            features: Number of features of the images.
-        """
+    def __init__(self, spec: PolicySpec) -> None:
+        """Makes the layers for a specification of a policy that observes "rgb"."""
         super().__init__()
         height, width, channels = spec.image_shape
         self.window = None if spec.window is None else Window(spec)
@@ -240,7 +235,7 @@ class ImageActor(nn.Module):
         )
         with torch.no_grad():
             size = self.convolutions(torch.zeros(1, channels, height, width)).shape[1]
-        self.features = nn.Sequential(nn.Linear(size, features), nn.ReLU())
+        self.features = nn.Sequential(nn.Linear(size, _FEATURES), nn.ReLU())
         self.mixed_precision = False
         self.task = task = spec.task
         self._history = spec.history
@@ -248,9 +243,9 @@ class ImageActor(nn.Module):
         size_of_estimate = task.state_size if self.assembly is None else self.assembly.estimate_size
         known = history_size(task.action_size, task.action_size, spec.history) + (0 if spec.window is None else 2)
         self.estimate = nn.Sequential(
-            nn.Linear(features + known, features),
+            nn.Linear(_FEATURES + known, _FEATURES),
             nn.ReLU(),
-            nn.Linear(features, size_of_estimate * (1 + spec.history)),
+            nn.Linear(_FEATURES, size_of_estimate * (1 + spec.history)),
         )
         self.actor = state_actor(spec)
         # As images come; convolutions take two thirds of the time with it.

@@ -21,14 +21,13 @@ from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
-from pinwm_drake.learning.images.bfloat16 import has_bfloat16
 from pinwm_drake.learning.images.estimated import estimation_loss
 from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.options import Options
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.rounds import EVALUATION_SEED, Rounds, StageRun
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.learning.weights import device_of, pack, set_weights, unpack, weights
+from pinwm_drake.learning.weights import device_of, has_bfloat16, pack, set_weights, unpack, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds, usual_starts
 
 STAGE = "distil"

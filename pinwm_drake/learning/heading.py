@@ -23,7 +23,6 @@ class Heading(nn.Module):
     """
 
     def __init__(self, task: Task) -> None:
-        """Takes the state's vectors and the action's axes of a task."""
         super().__init__()
         recipe = recipe_of(task)
         self._pusher, self._vectors = recipe.heading, recipe.level_vectors
@@ -83,7 +82,6 @@ class HeadingExtractor(BaseFeaturesExtractor):
     """Extractor of SB3's networks that tells a task's state along its heading."""
 
     def __init__(self, observation_space: Any, task: Task) -> None:
-        """Takes the task whose state is observed, maybe with a history."""
         super().__init__(observation_space, observation_space.shape[0])
         self._heading = Heading(task)
 

@@ -6,7 +6,7 @@ student are this project's.
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.learning.distil import STAGE, DistilOptions, train_distil
@@ -22,16 +22,25 @@ STAGES = (TEACHER, STAGE, IMAGES)
 _SAC_WIDTH = 128  # of networks: an update on 512 steps takes 10 ms, where it takes 25 ms with 256
 
 
+class _Staged:
+    stage: ClassVar[str]
+    until: Until
+    device: str
+
+    def train(
+        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
+    ) -> Policy:
+        """Trains the policy in a folder of `out` with the name of the stage; see `Method.train`."""
+        folder, about, begin = out / self.stage, make_worlds.about, make_worlds.begin
+        run = StageRun(folder, self.stage, seed, about, begin, resume, self.until, self.device, report)
+        return self._train(data, make_worlds, run)
+
+    def _train(self, data: MethodData, make_worlds: MakeWorlds, run: StageRun) -> Policy:
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class _Trained:
-    """Policy that an algorithm trains.
-
-    Attributes:
-        options: Settings of the algorithm.
-        until: What ends it before its last round.
-        device: Device of the networks, as torch names it.
-    """
-
+class _Trained(_Staged):
     options: Any
     until: Until = ANY
     device: str = "cpu"
@@ -39,31 +48,26 @@ class _Trained:
 
 @dataclass(frozen=True)
 class StatePpo(_Trained):
-    """PPO of a policy that sees the state."""
+    """PPO of a policy that sees the state; it is written beside its checkpoints, too."""
 
+    stage = TEACHER
     options: PpoOptions = field(default_factory=PpoOptions)
 
-    def train(
-        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
-    ) -> Policy:
-        """Trains the policy in `out/teacher`, and writes it there; see `Method.train`."""
-        run, shown = _run(self, make_worlds, out, TEACHER, seed, resume, report), make_worlds.waypoints
-        policy = train_ppo(make_worlds.worlds("state"), make_worlds.spec("state"), self.options, run, shown=shown)
+    def _train(self, data: MethodData, make_worlds: MakeWorlds, run: StageRun) -> Policy:
+        worlds, spec, shown = make_worlds.worlds("state"), make_worlds.spec("state"), make_worlds.waypoints
+        policy = train_ppo(worlds, spec, self.options, run, shown=shown)
         write_policy(run.folder / "policy", policy)
         return policy
 
 
 @dataclass(frozen=True)
 class StateSac(_Trained):
-    """SAC of a policy that sees the state."""
+    """SAC of a policy that sees the state; it is written beside its checkpoints, too."""
 
+    stage = TEACHER
     options: SacOptions = field(default_factory=SacOptions)
 
-    def train(
-        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
-    ) -> Policy:
-        """Trains the policy in `out/teacher`, and writes it there; see `Method.train`."""
-        run = _run(self, make_worlds, out, TEACHER, seed, resume, report)
+    def _train(self, data: MethodData, make_worlds: MakeWorlds, run: StageRun) -> Policy:
         spec = replace(make_worlds.spec("state"), head="dither", width=_SAC_WIDTH)
         policy = train_sac(make_worlds.worlds("state"), spec, self.options, run)
         write_policy(run.folder / "policy", policy)
@@ -74,19 +78,16 @@ class StateSac(_Trained):
 class ImagePpo(_Trained):
     """PPO of a policy that sees images, with a critic that sees the state."""
 
+    stage = IMAGES
     options: PpoOptions = field(default_factory=PpoOptions.for_images)
 
-    def train(
-        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
-    ) -> Policy:
-        """Trains the policy in `out/ppo`; see `Method.train`."""
-        run = _run(self, make_worlds, out, IMAGES, seed, resume, report)
+    def _train(self, data: MethodData, make_worlds: MakeWorlds, run: StageRun) -> Policy:
         return train_ppo(make_worlds.worlds("rgb_state"), make_worlds.spec("rgb"), self.options, run)
 
 
 @dataclass(frozen=True)
-class Distillation:
-    """A teacher that sees the state, and a student of images that learns from it.
+class Distillation(_Staged):
+    """A teacher that sees the state, which is trained where there is none yet, and a student of images.
 
     Attributes:
         teacher: Training of the teacher; or the folder of a trained one, a policy of the state.
@@ -95,46 +96,26 @@ class Distillation:
         device: Device of the networks, as torch names it.
     """
 
+    stage = STAGE
     teacher: StateSac | StatePpo | Path = field(default_factory=StateSac)
     options: DistilOptions = field(default_factory=DistilOptions)
     until: Until = ANY
     device: str = "cpu"
 
-    def train(
-        self, data: MethodData, make_worlds: MakeWorlds, out: Path, *, seed: int, resume: bool, report: Report
-    ) -> Policy:
-        """Trains the student in `out/distil`, after its teacher where there is none yet; see `Method.train`."""
+    def _train(self, data: MethodData, make_worlds: MakeWorlds, run: StageRun) -> Policy:
+        spec, spent = make_worlds.spec("rgb"), 0.0
         if isinstance(self.teacher, Path):
             teacher = read_policy(self.teacher)
             if teacher.spec.observes != "state":
                 raise InputError(self.teacher, value="a policy of images", allowed="one of the state")
+            if (history := teacher.spec.history) != spec.history:
+                raise InputError(self.teacher, value=f"one with a history of {history}", allowed=f"{spec.history}")
         else:
-            until = self.until.within(0.5 * self.until.minutes)
+            out, until = run.folder.parent, self.until.within(0.5 * self.until.minutes)
             own = replace(self.teacher, until=until, device=self.device)
-            teacher = own.train(data, make_worlds, out, seed=seed, resume=resume, report=report)
-        spent = 0.0 if isinstance(self.teacher, Path) else minutes_of(out / TEACHER)
-        run = replace(
-            _run(self, make_worlds, out, STAGE, seed, resume, report),
-            until=self.until.within(self.until.minutes - spent),
-            about={**make_worlds.about, "teacher": weights_digest(teacher)},
-        )
-        spec = replace(make_worlds.spec("rgb"), head=teacher.spec.head, width=teacher.spec.width)
-        if isinstance(self.teacher, Path) and teacher.spec.history != spec.history:
-            raise InputError(
-                self.teacher, value=f"one with a history of {teacher.spec.history}", allowed=f"{spec.history}"
-            )
+            teacher = own.train(data, make_worlds, out, seed=run.seed, resume=run.resume, report=run.report)
+            spent = minutes_of(out / TEACHER)
+        about = {**make_worlds.about, "teacher": weights_digest(teacher)}
+        run = replace(run, until=self.until.within(self.until.minutes - spent), about=about)
+        spec = replace(spec, head=teacher.spec.head, width=teacher.spec.width)
         return train_distil(make_worlds.worlds("rgb_state"), teacher, spec, self.options, run)
-
-
-def _run(
-    method: _Trained | Distillation,
-    make_worlds: MakeWorlds,
-    out: Path,
-    stage: str,
-    seed: int,
-    resume: bool,
-    report: Report,
-) -> StageRun:
-    """Run of a stage of a method's training, in a folder of its name."""
-    about, begin = make_worlds.about, make_worlds.begin
-    return StageRun(out / stage, stage, seed, about, begin, resume, method.until, method.device, report)

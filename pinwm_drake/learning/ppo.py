@@ -15,14 +15,13 @@ from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.heading import AlongHeading
 from pinwm_drake.learning.images.augment import Augment
-from pinwm_drake.learning.images.bfloat16 import has_bfloat16
 from pinwm_drake.learning.images.estimated import Estimated, Regression
 from pinwm_drake.learning.options import RewardOptions
 from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.round_callback import Arrays, Learner
 from pinwm_drake.learning.rounds import Rounds, StageRun
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.learning.weights import pack, unpack
+from pinwm_drake.learning.weights import has_bfloat16, pack, unpack
 from pinwm_drake.learning.worlds import TowardGoal
 from pinwm_drake.tasks.history import begun
 from pinwm_drake.tasks.waypoints import Waypoints

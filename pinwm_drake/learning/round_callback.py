@@ -40,8 +40,11 @@ class RoundCallback(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         if self._done and self._rounds.due(self._env):
-            kept = {**self._learner.kept(self._done), **begun(self.model, self._rounds.steps)}
-            self._rounds.keep(self._env, kept)
+            seen: Any = self.model._last_obs
+            named = seen if isinstance(seen, dict) else {"": seen}
+            arrays = {f"{_SEEN}{name}": values for name, values in named.items()}
+            arrays |= {"starts": self.model._last_episode_starts, "done": np.array(self._done)}
+            self._rounds.keep(self._env, self._learner.kept(self._done) | arrays)
 
     def _on_rollout_end(self) -> None:
         self._rollouts += 1
@@ -63,23 +66,13 @@ class RoundCallback(BaseCallback):
         return self.model.num_timesteps - self._rounds.steps
 
 
-def begun(model: BaseAlgorithm, steps: int) -> Arrays:
-    """Arrays of what the next rollout begins with, for `begin_round`; `steps` were done before the round."""
-    seen: Any = model._last_obs
-    named = seen if isinstance(seen, dict) else {"": seen}
-    starts = model._last_episode_starts
-    assert starts is not None
-    done = {"starts": starts, "done": np.array(model.num_timesteps - steps)}
-    return {f"{_SEEN}{name}": values for name, values in named.items()} | done
-
-
 def begin_round(model: BaseAlgorithm, rounds: Rounds, kept: Mapping[str, np.ndarray] | None) -> int:
     """Begins a round, or goes on with one that was kept.
 
     Args:
         model: The algorithm; its networks are not touched.
         rounds: The rounds.
-        kept: Arrays that hold those of `begun`; None where the round begins.
+        kept: Arrays that `RoundCallback` kept; None where the round begins.
 
     Returns:
         Number of steps of all worlds that are done in the round.

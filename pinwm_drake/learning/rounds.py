@@ -196,17 +196,16 @@ class Rounds:
 
         So it is where a round has reached the target, or the next one would take too long.
         """
-        best = self.best
-        if best is not None and self._enough(best):
+        best, until = self.best, self._run.until
+        if best is None:
+            return self.number >= self.total
+        before = self.history[-2].seconds if len(self.history) > 1 else 0.0
+        if best.success >= until.target or 2.0 * self.seconds - before > 60.0 * until.minutes:
             return True
-        if best is None or best.success <= 0.8:
+        if best.success <= 0.8:
             return self.number >= self.total
         enough = next(one for one in self.history if one.length <= best.length * (1.0 + _LITTLE))
         return self.number >= self.total or self.number - 1 - enough.number >= patience
-
-    def _enough(self, best: Round) -> bool:
-        before = self.history[-2].seconds if len(self.history) > 1 else 0.0
-        return best.success >= self._run.until.target or 2.0 * self.seconds - before > 60.0 * self._run.until.minutes
 
     def falling(self, last: float) -> float:
         """Share of the first learning rate that the next round has: it falls evenly from 1, to `last` after all."""
@@ -214,7 +213,8 @@ class Rounds:
 
     def begin(self, env: VecEnv) -> None:
         """Seeds the generators of python, numpy and torch, and the worlds from their next reset, for the next round."""
-        words = np.random.SeedSequence(self._run.seed, spawn_key=(_key(self.stage), self.number)).generate_state(2)
+        key = int.from_bytes(self.stage.encode()[:4], "little")
+        words = np.random.SeedSequence(self._run.seed, spawn_key=(key, self.number)).generate_state(2)
         set_random_seed(int(words[0]))
         if self._run.on_round is not None:
             self._run.on_round(int(words[1] >> 1))
@@ -351,10 +351,6 @@ def _set_generators(arrays: Mapping[str, np.ndarray]) -> None:
     random.setstate((version, tuple(words), gauss))
     np.random.set_state(json.loads(str(arrays["random.numpy"])))  # noqa: NPY002
     torch.set_rng_state(torch.from_numpy(arrays["random.torch"]))
-
-
-def _key(stage: str) -> int:
-    return int.from_bytes(stage.encode()[:4], "little")
 
 
 def _table(history: list[Round]) -> str:

@@ -46,7 +46,6 @@ class SafetyLimits:
     max_lag: _Positive = 0.03
 
     def __post_init__(self) -> None:
-        """Checks the values, and makes plain numbers of them."""
         check_fields(self)
         if not all(low < high for low, high in zip(self.box_low, self.box_high, strict=True)):
             raise ParameterError(

@@ -54,7 +54,6 @@ class CameraSpec:
     q_WC: tuple[float, float, float, float]
 
     def __post_init__(self) -> None:
-        """Checks the values."""
         check_fields(self, "camera.")
 
 
@@ -78,7 +77,6 @@ class ObjectSpec:
     middle: _Vector
 
     def __post_init__(self) -> None:
-        """Checks size and hash."""
         check_fields(self, "scene.object.")
 
 
@@ -102,7 +100,6 @@ class PusherSpec:
     mesh_sha256: _Sha256 | None = None
 
     def __post_init__(self) -> None:
-        """Checks shape, dimensions and hash."""
         check_fields(self, "scene.pusher.")
         if self.radius <= 0 or self.length < 0:
             given = f"radius {self.radius} m, length {self.length} m"
@@ -127,7 +124,6 @@ class SceneSpec:
     floor_height: float
 
     def __post_init__(self) -> None:
-        """Checks the values."""
         check_fields(self, "scene.")
 
 
@@ -175,7 +171,6 @@ class PolicySpec:
     history: int = 0
 
     def __post_init__(self) -> None:
-        """Checks the values."""
         check_fields(self)
         most = math.inf if self.observes == "state" else self.frames - 1
         if not 0 <= self.history <= most:

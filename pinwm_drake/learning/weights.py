@@ -27,6 +27,15 @@ def require_device(option: str, name: str) -> None:
     require(option, name, name.partition(":")[0] in devices(), f"{', '.join(devices())}, as torch sees no other")
 
 
+def has_bfloat16(device: str = "cpu") -> bool:
+    """Flag: a device is a CPU with instructions for bfloat16, in which it convolves twice as fast as in 32 bits.
+
+    Without them bfloat16 is slower than 32 bits are.
+    """
+    supported: bool = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
+    return device == "cpu" and supported
+
+
 def device_of(network: nn.Module) -> torch.device:
     """Device that a network's numbers are on, all of them."""
     return next(network.parameters()).device

@@ -9,7 +9,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from pinwm_drake.errors import require
-from pinwm_drake.tasks.task import Progress, Reward, Task, check_fields, lengths
+from pinwm_drake.tasks.task import Positive, Progress, Reward, Task, lengths
+from pinwm_drake.validation import check_fields
 
 LENGTH, SPEED, TURN = 0.1, 1.0, 10.0  # m, m/s, rad/s: units of the state's components
 NEAR = 0.1  # m, from which on the pusher counts as at the object, in the shaped reward
@@ -65,22 +66,19 @@ class FlipTask(Task):
     side: tuple[float, float, float] = (0.0, 0.0, 0.0)
     height: float = 0.0
     reward: Reward = "paper"
-    turn_tolerance: float = 0.2
-    tolerance: float = 0.01
-    rest_speed: float = 0.02
-    rest_turn: float = 0.3
+    turn_tolerance: Positive = 0.2
+    tolerance: Positive = 0.01
+    rest_speed: Positive = 0.02
+    rest_turn: Positive = 0.3
     cost: float = 0.02
     bonus: float = 10.0
-    room: float = 0.2
+    room: Positive = 0.2
 
     def __post_init__(self) -> None:
-        """Validates reward, axes, tolerances and limits of rest."""
-        positive = ("tolerance", "turn_tolerance", "rest_speed", "rest_turn", "room")
-        check_fields(self, finite=("cost", "bonus", "height"), positive=positive)
-        require("up", self.up, 0.0 < math.hypot(*self.up) < math.inf, "an axis in O, finite and not zero")
+        check_fields(self, "task.", as_given=True)
+        require("task.up", self.up, any(self.up), "an axis in O, finite and not zero")
         across = not any(self.side) or float(np.linalg.norm(np.cross(self.up, self.side))) > 0.0
-        finite = math.isfinite(math.hypot(*self.side))
-        require("side", self.side, finite and across, "zero, or an axis in O that is not along `up`")
+        require("task.side", self.side, across, "zero, or an axis in O that is not along `up`")
 
     @cached_property
     def _axes_O(self) -> np.ndarray:
@@ -196,6 +194,5 @@ def tilt(state: np.ndarray) -> float:
 
 
 def _potential(progress: Progress) -> np.ndarray:
-    """Potential phi (W,) of the shaped reward."""
     phi: np.ndarray = 2.0 * progress.angle + 2.0 * np.maximum(progress.reach - NEAR, 0.0)
     return phi

@@ -4,18 +4,26 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
+from pydantic import Field
 
 from pinwm_drake.errors import require
-from pinwm_drake.tasks.task import Progress, Reward, Task, check_fields, lengths
+from pinwm_drake.tasks.task import Positive, Progress, Reward, Task, lengths
+from pinwm_drake.validation import check_fields
 
 if TYPE_CHECKING:
     from pinwm_drake.spatial.poses import Pose
 
 LENGTH, SPEED, TURN = 0.1, 0.3, 3.0  # m, m/s, rad/s: units of the state's components
 _NEARER = 0.9  # share of the tolerances in training: images tell an object's place to some millimetres
+_GOAL, _TURNS = "3 numbers, x [m], y [m] and yaw [rad]", "a quaternion wxyz that is finite and not zero"
+_Reach = Annotated[float, Field(ge=0)]
+
+
+def _words(allowed: str) -> Any:
+    return Field(json_schema_extra={"allowed": allowed})
 
 
 @dataclass(frozen=True)
@@ -65,29 +73,20 @@ class PushTask(Task):
     axes: ClassVar[tuple[str, ...]] = ("x", "y")
     state_size: ClassVar[int] = 11
 
-    goal: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    q_WO: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    goal: Annotated[tuple[float, float, float], _words(f"{_GOAL}, finite")] = (0.0, 0.0, 0.0)
+    q_WO: Annotated[tuple[float, float, float, float], _words(_TURNS)] = (1.0, 0.0, 0.0, 0.0)
     reward: Reward = "paper"
-    tolerance: float = 0.02
-    turn_tolerance: float = 0.2
-    rest_speed: float = 0.005
-    rest_turn: float = 0.05
+    tolerance: Positive = 0.02
+    turn_tolerance: Positive = 0.2
+    rest_speed: Positive = 0.005
+    rest_turn: Positive = 0.05
     cost: float = 0.01
     bonus: float = 10.0
-    goal_range: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    goal_range: Annotated[tuple[_Reach, _Reach, _Reach], _words(f"{_GOAL}, 0 or more")] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Validates reward, goal, tolerances and limits of rest."""
-        check_fields(
-            self, finite=("cost", "bonus"), positive=("tolerance", "turn_tolerance", "rest_speed", "rest_turn")
-        )
-        finite, wide = len(self.goal) == 3, len(self.goal_range) == 3
-        finite = finite and all(math.isfinite(value) for value in self.goal)
-        wide = wide and all(0.0 <= value < math.inf for value in self.goal_range)
-        require("goal", self.goal, finite, "x [m], y [m] and yaw [rad], finite")
-        require("goal_range", self.goal_range, wide, "x [m], y [m] and yaw [rad], 0 or more")
-        length = math.hypot(*self.q_WO)
-        require("q_WO", self.q_WO, 0.0 < length < math.inf, "a quaternion wxyz that is finite and not zero")
+        check_fields(self, "task.", as_given=True)
+        require("task.q_WO", self.q_WO, any(self.q_WO), _TURNS)
 
     @cached_property
     def q_WG(self) -> np.ndarray:
@@ -273,6 +272,5 @@ def _turned(vectors: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:
 
 
 def _potential(progress: Progress) -> np.ndarray:
-    """Potential phi (W,) of the shaped reward."""
     phi: np.ndarray = 10.0 * progress.distance + progress.angle + 2.0 * np.maximum(progress.reach - 0.1, 0.0)
     return phi

@@ -1,16 +1,17 @@
 """Tasks and their recipes by name: those that ship, and what `register` adds."""
 
 from collections.abc import Mapping
-from dataclasses import Field, fields
+from dataclasses import fields
 from typing import Any, TypeVar
 
-from pinwm_drake.errors import ParameterError, require
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.tasks.flip import FlipTask
 from pinwm_drake.tasks.push import PushTask
 from pinwm_drake.tasks.recipe import Recipe
 from pinwm_drake.tasks.recipes.flip import FLIP
 from pinwm_drake.tasks.recipes.push import PUSH
 from pinwm_drake.tasks.task import Task
+from pinwm_drake.validation import check_fields
 
 TaskClass = TypeVar("TaskClass", bound=type[Task])
 _TASKS: dict[str, tuple[type[Task], Recipe]] = {PushTask.name: (PushTask, PUSH), FlipTask.name: (FlipTask, FLIP)}
@@ -58,15 +59,12 @@ def task_from_document(document: Any) -> Task:
         allowed = f"a mapping whose name is one of {', '.join(sorted(_TASKS))}"
         raise ParameterError(f"task: got {given!r}; allowed: {allowed}")
     kind, _ = _TASKS[document["name"]]
-    known = _fields(kind)
-    values = {}
-    for name, value in document.items():
-        if name == "name":
-            continue
-        if name not in known:
-            raise ParameterError(f"task.{name}: got an unknown key; allowed: {', '.join(known)}")
-        values[name] = _like(f"task.{name}", value, known[name].default)
-    return kind(**values)
+    known, values = _fields(kind), {name: value for name, value in document.items() if name != "name"}
+    if unknown := [name for name in values if name not in known]:
+        raise ParameterError(f"task.{unknown[0]}: got an unknown key; allowed: {', '.join(known)}")
+    task = kind(**values)
+    check_fields(task, "task.", as_given=True)
+    return task
 
 
 def changed_task(task: Task, changes: Task | Mapping[str, Any] | None) -> Task:
@@ -85,19 +83,5 @@ def changed_task(task: Task, changes: Task | Mapping[str, Any] | None) -> Task:
     return task_from_document({**(task.to_document() if same else {}), **(changes or {})})
 
 
-def _fields(kind: type[Task]) -> dict[str, Field[Any]]:
-    return {field.name: field for field in fields(kind)}  # type: ignore[arg-type]
-
-
-def _like(name: str, value: Any, default: Any) -> Any:
-    """A value of the kind of a field's default: a number, a text, or a tuple of numbers; raises ParameterError."""
-    if isinstance(default, tuple):
-        many = isinstance(value, list | tuple) and len(value) == len(default)
-        require(name, repr(value), many, f"{len(default)} numbers")
-        return tuple(_like(name, item, part) for item, part in zip(value, default, strict=True))
-    if isinstance(default, str):
-        require(name, repr(value), isinstance(value, str), "a text")
-        return value
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    require(name, repr(value), number, "a number")
-    return type(default)(value)
+def _fields(kind: type[Task]) -> list[str]:
+    return [field.name for field in fields(kind)]  # type: ignore[arg-type]

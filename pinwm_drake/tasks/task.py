@@ -4,22 +4,23 @@ A task is a frozen dataclass whose fields are plain numbers, texts and tuples, s
 policy and in a bundle. It sees W worlds at once.
 """
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import Field
 
-from pinwm_drake.errors import ParameterError, require
+from pinwm_drake.errors import ParameterError
 
 if TYPE_CHECKING:  # it loads torch, which a robot's controller does without
     from pinwm_drake.spatial.poses import Pose
 
 _AXES = ("x", "y", "z")
 Reward = Literal["paper", "shaped"]
+Positive = Annotated[float, Field(gt=0)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,24 +207,6 @@ class Task(ABC):
         """The task as plain data, for YAML and JSON: its name and all fields."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
         return {"name": self.name} | {key: list(v) if isinstance(v, tuple) else v for key, v in values.items()}
-
-
-def check_fields(task: Any, finite: Sequence[str], positive: Sequence[str]) -> None:
-    """Checks fields of a task whose `reward` is a `Reward`.
-
-    Args:
-        task: The task.
-        finite: Names of the fields that are to be finite.
-        positive: Names of those that are to be finite and more than 0.
-
-    Raises:
-        ParameterError: One is not, or there is no such reward.
-    """
-    require("reward", repr(task.reward), task.reward in get_args(Reward), ", ".join(get_args(Reward)))
-    for name in finite:
-        require(name, getattr(task, name), math.isfinite(getattr(task, name)), "a finite number")
-    for name in positive:
-        require(name, getattr(task, name), 0 < getattr(task, name) < math.inf, "more than 0")
 
 
 def lengths(vectors: np.ndarray) -> np.ndarray:

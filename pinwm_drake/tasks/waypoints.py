@@ -28,7 +28,6 @@ class Waypoints:
     action: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __len__(self) -> int:
-        """Number of states, n."""
         return len(self.p_WP)
 
     def digest(self) -> str | None:

@@ -10,9 +10,9 @@ import trimesh
 from PIL import Image
 from pydrake.math import RigidTransform
 
-from benchmarks.next_push.captures import FIELD_OF_VIEW, Size, episode_viewpoint, write_capture
+from benchmarks.next_push.captures import FIELD_OF_VIEW, episode_viewpoint, write_capture
+from benchmarks.next_push.engines import engine
 from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, Rollout, Theta, log_times
-from benchmarks.next_push.engines.table import engine
 from benchmarks.next_push.jug import scanned_jug
 from benchmarks.next_push.objects import OBJECTS, make_thing
 from benchmarks.next_push.poses import PER_FRAME, pose_capture, read_poses, write_poses
@@ -159,7 +159,7 @@ def silhouette(mesh, X_WO, X_WC, camera):
 
 def test_a_clean_capture_shows_the_poses_and_can_be_read(posed, tmp_path):
     spec, thing, made = posed
-    write_capture(tmp_path / "clean", spec, thing, made, Size(pixels=96, views=8))
+    write_capture(tmp_path / "clean", spec, thing, made, pixels=96, views=8)
     capture = read_capture(tmp_path / "clean")
     assert capture.episode_names == ["0000"]
     assert capture.pusher.shape == spec.shape
@@ -180,7 +180,7 @@ def test_a_clean_capture_shows_the_poses_and_can_be_read(posed, tmp_path):
 
 def test_a_realistic_capture_is_wrong_as_it_says(posed, tmp_path):
     spec, thing, made = posed
-    mistakes = write_capture(tmp_path / "realistic", spec, thing, made, Size(pixels=96, views=8), Realism())
+    mistakes = write_capture(tmp_path / "realistic", spec, thing, made, Realism(), pixels=96, views=8)
     capture = read_capture(tmp_path / "realistic")
     shift = capture.object.X_WO.p.numpy() - made.X_WO.translation()
     np.testing.assert_allclose(shift, mistakes["start_shift"], atol=1e-12)

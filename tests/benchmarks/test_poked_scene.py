@@ -26,7 +26,8 @@ def make(request):
     hulls = tuple(np.asarray(piece.vertices) for piece in mesh_pieces(path))
     thing = objects.StandingAnyhow(twin.name, path, path, (), hulls)
     X_WO = RigidTransform(RotationMatrix.MakeZRotation(0.0), [0.0, 0.0, HALF])
-    return lambda p_WP: engine.PokedScene(thing, rollout.twin_truth(twin), X_WO, twin.pusher.shape, np.array(p_WP))
+    theta, shape = rollout.twin_truth(twin), twin.pusher.shape
+    return lambda p_WP: engine.PokedScene(thing, theta, X_WO, rollout.Tip(shape, np.array(p_WP)))
 
 
 def test_a_cube_is_pushed_as_fast_as_the_pusher_and_slides_to_rest(make):

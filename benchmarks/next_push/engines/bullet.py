@@ -13,152 +13,65 @@ import pybullet  # type: ignore[import-not-found]
 import trimesh
 from pydrake.math import RigidTransform, RotationMatrix
 
-from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, Rollout, Theta, rigid
+from benchmarks.bullet_scene import STILL, bullet_world, pusher
+from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, EngineScene, Theta, Tip, rigid
 from benchmarks.next_push.objects import Thing
-from benchmarks.next_push.pushes import Push
-from pinwm_drake.capture.scene import PusherShape
 
 _STEPS_PER_LOG = 8  # 1/1920 s
 _ITERATIONS = 200
-_PUSHER_MASS = 1e3  # kg
-_STILL = {"restitution": 0.0, "linearDamping": 0.0, "angularDamping": 0.0, "rollingFriction": 0.0}
 
 
-def roll_out(thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None, t: np.ndarray) -> Rollout:
-    """Rolls out a push.
+class PokedScene(EngineScene):
+    """Floor, object and pusher in a physics server of its own."""
 
-    Args:
-        thing: The object.
-        theta: The truth about it.
-        X_WO: Its pose at first, at rest.
-        push: What the pusher does; None for no pusher.
-        t: (n,) s, increasing from 0, multiples of 1 / `LOG_RATE`.
-    """
-    client = pybullet.connect(pybullet.DIRECT)
-    try:
-        tip = None if push is None else (push.shape, push.motion.p_WP)
-        return _Scene(client, thing, theta, X_WO, tip).run(np.asarray(t), push)
-    finally:
-        pybullet.disconnect(client)
+    dt = 1 / (LOG_RATE * _STEPS_PER_LOG)
 
-
-class _Scene:
-    """Floor, object and pusher in a physics server."""
-
-    def __init__(
-        self, client: int, thing: Thing, theta: Theta, X_WO: RigidTransform, tip: tuple[PusherShape, np.ndarray] | None
-    ) -> None:
-        self.on = {"physicsClientId": client}
-        self.dt, self.pusher = 1 / (LOG_RATE * _STEPS_PER_LOG), -1
-        pybullet.setGravity(0, 0, -GRAVITY, **self.on)
-        pybullet.setPhysicsEngineParameter(
-            fixedTimeStep=self.dt, numSolverIterations=_ITERATIONS, solverResidualThreshold=0.0, **self.on
-        )
-        plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, **self.on)
-        floor = pybullet.createMultiBody(0, plane, **self.on)
-        pybullet.changeDynamics(floor, -1, lateralFriction=1.0, **_STILL, **self.on)
-        self.object, self.X_OI = self._add_object(thing, theta)
-        self._place(self.object, X_WO @ self.X_OI)
-        if tip is not None:
-            shape, start = tip
-            kind = pybullet.GEOM_SPHERE if shape.kind == "sphere" else pybullet.GEOM_CAPSULE
-            form = pybullet.createCollisionShape(kind, radius=shape.radius, height=shape.length, **self.on)
-            self.pusher = pybullet.createMultiBody(_PUSHER_MASS, form, basePosition=start.tolist(), **self.on)
-            share = theta.friction_pusher / theta.friction_floor
-            pybullet.changeDynamics(self.pusher, -1, lateralFriction=share, **_STILL, **self.on)
-            pybullet.setCollisionFilterPair(floor, self.pusher, -1, -1, 0, **self.on)
-
-    def _add_object(self, thing: Thing, theta: Theta) -> tuple[int, RigidTransform]:
-        """The object, and the pose X_OI of its principal axes in O."""
-        moments, R_OI = np.linalg.eigh(theta.inertia)
+    def __init__(self, thing: Thing, theta: Theta, X_WO: RigidTransform, tip: Tip | None) -> None:
+        self._bullet, floor = bullet_world(self.dt, numSolverIterations=_ITERATIONS, solverResidualThreshold=0.0)
+        moments, R_OI = np.linalg.eigh(theta.inertia)  # I: principal axes
         R_OI[:, 2] *= np.sign(np.linalg.det(R_OI))
-        X_OI = RigidTransform(RotationMatrix(R_OI), theta.p_com)
+        self._X_OI = RigidTransform(RotationMatrix(R_OI), theta.p_com)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"{thing.name}.obj"
             path.write_text(_hulls_obj(thing, theta), encoding="utf-8")
-            shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(path), **self.on)
-        body = pybullet.createMultiBody(
-            theta.mass,
-            shape,
-            baseInertialFramePosition=X_OI.translation().tolist(),
-            baseInertialFrameOrientation=_xyzw(X_OI),
-            **self.on,
+            form = self._bullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(path))
+        place = {"baseInertialFramePosition": self._X_OI.translation().tolist()}
+        self._object = self._bullet.createMultiBody(
+            theta.mass, form, baseInertialFrameOrientation=_xyzw(self._X_OI), **place
         )
-        pybullet.changeDynamics(
-            body,
-            -1,
-            lateralFriction=theta.friction_floor,
-            localInertiaDiagonal=moments.tolist(),
-            **_STILL,
-            **self.on,
-        )
-        return body, X_OI
+        friction = {"lateralFriction": theta.friction_floor, "localInertiaDiagonal": moments.tolist()}
+        self._bullet.changeDynamics(self._object, -1, **friction, **STILL)
+        X_WI = X_WO @ self._X_OI
+        self._bullet.resetBasePositionAndOrientation(self._object, X_WI.translation().tolist(), _xyzw(X_WI))
+        self._bullet.resetBaseVelocity(self._object, [0.0] * 3, [0.0] * 3)
+        self._pusher = -1
+        if tip is not None:
+            shape, share = tip.shape, theta.friction_pusher / theta.friction_floor
+            self._pusher = pusher(self._bullet, shape.kind, shape.radius, shape.length, tip.p_WP.tolist(), share)
+            self._bullet.setCollisionFilterPair(floor, self._pusher, -1, -1, 0)
 
-    def _place(self, body: int, X_WI: RigidTransform) -> None:
-        pybullet.resetBasePositionAndOrientation(body, X_WI.translation().tolist(), _xyzw(X_WI), **self.on)
-        pybullet.resetBaseVelocity(body, [0.0] * 3, [0.0] * 3, **self.on)
-
-    def step(self, v_WP: np.ndarray) -> None:
-        """Takes a step with a velocity (3,) m/s of the pusher, where there is one."""
-        if self.pusher >= 0:
+    def step(self, v_WP: np.ndarray, p_WP: np.ndarray | None = None) -> None:
+        """Takes a step; see `EngineScene.step`."""
+        if self._pusher >= 0:
             up = np.array([0.0, 0.0, GRAVITY * self.dt])  # what gravity takes within the step
-            pybullet.resetBaseVelocity(self.pusher, (v_WP + up).tolist(), [0.0] * 3, **self.on)
-        pybullet.stepSimulation(**self.on)
-
-    def pose(self) -> RigidTransform:
-        """Pose X_WO of the object."""
-        p, (x, y, z, w) = pybullet.getBasePositionAndOrientation(self.object, **self.on)
-        return rigid(np.array([w, x, y, z]), p) @ self.X_OI.inverse()
-
-    def velocity(self) -> tuple[np.ndarray, np.ndarray]:
-        """Angular velocity [rad/s] of the object and velocity [m/s] of its origin, world."""
-        v, w = (np.array(one) for one in pybullet.getBaseVelocity(self.object, **self.on))
-        p_WI = np.array(pybullet.getBasePositionAndOrientation(self.object, **self.on)[0])
-        return w, v + np.cross(w, self.pose().translation() - p_WI)
-
-    def pusher_place(self) -> np.ndarray:
-        """Position (3,) m of the pusher, world; 0 without one."""
-        if self.pusher < 0:
-            return np.zeros(3)
-        return np.array(pybullet.getBasePositionAndOrientation(self.pusher, **self.on)[0])
-
-    def run(self, t: np.ndarray, push: Push | None) -> Rollout:
-        """Steps through the times t (n,) s."""
-        poses, places, step = [], [], 0
-        for time in t:
-            for _ in range(round(time / self.dt) - step):
-                self.step(np.zeros(3) if push is None else push.motion.average_velocity(step, self.dt))
-                step += 1
-            poses.append(self.pose())
-            places.append(self.pusher_place())
-        return Rollout(t, poses, np.array(places))
-
-
-class PokedScene:
-    """Floor, object and a pusher that goes anywhere, in a server of its own; see MuJoCo's."""
-
-    def __init__(self, thing: Thing, theta: Theta, X_WO: RigidTransform, shape: PusherShape, p_WP: np.ndarray) -> None:
-        self._client = pybullet.connect(pybullet.DIRECT)
-        self._scene = _Scene(self._client, thing, theta, X_WO, (shape, p_WP))
-
-    def __del__(self) -> None:
-        pybullet.disconnect(self._client)
-
-    def advance(self, v_WP: np.ndarray, seconds: float) -> None:
-        """Goes on while the pusher has a velocity (3,) m/s, world."""
-        for _ in range(round(seconds / self._scene.dt)):
-            self._scene.step(v_WP)
+            self._bullet.resetBaseVelocity(self._pusher, (v_WP + up).tolist(), [0.0] * 3)
+        self._bullet.stepSimulation()
 
     @property
     def p_WP(self) -> np.ndarray:
-        """Position (3,) m of the pusher, world."""
-        return self._scene.pusher_place()
+        """Position (3,) m of the pusher, world; 0 without one."""
+        if self._pusher < 0:
+            return np.zeros(3)
+        return np.array(self._bullet.getBasePositionAndOrientation(self._pusher)[0])
 
     @property
     def object_state(self) -> np.ndarray:
-        """State (13,): q_WO wxyz, p_WO [m], angular velocity [rad/s] and velocity of the origin [m/s], world."""
-        X_WO = self._scene.pose()
-        return np.concatenate([X_WO.rotation().ToQuaternion().wxyz(), X_WO.translation(), *self._scene.velocity()])
+        """State (13,); see `EngineScene`."""
+        p_WI, (x, y, z, w) = self._bullet.getBasePositionAndOrientation(self._object)
+        v, spin = (np.array(one) for one in self._bullet.getBaseVelocity(self._object))
+        X_WO = rigid(np.array([w, x, y, z]), p_WI) @ self._X_OI.inverse()
+        q, p = X_WO.rotation().ToQuaternion().wxyz(), X_WO.translation()
+        return np.concatenate([q, p, spin, v + np.cross(spin, p - np.array(p_WI))])
 
 
 def _hulls_obj(thing: Thing, theta: Theta) -> str:

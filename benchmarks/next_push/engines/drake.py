@@ -33,16 +33,6 @@ _NO_PUSHER = PusherShape("sphere", 0.01)
 _AWAY = np.array([0.0, 0.0, 50.0])  # m
 
 
-def hydroelastic(thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None, t: np.ndarray) -> Rollout:
-    """Rolls out a push with hydroelastic contact; see `mujoco.roll_out` for arguments."""
-    return _roll_out("hydroelastic", thing, theta, X_WO, push, t)
-
-
-def point(thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None, t: np.ndarray) -> Rollout:
-    """Rolls out a push with point contact; see `mujoco.roll_out` for arguments."""
-    return _roll_out("point", thing, theta, X_WO, push, t)
-
-
 def make_recorder(
     engine: str,
     thing: Thing,
@@ -105,9 +95,10 @@ def _setup(engine: str, thing: Thing, theta: Theta, shape: PusherShape) -> Setup
     return dataclasses.replace(make_setup(scenario, twin=twin), visual_path=thing.visual_path)
 
 
-def _roll_out(
+def roll_out(
     engine: str, thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None, t: np.ndarray
 ) -> Rollout:
+    """Rolls out a push in "hydroelastic" or "point" contact; see `engine` for the other arguments."""
     shape = _NO_PUSHER if push is None else push.shape
     recorder = make_recorder(engine, thing, theta, shape, Camera.from_field_of_view(16, 16, 0.7), 1)
     if engine == "point" and len(theta.feet):
@@ -123,7 +114,6 @@ def _roll_out(
 
 
 def _with_feet(thing: Thing, theta: Theta) -> Path:
-    """Mesh of an object with its feet, in a folder that goes with the process."""
     folder = Path(tempfile.mkdtemp(prefix="next_push_"))
     Finalize(None, shutil.rmtree, (folder, True), exitpriority=0)
     return write_with_feet(thing.mesh_path, folder, theta.feet, np.array([0.0, 0.0, 1.0]))
@@ -150,7 +140,6 @@ def _stand_on_corners(recorder: SceneRecorder) -> None:
 
 
 def _set_inertia(recorder: SceneRecorder, theta: Theta) -> None:
-    """Gives the object the very mass, centre of mass and inertia of theta."""
     parts = _plant(recorder)
     context = parts.plant.GetMyMutableContextFromRoot(recorder.simulator.get_mutable_context())
     J = theta.inertia

@@ -78,7 +78,6 @@ def _white(pixels: np.ndarray) -> np.ndarray:
 
 
 def _covered(pixels: np.ndarray) -> np.ndarray:
-    """Pixels of which all show something."""
     seen = pixels[pixels[..., 3] > 0]
     pixels[:] = seen[len(seen) // 2] if len(seen) else (90, 90, 90, 255)
     return pixels
@@ -103,13 +102,11 @@ def _speck(pixels: np.ndarray) -> np.ndarray:
 
 
 def _frozen(past: list[bytes]) -> Disturb:
-    """Last image for ever, under new stamps."""
     pixels = _pixels(past[-1])[1]
     return _drawn(lambda _: pixels)(past)
 
 
 def _repeated(past: list[bytes]) -> Disturb:
-    """The last message again and again, with its own stamp."""
     last = past[-1]
     return lambda message: [(0.0, last)]
 
@@ -124,14 +121,12 @@ def _grey(array: lcmt_image_array) -> None:
 
 
 def _torn(array: lcmt_image_array) -> None:
-    """Takes off the second half of an image's bytes."""
     image = array.images[0]
     image.data = image.data[: len(image.data) // 2]
     image.size = len(image.data)
 
 
 def _stamped(offset: float) -> Callable[[list[bytes]], Disturb]:
-    """Images whose stamps are off by some seconds."""
 
     def change(array: lcmt_image_array) -> None:
         array.header.utime += round(1e6 * offset)
@@ -148,7 +143,6 @@ def _lost(past: list[bytes]) -> Disturb:
 
 
 def _signal(change: Callable[[lcmt_drake_signal], None]) -> Callable[[list[bytes]], Disturb]:
-    """Fault that changes a vector's message."""
 
     def fitted(signal: lcmt_drake_signal) -> None:
         change(signal)
@@ -180,7 +174,6 @@ def _back(signal: lcmt_drake_signal) -> None:
 
 
 def _foreign(past: list[bytes]) -> Disturb:
-    """Commands of a second controller between those of the first."""
     other = float(1 + np.random.default_rng().integers(1 << 48))
 
     def disturb(message: bytes) -> Passed:
@@ -192,7 +185,6 @@ def _foreign(past: list[bytes]) -> Disturb:
 
 
 def _replayed(past: list[bytes]) -> Disturb:
-    """Old commands of the same session between the new ones."""
     session = lcmt_drake_signal.decode(past[-1]).val[_SESSION]
     old = next(message for message in past if lcmt_drake_signal.decode(message).val[_SESSION] == session)
     return lambda message: [(0.0, message), (0.0025, old)]

@@ -36,7 +36,6 @@ def write_rehearsal_report(path: Path, request: RehearseRequest, trials: list[Tr
 
 
 def _times_figure(trials: list[Trial]) -> Figure:
-    """Seconds from fault to zero, a row for each kind."""
     kinds = list(dict.fromkeys(trial.kind for trial in trials if trial.kind))
     drawn = Figure(figsize=(8, 0.6 + 0.24 * max(len(kinds), 1)), layout="constrained")
     axes = drawn.subplots()

@@ -17,15 +17,7 @@ from typing import Any
 import numpy as np
 
 from pinwm_drake.errors import InputError, ParameterError, StateError
-from pinwm_drake.experiments.rehearsal.faults import (
-    CONTENT,
-    IMAGE_LIMIT,
-    KINDS,
-    PACE,
-    SILENCE,
-    STALL,
-    FaultKind,
-)
+from pinwm_drake.experiments.rehearsal.faults import CONTENT, IMAGE_LIMIT, KINDS, PACE, SILENCE, STALL, FaultKind
 from pinwm_drake.experiments.rehearsal.processes import Traffic, robot_link, run_arm, run_relay, with_link
 from pinwm_drake.experiments.requests.control import RehearseRequest
 from pinwm_drake.files import prepare_folder, replacing
@@ -101,7 +93,6 @@ class Disturbed:
     """
 
     def __init__(self, bundle: Bundle) -> None:
-        """Takes a bundle; it works until it is told to fail."""
         self.spec: PolicySpec = bundle.spec
         self.mask_pixels = bundle.mask_pixels
         self._bundle = bundle
@@ -272,48 +263,30 @@ def summary(trials: list[Trial]) -> dict[str, Any]:
 
 @contextmanager
 def _parties(request: RehearseRequest, bundle: Bundle) -> Iterator["_Parties"]:
-    """The arm's and the relay's processes, and the controller of this one.
-
-    Raises:
-        ParameterError: Another rehearsal has the port: each would hear the other's messages.
-    """
-    with socket.socket() as held:
+    assert request.scene is not None
+    with ExitStack() as stack:
+        held = stack.enter_context(socket.socket())  # another rehearsal on the port would hear the messages of this one
         try:
             held.bind(("127.0.0.1", request.port))
         except OSError as error:
             raise ParameterError(f"--port: got {request.port}, which is in use; allowed: a free one") from error
-        yield from _begin_parties(request, bundle)
-
-
-def _begin_parties(request: RehearseRequest, bundle: Bundle) -> Iterator["_Parties"]:
-    assert request.scene is not None
-    setup = environment_setup(load_setup(request.scene), EnvOptions(image_size=bundle.spec.camera.width))
-    link = replace(setup.scenario.lcm, url=f"udpm://239.255.76.67:{request.port}?ttl=0", period=_PERIOD)
-    context = multiprocessing.get_context("spawn")
-    arm, arm_end = context.Pipe()
-    relay, relay_end = context.Pipe()
-    processes = [
-        context.Process(target=run_arm, args=(arm_end, with_link(setup, robot_link(link)), request.latency)),
-        context.Process(target=run_relay, args=(relay_end, link, os.getpid())),
-    ]
-    for process in processes:
-        process.daemon = True
-        process.start()
-    arm_end.close()
-    relay_end.close()
-    try:
+        setup = environment_setup(load_setup(request.scene), EnvOptions(image_size=bundle.spec.camera.width))
+        link = replace(setup.scenario.lcm, url=f"udpm://239.255.76.67:{request.port}?ttl=0", period=_PERIOD)
+        context = multiprocessing.get_context("spawn")
+        (arm, arm_end), (relay, relay_end) = context.Pipe(), context.Pipe()
+        robot = with_link(setup, robot_link(link)), request.latency
+        for work, end, more in ((run_arm, arm_end, robot), (run_relay, relay_end, (link, os.getpid()))):
+            process = context.Process(target=work, args=(end, *more), daemon=True)
+            process.start()
+            end.close()
+            stack.callback(process.terminate)
+            stack.callback(process.join, 5.0)
+        stack.callback(relay.close)
+        stack.callback(arm.close)
         yield _Parties(bundle, with_link(setup, link), link, arm, relay)
-    finally:
-        arm.close()
-        relay.close()
-        for process in processes:
-            process.join(5.0)
-            process.terminate()
 
 
 class _Parties:
-    """A controller in this process, and pipes to the arm and the relay."""
-
     def __init__(self, bundle: Bundle, setup: Setup, link: LcmLink, arm: Connection, relay: Connection) -> None:
         self._bundle, self._setup, self._link = bundle, setup, link
         self._arm, self._relay = arm, relay
@@ -351,7 +324,6 @@ class _Parties:
         )
 
     def episode(self, seed: int) -> Trial:
-        """Episode of normal work, until the controller ends it."""
         loop, spec = self._armed(seed), self._bundle.spec
         traffic, ending = self._run(loop, 2.0 * spec.max_steps * spec.horizon)
         state, _ = self._ask(self._arm, None)

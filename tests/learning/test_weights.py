@@ -1,11 +1,11 @@
 import pytest
 import torch
 
-from pinwm_drake.learning.images.bfloat16 import has_bfloat16
+from pinwm_drake.learning.weights import has_bfloat16
 
 
 @pytest.mark.parametrize("instructions", ["_is_avx512_bf16_supported", "_is_amx_tile_supported"])
-def test_it_is_asked_for_where_a_cpu_has_the_instructions(monkeypatch, instructions):
+def test_bfloat16_is_asked_for_where_a_cpu_has_the_instructions(monkeypatch, instructions):
     for name in ("_is_avx512_bf16_supported", "_is_amx_tile_supported"):
         monkeypatch.setattr(torch.cpu, name, lambda: False)
     assert not has_bfloat16("cpu")
