@@ -16,7 +16,7 @@ timing.limit_threads(1, cpus=os.cpu_count())  # before numba and torch are impor
 
 import numpy as np
 
-from pinwm_drake.systems.crosscheck.crosscheck import cross_check
+from pinwm_drake.systems.crosscheck.crosscheck import crosscheck
 from pinwm_drake.systems.crosscheck.difference import Difference, difference_of
 from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig, unlimited
 from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
@@ -64,7 +64,7 @@ def agreement() -> str:
     ]
     for name, friction in _AGREEMENT:
         setup = scene(name, friction)
-        found = cross_check(setup, CrossCheckOptions(pushes=20))
+        found = crosscheck(setup, CrossCheckOptions(pushes=20))
         assert isinstance(found, PushCheck)
         rig = SceneRig(setup.with_theta(friction_floor=1.01 * friction), "twin")
         ends = {engine: [push.differences[engine] for push in found.pushes] for engine in ("hydroelastic", "point")}

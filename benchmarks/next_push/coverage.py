@@ -16,11 +16,11 @@ from benchmarks.next_push.poses import pose_capture
 from benchmarks.next_push.specification import ENGINES, CaptureSpec
 from benchmarks.results import markdown
 from pinwm_drake.capture.episodes import read_episode
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.files import replacing
 from pinwm_drake.geometry.meshes import half_diagonal
-from pinwm_drake.identification.identify import identify
+from pinwm_drake.identification.identify import identify_theta
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.style import GREY, TWIN, new_figure, tidy
@@ -70,10 +70,10 @@ def _case(out: Path, number: int) -> Row:
         write_capture(Path(folder) / "capture", spec, thing, posed, pixels=_SIZE, views=views)
         if not there.exists():
             align(Path(folder) / "capture", looks)
-        capture = read_capture(Path(folder) / "capture")
+        capture = load_capture(Path(folder) / "capture")
         episodes = [read_episode(capture, one) for one in capture.episode_names]
         surfels, offset = read_ply(looks / SURFELS_FILE), read_offset(there)
-        twin = identify(capture, episodes[0], surfels, offset, _OPTIONS).twin
+        twin = identify_theta(capture, episodes[0], surfels, offset, _OPTIONS).twin
         assert twin.draws is not None
         truth = {"friction_floor": posed.theta.friction_floor, "friction_pusher": posed.theta.friction_pusher}
         ranks = {key: float((twin.draws.column(key) < value).mean()) for key, value in truth.items()}

@@ -12,10 +12,10 @@ from benchmarks.next_push.specification import CaptureSpec
 from benchmarks.results import markdown
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode
 from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
-from pinwm_drake.capture.scene import Capture, read_capture
+from pinwm_drake.capture.scene import Capture, load_capture
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.files import replacing
-from pinwm_drake.identification.identify import identify
+from pinwm_drake.identification.identify import identify_theta
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.rendering.surfels import Surfels
@@ -63,7 +63,7 @@ def result_path(out: Path, kind: str, spec: CaptureSpec, method: str, chosen: tu
 
 
 def _evaluate(out: Path, kind: str, spec: CaptureSpec, method: str, chosen: tuple[int, ...]) -> _Errors:
-    capture = read_capture(out / kind / spec.name)
+    capture = load_capture(out / kind / spec.name)
     episodes = [read_episode(capture, name) for name in capture.episode_names]
     truth = read_ground_truth(capture.folder / GROUND_TRUTH_FILE)
     result: _Errors = {"capture": spec.name, "split": spec.split, "method": method, "pushes": list(chosen)}
@@ -74,7 +74,7 @@ def _evaluate(out: Path, kind: str, spec: CaptureSpec, method: str, chosen: tupl
         twin = _true_twin(capture, episodes[0], (surfels, offset, X_OS), truth)
     else:
         options = _PIN_WM if method == "pin-wm" else IdentifyOptions()
-        found = identify(capture, [episodes[k] for k in chosen], surfels, offset, options, X_OS=X_OS)
+        found = identify_theta(capture, [episodes[k] for k in chosen], surfels, offset, options, X_OS=X_OS)
         twin = found.twin
         result |= {
             "seconds": round(found.found.seconds, 1),
@@ -107,7 +107,7 @@ def _true_twin(
         screened=1, starts=1, coarse_iterations=0, fine_iterations=0, moves=2, free=("lift",), support="patch"
     )
     surfels, offset, X_OS = appearance
-    twin = identify(capture, episode, surfels, offset, blank, X_OS=X_OS).twin
+    twin = identify_theta(capture, episode, surfels, offset, blank, X_OS=X_OS).twin
     theta = {name: replace(one, value=truth.get(name, one.value)) for name, one in twin.theta.items()}
     lift = Estimate(0.0, None, False, "m")
     floor = capture.floor_height

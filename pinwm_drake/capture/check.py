@@ -32,7 +32,7 @@ class CheckResult:
         return len(self.problems) - self.errors
 
 
-def check_capture(folder: Path, progress: Callable[[str], None] = lambda part: None) -> CheckResult:
+def check_capture(capture: str | Path, progress: Callable[[str], None] = lambda part: None) -> CheckResult:
     """Checks a capture: every file, each by itself and against the others; `progress` is told what comes next.
 
     A part that others build on, such as the mesh, is left out of their checks where it is refused itself.
@@ -40,6 +40,7 @@ def check_capture(folder: Path, progress: Callable[[str], None] = lambda part: N
     Raises:
         InputError: There is no such folder.
     """
+    folder = Path(capture)
     if not is_folder(folder):
         raise InputError(folder, value="no such folder", allowed=f"a capture: a folder with {CAPTURE_FILE}")
     findings = Findings(folder)

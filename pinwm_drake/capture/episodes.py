@@ -11,7 +11,7 @@ from pinwm_drake.capture.episode_tables import ObjectPoses as ObjectPoses
 from pinwm_drake.capture.episode_tables import PusherTrajectory as PusherTrajectory
 from pinwm_drake.capture.episode_tables import read_frame_table, read_object_poses, read_trajectory
 from pinwm_drake.capture.images import read_image, require_size
-from pinwm_drake.capture.scene import EPISODES, Capture, read_capture
+from pinwm_drake.capture.scene import EPISODES, Capture, load_capture
 from pinwm_drake.capture.static_views import find_mask
 from pinwm_drake.capture.transforms import read_camera, read_pose
 from pinwm_drake.documents import read_json
@@ -118,7 +118,7 @@ def read_episode_folder(folder: Path) -> tuple[Capture, Episode]:
     whole = folder.absolute()
     if whole.parent.name != EPISODES:
         raise InputError(folder, value="a folder outside of episodes/", allowed="CAPTURE/episodes/NAME")
-    capture = read_capture(whole.parent.parent)
+    capture = load_capture(whole.parent.parent)
     return capture, read_episode(capture, whole.name)
 
 

@@ -180,13 +180,13 @@ def read_capture_object(folder: Path) -> CaptureObject:
     """Reads the object of a capture from its `capture.yaml`; keys beside that are not needed.
 
     Raises:
-        InputError: As for `read_capture`.
+        InputError: As for `load_capture`.
     """
     document = read_yaml(folder / CAPTURE_FILE)
     return _object(folder, document.read(_ObjectOnly).object)
 
 
-def read_capture(folder: Path) -> Capture:
+def load_capture(capture: str | Path) -> Capture:
     """Reads `capture.yaml` of a folder, and the names of the episodes.
 
     Raises:
@@ -194,6 +194,7 @@ def read_capture(folder: Path) -> Capture:
             missing or unknown, a number is not finite or out of range, a quaternion is not of unit norm, the
             pusher is of an unknown shape, or a mesh that it names is missing.
     """
+    folder = Path(capture)
     entry = read_yaml(folder / CAPTURE_FILE)
     document = entry.read(CaptureDocument)
     about, names = _object(folder, document.object), episode_names(folder)

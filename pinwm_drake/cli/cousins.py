@@ -21,10 +21,10 @@ def cousins(request: CousinsRequest) -> None:
     from pinwm_drake.cousins.io import write_cousins
     from pinwm_drake.files import prepare_folder
     from pinwm_drake.report.figures.cousins import cousin_figure
-    from pinwm_drake.twin.read import read_twin
+    from pinwm_drake.twin.read import load_twin
 
     drawn = draw_cousins(
-        read_twin(request.twin),
+        load_twin(request.twin),
         request.number,
         request.delta,
         seed=request.seed,

@@ -14,7 +14,7 @@ _WIDTH = 100  # characters, of a table that goes to a file
 def crosscheck(request: CrossCheckRequest) -> None:
     """Sends the same pushes through a twin and Drake's own contact; exits with 0 for PASS and with 1 for FAIL."""
     from pinwm_drake.report.twin.data import read_ground_truth
-    from pinwm_drake.systems.crosscheck.crosscheck import cross_check
+    from pinwm_drake.systems.crosscheck.crosscheck import crosscheck
     from pinwm_drake.systems.scenario.load import load_setup
     from pinwm_drake.tasks.registry import recipe_of
 
@@ -40,7 +40,7 @@ def crosscheck(request: CrossCheckRequest) -> None:
             show(motions, done / options.pushes, f"{done}/{options.pushes}")
 
         show(motions, 0.0, f"0/{options.pushes}")
-        found = cross_check(setup, options, truth=known, report=moved)
+        found = crosscheck(setup, options, truth=known, report=moved)
     console = Console() if Console().is_terminal else Console(width=_WIDTH)
     if (table := found.table()) is not None:
         console.print(table)

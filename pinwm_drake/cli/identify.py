@@ -24,7 +24,7 @@ def identify(request: IdentifyRequest) -> None:
     from rich.console import Console
 
     from pinwm_drake.documents import ROUND_CONE, warn_without_effect
-    from pinwm_drake.experiments.twins import has_surfels, read_pushes, twin_from_capture
+    from pinwm_drake.experiments.twins import has_surfels, identify, read_pushes
     from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
     from pinwm_drake.report.twin.score import pose_errors
 
@@ -38,7 +38,7 @@ def identify(request: IdentifyRequest) -> None:
         say(f"no {CHECKPOINT_FILE} in {twin}: starting anew")
     try:
         with stages_bar() as progress:
-            result = twin_from_capture(
+            result = identify(
                 request.capture,
                 twin,
                 episodes=request.episodes,

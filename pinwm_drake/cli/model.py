@@ -7,7 +7,7 @@ from pinwm_drake.experiments.requests.twins import ModelRequest
 def model(request: ModelRequest) -> None:
     """Writes a twin as SDFormat models, which Drake's Parser loads."""
     from pinwm_drake.systems.sdf.twin import write_twin_model
-    from pinwm_drake.twin.read import read_twin
+    from pinwm_drake.twin.read import load_twin
 
-    for path in write_twin_model(read_twin(request.twin), request.out):
+    for path in write_twin_model(load_twin(request.twin), request.out):
         say(f"wrote {path}")

@@ -12,13 +12,13 @@ def next_push(request: NextPushRequest) -> None:
     Film it, add it to the capture as an episode, and identify from all of them:
     pinwm identify CAPTURE TWIN --episode A --episode B.
     """
-    from pinwm_drake.experiments.next_push import propose_push, write_proposal
+    from pinwm_drake.experiments.next_push import next_push, write_proposal
     from pinwm_drake.files import prepare_folder
-    from pinwm_drake.twin.read import read_twin
+    from pinwm_drake.twin.read import load_twin
 
-    found = read_twin(request.twin)
+    found = load_twin(request.twin)
     with stages_bar(transient=True) as progress:
-        proposal = propose_push(
+        proposal = next_push(
             found,
             low=request.low,
             high=request.high,

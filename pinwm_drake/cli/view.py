@@ -23,12 +23,12 @@ def view(request: ViewRequest) -> None:
     from pinwm_drake.rendering.ply import read_ply
     from pinwm_drake.report.surfels.page import write_surfel_page
     from pinwm_drake.report.surfels.turntable import FRAME_RATE, write_turntable
-    from pinwm_drake.twin.read import read_twin
+    from pinwm_drake.twin.read import load_twin
     from pinwm_drake.twin.twin import SURFELS_FILE, TWIN_FILE
 
     splats, html, video = request.splats, request.html, request.video
     path = splats / SURFELS_FILE if splats.is_dir() else splats
-    twin = read_twin(splats) if (splats / TWIN_FILE).is_file() else None
+    twin = load_twin(splats) if (splats / TWIN_FILE).is_file() else None
     for target in (html, video):
         if target is not None:
             prepare_folder(target.parent)

@@ -14,7 +14,7 @@ from pathlib import Path
 import torch
 
 from pinwm_drake.capture.episodes import read_episode
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.demo.stages import Cost, cpu_seconds
 from pinwm_drake.errors import PinwmError
 from pinwm_drake.identification.forward import Forward
@@ -60,7 +60,7 @@ def _compile(folder: Path, options: IdentifyOptions, sender: Connection) -> None
     torch.set_num_threads(1)
     # The first process will meet an error too, and say it.
     with suppress(PinwmError):
-        capture = read_capture(folder)
+        capture = load_capture(folder)
         episode, X_WO = read_episode(capture, capture.episode_names[0]), capture.object.X_WO
         mass, scene = capture.object.mass or 1.0, capture_scene(capture, options.time_step)
         coordinates = Coordinates(options.names, {"mass": mass, **options.held})

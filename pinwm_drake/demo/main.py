@@ -6,7 +6,7 @@ from rich.console import Console
 
 from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode
-from pinwm_drake.capture.scene import Capture, read_capture
+from pinwm_drake.capture.scene import Capture, load_capture
 from pinwm_drake.capture.write import write_pose_table
 from pinwm_drake.demo.kernels import compiling
 from pinwm_drake.demo.options import DemoOptions
@@ -15,7 +15,7 @@ from pinwm_drake.demo.policy import run_policy
 from pinwm_drake.demo.stages import Report, Stages
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.alignment import align, read_source
-from pinwm_drake.experiments.twins import twin_from_capture
+from pinwm_drake.experiments.twins import identify
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.report.twin.comparison_frames import Cast, draw_shots
 from pinwm_drake.report.twin.data import read_story
@@ -70,7 +70,7 @@ def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
     if compiled is not None:
         stages.costs.append(compiled)
     with stages.stage("identify") as report:
-        found = twin_from_capture(
+        found = identify(
             options.capture,
             out / _TWIN,
             options=options.identify,
@@ -113,7 +113,7 @@ def _read(folder: Path) -> tuple[Capture, list[Episode]]:
     for problem in check.problems:
         if problem.severity == "error":
             raise problem.problem
-    capture = read_capture(folder)
+    capture = load_capture(folder)
     if len(capture.episode_names) < 2:
         raise InputError(folder, value=f"{len(capture.episode_names)} episodes", allowed="a capture with two or more")
     return capture, [read_episode(capture, name) for name in capture.episode_names[:2]]

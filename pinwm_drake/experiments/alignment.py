@@ -46,8 +46,8 @@ class Source:
 
 
 def align(
-    path: Path,
-    out: Path,
+    path: str | Path,
+    out: str | Path,
     *,
     mesh_path: Path | None = None,
     options: FitOptions | None = None,
@@ -70,6 +70,7 @@ def align(
     Raises:
         PinwmError: An input was refused, or a file cannot be written.
     """
+    path, out = Path(path), Path(out)
     options = FitOptions() if options is None else options
     source = read_source(path, mesh_path)
     prepare_folder(out)

@@ -22,7 +22,7 @@ import trimesh
 
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.pusher import pushing_height, upright_shape
-from pinwm_drake.capture.scene import PusherShape, read_capture
+from pinwm_drake.capture.scene import PusherShape, load_capture
 from pinwm_drake.errors import ParameterError, PinwmError, SolverError, require
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh, mass_properties
 from pinwm_drake.identification.discrepancy import prior_root
@@ -89,7 +89,7 @@ class Proposal:
         return all(found <= allowed for found, allowed in zip(self.spread, self.tolerance, strict=True))
 
 
-def propose_push(
+def next_push(
     twin: Twin,
     *,
     X_WO: Pose | None = None,
@@ -154,7 +154,7 @@ def start_of(twin: Twin) -> Pose:
     origin = Origin.read(twin)
     if origin is not None:
         try:
-            return read_capture(origin.path).object.X_WO
+            return load_capture(origin.path).object.X_WO
         except PinwmError:
             pass  # it has been moved
     one = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)

@@ -12,7 +12,7 @@ from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
 from pinwm_drake.twin.origin import identified_push, start_pose
 from pinwm_drake.twin.predict import Spread, mismatches, predict_poses, predict_spread
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.twin import Twin
 
 
@@ -67,7 +67,7 @@ def predict(twin: Path | str, episode: Path | str, *, find_start: bool = False) 
     Raises:
         PinwmError: A file cannot be used, or the physics found no solution.
     """
-    found = read_twin(Path(twin))
+    found = load_twin(Path(twin))
     capture, push = read_episode_folder(Path(episode))
     number = identified_push(found, capture, push)
     start = locate(found, push, start_pose(found, capture, number)) if find_start else None

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pinwm_drake.capture.episodes import Episode, read_episode
-from pinwm_drake.capture.scene import Capture, read_capture
+from pinwm_drake.capture.scene import Capture, load_capture
 from pinwm_drake.capture.write import write_pose_table
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.alignment import align
@@ -15,7 +15,7 @@ from pinwm_drake.experiments.progress import Progress, silent
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
 from pinwm_drake.identification.history import HISTORY_FILE, write_history
-from pinwm_drake.identification.identify import Identification, identify
+from pinwm_drake.identification.identify import Identification, identify_theta
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.search import Progress as SearchProgress
 from pinwm_drake.provenance import timestamp, versions
@@ -29,9 +29,9 @@ from pinwm_drake.twin.write import write_twin
 _SHOWN = {"friction_floor": "μ floor", "friction_pusher": "μ pusher", "mass": "mass"}
 
 
-def twin_from_capture(
-    path: Path,
-    out: Path,
+def identify(
+    path: str | Path,
+    out: str | Path,
     *,
     episodes: Sequence[str] = (),
     options: IdentifyOptions | None = None,
@@ -56,6 +56,7 @@ def twin_from_capture(
     Raises:
         PinwmError: An input was refused, the physics found no solution, or a file cannot be written.
     """
+    path, out = Path(path), Path(out)
     capture, pushes = read_pushes(path, episodes)
     prepare_folder(out)
     if not has_surfels(out):
@@ -74,7 +75,9 @@ def twin_from_capture(
 
     progress("identifying", 0.0, "getting ready (minutes where kernels compile or a mesh is cut into pieces)")
     options = IdentifyOptions() if options is None else options
-    result = identify(capture, pushes, surfels, offset, options, X_OS=X_OS, folder=out, resume=resume, report=searched)
+    result = identify_theta(
+        capture, pushes, surfels, offset, options, X_OS=X_OS, folder=out, resume=resume, report=searched
+    )
     twin = replace(result.twin, provenance={**result.twin.provenance, **run_provenance()})
     result = replace(result, twin=twin)
     write_history(out / HISTORY_FILE, result.found.problem.coordinates.names, result.found.log)
@@ -96,7 +99,7 @@ def read_pushes(path: Path, episodes: Sequence[str] = ()) -> tuple[Capture, list
     Raises:
         InputError: There is no push, or a file cannot be used.
     """
-    capture = read_capture(path)
+    capture = load_capture(path)
     if not capture.episode_names:
         raise InputError(path, value="no folder in episodes/", allowed="a capture with one push or more")
     return capture, [read_episode(capture, name) for name in episodes or capture.episode_names[:1]]

@@ -51,7 +51,7 @@ class Identification:
     poses: list[ObjectPoses]
 
 
-def identify(
+def identify_theta(
     capture: Capture,
     episodes: Episode | Sequence[Episode],
     surfels: Surfels,

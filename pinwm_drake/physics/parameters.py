@@ -15,6 +15,9 @@ _MOST_FRICTION = 100.0
 _MOST_OFFSET, _MOST_CENTER = 0.05, 1.0  # m
 _LEAST_SPREAD, _MOST_SPREAD = 0.1, 10.0
 
+_TINY = 1e-12
+_LOWER = [1, 2, 2], [0, 0, 1]  # rows and columns of a matrix below its diagonal
+
 
 @dataclass(frozen=True, eq=False)
 class Parameters(TensorFields):
@@ -126,6 +129,50 @@ class Parameters(TensorFields):
         """Parameters of one world, repeated for `num_worlds` worlds."""
         return self.changed(lambda tensor: tensor.expand(num_worlds, *tensor.shape[1:]))
 
+    def unconstrained(self) -> dict[str, Tensor]:
+        """Unbounded tensors of theta, by name.
+
+        They are log_mass (W, nb), log_cholesky (W, nb, 6), log_friction and logit_restitution (W, num_pairs), and the
+        inverse hyperbolic tangents, over their bounds, of center, the logarithm of spread (W, nb, 3), and offset.
+        The six numbers are the logarithms of the diagonal of the Cholesky factor L of the second moment
+        Sigma / mass = L L', then its entries 21, 31, 32 over the diagonal's mean. Coefficients are kept 1e-12 away
+        from where the logarithm ends.
+        """
+        eye = torch.eye(3, dtype=self.inertia.dtype, device=self.inertia.device)
+        moment = 0.5 * self.inertia.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * eye - self.inertia
+        L = torch.linalg.cholesky(moment / self.mass[..., None, None])
+        diagonal = L.diagonal(dim1=-2, dim2=-1)
+        lower = L[..., *_LOWER] / diagonal.mean(-1, keepdim=True)
+        return {
+            "log_mass": self.mass.log(),
+            "log_cholesky": torch.cat([diagonal.log(), lower], -1),
+            "log_friction": self.friction.clamp_min(_TINY).log(),
+            "logit_restitution": self.restitution.clamp(_TINY, 1.0 - _TINY).logit(),
+            "atanh_center": _bounded(self.center / _MOST_CENTER),
+            "atanh_spread": _bounded(self.spread.log() / math.log(_MOST_SPREAD)),
+            "atanh_offset": _bounded(self.offset / _MOST_OFFSET),
+        }
+
+    @staticmethod
+    def from_unconstrained(values: dict[str, Tensor]) -> "Parameters":
+        """Parameters from unbounded tensors, the inverse of `unconstrained`; differentiable."""
+        mass = values["log_mass"].exp()
+        diagonal = values["log_cholesky"][..., :3].exp()
+        L = torch.diag_embed(diagonal)
+        L[..., *_LOWER] = values["log_cholesky"][..., 3:] * diagonal.mean(-1, keepdim=True)
+        moment = mass[..., None, None] * (L @ L.mT)
+        trace = moment.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None]
+        eye = torch.eye(3, dtype=mass.dtype, device=mass.device)
+        return Parameters(
+            mass=mass,
+            inertia=trace * eye - moment,
+            friction=values["log_friction"].exp(),
+            restitution=values["logit_restitution"].sigmoid(),
+            center=_MOST_CENTER * values["atanh_center"].tanh(),
+            spread=(math.log(_MOST_SPREAD) * values["atanh_spread"].tanh()).exp(),
+            offset=_MOST_OFFSET * values["atanh_offset"].tanh(),
+        )
+
 
 def kernel_arrays(
     parameters: Parameters, V_WP: Tensor, states: Iterable[Tensor]
@@ -136,3 +183,8 @@ def kernel_arrays(
         return tuple(np.ascontiguousarray(tensor.detach().cpu().numpy()) for tensor in tensors)
 
     return arrays(parameters.tensors()), arrays([V_WP])[0], arrays(states)
+
+
+def _bounded(share: Tensor) -> Tensor:
+    """Inverse hyperbolic tangent, kept away from where it ends."""
+    return share.clamp(_TINY - 1.0, 1.0 - _TINY).atanh()

@@ -11,19 +11,24 @@ from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.documents import Entry, read_bytes, read_yaml
 from pinwm_drake.errors import InputError
+from pinwm_drake.models import twin_path
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.twin.document import read_document
 from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Draws, Twin
 
 
-def read_twin(folder: Path) -> Twin:
-    """Reads a twin from a folder, as `write_twin` leaves it, and checks all of it; its meshes are those in the folder.
+def load_twin(twin: str | Path) -> Twin:
+    """Reads a twin and checks all of it; its meshes are those in the folder.
+
+    Args:
+        twin: Folder of the twin, as `write_twin` leaves it, or the name of one that ships, such as "t_block".
 
     Raises:
         InputError: A file is missing, unreadable or not the one that `twin.yaml` was written with, a key is
             missing or unknown, a number is out of range or not finite, or a mesh lies outside of the folder.
             The message names file, place and value.
     """
+    folder = twin_path(twin)
     if not folder.is_dir():
         raise InputError(folder, value="no such folder", allowed="a twin, as `pinwm identify` writes it")
     entry = read_yaml(require_file(folder / TWIN_FILE, "the twin that `pinwm identify` writes"))

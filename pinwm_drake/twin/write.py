@@ -30,7 +30,7 @@ _Dumper.add_implicit_resolver(*YAML_FLOAT)
 def write_twin(folder: Path, twin: Twin) -> None:
     """Writes `surfels.ply`, the meshes and, last, `twin.yaml`, which holds the SHA-256 of the others.
 
-    A run that is killed in between leaves a folder that `read_twin` refuses, or the earlier twin.
+    A run that is killed in between leaves a folder that `load_twin` refuses, or the earlier twin.
 
     Args:
         folder: Folder of the twin; made if need be. Other files in it stay.

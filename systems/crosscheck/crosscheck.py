@@ -8,7 +8,7 @@ from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
 from pinwm_drake.systems.crosscheck.pokes import PokeCheck, draw_pokes, judge
 from pinwm_drake.systems.crosscheck.pushes import PushCheck, judge_pushes
 from pinwm_drake.systems.crosscheck.trials import draw_trials
-from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.tasks.registry import recipe_of
 
 # How motions are drawn and judged, by the name that a recipe gives them.
@@ -21,8 +21,8 @@ CHECKS: dict[str, tuple[Callable[..., Any], Callable[..., PushCheck | PokeCheck]
 }
 
 
-def cross_check(
-    setup: Setup,
+def crosscheck(
+    scene: Scene,
     options: CrossCheckOptions,
     *,
     truth: dict[str, float] | None = None,
@@ -31,7 +31,7 @@ def cross_check(
     """Compares the motions of a scene's object in the twin and in plants, from the same states.
 
     Args:
-        setup: The scene of the twin, whose task's recipe names the motions. Limits of its pusher, and the number of its
+        scene: The scene of the twin, see `load_setup`, whose task's recipe names the motions. Limits of its pusher, and the number of its
             worlds, do not count.
         options: Engines, number of motions and thresholds.
         truth: Values of `THETA`'s parameters that the plants have instead of the twin's; None compares the physics at
@@ -43,6 +43,7 @@ def cross_check(
             parameter.
         InputError: A mesh cannot be used.
     """
+    setup = load_setup(scene)
     draw, compare = CHECKS[recipe_of(setup.task).check]
     setup = unlimited(setup)
     reference = setup.with_theta(**(truth or {}))

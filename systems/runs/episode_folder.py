@@ -9,7 +9,7 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.capture.episode_tables import read_object_poses
-from pinwm_drake.capture.scene import CAPTURE_FILE, EPISODES, read_capture
+from pinwm_drake.capture.scene import CAPTURE_FILE, EPISODES, load_capture
 from pinwm_drake.capture.write import write_episode_tables
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.spatial.poses import Pose
@@ -62,7 +62,7 @@ def start_of_log(folder: Path, setup: Setup) -> RigidTransform | None:
     """
     whole = folder.absolute()
     if whole.parent.name == EPISODES and (whole.parent.parent / CAPTURE_FILE).is_file():
-        start = read_capture(whole.parent.parent).object.X_WO
+        start = load_capture(whole.parent.parent).object.X_WO
         q_WO, p_WO = start.q.numpy(), start.p.numpy()
     else:
         poses = read_object_poses(folder)

@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import PACKAGE_NAME, SCENARIO_SUFFIX, object_model, shipped_scenarios
@@ -19,7 +19,7 @@ from pinwm_drake.systems.scenario.start import level_height
 from pinwm_drake.tasks import DEFAULT_TASK
 from pinwm_drake.tasks.registry import recipe_of
 from pinwm_drake.twin.origin import Origin
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.twin import Twin
 
 Scene: TypeAlias = Setup | Scenario | str | Path
@@ -108,7 +108,7 @@ def scene_hash(setup: Setup) -> str:
 
 
 def _twin_scenario(folder: str) -> Scenario:
-    usual, twin = load_scenario(scenario_path(recipe_of(DEFAULT_TASK).scene)), read_twin(Path(folder))
+    usual, twin = load_scenario(scenario_path(recipe_of(DEFAULT_TASK).scene)), load_twin(Path(folder))
     floor = np.array([0.0, 0.0, twin.floor_height])
     size = _reach(twin.mesh_path) / _reach(object_model(str(usual.object)).mesh_path)
     size = size if size > _LARGE else 1.0
@@ -142,7 +142,7 @@ def _lies(twin: Twin) -> list[float]:
     origin = Origin.read(twin)
     if origin is not None:
         try:
-            return [float(value) for value in read_capture(origin.path).object.X_WO.q]
+            return [float(value) for value in load_capture(origin.path).object.X_WO.q]
         except InputError:  # moved, or changed
             pass
     return [1.0, 0.0, 0.0, 0.0]

@@ -21,7 +21,7 @@ from pinwm_drake.systems.scenario.schema import Scenario, Theta, check_scenario
 from pinwm_drake.systems.scenario.viewpoints import look_at
 from pinwm_drake.tasks.registry import task_from_document
 from pinwm_drake.tasks.task import Task
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.twin import THETA, Estimate, Twin
 
 _TIME_STEP, _GRAVITY = 1 / 240, 9.81
@@ -94,7 +94,7 @@ def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:
     if twin is not None:
         visual_path = twin.mesh_path
     elif scenario.twin is not None:
-        twin = read_twin(Path(scenario.twin))
+        twin = load_twin(Path(scenario.twin))
         visual_path = twin.mesh_path
     else:
         twin, visual_path = _twin_of_object(scenario)

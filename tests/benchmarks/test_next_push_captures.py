@@ -20,7 +20,7 @@ from benchmarks.next_push.pushes import FRAME_RATE, Push, draw_pushes
 from benchmarks.next_push.specification import CAPTURES, ENGINES, uneven
 from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.episodes import read_episode
-from pinwm_drake.capture.scene import PusherShape, read_capture
+from pinwm_drake.capture.scene import PusherShape, load_capture
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.occluder import mesh_depth
 from pinwm_drake.systems.pusher.motion import StraightPush
@@ -160,7 +160,7 @@ def silhouette(mesh, X_WO, X_WC, camera):
 def test_a_clean_capture_shows_the_poses_and_can_be_read(posed, tmp_path):
     spec, thing, made = posed
     write_capture(tmp_path / "clean", spec, thing, made, pixels=96, views=8)
-    capture = read_capture(tmp_path / "clean")
+    capture = load_capture(tmp_path / "clean")
     assert capture.episode_names == ["0000"]
     assert capture.pusher.shape == spec.shape
     np.testing.assert_allclose(capture.object.X_WO.p.numpy(), made.X_WO.translation(), atol=1e-12)
@@ -181,7 +181,7 @@ def test_a_clean_capture_shows_the_poses_and_can_be_read(posed, tmp_path):
 def test_a_realistic_capture_is_wrong_as_it_says(posed, tmp_path):
     spec, thing, made = posed
     mistakes = write_capture(tmp_path / "realistic", spec, thing, made, Realism(), pixels=96, views=8)
-    capture = read_capture(tmp_path / "realistic")
+    capture = load_capture(tmp_path / "realistic")
     shift = capture.object.X_WO.p.numpy() - made.X_WO.translation()
     np.testing.assert_allclose(shift, mistakes["start_shift"], atol=1e-12)
     assert 0 < np.linalg.norm(shift) < 0.03

@@ -11,7 +11,7 @@ from PIL import Image, ImageFilter
 from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.capture.scene import PusherGeometry, PusherShape, read_capture
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape, load_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.spatial.poses import Pose, compose, inverse
@@ -250,7 +250,7 @@ def test_an_object_at_rest(pushed_cube):
 
 def test_a_pusher_in_front_of_an_object_at_rest_is_no_motion(pushed_cube):
     (pushed_cube / EPISODE / "object_poses.csv").unlink()
-    episode = read_episode(read_capture(pushed_cube), "0000")
+    episode = read_episode(load_capture(pushed_cube), "0000")
     first = np.asarray(Image.open(episode.folder / "rgb/00000.png"))
     surface = pusher_surface(PusherGeometry(None, PusherShape("sphere", RADIUS)))
     hidden = 0

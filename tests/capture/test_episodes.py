@@ -6,7 +6,7 @@ import torch
 from PIL import Image
 
 from pinwm_drake.capture.episodes import pose_at, read_episode, read_episode_folder
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import InputError
 from tests.capture.pushed_cube import FRAMES, SIZE, poses, read_frames, times, trajectory
 
@@ -29,7 +29,7 @@ def cell(folder, name, row, column, text):
 
 
 def read(folder):
-    return read_episode(read_capture(folder), "0000")
+    return read_episode(load_capture(folder), "0000")
 
 
 def test_an_episode_is_read(pushed_cube):
@@ -146,7 +146,7 @@ def test_sizes_have_to_agree(pushed_cube):
 
 
 def test_unknown_episodes_are_refused(pushed_cube):
-    capture = read_capture(pushed_cube)
+    capture = load_capture(pushed_cube)
     for name in ("0001", "../episodes/0000", ""):
         with pytest.raises(InputError, match=r"no episode .* allowed: 0000"):
             read_episode(capture, name)
@@ -155,7 +155,7 @@ def test_unknown_episodes_are_refused(pushed_cube):
 
 
 def test_the_released_episode_is_read(shared):
-    episode = read_episode(read_capture(shared / "data/pinwm_push_t"), "0000")
+    episode = read_episode(load_capture(shared / "data/pinwm_push_t"), "0000")
     assert len(episode.t) == len(episode.trajectory.t) == 32
     # The pusher moves on straight lines: commanded velocity held for one period.
     moved = np.diff(episode.trajectory.p_WP, axis=0)

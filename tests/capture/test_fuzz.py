@@ -13,7 +13,7 @@ from pinwm_drake.capture.importers.nerfstudio import import_nerfstudio
 from pinwm_drake.capture.importers.pinwm import import_pinwm
 from pinwm_drake.capture.importers.similarity import scaled_world
 from pinwm_drake.capture.importers.target import Scenery
-from pinwm_drake.capture.scene import PusherShape, read_capture
+from pinwm_drake.capture.scene import PusherShape, load_capture
 from pinwm_drake.errors import PinwmError
 from tests.capture.cube import read_static_views, write_mesh, write_views
 from tests.capture.mutations import mutate
@@ -32,7 +32,7 @@ def link(source, target):
 
 def read_everything(folder):
     """Reads a capture as the other commands do."""
-    capture = read_capture(folder)
+    capture = load_capture(folder)
     read_static_views(folder)
     for name in capture.episode_names:
         read_frames(read_episode(capture, name))
@@ -120,7 +120,7 @@ def test_nothing_but_a_pinwm_error_comes_of_damaged_sources(tmp_path_factory, pu
         # A capture is whole, or not there.
         assert out.exists() == (error is None), f"seed {number}: {name}: {done}"
         if error is None:
-            read_capture(out)
+            load_capture(out)
         else:
             refusals += 1
             assert one_line(str(error)), f"seed {number}: {name}: {done}: {error}"

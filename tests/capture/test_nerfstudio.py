@@ -10,7 +10,7 @@ from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.importers.nerfstudio import import_nerfstudio
 from pinwm_drake.capture.importers.similarity import Similarity, read_similarity, scaled_world
 from pinwm_drake.capture.importers.target import Scenery
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.capture.static_views import read_views
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
@@ -49,7 +49,7 @@ def test_a_scan_becomes_a_capture(source, scenery, tmp_path):
     out = tmp_path / "out"
     assert import_nerfstudio(source, out, scenery) == 8
     same_views(read_static_views(out), read_views(source, X_WO()))
-    capture = read_capture(out)
+    capture = load_capture(out)
     assert (capture.object.name, capture.episode_names, capture.pusher.shape) == ("cube", [], None)
     assert (out / "meshes/object.obj").read_bytes() == scenery.mesh.read_bytes()
     assert [str(problem.problem) for problem in check_capture(out).problems if problem.severity == "error"] == []
@@ -166,7 +166,7 @@ def test_nothing_is_written_over(source, scenery, tmp_path):
         import_nerfstudio(source, out, scenery)
     (out / "precious").unlink()
     import_nerfstudio(source, out, scenery)
-    assert read_capture(out).object.name == "cube"
+    assert load_capture(out).object.name == "cube"
 
 
 def test_a_broken_mesh_is_refused(source, scenery, tmp_path):

@@ -8,7 +8,7 @@ from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.importers.pinwm import RATE, import_pinwm, trajectory
 from pinwm_drake.capture.importers.target import Scenery
-from pinwm_drake.capture.scene import PusherShape, read_capture
+from pinwm_drake.capture.scene import PusherShape, load_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import pose_to_matrix
 from tests.capture.cube import HEIGHT, read_static_views
@@ -20,7 +20,7 @@ START, GOAL = np.array([-0.075, 0.0, HEIGHT]), np.array([0.0, 0.0, HEIGHT])
 
 def write_like_theirs(capture_folder, folder, start, goal, *, flat=True):
     """The data of a capture in the layout of PIN-WM's authors: one push, and the static views."""
-    capture = read_capture(capture_folder)
+    capture = load_capture(capture_folder)
     episode = read_episode(capture, "0000")
     images = folder / "dynamic_data_train/train0"
     images.mkdir(parents=True)
@@ -92,7 +92,7 @@ def test_a_push_comes_back(pushed_cube, scenery, tmp_path, flat):
     theirs = write_like_theirs(pushed_cube, tmp_path / "theirs", START, GOAL, flat=flat)
     out = tmp_path / "out"
     assert import_pinwm(theirs, out, scenery, pusher_height=HEIGHT if flat else None) == ["dynamic_train0.json"]
-    given, made = read_capture(pushed_cube), read_capture(out)
+    given, made = load_capture(pushed_cube), load_capture(out)
     assert made.object.name == "cube"
     assert made.object.X_WO.p.tolist() == given.object.X_WO.p.tolist()
     assert made.pusher.shape == given.pusher.shape
@@ -103,13 +103,13 @@ def test_a_push_comes_back(pushed_cube, scenery, tmp_path, flat):
 
 def test_the_released_push_comes_back(shared, tmp_path):
     folder = shared / "data/pinwm_push_t"
-    given = read_capture(folder)
+    given = load_capture(folder)
     start, v = (getattr(read_episode(given, "0000").trajectory, name)[0] for name in ("p_WP", "v_WP"))
     theirs = write_like_theirs(folder, tmp_path / "theirs", start, start + v / 5)
     assert given.pusher.mesh_path is not None
     scenery = Scenery("t_block", given.object.mesh_path, pusher_mesh=given.pusher.mesh_path)
     import_pinwm(theirs, tmp_path / "out", scenery, pusher_height=float(start[2]))
-    made = read_capture(tmp_path / "out")
+    made = load_capture(tmp_path / "out")
     same_episodes(read_episode(made, "0000"), read_episode(given, "0000"))
     same_views(read_static_views(tmp_path / "out"), read_static_views(folder))
     assert made.gravity == given.gravity
@@ -129,7 +129,7 @@ def test_several_pushes_are_taken_in_their_order(theirs, scenery, tmp_path):
         shutil.copy(theirs / "dynamic_train0.json", theirs / f"{name}.json")
     files = import_pinwm(theirs, tmp_path / "out", scenery, pusher_height=HEIGHT)
     assert files == [f"dynamic_{name}.json" for name in ("train0", "train2", "train10", "test0")]
-    assert read_capture(tmp_path / "out").episode_names == ["0000", "0001", "0002", "0003"]
+    assert load_capture(tmp_path / "out").episode_names == ["0000", "0001", "0002", "0003"]
 
 
 def test_frames_may_be_missing_and_cameras_chosen(theirs, scenery, tmp_path):
@@ -139,12 +139,12 @@ def test_frames_may_be_missing_and_cameras_chosen(theirs, scenery, tmp_path):
     document["image_datas"] = [data for data in document["image_datas"] if data["file_path"].endswith(keep)]
     path.write_text(json.dumps(document))
     import_pinwm(theirs, tmp_path / "out", scenery, pusher_height=HEIGHT)
-    episode = read_episode(read_capture(tmp_path / "out"), "0000")
+    episode = read_episode(load_capture(tmp_path / "out"), "0000")
     np.testing.assert_allclose(episode.t, np.array([0, 3, 9]) / 24)
     assert len(episode.trajectory.t) == 10
     shutil.copy(theirs / "dynamic_data_train/train0/m_0_0.png", theirs / "dynamic_data_train/train0/m_1_0.png")
     import_pinwm(theirs, tmp_path / "other", scenery, pusher_height=HEIGHT, camera=1)
-    assert len(read_episode(read_capture(tmp_path / "other"), "0000").t) == 1
+    assert len(read_episode(load_capture(tmp_path / "other"), "0000").t) == 1
     with pytest.raises(InputError, match=r"no image of camera 4; allowed: one of the cameras \[0, 1\]"):
         import_pinwm(theirs, tmp_path / "third", scenery, pusher_height=HEIGHT, camera=4)
 

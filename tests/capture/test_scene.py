@@ -3,7 +3,7 @@ import pytest
 import yaml
 
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.capture.scene import PusherGeometry, PusherShape, read_capture, read_capture_object
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape, load_capture, read_capture_object
 from pinwm_drake.errors import GeometryError, InputError
 from tests.capture.cube import HEIGHT, write_mesh
 from tests.capture.pushed_cube import RADIUS
@@ -20,7 +20,7 @@ def test_a_capture_is_read(pushed_cube):
     (pushed_cube / "episodes/another").mkdir()
     (pushed_cube / "episodes/.hidden").mkdir()
     (pushed_cube / "episodes/note.txt").write_text("hello")
-    capture = read_capture(pushed_cube)
+    capture = load_capture(pushed_cube)
     assert capture.folder == pushed_cube
     assert (capture.object.name, capture.object.mass) == ("cube", 0.2)
     assert capture.object.X_WO.p.tolist() == [0, 0, HEIGHT]
@@ -34,15 +34,15 @@ def test_a_capture_is_read(pushed_cube):
 def test_a_pusher_is_a_mesh_or_a_shape(pushed_cube):
     write_mesh(pushed_cube / "meshes/pusher.obj")
     edit(pushed_cube, lambda d: d.update(pusher={"mesh": "meshes/pusher.obj", "shape": None}))
-    pusher = read_capture(pushed_cube).pusher
+    pusher = load_capture(pushed_cube).pusher
     assert (pusher.mesh_path, pusher.shape) == (pushed_cube / "meshes/pusher.obj", None)
     assert pusher_surface(pusher).bounds[1].tolist() == [0.03, 0.03, 0.03]
     edit(pushed_cube, lambda d: d["pusher"].update(shape={"kind": "capsule", "radius": 0.01, "length": 0.1}))
-    pusher = read_capture(pushed_cube).pusher
+    pusher = load_capture(pushed_cube).pusher
     # The shape wins: its bounds are those of a capsule along z.
     assert pusher_surface(pusher).bounds[1] == pytest.approx([0.01, 0.01, 0.06], abs=1e-12)
     edit(pushed_cube, lambda d: d["pusher"].update(shape={"kind": "cylinder", "radius": 0.01, "length": 0.1}))
-    assert pusher_surface(read_capture(pushed_cube).pusher).bounds[1] == pytest.approx([0.01, 0.01, 0.05], abs=1e-12)
+    assert pusher_surface(load_capture(pushed_cube).pusher).bounds[1] == pytest.approx([0.01, 0.01, 0.05], abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["sphere", "cylinder", "capsule"])
@@ -59,7 +59,7 @@ def test_pusher_surfaces_are_closed_and_of_the_right_size(kind):
 def test_a_capture_without_episodes_needs_no_pusher(pushed_cube):
     (pushed_cube / "episodes").rename(pushed_cube / "elsewhere")
     edit(pushed_cube, lambda d: d.update(pusher={"mesh": None, "shape": None}))
-    capture = read_capture(pushed_cube)
+    capture = load_capture(pushed_cube)
     assert capture.episode_names == []
     with pytest.raises(GeometryError, match="neither a mesh nor a shape"):
         pusher_surface(capture.pusher)
@@ -69,7 +69,7 @@ def test_mass_may_be_unknown(pushed_cube):
     edit(pushed_cube, lambda d: d["object"].update(mass=None))
     assert read_capture_object(pushed_cube).mass is None
     edit(pushed_cube, lambda d: d["object"].pop("mass"))
-    assert read_capture(pushed_cube).object.mass is None
+    assert load_capture(pushed_cube).object.mass is None
 
 
 @pytest.mark.parametrize(
@@ -108,14 +108,14 @@ def test_mass_may_be_unknown(pushed_cube):
 def test_wrong_captures_are_refused(pushed_cube, change, parts):
     edit(pushed_cube, change)
     with pytest.raises(InputError) as caught:
-        read_capture(pushed_cube)
+        load_capture(pushed_cube)
     for part in parts:
         assert part in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_the_released_capture_is_read(shared):
-    capture = read_capture(shared / "data/pinwm_push_t")
+    capture = load_capture(shared / "data/pinwm_push_t")
     assert capture.object.mass is None
     assert capture.episode_names == ["0000"]
     assert capture.pusher.shape is None

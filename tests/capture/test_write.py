@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from pinwm_drake.capture.episodes import PusherTrajectory, read_episode
-from pinwm_drake.capture.scene import PusherShape, read_capture
+from pinwm_drake.capture.scene import PusherShape, load_capture
 from pinwm_drake.capture.transforms import read_transforms
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_posed_images
 from pinwm_drake.errors import InputError
@@ -45,7 +45,7 @@ def test_a_scene_comes_back_as_it_was_written(tmp_path):
             floor_height=np.float64(-1e-3),
             gravity=9.81,
         )
-        capture = read_capture(tmp_path)
+        capture = load_capture(tmp_path)
         assert (capture.object.name, capture.object.mass) == ("Tasse – é", mass)
         close(capture.object.X_WO, X_WO)
         assert capture.pusher.shape == shape
@@ -79,7 +79,7 @@ def test_cameras_may_differ(tmp_path):
 
 @pytest.mark.parametrize("force", [False, True])
 def test_an_episode_comes_back_as_it_was_written(pushed_cube, force):
-    rng, capture = np.random.default_rng(4), read_capture(pushed_cube)
+    rng, capture = np.random.default_rng(4), load_capture(pushed_cube)
     given = read_episode(capture, "0000")
     m = 40
     q = rng.normal(size=(m, 4))

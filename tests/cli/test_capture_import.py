@@ -1,7 +1,7 @@
 import pytest
 import yaml
 
-from pinwm_drake.capture.scene import PusherShape, read_capture
+from pinwm_drake.capture.scene import PusherShape, load_capture
 from tests.capture.cube import HEIGHT, read_static_views, write_mesh, write_views
 from tests.capture.pushed_cube import write_pushed_cube
 from tests.capture.test_colmap import model_of, write_binary
@@ -26,7 +26,7 @@ def test_nerfstudio(pinwm, scan, mesh, tmp_path):
     assert (code, err) == (0, "")
     assert f"wrote {out}: 8 static views" in text
     assert f"pinwm capture check {out}" in text
-    capture = read_capture(out)
+    capture = load_capture(out)
     assert (capture.object.name, capture.object.mass) == ("my cube", 0.3)
     assert capture.object.X_WO.p.tolist() == [0, 0, HEIGHT]
     assert (capture.floor_height, capture.gravity) == (-0.001, 9.81)

@@ -6,7 +6,7 @@ import torch
 import yaml
 
 from pinwm_drake.capture.episodes import read_episode
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 from pinwm_drake.systems.runs.realism import camera
@@ -43,7 +43,7 @@ def test_help_shows_an_example(pinwm):
 
 
 def test_the_capture_can_be_read(made):
-    capture = read_capture(made)
+    capture = load_capture(made)
     assert (capture.object.name, capture.object.mass) == ("cube", 0.5)
     assert (capture.floor_height, capture.gravity) == (0.0, 9.81)
     assert capture.episode_names == ["0000", "0001"]
@@ -90,7 +90,7 @@ def test_the_same_seed_makes_the_same_files(pinwm, made, tmp_path):
 def test_a_mug_can_lie(pinwm, tmp_path):
     options = ["--object", "mug", "--lying", "--pusher", "cylinder", "--friction", "0.3", *SMALL, "--episodes", "0"]
     assert pinwm("capture", "simulate", str(tmp_path / "mug"), *options)[0] == 0
-    X_WO = read_capture(tmp_path / "mug").object.X_WO
+    X_WO = load_capture(tmp_path / "mug").object.X_WO
     # Between the inner and the outer radius of a 64-gon.
     assert 0.04 * np.cos(np.pi / 64) - 1e-4 < float(X_WO.p[2]) < 0.04
     # Its axis is level.
@@ -106,7 +106,7 @@ def test_a_poke_rocks_an_object_and_leaves_it_on_its_face(pinwm, tmp_path, body,
         "--frames", "60", "--rate", "120", "--supersampling", "1",
     )  # fmt: skip
     assert (code, errors) == (0, "")
-    capture = read_capture(tmp_path / "poked")
+    capture = load_capture(tmp_path / "poked")
     episode = read_episode(capture, "0000")
     speed = np.linalg.norm(episode.trajectory.v_WP, axis=1).max()
     assert 0.3 <= speed <= 0.5
@@ -158,7 +158,7 @@ def test_a_realistic_capture_is_a_bit_off(pinwm, made, tmp_path):
         "--mass", "0.5", "--seed", "3", "--realistic", *SMALL)  # fmt: skip
     assert (code, errors) == (0, "")
     assert f"wrote {out}" in output
-    capture = read_capture(out)
+    capture = load_capture(out)
     truth = yaml.safe_load((out / "ground_truth.yaml").read_text())
     plain = mass_properties(load_mesh(out / "meshes/object.obj"), mass=0.5).inertia
     # A lump, off the middle; the mesh that is written is that of the even object.
@@ -198,7 +198,7 @@ def test_a_capture_of_the_stand_in_is_of_its_object_in_its_light(pinwm, tmp_path
         # The same lump whatever the capture's seed is: it is that of the station.
         assert truth["inertia_xx"] == pytest.approx(theta["inertia_xx"], rel=1e-6)
         assert truth["inertia_zz"] == pytest.approx(theta["inertia_zz"], rel=1e-6)
-    episode = read_episode(read_capture(tmp_path / "1"), "0000")
+    episode = read_episode(load_capture(tmp_path / "1"), "0000")
     # It is filmed by the camera that policies see by, which is not where it is believed to be.
     believed = load_setup("push_t").X_WC
     np.testing.assert_allclose(episode.X_WC.p, believed.translation(), atol=1e-9)

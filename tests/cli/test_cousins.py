@@ -5,7 +5,7 @@ import pytest
 
 from pinwm_drake.cousins.cousin import draw_cousins
 from pinwm_drake.cousins.io import read_cousins
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.write import write_twin
 from tests.twin.samples import cube_twin
 
@@ -23,7 +23,7 @@ def test_cousins_are_written_with_their_sheet(pinwm, folder, tmp_path):
     code, output, errors = pinwm("cousins", str(folder), "-o", str(out), *options)
     assert (code, errors) == (0, "")
     assert sorted(path.name for path in out.iterdir()) == ["cousins.config.yaml", "cousins.npz", "cousins.png"]
-    twin = read_twin(folder)
+    twin = load_twin(folder)
     found, expected = read_cousins(out / "cousins.npz", twin), draw_cousins(twin, 3, 0.2, seed=5)
     assert [one.theta for one in found.members] == [one.theta for one in expected.members]
     assert cv2.imread(str(out / "cousins.png")).std() > 10
@@ -37,7 +37,7 @@ def test_intervals_are_named(pinwm, folder, tmp_path):
     code, output, _ = pinwm("cousins", str(folder), "-o", str(tmp_path), "--number", "1", "--from-intervals")
     assert code == 0
     assert output.splitlines()[5].split() == ["friction_floor", "0.3", "0.27", "0.33", "interval"]
-    assert read_cousins(tmp_path / "cousins.npz", read_twin(folder)).draw.from_intervals
+    assert read_cousins(tmp_path / "cousins.npz", load_twin(folder)).draw.from_intervals
 
 
 def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, tmp_path):

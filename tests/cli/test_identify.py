@@ -8,7 +8,7 @@ from pinwm_drake.cli.identify import _doubt
 from pinwm_drake.identification.history import read_history
 from pinwm_drake.identification.search import Search
 from pinwm_drake.identification.unknowns import DEFAULT_FREE
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from tests.identification.samples import FRAMES, TRUTH, write_appearance, write_capture
 
 
@@ -33,7 +33,7 @@ def test_a_capture_becomes_a_twin(pinwm, capture, twin):
     assert (code, errors) == (0, "")
     assert "friction_floor" in output
     assert "score against object_poses.csv, which was not used" in output.replace("\n", " ")
-    read = read_twin(twin)
+    read = load_twin(twin)
     assert read.theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.05)
     assert read.support == "patch"
     assert read.provenance["episode"] == "0000"
@@ -62,7 +62,7 @@ def test_one_unknown_alone(pinwm, capture, tmp_path):
     arguments = ("--free", "friction_floor", "--hold", "friction_pusher=0.3", "--time-step", "0.005")
     code, _, errors = pinwm("identify", str(capture), str(tmp_path), *QUICK, *arguments)
     assert (code, errors) == (0, "")
-    read = read_twin(tmp_path)
+    read = load_twin(tmp_path)
     theta = read.theta
     assert read.time_step == 0.005
     # Where and when the push began is free, too: half of the interval is 12 % wide.
@@ -125,4 +125,4 @@ def test_ctrl_c_keeps_what_was_done(pinwm, capture, tmp_path, monkeypatch):
     monkeypatch.setattr(Search, "_fine", original)
     code, _, errors = pinwm("identify", str(capture), str(tmp_path), *QUICK, "--resume")
     assert (code, errors) == (0, "")
-    assert read_twin(tmp_path).theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.05)
+    assert load_twin(tmp_path).theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.05)

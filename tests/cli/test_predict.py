@@ -8,7 +8,7 @@ import torch
 
 from pinwm_drake.capture.episode_tables import read_pose_table
 from pinwm_drake.capture.episodes import read_episode
-from pinwm_drake.capture.scene import PusherGeometry, PusherShape, read_capture
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape, load_capture
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin import origin
 from pinwm_drake.twin.origin import (
@@ -20,7 +20,7 @@ from pinwm_drake.twin.origin import (
     start_pose,
     time_offset,
 )
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.twin import Estimate
 from pinwm_drake.twin.write import write_twin
 from tests.capture.cube import SIDE
@@ -98,7 +98,7 @@ def test_the_start_that_was_estimated_is_that_of_its_episode_only(folder):
         "time_offset": Estimate(0.01, None, True, "s"),
     }
     write_identified(folder / "offset", folder / "capture", nuisance=nuisance)
-    twin, capture = read_twin(folder / "offset"), read_capture(folder / "capture")
+    twin, capture = load_twin(folder / "offset"), load_capture(folder / "capture")
     first, second = (read_episode(capture, name) for name in ("0000", "second"))
     assert identified_push(twin, capture, first) == 0
     assert identified_push(twin, capture, second) is None
@@ -110,19 +110,19 @@ def test_the_start_that_was_estimated_is_that_of_its_episode_only(folder):
     assert start_pose(twin, capture, None) is capture.object.X_WO
     # An episode of the same name in another capture is another episode.
     path = write_push(folder / "other", frames=FRAMES + 1)
-    other = read_capture(path)
+    other = load_capture(path)
     assert identified_push(twin, other, read_episode(other, "0000")) is None
 
 
 def test_of_its_own_capture_a_twin_knows_what_the_static_views_show(folder, tmp_path):
-    capture = read_capture(folder / "capture")
-    twin = read_twin(folder / "twin")
+    capture = load_capture(folder / "capture")
+    twin = load_twin(folder / "twin")
     X_OS = Pose(LEVEL, torch.tensor([2e-3, 1e-3, 0.0], dtype=torch.float64))
     seen = seen_in(capture, X_OS)
     entry = registration_entry(capture.object.X_WO, seen.object.X_WO)
     knows = dataclasses.replace(twin, provenance=twin.provenance | entry)
     write_twin(tmp_path / "twin", knows)
-    knows = read_twin(tmp_path / "twin")
+    knows = load_twin(tmp_path / "twin")
     assert torch.allclose(seen_start(knows, capture).p, capture.object.X_WO.p + X_OS.p)
     # Another capture, with another pose, is taken at its word.
     assert seen_start(knows, seen) is seen.object.X_WO

@@ -15,7 +15,7 @@ from pinwm_drake.cousins.theta import MOMENTS
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.rendering.harmonics import Y0, harmonics
 from pinwm_drake.rendering.surfels import Surfels
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.rollout import twin_parameters, twin_scene
 from pinwm_drake.twin.twin import THETA, Draws, Estimate
 from pinwm_drake.twin.write import write_twin
@@ -243,7 +243,7 @@ def test_a_twin_is_the_same_after_writing_and_in_another_place(twin, tmp_path):
     write_twin(tmp_path / "a", twin)
     shutil.copytree(tmp_path / "a", tmp_path / "b")
     shutil.rmtree(tmp_path / "a")
-    copy = read_twin(tmp_path / "b")
+    copy = load_twin(tmp_path / "b")
     assert hash_twin(copy) == hash_twin(twin) == hash_twin(dataclasses.replace(twin, name="x", provenance={}))
     write_cousins(tmp_path / "c.npz", draw_cousins(twin, 1))
     assert read_cousins(tmp_path / "c.npz", copy)[0].twin().mesh_path == tmp_path / "b/meshes/object.obj"

@@ -12,7 +12,7 @@ from pinwm_drake.demo.options import DemoOptions, shipped_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.rendering.fit_options import FitOptions
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.twin import THETA
 
 MAX_STEPS = 5
@@ -119,7 +119,7 @@ def test_the_page_tells_the_seconds_of_each_stage_and_how_to_go_on(page):
 
 
 def test_the_folder_holds_a_twin_that_other_commands_take(out):
-    twin = read_twin(out / "twin")
+    twin = load_twin(out / "twin")
     assert twin.provenance["episode"] == "0000"
     for name in ("identified", "predicted", "policy"):
         assert (out / f"films/{name}.mp4").stat().st_size > 1000

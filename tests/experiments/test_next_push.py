@@ -9,7 +9,7 @@ import yaml
 
 from pinwm_drake.capture.episode_tables import read_trajectory
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.experiments.next_push import propose_push, trajectory_of, write_proposal
+from pinwm_drake.experiments.next_push import next_push, trajectory_of, write_proposal
 from pinwm_drake.twin.twin import Draws
 from tests.twin.samples import cube_twin
 
@@ -31,7 +31,7 @@ def twin(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def proposal(twin):
-    return propose_push(unsure(twin, 0.5), number=NUMBER, draws=8)
+    return next_push(unsure(twin, 0.5), number=NUMBER, draws=8)
 
 
 def test_the_push_that_tells_most_comes_first(proposal):
@@ -45,7 +45,7 @@ def test_the_push_that_tells_most_comes_first(proposal):
 
 
 def test_what_is_known_asks_for_no_further_push(twin, proposal):
-    known = propose_push(unsure(twin, 1e-4), number=NUMBER, draws=8)
+    known = next_push(unsure(twin, 1e-4), number=NUMBER, draws=8)
     assert known.is_good_enough
     assert known.candidates[0].information < 0.05 * proposal.candidates[0].information
     assert known.spread[0] < 0.1 * proposal.spread[0]
@@ -54,23 +54,23 @@ def test_what_is_known_asks_for_no_further_push(twin, proposal):
 
 
 def test_the_same_seed_proposes_the_same_push(twin, proposal):
-    again = propose_push(unsure(twin, 0.5), number=NUMBER, draws=8)
+    again = next_push(unsure(twin, 0.5), number=NUMBER, draws=8)
     assert [one.information for one in again.candidates] == [one.information for one in proposal.candidates]
 
 
 def test_pushes_stay_in_the_box(twin):
     low, high = (-0.2, -0.06), (0.2, 0.06)
-    found = propose_push(unsure(twin, 0.5), number=3, draws=4, low=low, high=high)
+    found = next_push(unsure(twin, 0.5), number=3, draws=4, low=low, high=high)
     for one in found.candidates:
         ends = [one.motion.p_WP, one.motion.p_WP + one.motion.distance * one.motion.direction_W]
         assert all((low <= end[:2]).all() and (end[:2] <= high).all() for end in ends)
     with pytest.raises(ParameterError, match="a box with room"):
-        propose_push(unsure(twin, 0.5), number=1, draws=2, low=(0.0, 0.0), high=(0.01, 0.01))
+        next_push(unsure(twin, 0.5), number=1, draws=2, low=(0.0, 0.0), high=(0.01, 0.01))
 
 
 def test_a_twin_without_draws_is_refused(twin):
     with pytest.raises(ParameterError, match="has no draws"):
-        propose_push(twin)
+        next_push(twin)
 
 
 def test_files_tell_the_push_to_a_robot(twin, proposal, tmp_path):

@@ -7,12 +7,12 @@ import torch
 
 from pinwm_drake.capture.episodes import read_episode, read_episode_image
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
 from pinwm_drake.identification.expansion import corrected, expand
 from pinwm_drake.identification.forward import Forward, inertia
-from pinwm_drake.identification.identify import identify
+from pinwm_drake.identification.identify import identify_theta
 from pinwm_drake.identification.image_loss import BLOCKS, rendered
 from pinwm_drake.identification.lighting import brightened, lit
 from pinwm_drake.identification.options import IdentifyOptions
@@ -41,7 +41,7 @@ QUICK = {
 @pytest.fixture(scope="module")
 def pushed(tmp_path_factory):
     folder = write_capture(tmp_path_factory.mktemp("identify") / "capture")
-    capture = read_capture(folder)
+    capture = load_capture(folder)
     return capture, read_episode(capture, "0000")
 
 
@@ -150,7 +150,7 @@ def test_hidden_pixels_follow_the_clock(pushed):
 
 def test_friction_is_found_from_images_alone(pushed):
     capture, episode = pushed
-    found = identify(capture, episode, surfels(), (0.0, 0.0), IdentifyOptions(**QUICK))
+    found = identify_theta(capture, episode, surfels(), (0.0, 0.0), IdentifyOptions(**QUICK))
     theta, nuisance = found.twin.theta, found.twin.nuisance
     # The object coasts for 23 mm, which a pixel of 3 mm and 12 frames show to a few per cent.
     assert theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.05)
@@ -173,7 +173,7 @@ def test_friction_is_found_from_images_alone(pushed):
 def test_interrupted_search_comes_to_the_same_result(pushed, tmp_path):
     capture, episode = pushed
     options = IdentifyOptions(**{**QUICK, "support": "patch", "coarse_iterations": 7, "fine_iterations": 2, "moves": 4})
-    whole = identify(capture, episode, surfels(), (0.0, 0.0), options)
+    whole = identify_theta(capture, episode, surfels(), (0.0, 0.0), options)
 
     class Stop(Exception):
         pass
@@ -187,15 +187,17 @@ def test_interrupted_search_comes_to_the_same_result(pushed, tmp_path):
                 raise Stop
 
         with pytest.raises(Stop):
-            identify(capture, episode, surfels(), (0.0, 0.0), options, folder=tmp_path, resume=True, report=report)
-    again = identify(capture, episode, surfels(), (0.0, 0.0), options, folder=tmp_path, resume=True)
+            identify_theta(
+                capture, episode, surfels(), (0.0, 0.0), options, folder=tmp_path, resume=True, report=report
+            )
+    again = identify_theta(capture, episode, surfels(), (0.0, 0.0), options, folder=tmp_path, resume=True)
     assert again.twin.theta == whole.twin.theta
     assert again.twin.nuisance == whole.twin.nuisance
     assert np.array_equal(again.poses[0].p_WO, whole.poses[0].p_WO)
     assert again.found.log.arrays()["loss"].tolist() == whole.found.log.arrays()["loss"].tolist()
     # A search with other options does not go on from it.
     with pytest.raises(InputError, match="seed = 0"):
-        identify(
+        identify_theta(
             capture,
             episode,
             surfels(),
@@ -206,7 +208,7 @@ def test_interrupted_search_comes_to_the_same_result(pushed, tmp_path):
         )
     (tmp_path / CHECKPOINT_FILE).write_bytes(b"half a file")
     with pytest.raises(InputError, match="unreadable contents"):
-        identify(capture, episode, surfels(), (0.0, 0.0), options, folder=tmp_path, resume=True)
+        identify_theta(capture, episode, surfels(), (0.0, 0.0), options, folder=tmp_path, resume=True)
 
 
 def test_what_the_video_does_not_show_is_not_identifiable(pushed):
@@ -215,7 +217,7 @@ def test_what_the_video_does_not_show_is_not_identifiable(pushed):
     free = ("mass", "moment_xx", "moment_yy", "friction_floor", "friction_pusher", "outline")
     held = {"friction_floor": 0.2, "friction_pusher": 0.3}
     options = {"support": "patch", "free": free, "held": held, "coarse_iterations": 3, "screened": 1, "starts": 1}
-    found = identify(capture, episode, surfels(), (0.0, 0.0), IdentifyOptions(**{**QUICK, **options}))
+    found = identify_theta(capture, episode, surfels(), (0.0, 0.0), IdentifyOptions(**{**QUICK, **options}))
     mass = found.twin.theta["mass"]
     assert not mass.identifiable
     assert mass.interval[1] / mass.interval[0] > 4.0
@@ -268,7 +270,7 @@ def pushed_twice(tmp_path_factory):
     for name in ("camera.json", "frames.csv"):
         shutil.copyfile(second / name, second / "cameras/again" / name)
     shutil.copytree(second / "rgb", second / "cameras/again/rgb")
-    capture = read_capture(folder)
+    capture = load_capture(folder)
     return capture, [read_episode(capture, name) for name in ("0000", "0001")]
 
 
@@ -277,7 +279,7 @@ def test_pushes_and_cameras_are_explained_together(pushed_twice):
     assert [view.name for view in episodes[1].views] == ["", "again"]
     felt = replace(episodes[1].trajectory, force_W=1.7 * true_force(capture.object.mesh_path, offset=-0.01))
     episodes = [episodes[0], replace(episodes[1], trajectory=felt)]
-    found = identify(capture, episodes, surfels(), (0.0, 0.0), IdentifyOptions(**QUICK))
+    found = identify_theta(capture, episodes, surfels(), (0.0, 0.0), IdentifyOptions(**QUICK))
     theta, nuisance = found.twin.theta, found.twin.nuisance
     assert theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.05)
     assert {"start_x.0", "start_x.1", "support_x", "lift"} <= set(nuisance)
@@ -297,7 +299,7 @@ def test_pushes_and_cameras_are_explained_together(pushed_twice):
     assert found.twin.provenance["episodes"] == ["0000", "0001"]
     assert identified_push(found.twin, capture, episodes[1]) == 1
     with pytest.raises(ParameterError, match="each once"):
-        identify(capture, [episodes[0], episodes[0]], surfels(), (0.0, 0.0))
+        identify_theta(capture, [episodes[0], episodes[0]], surfels(), (0.0, 0.0))
 
 
 def test_light_of_the_video_is_found(pushed):

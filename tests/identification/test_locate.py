@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from pinwm_drake.capture.episodes import read_episode
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.identification.expansion import corrected, deviation
 from pinwm_drake.identification.locate import locate
@@ -17,7 +17,7 @@ from tests.twin.samples import cube_twin
 def scene(tmp_path_factory):
     """The first capture of a cube, and a twin that has its appearance."""
     folder = tmp_path_factory.mktemp("locate")
-    capture = read_capture(write_capture(folder / "capture"))
+    capture = load_capture(write_capture(folder / "capture"))
     twin = cube_twin(folder, mesh_path=capture.object.mesh_path, pusher=capture.pusher, surfels=surfels())
     return capture, read_episode(capture, "0000"), twin
 

@@ -6,7 +6,7 @@ import torch
 from PIL import Image
 
 from pinwm_drake.capture.episodes import read_episode
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.capture.write import write_episode_tables
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.identification.pose_tracker import PoseTracker, PoseTrackerOptions
@@ -24,7 +24,7 @@ PIXEL = 0.3 / (1.5 * SIZE)
 @pytest.fixture(scope="module")
 def pushed(tmp_path_factory):
     """A capture whose cube is pushed by 5 cm and turned, its episode, and the track."""
-    capture = read_capture(write_capture(tmp_path_factory.mktemp("tracker") / "capture"))
+    capture = load_capture(write_capture(tmp_path_factory.mktemp("tracker") / "capture"))
     episode = read_episode(capture, "0000")
     return capture, episode, tracker(capture).track(episode)
 
@@ -59,7 +59,7 @@ def test_the_truth_is_not_looked_at(pushed):
 
 
 def test_an_object_that_is_not_seen_stays_where_it_was(pushed, tmp_path):
-    episode = read_episode(read_capture(write_capture(tmp_path / "capture")), "0000")
+    episode = read_episode(load_capture(write_capture(tmp_path / "capture")), "0000")
     capture, _, track = pushed
     for k in (4, 5):
         Image.new("RGBA", (SIZE, SIZE)).save(episode.folder / episode.file_names[k])
@@ -72,7 +72,7 @@ def test_an_object_that_is_not_seen_stays_where_it_was(pushed, tmp_path):
 
 def test_cameras_are_looked_at_together(pushed, tmp_path):
     """A second camera from another side tells what is far and near for the first one."""
-    capture = read_capture(write_capture(tmp_path / "capture"))
+    capture = load_capture(write_capture(tmp_path / "capture"))
     truth = read_episode(capture, "0000").object_poses
     folder, (lens, _) = capture.folder / "episodes/0000/cameras/side", camera()
     X_WC = inverse(look_at((0.3, 0.15, 0.1), (0.05, 0.0, 0.02)))

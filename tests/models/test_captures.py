@@ -5,7 +5,7 @@ import yaml
 
 from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.demo.options import shipped_capture
 from pinwm_drake.report.twin.data import read_ground_truth
 
@@ -26,7 +26,7 @@ def test_the_shipped_capture_is_what_its_command_makes(made):
     words = shlex.split(made["command"])
     assert words[:3] == ["pinwm", "capture", "simulate"]
     given = dict(zip(words[3:-1:2], words[4:-1:2], strict=True))
-    result, capture = check_capture(shipped_capture()), read_capture(shipped_capture())
+    result, capture = check_capture(shipped_capture()), load_capture(shipped_capture())
     assert capture.object.name == given["--object"]
     assert result.views == int(given["--static-views"])
     assert set(result.images.values()) == {int(given["--frames"])}

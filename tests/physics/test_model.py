@@ -212,3 +212,20 @@ def test_a_world_that_fails_can_be_held_and_the_others_are_as_without_it():
     assert torch.equal(moved.grad, torch.stack([torch.zeros(1, 3), torch.ones(1, 3)]).double())
     with pytest.raises(StateError, match="on_failure is 'wait'"):
         stepper.rollout(nominal(model, num_worlds=2), state, V, on_failure="wait")
+
+
+def test_unconstrained_parameters_come_back():
+    model = push_model()
+    theta = nominal(model, friction_floor=0.03, restitution_floor=0.4, num_worlds=3)
+    again = Parameters.from_unconstrained(theta.unconstrained())
+    for name in theta.__dataclass_fields__:
+        # Restitution 0 is 1e-12 away from where its logit ends.
+        torch.testing.assert_close(getattr(again, name), getattr(theta, name), rtol=1e-12, atol=2e-12)
+
+
+def test_every_unconstrained_vector_is_a_physical_body():
+    model = push_model()
+    generator = torch.Generator().manual_seed(0)
+    values = nominal(model, num_worlds=50).unconstrained()
+    moved = {n: v + 2.0 * torch.randn(v.shape, dtype=v.dtype, generator=generator) for n, v in values.items()}
+    Parameters.from_unconstrained(moved).check(model)

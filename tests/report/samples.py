@@ -9,7 +9,7 @@ import torch
 from PIL import Image
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory, read_episode
-from pinwm_drake.capture.scene import PusherGeometry, PusherShape, read_capture
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape, load_capture
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_pose_table
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.render import render
@@ -108,7 +108,7 @@ def picture(shown: Surfels, lens: Camera, X_CO: Pose) -> Image.Image:
 
 def write_identified(folder: Path, capture: Path, *, name: str = "0000", by: float = 0.0, **fields) -> Twin:
     """Writes a twin as `pinwm identify` does, `by` m beside the truth."""
-    read = read_capture(capture)
+    read = load_capture(capture)
     origin = Origin.of(read, [read_episode(read, name)])
     given = {"pusher": PusherGeometry(None, SHAPE), "surfels": surfels(), "camera_offset": (0.0, 0.0), "nuisance": {}}
     about = {"command": "pinwm identify", "timings": {"align": 1.5, "identify": 3.25}, "losses": {"0": 0.5}}

@@ -11,7 +11,7 @@ from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp
 from pinwm_drake.twin.drift import DRIFT, WALKS, drift, typical_walk, way
 from pinwm_drake.twin.predict import spread_of
-from pinwm_drake.twin.read import read_draws, read_twin
+from pinwm_drake.twin.read import load_twin, read_draws
 from pinwm_drake.twin.twin import DRAWS_FILE, Draws
 from pinwm_drake.twin.write import write_draws, write_twin
 from tests.twin.samples import cube_twin
@@ -24,14 +24,14 @@ def draws():
 def test_draws_go_to_a_twin_and_back(tmp_path):
     twin = dataclasses.replace(cube_twin(tmp_path / "first"), draws=draws())
     write_twin(tmp_path / "second", twin)
-    again = read_twin(tmp_path / "second").draws
+    again = load_twin(tmp_path / "second").draws
     assert again.names == draws().names
     assert np.array_equal(again.values, draws().values)
     assert again.column("support_x").tolist() == [1.0, 1.5, 0.7]
     # They belong to the twin as its meshes do.
     write_draws(tmp_path / "second" / DRAWS_FILE, Draws(["mass"], np.ones((2, 1))))
     with pytest.raises(InputError, match=r"draws\.npz: got SHA-256"):
-        read_twin(tmp_path / "second")
+        load_twin(tmp_path / "second")
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import yaml
 from pinwm_drake import documents
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import InputError, RenderingError
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.twin import THETA, Estimate, Twin
 from pinwm_drake.twin.write import write_twin
 from tests.capture.cube import write_mesh
@@ -66,18 +66,18 @@ def test_a_twin_comes_back_as_it_was(tmp_path, pusher):
         provenance={"text": "1e3", "date": "2026-11-21", "yes": "yes", "nested": {"list": [1, 2.5, None, {"a": []}]}},
     )
     write_twin(tmp_path / "twin", given)
-    found = read_twin(tmp_path / "twin")
+    found = load_twin(tmp_path / "twin")
     assert_same(found, given)
     assert (found.pusher.mesh_path is None) == (mesh is None)
     # What was read can be written again, over itself too.
     write_twin(tmp_path / "twin", found)
-    assert_same(read_twin(tmp_path / "twin"), given)
+    assert_same(load_twin(tmp_path / "twin"), given)
     assert not list((tmp_path / "twin").rglob(".*"))
 
 
 def test_a_mesh_that_a_shape_replaces_need_not_be_there(tmp_path):
     write_twin(tmp_path / "twin", cube_twin(tmp_path, pusher=PusherGeometry(tmp_path / "none.obj", SHAPE)))
-    pusher = read_twin(tmp_path / "twin").pusher
+    pusher = load_twin(tmp_path / "twin").pusher
     assert (pusher.mesh_path, pusher.shape) == (None, SHAPE)
 
 
@@ -91,7 +91,7 @@ def test_provenance_becomes_plain_data(tmp_path):
     }
     write_twin(tmp_path / "twin", cube_twin(tmp_path, provenance=about))
     plain = {"losses": [1.5, None], "path": "a/b", "seed": 3, "pair": [1, None], "by": {"0": 1.5}}
-    assert read_twin(tmp_path / "twin").provenance == plain
+    assert load_twin(tmp_path / "twin").provenance == plain
 
 
 def test_friction_directions_are_accepted_with_one_warning_and_not_written(tmp_path, monkeypatch):
@@ -101,7 +101,7 @@ def test_friction_directions_are_accepted_with_one_warning_and_not_written(tmp_p
     assert "friction_directions" not in (tmp_path / "twin/twin.yaml").read_text()
     change(tmp_path / "twin", "physics.friction_directions", 5)
     with pytest.warns(FutureWarning, match=r"twin.yaml: physics.friction_directions has no effect") as warned:
-        twins = [read_twin(tmp_path / "twin") for _ in range(2)]
+        twins = [load_twin(tmp_path / "twin") for _ in range(2)]
     assert len(warned) == 1
     for twin in twins:
         assert (twin.time_step, twin.support, twin.theta) == (given.time_step, given.support, given.theta)
@@ -178,7 +178,7 @@ def test_a_twin_that_makes_no_sense_is_not_written(tmp_path):
 def test_a_wrong_twin_is_refused(folder, place, value, message):
     change(folder, place, value)
     with pytest.raises(InputError, match=message) as caught:
-        read_twin(folder)
+        load_twin(folder)
     assert str(caught.value).startswith(str(folder))
 
 
@@ -186,7 +186,7 @@ def test_a_link_out_of_the_folder_is_refused(folder, tmp_path):
     (folder / "meshes/object.obj").unlink()
     (folder / "meshes/object.obj").symlink_to(tmp_path / "source/cube.obj")
     with pytest.raises(InputError, match=r"mesh = .*; allowed: a file in the folder of the twin"):
-        read_twin(folder)
+        load_twin(folder)
 
 
 @pytest.mark.parametrize("name", ["surfels.ply", "meshes/object.obj", "meshes/pusher.obj"])
@@ -196,15 +196,15 @@ def test_a_changed_or_missing_file_is_refused(folder, name):
     contents[-2] ^= 1
     path.write_bytes(contents)
     with pytest.raises(InputError, match=f"{name}: got SHA-256 [0-9a-f]{{12}}...; allowed: .* the file was changed"):
-        read_twin(folder)
+        load_twin(folder)
     path.unlink()
     with pytest.raises(InputError, match=f"{name}: got no such file"):
-        read_twin(folder)
+        load_twin(folder)
 
 
 @pytest.mark.parametrize("interrupted", ["surfels.ply", "object.obj", "pusher.obj", "twin.yaml"])
 def test_a_run_that_is_killed_leaves_the_earlier_twin_or_none(folder, tmp_path, monkeypatch, interrupted):
-    earlier = read_twin(folder)
+    earlier = load_twin(folder)
     other = cube_twin(tmp_path / "source", name="other", pusher=PusherGeometry(tmp_path / "source/2.obj", None))
     other = replace(other, surfels=replace(other.surfels, p_OS=other.surfels.p_OS + 0.01))
     (tmp_path / "source/2.obj").write_text("# another\n" + (tmp_path / "source/pusher.obj").read_text())
@@ -223,18 +223,18 @@ def test_a_run_that_is_killed_leaves_the_earlier_twin_or_none(folder, tmp_path, 
         write_twin(folder, other)
     monkeypatch.undo()
     if interrupted == "surfels.ply":
-        assert_same(read_twin(folder), earlier)
+        assert_same(load_twin(folder), earlier)
     else:
         with pytest.raises(InputError, match="SHA-256"):
-            read_twin(folder)
+            load_twin(folder)
     write_twin(folder, other)
-    assert read_twin(folder).name == "other"
+    assert load_twin(folder).name == "other"
 
 
 def test_folders_that_are_no_twins_are_refused(folder, tmp_path):
     for path, message in ((tmp_path / "nowhere", "no such folder"), (tmp_path, "twin.yaml: got no such file")):
         with pytest.raises(InputError, match=message):
-            read_twin(path)
+            load_twin(path)
     text = (folder / "twin.yaml").read_text()
     broken = {
         "theta: [": "allowed: YAML",
@@ -248,7 +248,7 @@ def test_folders_that_are_no_twins_are_refused(folder, tmp_path):
     for contents, message in broken.items():
         (folder / "twin.yaml").write_text(contents)
         with pytest.raises(InputError, match=message):
-            read_twin(folder)
+            load_twin(folder)
 
 
 def test_damaged_text_never_ends_in_another_error(folder):
@@ -271,7 +271,7 @@ def test_damaged_text_never_ends_in_another_error(folder):
                 )
         (folder / "twin.yaml").write_bytes(damaged)
         try:
-            twin = read_twin(folder)
+            twin = load_twin(folder)
         except InputError:
             refused += 1
         else:
@@ -283,8 +283,8 @@ def test_damaged_text_never_ends_in_another_error(folder):
 
 def test_a_copy_elsewhere_is_the_same_twin(folder, tmp_path):
     shutil.copytree(folder, tmp_path / "copy")
-    twin = read_twin(folder)
+    twin = load_twin(folder)
     shutil.rmtree(folder)
-    copy = read_twin(tmp_path / "copy")
+    copy = load_twin(tmp_path / "copy")
     assert copy.theta == twin.theta
     assert copy.mesh_path == tmp_path / "copy/meshes/object.obj"

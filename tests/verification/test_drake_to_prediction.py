@@ -5,8 +5,8 @@ import pytest
 
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
-from pinwm_drake.capture.scene import read_capture
-from pinwm_drake.experiments.twins import twin_from_capture
+from pinwm_drake.capture.scene import load_capture
+from pinwm_drake.experiments.twins import identify
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.report.twin.data import read_ground_truth
@@ -28,7 +28,7 @@ SMALL_SEARCH = IdentifyOptions(screened=24, starts=2, coarse_iterations=25, fine
 def predicted(folder, *, identified, fit=None, search=None, **options):
     """Truth, estimates, and of each other push: errors (n,) of frames [m, rad], way [m], and last errors in sigmas."""
     simulate_capture(SimulateOptions(**(DEFAULTS | options)), folder / "capture")
-    capture = read_capture(folder / "capture")
+    capture = load_capture(folder / "capture")
     # What scores is out of reach of what is scored.
     names = capture.episode_names
     truths = {name: read_episode(capture, name).object_poses for name in names}
@@ -36,9 +36,7 @@ def predicted(folder, *, identified, fit=None, search=None, **options):
     (capture.folder / GROUND_TRUTH_FILE).unlink()
     for name in names:
         (capture.folder / "episodes" / name / "object_poses.csv").unlink()
-    found = twin_from_capture(
-        capture.folder, folder / "twin", episodes=names[:identified], options=search, fit_options=fit
-    )
+    found = identify(capture.folder, folder / "twin", episodes=names[:identified], options=search, fit_options=fit)
     rows = []
     for name in names[identified:]:
         episode = read_episode(capture, name)

@@ -10,10 +10,10 @@ import numpy as np
 
 from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.capture.refine import refine_capture
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.capture.write import write_pose_table
 from pinwm_drake.experiments.alignment import align
-from pinwm_drake.experiments.twins import read_pushes, run_provenance, twin_from_capture
+from pinwm_drake.experiments.twins import identify, read_pushes, run_provenance
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.identification.options import IdentifyOptions
@@ -130,7 +130,7 @@ class NoisyCaptureCell(Cell):
         """Writes the capture with the moved vertices to a folder, and tells how far they were moved."""
         ignored = shutil.ignore_patterns(DONE_FILE)
         shutil.copytree(root / self.capture.key, out, ignore=ignored, dirs_exist_ok=True)
-        path = read_capture(out).object.mesh_path
+        path = load_capture(out).object.mesh_path
         mesh = load_mesh(path)
         sigma = 2.0 * self.share * half_diagonal(mesh)
         mesh.vertices = mesh.vertices + np.random.default_rng(self.seed).normal(0.0, sigma, mesh.vertices.shape)
@@ -214,7 +214,7 @@ class TwinCell(IdentifiedCell):
             options = replace(options, starts=1, coarse_iterations=_QUICK_STEPS, fine_iterations=1, moves=5, screened=8)
         if self.only:
             options = replace(options, free=(self.only, *NUISANCES), held=self.held())
-        found = twin_from_capture(root / capture.key, out, episodes=[capture.episode], options=options, resume=True)
+        found = identify(root / capture.key, out, episodes=[capture.episode], options=options, resume=True)
         return {**self.told(found.twin), "loss": found.found.loss, "seconds": found.found.seconds}
 
 

@@ -10,12 +10,12 @@ import numpy as np
 from pinwm_drake.capture.episode_tables import read_pose_table
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode
 from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
-from pinwm_drake.capture.scene import Capture, read_capture
+from pinwm_drake.capture.scene import Capture, load_capture
 from pinwm_drake.documents import read_yaml
 from pinwm_drake.errors import InputError, PinwmError
 from pinwm_drake.identification.history import HISTORY_FILE, History, read_history
 from pinwm_drake.twin.origin import Origin, hash_capture
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.twin import THETA, Twin
 
 # Parameters for which a simulator may have one value.
@@ -58,7 +58,7 @@ def read_story(folder: Path, capture: Path | None = None) -> Story:
     Raises:
         InputError: The twin cannot be read, or the capture that `capture` names.
     """
-    twin = read_twin(folder)
+    twin = load_twin(folder)
     story = Story(twin, Origin.read(twin))
     path = folder / HISTORY_FILE
     story.history = story.attempt(lambda: read_history(path), "The course of the identification is left out.")
@@ -68,10 +68,10 @@ def read_story(folder: Path, capture: Path | None = None) -> Story:
         story.notices.append("The twin does not say which capture it is from; --capture names it.")
         return story
     if capture is not None:
-        story.capture = read_capture(capture)
+        story.capture = load_capture(capture)
     else:
         story.capture = story.attempt(
-            lambda: read_capture(where), "So there are no pictures here; --capture names the place where it is now."
+            lambda: load_capture(where), "So there are no pictures here; --capture names the place where it is now."
         )
     if story.capture is not None:
         _read_episode(story, story.capture)

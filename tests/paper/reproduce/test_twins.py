@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.paper.baselines.asid.cross_entropy import CrossEntropyBudget
@@ -14,7 +14,7 @@ from pinwm_drake.paper.reproduce.twins import CaptureCell, NoisyCaptureCell, Sur
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
 from pinwm_drake.systems.scenario.load import load_setup
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from tests.capture.pushed_cube import write_pushed_cube
 from tests.identification.samples import write_appearance, write_capture
 
@@ -23,10 +23,10 @@ def test_a_mesh_that_is_known_with_an_error_stays_a_solid_and_images_stay(tmp_pa
     capture = CaptureCell("push", 3)
     write_capture(tmp_path / capture.key)
     noisy = NoisyCaptureCell(capture, 0.02)
-    before = load_mesh(read_capture(tmp_path / capture.key).object.mesh_path)
+    before = load_mesh(load_capture(tmp_path / capture.key).object.mesh_path)
     for _ in range(2):  # over what a run left that was killed
         noisy.make(tmp_path, print)
-    after = load_mesh(read_capture(tmp_path / noisy.key).object.mesh_path)
+    after = load_mesh(load_capture(tmp_path / noisy.key).object.mesh_path)
     assert after.is_watertight
     moved = after.vertices - before.vertices
     assert moved.std() == pytest.approx(0.02 * 2.0 * half_diagonal(before), rel=0.5)
@@ -43,7 +43,7 @@ def test_a_mesh_that_is_fitted_to_masks_is_nearer_to_the_true_one_than_without(t
     write_pushed_cube(tmp_path / capture.key)
     cells = [NoisyCaptureCell(capture, 0.05), NoisyCaptureCell(capture, 0.05, refined=True)]
     told = [cell.make(tmp_path, print) for cell in cells]
-    true, noisy, refined = (load_mesh(read_capture(tmp_path / one.key).object.mesh_path) for one in (capture, *cells))
+    true, noisy, refined = (load_mesh(load_capture(tmp_path / one.key).object.mesh_path) for one in (capture, *cells))
     away = [np.linalg.norm(mesh.vertices - true.vertices, axis=1).mean() for mesh in (noisy, refined)]
     assert away[1] < 0.5 * away[0]
     assert told[1]["masks"]["after"] < 0.5 * told[1]["masks"]["before"]
@@ -57,7 +57,7 @@ def test_asid_writes_a_twin_that_scenes_take_with_the_poses_that_it_is_to_reprod
     write_capture(tmp_path / cell.surfels.capture.key)
     write_appearance(tmp_path / cell.surfels.key)
     told = cell.make(tmp_path, print)
-    twin = read_twin(tmp_path / cell.key)
+    twin = load_twin(tmp_path / cell.key)
     assert {name: one.value for name, one in twin.theta.items()} == told["theta"]
     assert {name: one["value"] for name, one in told["estimates"].items()} == told["theta"]
     assert twin.provenance["versions"]["pinwm_drake"]
@@ -87,7 +87,7 @@ def test_2d_physics_begins_where_the_static_views_have_the_object(tmp_path, monk
     monkeypatch.setattr(twins, "PoseTracker", tracker)
     capture = CaptureCell("push", 3)
     write_pushed_cube(tmp_path / capture.key)
-    written = read_capture(tmp_path / capture.key).object.X_WO
+    written = load_capture(tmp_path / capture.key).object.X_WO
     with pytest.raises(Seen) as raised:
         TrackedTwinCell(SurfelsCell(capture), "2d-physics").make(tmp_path, print)
     (seen,) = raised.value.args

@@ -13,7 +13,7 @@ from jinja2 import UndefinedError
 from PIL import Image
 
 from pinwm_drake.capture.episodes import ObjectPoses, read_episode
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.identification.history import read_history
 from pinwm_drake.report.figures.history import loss_figure, theta_figure
@@ -281,7 +281,7 @@ def test_errors_of_poses():
 
 
 def test_renderings_at_the_true_poses_are_the_images(folder):
-    capture = read_capture(folder / "capture")
+    capture = load_capture(folder / "capture")
     episode = read_episode(capture, "0000")
     cast = Cast.of(write_identified(folder / "exact", folder / "capture"), 0)
     for k, poses in ((0, moved(4)), (3, moved(4))):

@@ -7,7 +7,7 @@ import trimesh
 
 from pinwm_drake.errors import ParameterError, SolverError
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.systems.crosscheck.crosscheck import cross_check
+from pinwm_drake.systems.crosscheck.crosscheck import crosscheck
 from pinwm_drake.systems.crosscheck.difference import course_of, difference_of
 from pinwm_drake.systems.crosscheck.motion import (
     SEPARATED,
@@ -183,7 +183,7 @@ def checks() -> dict[float, float]:
     setup, truth = setup_of(), {"friction_floor": FRICTION, "friction_pusher": FRICTION}
     options = CrossCheckOptions(engines=("point",), pushes=2)
     return {
-        factor: cross_check(setup.with_theta(friction_floor=factor * FRICTION), options, truth=truth).verdicts[0]
+        factor: crosscheck(setup.with_theta(friction_floor=factor * FRICTION), options, truth=truth).verdicts[0]
         for factor in (1.0, 0.7, 1.3)
     }
 

@@ -8,7 +8,7 @@ import trimesh
 from pydrake.math import RotationMatrix
 
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.systems.crosscheck.crosscheck import CHECKS, cross_check
+from pinwm_drake.systems.crosscheck.crosscheck import CHECKS, crosscheck
 from pinwm_drake.systems.crosscheck.motion import SLIDING, Motion, unlimited
 from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
 from pinwm_drake.systems.crosscheck.pokes import PokeCheck, draw_pokes, judge
@@ -82,7 +82,7 @@ def test_every_check_that_a_recipe_may_name_is_there():
 
 def test_a_poked_cube_moves_alike_in_point_contact(cube):
     seen = []
-    found = cross_check(cube, CrossCheckOptions(engines=("point",), pushes=3), report=lambda: seen.append(1))
+    found = crosscheck(cube, CrossCheckOptions(engines=("point",), pushes=3), report=lambda: seen.append(1))
     assert len(seen) == 3
     assert [one.engine for one in found.verdicts] == ["twin", "point"]
     point = found.verdicts[1]

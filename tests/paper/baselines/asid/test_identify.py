@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pinwm_drake.capture.episodes import read_episode
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.identification.pose_tracker import PoseTrackerOptions
@@ -12,7 +12,7 @@ from pinwm_drake.paper.baselines.asid.cross_entropy import GENEROUS, CrossEntrop
 from pinwm_drake.paper.baselines.asid.identify import AsidOptions, identify_asid, physical
 from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.twin.origin import identified_push
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.rollout import rollout
 from pinwm_drake.twin.twin import THETA
 from pinwm_drake.twin.write import write_twin
@@ -26,7 +26,7 @@ def pushed(tmp_path_factory):
     """A capture of two pushes of a cube whose mass is not known."""
     folder = write_capture(tmp_path_factory.mktemp("asid") / "capture")
     write_episode(folder, folder / "episodes/0001", offset=-0.004)
-    capture = read_capture(folder)
+    capture = load_capture(folder)
     return capture, [read_episode(capture, name) for name in ("0000", "0001")]
 
 
@@ -73,7 +73,7 @@ def test_the_default_budget_gives_a_twin_that_can_be_written(pushed, tmp_path):
     result = found(pushed)
     assert len(result.minimum.rounds) == 10
     write_twin(tmp_path / "twin", result.twin)
-    twin = read_twin(tmp_path / "twin")
+    twin = load_twin(tmp_path / "twin")
     assert set(twin.theta) == set(THETA)
     assert twin.provenance["method"] == "asid"
     assert identified_push(twin, pushed[0], pushed[1][1]) == 1

@@ -9,14 +9,14 @@ import pytest
 import torch
 
 from pinwm_drake.capture.episodes import ObjectPoses, PusherTrajectory, read_episode
-from pinwm_drake.capture.scene import read_capture
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.paper.baselines.planar.body import make_planar_body
 from pinwm_drake.paper.baselines.planar.identify import PlanarOptions, PlanarProperties, identify_planar, planar_twin
 from pinwm_drake.paper.baselines.planar.rollout import PlanarParameters, PlanarPush, rollout
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin.origin import identified_push, start_pose
-from pinwm_drake.twin.read import read_twin
+from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.rollout import twin_parameters, twin_scene
 from pinwm_drake.twin.write import write_twin
 from tests.capture.pushed_cube import write_pushed_cube
@@ -169,7 +169,7 @@ FOUND = PlanarProperties(0.4, (0.004, -0.003), 3e-4, 0.12, 0.3)
 
 
 def test_the_twin_has_what_was_found(tmp_path):
-    capture = read_capture(write_pushed_cube(tmp_path / "capture"))
+    capture = load_capture(write_pushed_cube(tmp_path / "capture"))
     episode = read_episode(capture, "0000")
     # On another side: z of O is level, x points down, so that y of O is x of Q, and -z is y of Q.
     half = np.sqrt(0.5)
@@ -178,7 +178,7 @@ def test_the_twin_has_what_was_found(tmp_path):
     X_OS = Pose(torch.tensor([1.0, 0.0, 0.0, 0.0]).double(), torch.tensor([1e-3, 0.0, 0.0]).double())
     twin = planar_twin(FOUND, body, capture, [episode], cloud(), (0.25, -0.5), X_OS=X_OS)
     write_twin(tmp_path / "twin", twin)
-    read = read_twin(tmp_path / "twin")
+    read = load_twin(tmp_path / "twin")
     assert {name: one.value for name, one in read.theta.items()} == pytest.approx(
         {"mass": 0.4, "friction_floor": 0.12, "friction_pusher": 0.3}
         | {f"inertia_{axis}": 3e-4 for axis in ("xx", "yy", "zz")}  # a cube's moments are alike
