@@ -60,14 +60,14 @@ def predict(twin: Path | str, episode: Path | str, *, find_start: bool = False) 
     """Predicts the motion of an object in an episode from the pusher's log.
 
     Args:
-        twin: Folder of the twin.
+        twin: Folder of the twin, or the name of one that ships.
         episode: Folder of the episode, CAPTURE/episodes/NAME.
         find_start: Flag: the object is looked for in the first picture; otherwise it is where capture.yaml says.
 
     Raises:
         PinwmError: A file cannot be used, or the physics found no solution.
     """
-    found = load_twin(Path(twin))
+    found = load_twin(twin)
     capture, push = read_episode_folder(Path(episode))
     number = identified_push(found, capture, push)
     start = locate(found, push, start_pose(found, capture, number)) if find_start else None

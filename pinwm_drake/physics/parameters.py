@@ -1,5 +1,6 @@
 """The physical parameters theta of all worlds."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 

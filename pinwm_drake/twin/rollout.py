@@ -30,6 +30,7 @@ from pinwm_drake.scene import (
     step_count,
 )
 from pinwm_drake.spatial.poses import Pose, transform
+from pinwm_drake.spatial.rotations import rotate
 from pinwm_drake.twin.drift import grips
 from pinwm_drake.twin.twin import Twin
 
@@ -37,7 +38,7 @@ from pinwm_drake.twin.twin import Twin
 _RESTS = 5e-3
 # Where the contacts of a step have no solution that the solvers find, smaller steps meet others.
 _HALVINGS = 4
-_GAP = 5e-3  # m, between pusher and the circle around the object at the start of `twin_physics`
+_GAP = 5e-3  # m, between pusher and the box around the object at the start of `twin_physics`
 # Nuisances that have a part in the physics, and their values without effect.
 NO_EFFECT = {f"center_{axis}": 0.0 for axis in "xyz"} | {f"support_{axis}": 1.0 for axis in "xyz"}
 NO_EFFECT |= {"contact_offset": 0.0}
@@ -194,7 +195,7 @@ def twin_physics(twin: Twin, q_WO: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Tw
     X_WO = Pose(q[None], torch.tensor([[0.0, 0.0, resting_height(scene, q)]], dtype=torch.float64))
     p_WB = transform(X_WO, scene.p_OB + parameters.center[:, 0])
     mesh, shape = load_mesh(twin.mesh_path), upright_shape(twin.pusher)
-    away = float(np.linalg.norm(mesh.vertices[:, :2], axis=1).max()) + shape.radius + _GAP
-    p_WP = (-away, 0.0, float(p_WB[0, 2]))
+    left = float((rotate(q, torch.from_numpy(np.array(mesh.vertices)))[:, 0]).min())
+    p_WP = (left - shape.radius - _GAP, 0.0, float(p_WB[0, 2]))
     start = State.at_rest(scene.model, p_WB=tuple(p_WB[0].tolist()), q_WB=tuple(q.tolist()), p_WP=p_WP)
     return TwinPhysics(scene.model, parameters, start)

@@ -31,8 +31,8 @@ def crosscheck(
     """Compares the motions of a scene's object in the twin and in plants, from the same states.
 
     Args:
-        scene: The scene of the twin, see `load_setup`, whose task's recipe names the motions. Limits of its pusher, and the number of its
-            worlds, do not count.
+        scene: The scene of the twin, see `load_setup`, whose task's recipe names the motions. Limits of its pusher, and
+            the number of its worlds, do not count.
         options: Engines, number of motions and thresholds.
         truth: Values of `THETA`'s parameters that the plants have instead of the twin's; None compares the physics at
             equal theta, the truth checks the theta too.
