@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """README for a package index, whose pages know no files beside it: links lead to the repository, or become text.
 
 The address of the repository stands in the environment variable PINWM_REPOSITORY, such as

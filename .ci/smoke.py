@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A minute of everything: a twin is loaded, stepped with gradients, rendered and moved in a station; a policy acts."""
 
 import platform

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Side-by-side timings of pinwm_drake; never part of the tests.
 
 `python -m benchmarks` runs every one and rewrites the tables of `benchmarks/README.md`. A single one runs as

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Push in Bullet (PyBullet, DIRECT): default solver, a compound of two boxes, no damping, one world.
 
 The pusher is a body of 1000 kg whose velocity is set before every step; the upward part of that velocity

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Success of the shipped bundle where its contract is not kept, as a stranger might run it.
 
     python -m benchmarks.bundle_mistakes [--episodes 100] [--engine twin]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Derivatives of random contact scenes against central differences, all pairs of shapes and flips included.
 
     python -m benchmarks.contact_gradients --samples 10000

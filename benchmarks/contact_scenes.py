@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Random contact scenes: does every step find its solution, keep its energy and stay out of the floor?
 
     python -m benchmarks.contact_scenes --scenes 10000

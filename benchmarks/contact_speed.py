@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Time of one step of random pokes on one core: pinwm_drake, forward and with its gradient, beside MuJoCo.
 
     python -m benchmarks.contact_speed --rounds 10

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Learning curve of Dreamer V2 on the point mass of `point_mass.py`, from 100 recorded random episodes.
 
     python -m benchmarks.dreamer [--size 64] [--updates 1000] [--rounds 4] [--out FOLDER]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A policy in engines that are not ours: episodes in MuJoCo or Bullet, with images by Drake's VTK.
 
     python -m benchmarks.elsewhere POLICY [--scene SCENE] [--engine ENGINE ...] [--episodes N] [--start S]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Steps a second of the push environments: 32 worlds of one twin, and Drake's point contact in SubprocVecEnv.
 
 Ours is `TaskVecEnv`, 12 steps of 1/120 s an action; the other is `TaskEnv` over the station's "point" engine, in

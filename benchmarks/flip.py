@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Steps a second of the flip environment beside MuJoCo: 32 worlds of a lying mug, two threads, the same substeps.
 
     python -m benchmarks flip

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Distance of the twin from Drake's contact in a push: the tables of docs/hydroelastic.md.
 
 The same pushes go through several twins and through plants with shorter and shorter steps. `--agreement` measures how

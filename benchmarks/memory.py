@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Peak memory of a rollout, each measured in a process of its own.
 
 A short rollout first loads and compiles everything. The peak of the resident memory is then reset; the figure

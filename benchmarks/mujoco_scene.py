@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Push in MuJoCo: its default solver (Newton, pyramidal cone, condim 3), Euler integration, one world.
 
 The pusher is a body on one frictionless slide joint, of 1000 kg, that starts at the pushing speed: nothing

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Parts of MuJoCo models that several scenes have in common."""
 
 from collections.abc import Sequence

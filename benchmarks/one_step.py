@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Errors of a twin after one random action: how far its object is from that of a plant that began in the same state.
 
     python -m benchmarks.one_step SCENE [--twin TWIN ...] [--engine ENGINE] [--draws N] [--seed S] [--way M] [--rest K]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Push in pinwm_drake, in any number of worlds."""
 
 from dataclasses import fields, replace

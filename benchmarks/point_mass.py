@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Point mass in a picture, a problem of known answer for methods that learn from images.
 
 A dark square slides on white; an action pushes it, and it coasts on. It is to come within 0.15 of the middle of a

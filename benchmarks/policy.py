@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Milliseconds a call of a policy on one core: the bundle in onnxruntime, and the same network in torch.
 
 The policy sees three images of 64 x 64 px; it is untrained, which makes no difference to its price. `Bundle.act` goes

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Push that every engine performs: T-block, floor, pusher. The engines are in `*_scene.py`.
 
 The block (bar 100 x 40 mm, stem 40 x 100 mm, 50 mm thick, 1 kg) rests on the floor, its centre of mass at the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Timings of the renderer, Drake's VTK renderer and the torch reference, and the growth of the renderer's cost.
 
 All on one core, but for the rows that say otherwise: each setting runs in a process of its own, bound to its cores.

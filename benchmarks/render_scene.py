@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Scene of the renderer's benchmark: the T-block, as surfels for us and as its mesh for Drake's VTK renderer."""
 
 from collections.abc import Callable

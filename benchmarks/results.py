@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Output of the figures: to the screen, into results.json and into the tables of README.md."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Runs every benchmark, each in a process of its own, and rewrites the tables of benchmarks/README.md."""
 
 import argparse

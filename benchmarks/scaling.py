@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cost of a step against the number of contacts, 4 to 64: the numba kernels, and the dense torch reference.
 
 Two scenes, in which every contact presses and slips in every step:

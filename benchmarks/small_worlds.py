@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Small worlds of arrays for Stable-Baselines3, on which methods that learn from images can be tried."""
 
 from abc import abstractmethod

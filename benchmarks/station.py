@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cost of the station beyond the bare step and render: one action of 0.1 s and one 64 x 64 image, 1 and 32 worlds.
 
 The bare loop calls `Stepper.rollout`, the batched API, as often as the diagram updates its state, and `render` once.

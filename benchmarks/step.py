@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Time of one step on one core: pinwm_drake, forward and with its gradient, beside MuJoCo and Bullet.
 
 All engines perform the push of `push.py` for 320 steps; a round is one rollout of each, in turn.

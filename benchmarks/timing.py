@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Fair timings: fixed threads, interleaved rounds, medians with quartiles."""
 
 import multiprocessing

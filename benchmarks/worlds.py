@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Timings of the push in 32 worlds on one thread and on two, forward, and forward with backward."""
 
 import argparse

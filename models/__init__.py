@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The models that ship with pinwm_drake, reached by name or by package://pinwm_models/ URL.
 
 The folder is a ROS-style package (see package.xml): Drake finds it with

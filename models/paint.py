@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Paints the meshes: writes a normal for each face into NAME.obj, and NAME_visual.obj with its colours NAME_visual.mtl.
 
 Run `python -m pinwm_drake.models.paint` after a mesh was changed; large_t.obj is t_block.obj, 1.4 times as large, and

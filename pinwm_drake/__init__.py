@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """PIN-WM in Drake's idiom: calibrated digital twins of pushed objects, and policies trained in them.
 
     import pinwm_drake as pw

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from .capture.check import check_capture as check_capture
 from .capture.scene import load_capture as load_capture
 from .control.runner import Runner as Runner

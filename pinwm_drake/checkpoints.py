@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Checkpoints of long work: one npz file, without pickles, which appears whole or not at all."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """JSON and YAML files whose every entry knows its file and its place in it, so that an error can name both."""
 
 import json

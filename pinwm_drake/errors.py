@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Exceptions of the package, one family. A message says what was given and what is allowed.
 
 `pinwm` prints any `PinwmError` as one line and exits with 1, so a message has to be enough to mend the input.

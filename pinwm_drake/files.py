@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Output folders that are checked before use, and output files that appear whole or not at all."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Decorators that compile the numba kernels, and the care that their disk cache needs.
 
 numba keeps compiled kernels beside their source files, but looks only at the file of the outermost function: a

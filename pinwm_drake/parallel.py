@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Work shared among processes: one `map`, whose results are kept on disk as they come, so that it can go on later."""
 
 import importlib.util

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Provenance of a result: the time at which it was made, and the versions of the libraries."""
 
 import platform

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Declaration of requests: fields with help, unit, range and group, checked by pydantic."""
 
 import dataclasses

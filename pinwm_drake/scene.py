@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The scene of a push as a physics model: the object's mesh, the floor, and the pusher's geometry and motion.
 
 The physics knows bodies by their centre of mass B, captures know objects by the frame O of their mesh. Both have the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Threads for kernels that release Python's lock."""
 
 import functools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Errors of pydantic in one line: place, value and what is allowed, with the unit.
 
 Fields tell their unit by `json_schema_extra={"unit": "m"}`, and what is allowed by an entry "allowed" in words where

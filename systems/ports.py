@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Ports and cached values of Drake systems, declared as functions of a Context, and states that Drake need not copy."""
 
 from collections.abc import Callable

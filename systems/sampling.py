@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Sampling periods: the index of a period, whole multiples of one, and checks of such numbers.
 
 Drake runs what is due at one instant together, and two instants are one only if they are equal to the last bit:

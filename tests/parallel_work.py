@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Work for the tests of `pinwm_drake.parallel`, which its workers import."""
 
 import json

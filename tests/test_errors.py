@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import tomllib
 from pathlib import Path
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import subprocess
 import sys
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from dataclasses import FrozenInstanceError, dataclass, field
 from typing import Annotated, Literal
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Command line of the benchmark.
 
     python -m benchmarks.next_push captures OUT [--only NAME ...] [--poses-only] [--realistic]

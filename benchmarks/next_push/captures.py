@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Folders of captures: the poses of an engine, seen by Drake's renderer and written as a robot would record them."""
 
 import math

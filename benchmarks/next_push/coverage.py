@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Coverage of intervals: short captures with theta drawn at random, and where the truth lies among a twin's draws."""
 
 import json

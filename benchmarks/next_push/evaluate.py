@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Twins of the captures from some of their pushes, and their predictions of the others."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Jug with a handle as a scanner sees it: a surface net of 5 mm, uneven by 0.3 mm, and its convex pieces."""
 
 from itertools import pairwise

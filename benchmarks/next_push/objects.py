@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The six objects that are pushed: their meshes in colours, and the exact convex pieces that engines get."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Poses of a capture, without pictures: its pushes rolled out by its engine, and a file that keeps them."""
 
 from dataclasses import dataclass

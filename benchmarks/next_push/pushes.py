@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pushes of a capture: four, at different sides of the object, off its middle, at speeds that know no friction."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The 24 captures: six objects in four engines, with what is to be tuned on and what nobody has looked at."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Surface of a field of signed distances, as a mesh: what a scanner's software makes of its volume."""
 
 import numpy as np

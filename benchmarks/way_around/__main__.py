@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Diffusion policy on a small known problem, beside its expert, regression to the mean, and chance.
 
     python -m benchmarks.way_around OUT [--episodes N] [--updates N] [--seed S]

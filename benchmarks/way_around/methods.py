@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Diffusion policy for a small problem, and the same network without the diffusion: regression to the mean."""
 
 from dataclasses import replace

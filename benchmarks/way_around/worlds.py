@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Worlds in which a point goes around a disc, seen in small images, and an expert that takes either way."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Check of a whole capture, which finds all of its problems in one go."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Tables of an episode: times of its images, poses of the pusher and of the object."""
 
 import csv

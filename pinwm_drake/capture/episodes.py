@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Episode of one push: camera, images, the pusher's log and, where they are known, the object's poses."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """True parameters of a simulated capture, by which an identification is scored and which it never sees."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Images of an object: colour on white, and the mask of the pixels that show it."""
 
 import warnings

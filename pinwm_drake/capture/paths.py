@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Checks that a file which another file names is there, and can be opened."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Surface, shape and height of a pusher that is given as a mesh or as a shape."""
 
 import numpy as np

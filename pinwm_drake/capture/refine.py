@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A capture whose mesh is fitted to the masks of its static views."""
 
 import shutil

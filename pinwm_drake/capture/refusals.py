@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Refusal of an input: its problem is raised, or handed on so that the rest gets checked too."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Scene of a capture from its `capture.yaml`: the object, the pusher, the floor and gravity."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Posed images of an object at rest, as surfels are fitted to them."""
 
 import glob

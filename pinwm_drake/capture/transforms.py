@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cameras and their poses, read from the `transforms.json` of nerfstudio.
 
 nerfstudio writes poses of cameras in the world with OpenGL's axes (x right, y up, z backward). They become

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Writing of a capture's files, each of which appears whole or not at all."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The command line `pinwm`. It may import everything, and nothing imports it."""
 
 

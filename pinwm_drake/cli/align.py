@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm align`: a bar of the fit, and its quality in a table."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The `pinwm` application: its commands, and its exit codes.
 
 Exit codes: 0 when all went well, 1 when an input was refused or a fault stopped a robot, 2 when the command line itself

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm arm`: lines of the state of a simulated arm."""
 
 import logging

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm capture`: `check`, `refine`, and the commands that have modules of their own."""
 
 from collections import Counter

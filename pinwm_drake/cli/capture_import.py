@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm capture import`: a line on what was imported. The work is in `pinwm_drake.capture.importers`."""
 
 from pathlib import Path

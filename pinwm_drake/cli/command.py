@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Commands made from requests: options with help, groups and completion, `--config`, and the resolved configuration."""
 
 import dataclasses

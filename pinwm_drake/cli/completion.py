@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Completion of values in the shell: folders and files of the project's formats, and the names that ship."""
 
 import os

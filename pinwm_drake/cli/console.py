@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The console: lines, and bars that show the progress of long work."""
 
 import math

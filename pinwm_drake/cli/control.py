@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm control`: lines of the state of a controlled station.
 
 Exit codes: 0 when it ended by itself (at the goal, after its last action, at the end of its time, or a dry run), 1 when

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm cousins`: the ranges that cousins are drawn from, in a table."""
 
 from typing import TYPE_CHECKING

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm crosscheck`: a bar of the pushes, a table, and one line for each verdict."""
 
 from rich.console import Console

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm demo`: its commands and their options. The work is in `pinwm_drake.demo`."""
 
 from pathlib import Path

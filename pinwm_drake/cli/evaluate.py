@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm evaluate`: a bar of the episodes, and the results in a few lines."""
 
 from collections.abc import Iterator

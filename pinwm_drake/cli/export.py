@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm export`: the contents of the bundle in a few lines."""
 
 import time

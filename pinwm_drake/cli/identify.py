@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm identify`: bars, and the values that were found in a table."""
 
 from typing import TYPE_CHECKING

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm model`: a twin as SDFormat."""
 
 from pinwm_drake.cli.console import say

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm next-push`: a bar, and what the push is expected to tell."""
 
 import math

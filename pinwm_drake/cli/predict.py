@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm predict`: bars, and the prediction in a few lines."""
 
 import math

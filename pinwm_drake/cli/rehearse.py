@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm rehearse`: a bar, and the table of faults."""
 
 from typing import TYPE_CHECKING

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm report`: a bar, and the verdict in a few lines."""
 
 from rich.console import Console

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm reproduce`: the plan of the paper's tables, their cells as they are made, and the report."""
 
 from contextlib import suppress

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm simulate`: a bar of the time, and the push in a table."""
 
 import logging

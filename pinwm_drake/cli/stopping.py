@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Signals that end a command which moves a robot: at once before it is armed, and between two periods afterwards."""
 
 import os

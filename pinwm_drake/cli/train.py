@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm train`: a bar for each stage of the training, and the files that it leaves."""
 
 import math

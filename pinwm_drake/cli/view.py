@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`pinwm view`: a page, a video, or a server. Drake is not needed."""
 
 import webbrowser

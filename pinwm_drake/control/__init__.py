@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Control of a robot's pusher by a policy bundle, in numpy and onnxruntime alone: limits, faults, and the end."""

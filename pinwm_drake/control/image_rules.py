@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Rules that tell a camera's image of the object from one that cannot be: blind, implausible or frozen."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A policy's conduct from image to velocity, as a state that is passed on: frames, faults, limits, and the end."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A bundle at the pace of whoever calls it: a robot's own program, or another simulator."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The safety block between a policy and a robot: faults, a latch, and limits; plain numpy, without Drake."""
 
 from dataclasses import dataclass, replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Limiter of a pusher's velocity, sample by sample: box, speed and acceleration; plain numpy, without Drake."""
 
 import math

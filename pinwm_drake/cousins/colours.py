@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Random colours of cousins.
 
 Every coefficient w of a surfel's spherical harmonics is drawn from w (1 - delta) to w (1 + delta). A colour that would

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cousins of a twin: the draws that make them, and the cousin that belongs to a number.
 
 Source: PIN-WM, eq. 11: physical parameters and colours from U(w (1 - delta), w (1 + delta)). Here the draws are cut to

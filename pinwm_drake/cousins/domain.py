@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Domains: physics and colours that a world takes on when an episode begins, and the source of them for a training.
 
 Cousins of a twin are domains; methods that randomise otherwise differ from them in the domain alone.

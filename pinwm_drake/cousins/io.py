@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """File of cousins: an npz without pickles that holds their values, the draw, and the hash of their twin."""
 
 import hashlib

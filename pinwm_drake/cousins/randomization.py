@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Domains that are drawn from wide ranges, whatever a push has shown: domain randomisation, and its single draws.
 
 Source: Tobin et al., "Domain randomization for transferring deep neural networks from simulation to the real world"

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Random physical parameters of cousins, and the ranges that they are drawn from."""
 
 import math

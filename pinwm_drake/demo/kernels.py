@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Compilation of the physics' kernels in a second process, while the first one fits surfels.
 
 numba compiles on one core and keeps the result on disk beside the sources, where the first process then finds it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The main demonstration: from the images of a push to a twin, to another push predicted, to a policy that acts."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Budgets of the main demonstration."""
 
 from dataclasses import dataclass, field

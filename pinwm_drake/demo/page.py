@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The page of the main demonstration, which loads nothing from anywhere, and its films, which are files too."""
 
 import os

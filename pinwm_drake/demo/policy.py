@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """An episode of the policy that ships, in one engine."""
 
 import tempfile

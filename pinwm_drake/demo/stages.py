@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Stages of a demonstration: what is shown while they run, and the seconds that each took."""
 
 import resource

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The fit of surfels to posed images of an object, with all files that it leaves."""
 
 import shutil

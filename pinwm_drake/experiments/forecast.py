@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Forecast of the minutes and the memory of a training, by a brief one of the same kind on this machine."""
 
 import resource

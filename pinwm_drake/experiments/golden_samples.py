@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A trained policy as a bundle, with golden samples from a scene in which it acts."""
 
 import dataclasses

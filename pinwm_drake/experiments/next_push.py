@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Choice of the next push: the one of many that would tell most about what a twin does not know yet.
 
 Under the draws of a twin the poses that a push would be seen in have a covariance C, and those that would be seen of

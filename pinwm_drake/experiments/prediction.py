@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The prediction of a twin for an episode."""
 
 from dataclasses import dataclass

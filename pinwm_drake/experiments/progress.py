@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Progress of an experiment, told to a callback."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The training of a policy of a task in the cousins of a twin, in one or two stages, with all files that it leaves."""
 
 import time

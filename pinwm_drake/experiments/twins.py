@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Twins from captures: surfels, mass properties, friction and restitution of one pushed object."""
 
 import shlex

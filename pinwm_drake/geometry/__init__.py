@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Shapes, meshes, convex pieces and the narrow phase that selects contact features."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Objects as unions of convex pieces: decomposed meshes, and the two objects of the tasks exactly."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The kernels of contact geometry as Python calls them: each is compiled with all that it calls (numba).
 
 The kernels themselves have no machine code of their own; they are parts of the steps that use them (see `jit`).

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contact geometry in closed form from a pair of features, and its adjoint (numba).
 
 The narrow phase selects which features of two bodies are closest; this file turns such a pair into gap, normal

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contact geometry in closed form of feature pairs in torch: the oracle of `features`."""
 
 import torch

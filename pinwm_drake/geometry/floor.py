@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contacts of a body with the horizontal plane of the floor (numba)."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Triangle meshes: reading them with checks, and their mass properties."""
 
 import io

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The face on which an object rests, as points that carry its weight.
 
 A flat face presses on the floor everywhere, its corners do not carry the weight alone: a square that is turned on the

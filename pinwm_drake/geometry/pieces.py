@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Convex pieces of a body, and the flat table of numbers in which the compiled narrow phase reads them."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Writing of feature rows, whose layout `features` describes (numba)."""
 
 import math

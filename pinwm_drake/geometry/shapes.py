@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Factories of convex pieces: sphere, capsule, cylinder, box, convex hull.
 
 Each returns the piece in the body frame B. It raises GeometryError where a length is not positive, a point is not

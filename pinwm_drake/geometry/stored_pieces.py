@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Convex pieces of mesh files, which are found once: stored beside a mesh, or in the user's cache by its content."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Small vector algebra (numba).
 
 Vectors are triples of scalars here: numba then keeps them in registers, where a small array would be allocated.

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Identification: the physical parameters of an object from the video of one push."""

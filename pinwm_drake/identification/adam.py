@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Adam on the rendering loss, through renderer and physics, for several guesses at once."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Memory of a search, so that it can go on: results of its phases, state of the one at hand, every evaluation."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Discrepancy of the physics: what a real push does that no parameters of the model can make it do.
 
 Contact laws of engines and of the world differ, and their difference lasts: it turns the object aside a little on

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Losses of images around given poses, as quadratic functions of pose and outline in each frame.
 
 Derivatives of the images are central differences, which average over the kinks of pixels. Source: Nocedal and Wright,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Poses of the object in every frame, given the unknowns: the physics half of the world model."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """History of an identification: every evaluation of a search, to and from `history.npz`."""
 
 from collections.abc import Mapping, Sequence

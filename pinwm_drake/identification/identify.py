@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Identification of a twin from one push or more and an appearance: theta with intervals, through the images."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Rendering loss: the difference of a rendering of the object and the camera's picture.
 
 Source: PIN-WM (Li et al., 2025), eq. 8, which compares whole images. Deviations: opacity is compared beside colour,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Light of a video against that of the static views in which the surfels were fitted.
 
 Cameras expose and balance each video anew, and see faces in another light. What a diffuse surface sends out is smooth

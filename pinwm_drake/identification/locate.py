@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pose of a resting object from the first picture of an episode."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Mass of an object from the force on its pusher: at one and the same motion, forces grow with the mass.
 
 The images tell how an object moves, to which only ratios to its mass matter. The posterior's draws are rolled out for

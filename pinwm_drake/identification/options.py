@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Options of an identification."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pose of an object in one small picture without a mask, such as a network imagines.
 
 The object was at rest in a known pose, and has moved for a moment. Its new pose is the likeliest one: renderings are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pictures of a push at one resolution, and the pixels on which they can be compared with a rendering."""
 
 from dataclasses import dataclass, replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Tracker of the object in the video of a push: poses by the rendering loss alone, without physics.
 
 It stands for the pose estimator that a laboratory has. Each frame begins where the poses before it lead, and

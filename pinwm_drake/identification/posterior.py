@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Posterior of the unknowns as draws, and the estimates of a twin that follow from them."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The loss of W guesses of the unknowns: physics, rendering and comparison put together, for one push or several."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Refinement of a guess: unknowns of the model and corrections of its poses together, by repeated expansion.
 
 Around the poses of the moment the images are quadratic in poses and outline (`expansion.py`), and the corrections that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Draws from a posterior whose density is cheap: an ensemble of walkers that begins with a Gaussian's draws.
 
 Source: ter Braak and Vrugt, "Differential evolution Markov chain with snooker updater and fewer chains", Statistics and

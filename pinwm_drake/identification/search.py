@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The search for the unknowns: random guesses, Adam from the best of them, refinement, draws from the posterior.
 
 Every phase ends with arrays that the next one begins with, and every few steps Adam leaves its state in the checkpoint

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Unknowns of an identification: physical parameters theta, and nuisances that every real video has.
 
 Each unknown is held as a number z of order one: its physical value is `nominal + scale z`, or `nominal exp(scale z)`

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """An actor and a critic as SB3's PPO wants them; the critic may see more than the actor."""
 
 from collections.abc import Mapping

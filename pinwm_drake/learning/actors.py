@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Networks of policies: from an observation to an action in [-1, 1]^n.
 
 Two kinds of heads end a network. "levels" gives logits of a few levels for each component of an action, as PPO learns

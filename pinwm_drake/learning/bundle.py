@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A policy bundle: a folder that holds all that a controller needs, and that onnxruntime alone runs.
 
     policy.onnx       the network: images and the pusher's position in; translation in metres and estimate out

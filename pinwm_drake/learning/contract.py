@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The contract of a bundle: inputs and outputs of its network, in words and numbers.
 
 All of it follows from the specification, the limits and the golden samples, so that a reader can work it out again and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Distillation of a policy of the state into one of images, by DAgger.
 
 The student acts; the teacher, who sees the state, gives the probabilities of its own actions; the student learns these

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Success rate of a policy, by one episode after another in a gymnasium environment."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Export of a policy as a bundle: torch to ONNX, with the contract, golden samples and the SHA-256 of each."""
 
 import contextlib

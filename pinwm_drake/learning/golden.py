@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Golden samples of a bundle: inputs, and the policy's answers to them when it was exported."""
 
 import io

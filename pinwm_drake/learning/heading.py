@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The frame that a policy sees and acts in, where its task is the same at any yaw: x is from the object to the pusher.
 
 What was learned at one yaw is so known at all of them.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The seam of methods: one signature for everything that is trained, learned or planned."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Settings of trainings, whose numbers are checked alike."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """PIN-WM's policies: RL in domains of a twin, from the state, from images, or from images by way of a teacher.
 
 Source: Li et al., "PIN-WM" (RSS 2025), which trains with PPO from images; the teacher, by SAC or PPO, and its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A policy: a network with its specification, on disk as a folder of YAML and npz."""
 
 import hashlib

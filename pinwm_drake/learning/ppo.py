@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """PPO of SB3 on a task, from the state or from images, in rounds."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Progress of a training, for a bar, a line or a plot."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Rounds of SB3's algorithms: their learning and progress, and the state in which they are kept within a round."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Training in rounds: each begins from a seed of its own, so that one that was killed goes on with the same result.
 
 A round depends on the networks, on the settings and on its number only: worlds, domains and generators begin anew. A

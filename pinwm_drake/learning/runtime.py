@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The network of a bundle in onnxruntime: one thread, on the CPU, and nothing is told to its makers."""
 
 import os

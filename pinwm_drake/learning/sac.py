@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """SAC of SB3 on a task's state, in rounds."""
 
 from collections.abc import Mapping

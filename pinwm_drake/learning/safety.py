@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Limits of a controller's motion of the pusher: the part of a policy's contract that keeps a robot whole."""
 
 from dataclasses import asdict, dataclass

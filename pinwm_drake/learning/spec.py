@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Specifications of policies: the meaning of a network's inputs and outputs, as plain numbers."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Networks and their optimizers as plain arrays, for files without pickles."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Success rate of a policy in many worlds at once, which is quick enough to do while it is trained."""
 
 from collections.abc import Callable, Iterator

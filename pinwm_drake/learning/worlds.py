@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Worlds as learners see them."""
 
 from collections.abc import Mapping

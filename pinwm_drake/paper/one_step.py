@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Errors of predictions after one random action: of twins, and of a model that imagines images."""
 
 from dataclasses import dataclass, replace

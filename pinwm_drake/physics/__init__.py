@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Differentiable rigid-body physics: parameters, model, state, contact, stepper."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The equations of a step with its contacts as dense torch matrices, and their differentiable solution.
 
     A x - H - sum_c J_c' f_c(J_c x + bias_c) = 0

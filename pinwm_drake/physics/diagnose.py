@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Diagnosis of one step: its contacts and the residuals of its solution."""
 
 from dataclasses import dataclass

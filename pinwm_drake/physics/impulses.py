@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Impulses of the contacts along a rollout."""
 
 import numpy as np

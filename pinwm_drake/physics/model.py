@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Model of a scene, constant in a rollout: bodies, joints, pusher, floor, time step and the solver's constants."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The physical parameters theta of all worlds."""
 
 import math

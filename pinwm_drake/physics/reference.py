@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The step in plain torch: the oracle of the kernels, and the path that runs on CUDA.
 
 Features are selected by the narrow phase on the CPU (a discrete choice without gradient); everything else (contact

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """State, which changes in a rollout: poses and velocities of all worlds."""
 
 import math

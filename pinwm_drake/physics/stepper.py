@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The differentiable step x' = g(x, a, theta) and rollouts of it, batched over worlds."""
 
 from typing import Any, Literal

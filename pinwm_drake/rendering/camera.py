@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pinhole cameras and their intrinsics.
 
 The camera frame C has OpenCV's axes: x right, y down, z forward. Pixel (row i, column j) covers the square from

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Adds surfels where the image asks for more, and takes those away that hardly show.
 
 Source: Kerbl et al. (2023), section 5.2, with two changes. How many are added is a share of those there are, taken in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Options of fitting surfels to images."""
 
 from typing import Annotated, Literal

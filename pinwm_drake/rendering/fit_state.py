@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The surfels that a fit works on, and Adam's memory of them."""
 
 import torch

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Fits surfels to posed images of an object whose mesh is known."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Real spherical harmonics as 3D Gaussian Splatting orders and signs them."""
 
 import torch

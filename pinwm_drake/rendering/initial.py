@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Surfels on the surface of a mesh, to start a fit from."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The losses that fit surfels to images.
 
 Source: PIN-WM (Li et al., 2025), eq. 7: L = (1 - lambda) L_1 + lambda L_D-SSIM + w_d L_d + w_n L_n, where L_d is the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Depths of a small mesh in front of the cameras: what hides the object behind the pusher."""
 
 import numpy as np

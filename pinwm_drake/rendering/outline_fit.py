@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Fit of a mesh to masks: its vertices move until it covers the pixels that the object does.
 
 The misfit is the difference between the mask that the mesh has in a view and the view's own, blurred by a few pixels,

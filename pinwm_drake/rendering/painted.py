@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Surfels of a coloured mesh: an appearance that comes from a model and not from a video."""
 
 import warnings

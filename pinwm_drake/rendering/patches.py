@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Flat patches on the surface of a mesh: where surfels start."""
 
 from collections.abc import Callable

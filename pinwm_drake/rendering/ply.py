@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Surfels in PLY files, with the property names of 2D Gaussian Splatting, which other splat tools open.
 
 A vertex is a surfel: x y z (m), nx ny nz (its normal; not read), f_dc_0..2 (harmonics of degree 0), f_rest_0.. (the

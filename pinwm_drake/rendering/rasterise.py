@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The numba kernels as one node of torch's graph."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The rasteriser in plain torch: every surfel against every pixel. It is the oracle of the tests, and runs on CUDA.
 
 With the surfel's scaled tangents a, b and its centre c in the camera frame, the ray d = ((x - cx) / fx,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Registration of a mesh to the masks of posed images: where the object is that they show."""
 
 from collections.abc import Sequence

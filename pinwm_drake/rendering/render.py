@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The image I = R(x, alpha) of surfels, differentiable in all of them and in the object's pose."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The outline of a mesh, also from where there is no image."""
 
 import numpy as np

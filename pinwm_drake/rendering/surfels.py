@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The surfels of one object: its appearance alpha, as 2D Gaussian Splatting describes it.
 
 Source: Huang et al., "2D Gaussian Splatting for Geometrically Accurate Radiance Fields", SIGGRAPH 2024, section 4;

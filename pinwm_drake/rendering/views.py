@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Posed images of one object."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Visibility of a mesh's patches in a view, and their colours there."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pinhole camera of the report's small renderer."""
 
 import math

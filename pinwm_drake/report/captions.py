@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Captions written on pictures."""
 
 from functools import cache

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Orbit of a camera around an object, for turntables and for the viewers' first look."""
 
 import math

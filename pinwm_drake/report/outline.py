@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Outline of a mesh seen from above."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pages from Jinja2 templates: every text is escaped, and pictures and figures are data URIs."""
 
 import base64

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pictures of rigid bodies on a floor: grid, soft shadow, paths and shaded meshes, seen by a fixed camera."""
 
 import warnings

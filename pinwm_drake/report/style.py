@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Style of the figures, and what several of them draw."""
 
 from collections.abc import Iterable

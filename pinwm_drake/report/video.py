@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Writing of frames as a video."""
 
 from collections.abc import Iterable

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Batched rotations, poses and spatial velocities in torch, differentiable throughout."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Rigid poses X_AB = (R_AB, p_AB), with the rotation held as a unit quaternion.
 
 Every function raises StateError where a part has another last axis than is stated.

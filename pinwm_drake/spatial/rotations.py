@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Unit quaternions (w, x, y, z), rotation matrices and rotation vectors.
 
 Every function takes any leading batch axes, broadcasts them, and is differentiable. It raises StateError where a last

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Tasks: goal, success, rewards and the policy's state, which tell one task from another; no Drake, no torch.
 
 task.py      the seam: `Task` and `Progress`

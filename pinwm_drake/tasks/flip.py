@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The flip task: an object that lies on a floor is poked until one of its axes points up, where it is to rest."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The flip task's state from a network's estimate of the object, and from the pusher, whose position is known."""
 
 import numpy as np

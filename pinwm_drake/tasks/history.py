@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Past of a state, in one vector with it: a policy that sees it can find out on the way how its world moves.
 
 After the state stand, for each of the last h actions, the newest first, the state before it and the action. What a

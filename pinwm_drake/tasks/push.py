@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The push task: an object is pushed to a pose on the floor, where it is to rest."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The recipe beside a task: how it is learned, planned, filmed, checked and displayed.
 
 What stands in higher layers is named by plain words, which these layers look up: no one asks which task it is.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Tasks and their recipes by name: those that ship, and what `register` adds."""
 
 from collections.abc import Mapping

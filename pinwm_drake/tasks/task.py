@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The seam between a task and the parts that are alike for all tasks: environments, training, evaluation, bundles.
 
 A task is a frozen dataclass whose fields are plain numbers, texts and tuples, so that it can stand in a scenario, in a

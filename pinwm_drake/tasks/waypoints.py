@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """States on the way to a goal, in which episodes of a training begin, and what a plan does there."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Document of a twin, `twin.yaml`: every key and number of it, checked, and its form on disk."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Departures of a push from the physics of a twin: a random walk along its way, and frictions of its own."""
 
 import numpy as np

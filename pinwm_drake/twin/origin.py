@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Origin of a twin: the episodes that it was identified from, and how they start."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Predictions of a twin for the pusher's log of an episode, of its own capture or of another one."""
 
 from dataclasses import dataclass, replace

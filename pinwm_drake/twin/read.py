@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Reading of a twin's folder, with checks."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Prediction by a twin: its physics along a pusher's motion."""
 
 from collections.abc import Mapping, Sequence

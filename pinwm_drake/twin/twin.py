@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Twin of an object: geometry, physical parameters with their uncertainty, appearance, and provenance."""
 
 from collections.abc import Mapping

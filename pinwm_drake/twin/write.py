@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Writing of a twin's folder, whole or recognisably not."""
 
 import hashlib

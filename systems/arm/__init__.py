@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """A simulated arm that carries the pusher, and its LCM driver."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Control of the simulated driver's arm: velocities of its tool in, angles and velocities of its joints out."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Simulated driver of a robot: an arm with its camera, behind the messages that a real one would have."""
 
 import numpy as np

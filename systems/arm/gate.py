@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Gate before a robot: commands of one session, in order and in time, or none.
 
 A controller draws a random session when a person arms it. The gate opens for a session that it has never seen, and

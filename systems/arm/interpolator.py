@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Interpolation of commands: smooth motion for a robot from velocities that come now and then."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Messages of an arm's simulated driver over LCM; see `LcmLink`."""
 
 import zlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Model of the simulated driver's arm: its place, its drives, and the joint angles that bring its tool to a point."""
 
 import math

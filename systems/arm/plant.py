@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pushing scene with an arm: a MultibodyPlant in which the pusher is the arm's tool."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cameras of an object: Drake's RgbdSensor, and images whose alpha is the visible object."""
 
 import math

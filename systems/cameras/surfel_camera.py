@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Further cameras on an object made of surfels: in a robot's hand, or a second view."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pictures of a twin's worlds: its surfels, and the pusher that hides them."""
 
 import numpy as np

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Policies in control of a station or robot, within safety limits."""

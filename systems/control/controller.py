@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A policy as a controller: images in, limited velocities of the pusher out."""
 
 import secrets

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A policy that controls a station: the diagram, and a run of it from the first image to the last action."""
 
 import dataclasses

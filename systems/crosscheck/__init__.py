@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Cross-check of a twin against the contact models of Drake."""

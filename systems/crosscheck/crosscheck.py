@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Comparison of a twin with Drake's own contact models, by the motions that the recipe of its task names."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Difference of two engines after one and the same push."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pushes through engines of the station, each until the object rests."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Requests of a cross-check: what `pinwm crosscheck` does. Light, as the command line reads it."""
 
 import dataclasses

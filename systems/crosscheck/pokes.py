@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Comparison of the learned twin with Drake's own contact models, by fast pokes that tip an object.
 
 After a push the question is where the object lies; after a poke it is on which face, which a small difference can

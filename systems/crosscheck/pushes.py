@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Comparison of a twin with Drake's own contact models by equal pushes: by where the object comes to rest."""
 
 import csv

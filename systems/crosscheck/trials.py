@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Random pushes that tell about friction: after each, the object slides on by itself."""
 
 from dataclasses import dataclass, replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Engine of a station: its ports, the contact forces that it puts out, and the means to put things into place."""
 
 from dataclasses import dataclass

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """gymnasium and Stable-Baselines3 environments over stations."""

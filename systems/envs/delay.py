@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The latency of a robot and its network: actions that take effect later than they are asked for."""
 
 import math

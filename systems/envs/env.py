@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A task as a gymnasium environment over a station of any engine."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Observations of policies: numbers of the state, or masked images and the pusher's own position."""
 
 from collections.abc import Mapping

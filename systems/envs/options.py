@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Options of environments, and the setup of a scene whose state is updated once an action."""
 
 import dataclasses

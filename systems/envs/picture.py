@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pictures of an environment for people: the camera's image, with goal and pusher drawn into it."""
 
 from collections.abc import Sequence

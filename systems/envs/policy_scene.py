@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Specification of a policy from a scene, and the environment in which such a policy can act."""
 
 import dataclasses

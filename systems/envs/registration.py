@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Name of the environments in gymnasium, which importing this module registers; nothing heavy is loaded for that.
 
     gymnasium.make(pinwm_drake.ENV_IDS["push"])                               imports this by itself

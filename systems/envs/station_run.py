@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A station that is driven action by action, by translations of the pusher."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The worlds that a policy is trained in: domains around a twin, or the twin alone."""
 
 import dataclasses

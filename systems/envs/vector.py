@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Many worlds of one twin as a vectorised environment, for gymnasium and for Stable-Baselines3."""
 
 from collections.abc import Iterable, Mapping, Sequence

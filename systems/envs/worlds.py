@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The worlds of an environment: one step, one reset, for one world of any engine and for many worlds of a twin."""
 
 from collections.abc import Callable, Mapping, Sequence

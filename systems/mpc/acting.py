@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A planner in the place of a policy: from the environment's observation to an action."""
 
 from abc import ABC, abstractmethod

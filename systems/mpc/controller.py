@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The model-predictive controller as a Drake system."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The model of the model-predictive controller: a rigid body that slides on a floor, pushed by a disc at one edge."""
 
 import math

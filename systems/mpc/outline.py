@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The outline of an object at the height at which it is pushed, and distances of points from it."""
 
 import math

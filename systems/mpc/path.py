@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Steps of the pusher that touch nothing."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Planner of pushes, anew in every action: from an object's state and the pusher's position to a translation."""
 
 from dataclasses import dataclass, replace

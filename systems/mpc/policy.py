@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The planner of planar pushes, made for a scene, and in the place of a policy."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The nonlinear program behind a plan: up to two pushes, each at one edge, after which the object rests at the goal."""
 
 from dataclasses import dataclass

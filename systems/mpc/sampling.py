@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Sampling-based model-predictive control of any task: sequences of actions are tried in the worlds of a twin.
 
 Source: cross-entropy method with elites that are kept, noise that is correlated over time, and a warm start, after

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Table of single pushes of an object at rest, and the choice of one or two that bring it to a goal soonest."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Waypoints of a planner's plans, for trainings of tasks that chance hardly ever does."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Choice of straight pushes: random ones that meet the object, and the speed of the pusher."""
 
 import functools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Drive of a plant's pusher, which holds a commanded velocity and integrates it."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Limits of a pusher: its speed, and the box that it stays in."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Motions of a pusher, straight pushes with a trapezoid of speed and recorded ones, and the systems that play them."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Velocities of a pusher from actions that are translations over a horizon."""
 
 import numpy as np

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Scripted runs of a station: episodes, recordings, simulated captures, films."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The request of a simulated capture: what `pinwm capture simulate` does. Light, as the command line reads it."""
 
 import dataclasses

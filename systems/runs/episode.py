@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """An episode: a station, a pusher that follows a script, and what came of it."""
 
 import math

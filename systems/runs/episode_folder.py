@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The folder of a simulated episode, as captures have it."""
 
 from pathlib import Path

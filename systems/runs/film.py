@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The frames of a simulated episode's video: the scene for people, and beside it the station's `rgb`."""
 
 import cv2

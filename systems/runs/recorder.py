@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Runs a station and writes down what a robot would: the pusher's log, the object's poses, the pictures."""
 
 from collections.abc import Callable, Iterator

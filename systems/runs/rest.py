@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The criterion for an object that a scripted push has moved to be at rest."""
 
 from dataclasses import dataclass

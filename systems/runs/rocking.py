@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Choice of a poke that rocks an object without turning it over, which shows what a flip depends on."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A station whose pusher follows a script: its diagram, and the loop that runs it."""
 
 import time

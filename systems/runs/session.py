@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A session of random pushes, or of a replayed log, in a station, with film, recording and episode folder."""
 
 import contextlib

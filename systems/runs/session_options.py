@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The request of a session of pushes: what `pinwm simulate` does. Light, as the command line reads it."""
 
 import dataclasses

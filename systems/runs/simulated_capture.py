@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A simulated capture: a stand-in for a robot that pushes an object in front of a camera."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Scenes by name: every way to name a scene leads to one `Setup`, made once, and only that travels from there."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Schema of `*.scenario.yaml`: object, pusher, camera, task and engine of a scene. SI units and radians throughout."""
 
 import math

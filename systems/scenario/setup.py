@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A scenario with everything that its engines need: geometry, theta, appearance and camera, alike for each of them."""
 
 import dataclasses

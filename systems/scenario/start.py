@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Random places of object and pusher at the start of an episode."""
 
 import dataclasses

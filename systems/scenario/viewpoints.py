@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Poses of cameras. Camera frames have OpenCV's axes, which are Drake's: x right, y down, z forward."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Collision geometry for Drake: meshes of objects and pushers as texts of OBJ files, and spheres to stand on."""
 
 from collections.abc import Sequence

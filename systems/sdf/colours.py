@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Mesh of a twin in the colours of its surfels, for renderers that know meshes only."""
 
 import functools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Coefficients of Drake's contacts: the constants of floor, pusher and supports, and those that follow from theta.
 
 Drake gives coefficients to surfaces, theta gives them to pairs of bodies: `Surfaces.of_pairs` finds the surfaces whose

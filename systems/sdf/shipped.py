@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Writing of the SDFormat files that ship with pinwm_drake, and of the meshes with which their objects touch.
 
 Run `python -m pinwm_drake.systems.sdf.shipped` after a mesh, or how SDFormat is written, was changed. Beside each mesh

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Texts of SDFormat files: an object for hydroelastic and for point contact, the floor, and a pusher.
 
 Their coefficients of contact are those of `contact.py`; elements that begin with `drake:` are Drake's own.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """SDFormat of a twin: its object with the identified theta, the floor, and its pusher, with their meshes."""
 
 from pathlib import Path

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """The station: one diagram with the same ports for every engine."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pictures of the station's diagrams, as Drake describes them in Graphviz's language.
 
 Run `python -m pinwm_drake.systems.station.graphviz docs` after a change of the station: it writes station_ENGINE.dot,

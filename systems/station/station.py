@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Station: a pushing scene as one diagram with the same ports, whatever engine moves it."""
 
 from typing import Literal

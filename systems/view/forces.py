@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Arrows for contact forces in Meshcat, alike for every engine."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Server of Meshcat, on this machine only unless told otherwise; recordings of its scene, and sliders for theta."""
 
 from collections.abc import Iterator, Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """View of a station in Meshcat: geometries, floor, camera, contact forces and surfels."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Surfels of a twin as geometry in Meshcat, moved with the object."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Captures of the benchmark next_push: engines against closed forms, a small capture, and its mistakes."""
 
 import dataclasses

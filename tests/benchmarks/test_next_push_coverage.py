@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Tables and pictures of coverage, from ranks that are known."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A pusher that goes anywhere, in engines that are not ours, against closed forms."""
 
 import importlib

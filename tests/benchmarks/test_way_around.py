@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Diffusion policy learns to go around a disc by either of two ways."""
 
 import pytest

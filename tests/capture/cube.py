@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A small capture: a cube with a colour on each face, seen from all around."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Ways in which the files of a capture get damaged, drawn at random."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A small capture with an episode: a sphere pushes the cube along x."""
 
 from pathlib import Path

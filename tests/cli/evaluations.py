@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A small scene for tests of `pinwm evaluate`, and what one writes."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import pytest
 
 from tests.capture.pushed_cube import write_pushed_cube

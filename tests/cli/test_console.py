@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import math
 
 from pinwm_drake.cli.console import duration, stages_bar

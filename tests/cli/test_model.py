@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from pinwm_drake.twin.write import write_twin
 from tests.twin.samples import cube_twin
 

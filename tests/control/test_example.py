@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The example of docs/run_a_bundle.md, with the twin's station as somebody's robot."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A bundle at a caller's pace: frames, the pusher's place by stamps, limits, faults and the end."""
 
 import subprocess

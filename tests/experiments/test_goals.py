@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from functools import partial
 
 import numpy as np

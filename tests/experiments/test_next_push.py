@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The choice of the next push, on a cube whose friction two of the draws disagree on."""
 
 import dataclasses

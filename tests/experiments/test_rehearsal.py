@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The rehearsal: what its faults do to messages, the relay, and trials on disk. The whole is run once."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The seam of tasks: a task of some twenty lines is trained, evaluated, exported and controlled as push is."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Independent signed distances of convex pieces: a Minkowski difference by qhull, and Drake's SceneGraph."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The objects of the tasks as exact pieces, and approximate decomposition."""
 
 import numpy as np

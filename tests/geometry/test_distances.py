@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Gap and normal of every pair of shapes against independent oracles, apart and in penetration.
 
 The smallest gap among the contacts of a pair has to be the signed distance, and its normal the direction of

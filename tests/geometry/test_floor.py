@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contacts with the floor: gap and normal against Drake and closed forms, and which points are kept."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which contacts parallel features give, and that rounding does not change them."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Reading meshes, with an error for each way in which a file can be unusable, and their mass properties."""
 
 import numpy as np

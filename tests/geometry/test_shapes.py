@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Factories of convex pieces and the table they are packed into."""
 
 import numpy as np

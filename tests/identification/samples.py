@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A cube that is pushed by known physics, filmed by our renderer: a capture whose truth is exact."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Untrained policies of images and their bundles, for tests."""
 
 import hashlib

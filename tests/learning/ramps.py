@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A tiny task with the infos of the push task: a number is to be brought to zero, by one at most in a step."""
 
 import gymnasium

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import io
 from collections.abc import Callable
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import csv
 import shutil
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Worlds that are quick to learn: a dark square on white is to be moved to the middle, by actions that move it."""
 
 import numpy as np

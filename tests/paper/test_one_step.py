@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One-step errors."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The one gradient checker of the physics tests."""
 
 import torch

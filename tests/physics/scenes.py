@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Scenes that several tests share."""
 
 import numpy as np

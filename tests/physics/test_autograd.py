@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The rollout as a node of autograd: what is changed between forward and backward is an error, not another gradient."""
 
 import pytest

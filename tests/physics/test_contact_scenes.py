@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contact of any object: no step without a solution, no ghosts, no jams that throw things, derivatives of rims."""
 
 import collections

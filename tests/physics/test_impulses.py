@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Impulses of a rollout's contacts against those of single steps, and against what moves the bodies."""
 
 import numpy as np

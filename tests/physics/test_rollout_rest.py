@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A rollout ends early where nothing moves any more, and tells the same as one that goes on."""
 
 import numpy as np

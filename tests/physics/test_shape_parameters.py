@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Centre of mass, spread of the pressure and offset of the surfaces, which belong to a world and not to the model."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Views of a box with six plain colours, without noise: what fits are tried on."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Small scenes for the renderer's tests."""
 
 import torch

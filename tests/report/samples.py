@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A cube that is pushed along x, as a capture and as a twin that was identified from it."""
 
 import math

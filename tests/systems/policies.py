@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Policies for tests, without a network."""
 
 from dataclasses import dataclass, replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A diagram of a system that moves a pusher, and a world that takes its velocity."""
 
 import numpy as np

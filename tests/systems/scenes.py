@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pushing scenes for tests, and what is measured in them."""
 
 from dataclasses import dataclass, replace

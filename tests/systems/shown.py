@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A small diagram that Meshcat shows, and what Meshcat was told."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Stations with a T-block for tests, and what is read of them."""
 
 from functools import cache

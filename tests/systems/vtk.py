@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Drake's own picture of a mesh, to compare with."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import numpy as np
 
 from pinwm_drake.tasks.history import begun, history_size

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A small twin: a cube with a few surfels, and a capsule that pushes it."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Draws of a twin: their file, and the spread of predictions that follows from them."""
 
 import dataclasses

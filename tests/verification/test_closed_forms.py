@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The step against closed forms. The tolerance of each is the integrator's order, worked out beside it."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """From Drake's plant through images to a twin that predicts another push: nobody here knows theta but the scorer."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Engines that push objects: MuJoCo, Bullet, and Drake's two contact models.
 
 Each is imported when it is asked for, as MuJoCo and Bullet may not be installed.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Bullet as an engine: PyBullet without a window, its own solver, margins as they are.
 
 An object is a compound of convex hulls, read from one OBJ file as `createCollisionShape` does it, each with Bullet's

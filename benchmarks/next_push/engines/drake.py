@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Drake as an engine: the project's own plants, with hydroelastic contact or that of points."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """MuJoCo as an engine, converged: small steps, stiff contacts, elliptic cones, and no slip left.
 
 The pusher is a body of a tonne on one slide joint along the push, whose place and speed are set before every step: it

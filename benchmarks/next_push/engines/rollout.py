@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Truth that all engines take, the scene that they make of it, and the recording that they give."""
 
 from abc import ABC, abstractmethod

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Checks of one episode: its camera, its tables, and in its images the object, its place, motion and sharpness."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The problems of a capture, noted one after the other."""
 
 from dataclasses import dataclass

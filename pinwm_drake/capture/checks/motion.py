@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Checks of the pusher's log: agreement of its columns, and the way to the object."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Checks of single images: intrinsics, sharpness, and agreement of the mesh's outline with the mask."""
 
 from dataclasses import dataclass

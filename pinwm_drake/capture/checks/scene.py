@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Checks of `capture.yaml` and of the meshes that it names."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Checks of the static views: each by itself, and how they surround the object."""
 
 from collections.abc import Callable

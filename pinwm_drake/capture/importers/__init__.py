@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Captures made from the formats of others, one format a module."""

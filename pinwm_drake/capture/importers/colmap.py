@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Import of COLMAP's sparse models, text or binary, with their images.
 
 COLMAP gives the world in the camera's axes (x right, y down, z forward), X_CS; it becomes X_SC here. Its pixel

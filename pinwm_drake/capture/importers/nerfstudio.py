@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Import of nerfstudio's `transforms.json` (and NeRF's, which says an angle and leaves the suffix out)."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Import of the data of PIN-WM's authors: pushes in Bullet, with masked images and static views.
 
     dynamic_train0.json     ee_init_position, ee_goal_position: (x, y) or (x, y, z) of the pusher [m]

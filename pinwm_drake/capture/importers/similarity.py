@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Similarity from the world in which images were posed to that of the capture (metres, z up)."""
 
 from dataclasses import dataclass

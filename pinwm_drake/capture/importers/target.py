@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The capture that an importer writes: its scene, its static views, and files copied into it."""
 
 import shutil

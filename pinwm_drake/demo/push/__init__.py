@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """One push of the T-block, differentiated through every contact."""

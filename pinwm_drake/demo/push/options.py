@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Requests of the demonstrations: what `pinwm demo` and `pinwm demo push` do."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Output of `pinwm demo push`: progress, trajectory.csv, push.png, push.mp4 and a table."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The demonstration push: a T-block, a floor, a pusher on a straight line, and derivatives of the outcome."""
 
 from collections.abc import Callable

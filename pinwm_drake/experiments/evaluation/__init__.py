@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Evaluation of policies in an engine: episodes, stored results, tables."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contestants of an evaluation by name: a trained policy, a bundle, the model-predictive controller, or chance."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Coverage of the goal: how much of the goal's outline the object covers, seen from above."""
 
 import cv2

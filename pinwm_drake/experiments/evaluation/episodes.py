@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Runs the episodes of an evaluation, in this process or shared among several."""
 
 import math

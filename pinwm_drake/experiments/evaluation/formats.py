@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Registry of policy formats of other methods: entry points in the group "pinwm_drake.policies".
 
 The name of an entry point is the file that tells such a policy's folder from others; it loads a `PolicyFormat`.

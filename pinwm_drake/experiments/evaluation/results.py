@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Results of an evaluation: evaluation.json, episodes.csv, and the contents of the report."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The evaluation of a policy: episodes that are kept as they end, and the files that tell of them."""
 
 from collections.abc import Callable

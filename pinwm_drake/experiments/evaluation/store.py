@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The episodes of an evaluation on disk: a file for each that is done, so that a run that was ended can go on."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Faults that a rehearsal brings about: what they do to the messages between a controller and a robot.
 
 A fault of a channel is a function from a message (bytes) to the messages that are passed on in its place, each with a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Processes of a rehearsal beside the controller's: the simulated arm, and a relay between the two that brings faults.
 
 Arm and relay speak on channels of their own; controller and relay on those of the scenario.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Report of a rehearsal: one page that loads nothing from anywhere."""
 
 from dataclasses import asdict

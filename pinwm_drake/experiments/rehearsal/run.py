@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Rehearsal of a bundle with a simulated arm over LCM, in real time: episodes of normal work, and faults."""
 
 import functools

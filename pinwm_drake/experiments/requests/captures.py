@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Requests of the commands of `pinwm capture` that read, import and refine captures."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Requests of commands that run a policy's bundle: export, control, arm and rehearse."""
 
 from pathlib import Path

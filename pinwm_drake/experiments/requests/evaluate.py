@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The request of an evaluation: what `pinwm evaluate` does."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Requests of commands that make a twin of a capture: align and identify."""
 
 import dataclasses

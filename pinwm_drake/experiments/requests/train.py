@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The request of a training: what `pinwm train` does."""
 
 import math

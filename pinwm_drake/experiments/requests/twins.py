@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Requests of commands that read a twin: predict, next-push, cousins, model, report and view."""
 
 import math

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Pairwise narrow phase: features of contact between convex pieces."""

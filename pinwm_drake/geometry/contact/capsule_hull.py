@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A capsule against a convex hull (numba).
 
 A segment has few features, so all candidates are tried instead of iterating. The largest separation over the

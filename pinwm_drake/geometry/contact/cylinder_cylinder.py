@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Two cylinders against each other (numba).
 
 The method of `cylinder_hull`: a search names the features, and the pair of features with the largest separation along

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Capsules and hulls against a cylinder (numba).
 
 A search by `epa` or `gjk` gives the normal of a curved body only to the square root of its tolerance. It names the

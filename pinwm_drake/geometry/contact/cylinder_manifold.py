@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contact manifolds of a cylinder: with faces of hulls, with segments, and with another cylinder (numba).
 
 All functions append pairs with a gap from `least` up to the margin [m], and return the rows used and the smallest gap

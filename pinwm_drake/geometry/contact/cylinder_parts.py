@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Parts of a cylinder: caps, rims and the points fixed on them (numba)."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Signed distance and normal of two pieces by growing a polytope in their Minkowski difference (numba).
 
 Source: G. van den Bergen, "Proximity queries and penetration depth computation on 3D game objects", GDC 2001.

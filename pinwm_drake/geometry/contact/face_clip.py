@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Clipping of points and segments to the area over a face of a hull (numba)."""
 
 import math

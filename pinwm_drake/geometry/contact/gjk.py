@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Distance of two disjoint pieces (numba).
 
 Source: E. G. Gilbert, D. W. Johnson, S. S. Keerthi, "A fast procedure for computing the distance between

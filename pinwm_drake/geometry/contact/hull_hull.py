@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Two convex hulls against each other (numba).
 
 The axis of largest separation is found first; it is a lower bound of the signed distance, and the signed

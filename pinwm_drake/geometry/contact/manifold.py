@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contact manifold of two convex hulls near a given normal (numba).
 
 Candidates are the corners of the overlap of two nearly parallel faces, or of a face with a vertex or edge on

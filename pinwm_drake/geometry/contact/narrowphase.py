@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The narrow phase: feature pairs of all pieces of two bodies, or of a body and the floor (numba).
 
 It only selects features; `features` computes gap, normal and points from them in closed form.

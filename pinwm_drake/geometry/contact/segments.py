@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Spheres and capsules against each other: points and segments with a rounding radius (numba)."""
 
 import math

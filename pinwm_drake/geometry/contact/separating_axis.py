@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The axis of largest separation of two convex hulls, by trying all face normals and edge pairs (numba).
 
 Exact through touching into penetration, where iterative methods lose their direction; the cost is the product

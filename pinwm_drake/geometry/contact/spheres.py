@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A sphere against a convex hull, and against a cylinder (numba).
 
 Of a hull, the face with the largest plane distance is the nearest one wherever the centre lies over it, and gives the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Support points: the farthest point of a piece, or of a difference of pieces, along a direction (numba)."""
 
 import math

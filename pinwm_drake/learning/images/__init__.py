@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Images as policies learn from them: changed at random, kept, and cut out."""

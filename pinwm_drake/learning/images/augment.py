@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Random changes of images that leave what they show as it is, so that a network does not count on exact pixels."""
 
 import torch

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Worlds in which a policy acts on what a network sees in their images: an estimate of the state.
 
 The estimate is learned by regression on the true state, which the worlds know; rewards do not reach it. A policy of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Data that a student learns from: single images, in the order in which worlds gave them, and stacks of them."""
 
 from dataclasses import dataclass

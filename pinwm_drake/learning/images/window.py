@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The window of an image that a policy looks at: as large as its object needs, around what is not background."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Recording of episodes, one of each world, with all that was seen and done; on disk a file each."""
 
 from collections.abc import Callable, Mapping

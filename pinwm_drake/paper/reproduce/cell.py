@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cells of an experiment: each is made once, in a folder of its own, and is not made again."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Figures of the tables, from the results of their cells; what is missing is named in them."""
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Figures of the paper's tables, to stand beside ours.
 
 Source: Li et al., "PIN-WM: Learning physics-informed world models for non-prehensile manipulation" (RSS 2025; arXiv

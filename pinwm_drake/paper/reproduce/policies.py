@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cells of policies, of the episodes that some of them learn from, and of their evaluations in a plant."""
 
 import json

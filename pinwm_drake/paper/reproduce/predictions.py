@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cells of predictions against the plant: those of twins, and those that Dreamer V2 imagines."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Requests of a reproduction: what `pinwm reproduce` does. Light, as the command line reads it."""
 
 import dataclasses

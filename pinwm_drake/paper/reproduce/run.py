@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The reproduction of tables: its plan, its cells, and its report, from the folders of its cells alone."""
 
 import traceback

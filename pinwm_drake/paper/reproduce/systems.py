@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The paper's tasks as scenes, and the systems that the tables compare, each by what its policy is trained in."""
 
 from collections.abc import Callable, Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The paper's tables, as cells that are needed and rows that are read from them."""
 
 from collections.abc import Callable, Mapping, Sequence

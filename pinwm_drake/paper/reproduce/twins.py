@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cells of captures and of twins."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The adjoint of one step of one world (numba).
 
 A step is rebuilt from its saved start, its velocities and the modes of its contacts, then differentiated implicitly at

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Arrays that describe a model to the kernels, constant in a rollout."""
 
 from typing import NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The law of a contact, and the linear system of a step with all contacts eliminated (numba).
 
 One world, n = 6 num_bodies + num_joint_rows unknowns x = [xi'; lambda_e]. With J the 3 x 6 Jacobians of a contact in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Descent to the solution of a step whose friction has bounds that are given (numba).
 
 With |lambda_t| <= radius in place of mu lambda_n, a step is the minimum of a strictly convex function of x,

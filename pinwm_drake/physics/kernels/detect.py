@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Finds a step's contacts and turns them into rows of its equations (numba)."""
 
 from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_floor

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Rotations, the gyroscopic step and the right-hand side of the momentum balance (numba)."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contacts that are none: what passes beside a body within a step (numba).
 
 A contact holds a gap along the normal of the step's start, as if the feature it belongs to had no end. What

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Joint rows: Jacobians, biases and position errors, and their adjoint (numba).
 
 A joint is a set of rows, each along a direction d fixed in body B: a linear row keeps d . (c_A - c_B) at zero for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Newton's method for a step with its contacts, on their modes and directions of sliding (numba).
 
 In fixed modes, and with fixed directions of sliding, a step is one linear system; its solution tells which modes were

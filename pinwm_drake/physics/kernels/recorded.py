@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contacts of recorded states: the narrow phase, one step laid open, and the impulses of all steps (numba)."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Restitution that gains no energy (numba).
 
 Newton's law gives every contact its speed after a bounce, whatever friction does meanwhile; with friction, or with

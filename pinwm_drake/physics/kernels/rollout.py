@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Rollouts of many worlds, forward and backward (numba)."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """LU factors and solves of the small dense systems of a step (numba)."""
 
 from pinwm_drake.jit import kernel, small_kernel

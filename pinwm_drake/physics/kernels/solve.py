@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Solves one step with its contacts: Newton's method, and where that fails a descent that cannot (numba).
 
 The first guess is the law of the contacts at the velocities before the step. What a contact bears is in these, by its

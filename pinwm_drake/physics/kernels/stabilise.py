@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Removes penetration and joint drift by moving positions only, so that no velocity and no energy is added (numba).
 
 The correction delta = [rotation; translation] of all bodies minimises

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One forward step of one world: x' = g(x, a, theta) (numba).
 
 A step's rows are those of the features at its start, moved along straight lines. Where a body turns fast, other

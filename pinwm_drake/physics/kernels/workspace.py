@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The work arrays of one world, made once per rollout so that a step allocates nothing (numba)."""
 
 from typing import NamedTuple

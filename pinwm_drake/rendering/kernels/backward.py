@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Entry points of the backward pass (numba); each works on a range without Python's lock."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Lists of the surfels that touch each tile, front to back (numba).
 
 Indices are unsigned where they come out of arrays: signed ones would first be tried for counting from the end.

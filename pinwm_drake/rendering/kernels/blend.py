@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Blends the surfels of each tile front to back (numba).
 
 A tile's 8 x 8 pixels live in one small flat array, a channel after the other, so that the loop over the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Adjoint of `blend.py` (numba): from gradients of pixels to gradients of projected surfels.
 
 It goes front to back once more. With w_i = T_i alpha_i the weights, f_i a surfel's features on a pixel and g the

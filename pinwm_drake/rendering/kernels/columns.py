@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Columns of the table of projected surfels, which projection writes and blending reads; numbers of both, float32."""
 
 import numpy as np

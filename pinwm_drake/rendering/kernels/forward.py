@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Entry points of the forward pass (numba); each works on a range of views or tile rows without Python's lock."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Spherical harmonics of one direction, and the derivative of their sum (numba)."""
 
 import numpy as np

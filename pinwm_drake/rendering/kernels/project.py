@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Surfels to the image plane (numba): plane, colour, opacity and the box of pixels that each can reach.
 
 Surfels are worked on in blocks, whose numbers lie in small flat arrays, a channel after the other, so that the loop

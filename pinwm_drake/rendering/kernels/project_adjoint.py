@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Adjoint of `project.py` (numba): from gradients of projected surfels to surfels, harmonics and pose."""
 
 import math

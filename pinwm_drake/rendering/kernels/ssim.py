@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The window of SSIM over small images, and its adjoint (numba).
 
 Images are (H, W C) float32, the C channels of a pixel side by side, so that every loop runs over neighbours in memory.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Stacks of the last images that each world has seen (numba)."""
 
 from pinwm_drake.jit import entry_point

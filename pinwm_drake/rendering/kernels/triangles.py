@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Triangles of meshes in images: the pixels that they cover, and their depths there (numba)."""
 
 import numpy as np

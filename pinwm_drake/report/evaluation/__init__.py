@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Report of an evaluation: figures, films of episodes, the page."""

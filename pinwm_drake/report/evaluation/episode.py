@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Record of an evaluation's episode, with all that is needed to show it."""
 
 from dataclasses import dataclass, field

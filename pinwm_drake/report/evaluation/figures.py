@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Figures of an evaluation: success over the actions, lengths of episodes, and their starts."""
 
 from collections.abc import Sequence

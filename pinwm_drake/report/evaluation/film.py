@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pictures of an evaluation's episodes: one episode after some actions, and many side by side as a film."""
 
 from collections.abc import Callable, Iterator, Sequence

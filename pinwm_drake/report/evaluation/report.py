@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The report of an evaluation: one page that loads nothing from anywhere."""
 
 import math

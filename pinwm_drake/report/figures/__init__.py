@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Figures of single subjects, with matplotlib."""

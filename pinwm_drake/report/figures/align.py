@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Figure of a fit of surfels: its history, and the held-out views with their renderings."""
 
 from collections.abc import Sequence

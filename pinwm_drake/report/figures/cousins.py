@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contact sheet of cousins: a picture and the parameters of each."""
 
 import math

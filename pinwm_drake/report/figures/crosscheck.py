@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Figure of a cross-check: differences of the engines after each push, and the paths of the worst one."""
 
 from collections.abc import Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Figures of an identification's history."""
 
 import math

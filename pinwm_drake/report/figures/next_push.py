@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Picture of the push that would tell most, from above."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Figures of the object's motion: over time, from above, and its error against the truth."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Figure of a training: success and length of episodes over the time it took."""
 
 import csv

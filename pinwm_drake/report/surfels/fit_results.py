@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The files of a fit: surfels.ply, align.json, align.png, view.html and turntable.mp4."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Surfels in meshcat: a small web server of this process, and the scene that it hands to every browser.
 
 The server of the `meshcat` package, as it comes, listens for browsers on every interface of the machine whatever its

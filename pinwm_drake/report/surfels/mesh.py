@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Triangle mesh of surfels, for viewers that draw meshes."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Web page that shows surfels: one file, nothing loaded from anywhere, turned with the mouse."""
 
 import base64

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pictures of an object of surfels that turns once."""
 
 import math

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Report of a twin: tables, frames beside the camera, the page."""

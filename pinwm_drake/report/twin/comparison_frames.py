@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pictures of an episode: its images beside renderings of the surfels at given poses, and their difference."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contents of a twin's report, read from the twin's folder and from its capture."""
 
 from collections.abc import Callable

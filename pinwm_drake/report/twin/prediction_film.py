@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The film of a prediction: camera, twin and difference side by side."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The report of a twin: one page that loads nothing from anywhere."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Errors of poses against recorded ones: a score, never part of a fit."""
 
 from dataclasses import dataclass

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Recipes of the tasks that ship."""

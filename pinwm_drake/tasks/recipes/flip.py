@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Recipe of the flip task: PPO from waypoints, a planner that samples, captures and cross-checks of pokes."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Recipe of the push task: SAC, a planner of planar pushes, captures and cross-checks of level pushes."""
 
 import math

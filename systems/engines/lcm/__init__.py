@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """A robot behind LCM messages as an engine."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Robot as an engine: commands out, images and the pusher's state in, all over LCM."""
 
 from dataclasses import dataclass

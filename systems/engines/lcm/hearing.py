@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Hearing of a robot: its states, its images, their times on the hearer's clock, and what is wrong; without Drake."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Connection of a station and a robot's driver over LCM, at the address that an `LcmLink` has."""
 
 from pydrake.lcm import DrakeLcm

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Reception of LCM messages that may hold anything: what cannot be decoded is no exception in a simulator."""
 
 from typing import Any

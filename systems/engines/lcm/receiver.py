@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Receiver of a robot's states and images, as a station's ports show them."""
 
 import io

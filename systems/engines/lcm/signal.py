@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Vectors as LCM messages with a stamp: a robot's states, and the commands of a session."""
 
 import numpy as np

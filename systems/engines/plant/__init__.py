@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """MultibodyPlant with hydroelastic or point contact as an engine."""

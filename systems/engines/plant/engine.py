@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Plant as an engine: a MultibodyPlant with Drake's contact, a velocity-driven pusher, and an RgbdSensor."""
 
 import dataclasses

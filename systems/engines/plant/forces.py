@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contact forces of a plant, in the form that all engines have."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pushing scene as a MultibodyPlant: an object, a floor, and a pusher that follows the velocity that it is given.
 
 Bodies come in through Drake's Parser, from the texts of `systems/sdf/text.py` with the theta of a setup. Contact is

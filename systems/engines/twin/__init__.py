@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """The learned twin as an engine: contact step, surfels, cousins."""

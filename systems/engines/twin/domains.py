@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Domains as Contexts: theta and colours of cousins, or of other domains, in the worlds of a WorldModel."""
 
 from pydrake.systems.framework import Context

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Twin as an engine: the world model, and a plant of the same scene that lends its geometry to SceneGraph."""
 
 from pydrake.geometry import SceneGraph

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Physics of a twin as a function of plain arrays: the states of W objects and pushers one update later."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """World model W = R(g(x, a, theta), alpha) as a LeafSystem: the contact step, and surfels behind its images."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Camera of a lab: pictures of one lamp's light, blurred by motion, with masks that are not quite the object's."""
 
 from collections.abc import Iterator

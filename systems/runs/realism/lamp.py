@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One lamp instead of light from all sides: shadows, highlights, and colours that change as an object turns."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Mistakes of pictures: masks that are too small or too large and flicker, and motion that blurs."""
 
 from collections.abc import Iterable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Mistakes of a capture as a lab has them, of engines no concern: of its poses, cameras and clocks."""
 
 import math

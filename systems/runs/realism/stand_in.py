@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The stand-in for a robot: a scene that is not quite the one that policies are trained in and controllers plan in."""
 
 import dataclasses

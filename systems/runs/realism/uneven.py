@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Objects that are no uniform solids on flat faces: a lump within, and feet that stand out of the face below."""
 
 import dataclasses

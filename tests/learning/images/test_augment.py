@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import torch
 
 from pinwm_drake.learning.actors import ImageActor

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import numpy as np
 
 from benchmarks.point_mass import STEPS, PointMass, Wandering

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cells for the tests of clusters, which workers import."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import time
 from collections import Counter
 from pathlib import Path

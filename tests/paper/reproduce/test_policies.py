@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cells of policies and of what they learn from."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cells of predictions."""
 
 from pathlib import Path

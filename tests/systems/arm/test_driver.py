@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The simulated arm behind LCM: it follows commands, stops without them, and a controller pushes with it."""
 
 import dataclasses

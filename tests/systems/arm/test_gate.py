@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which commands move a robot, and what latches it."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The arm's model: its lengths and limits, and the angles that bring its tool somewhere."""
 
 import numpy as np

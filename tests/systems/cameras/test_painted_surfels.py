@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Surfels of a painted model against Drake's VTK picture of the same mesh."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A controller by itself: what it sees, its limits, and every fault."""
 
 import dataclasses

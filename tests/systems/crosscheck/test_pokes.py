@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import dataclasses
 import math
 from typing import get_args, get_type_hints

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The pusher of a station and the forces of contact, with every engine."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Every engine behind the station: the same ports, the same motion."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a station shows: its `rgb`, and its SceneGraph, with every engine."""
 
 import cv2

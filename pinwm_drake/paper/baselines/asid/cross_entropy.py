@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cross-entropy method: minimum of a function that has no gradient, in the unit cube.
 
 Source: Rubinstein, "The cross-entropy method for combinatorial and continuous optimization", 1999: Gaussians with a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Identification of a twin as ASID does it: theta whose simulated poses are nearest to the poses that were tracked.
 
 Source: Memmel et al., "ASID: Active Exploration for System Identification in Robotic Manipulation" (ICLR 2024), its

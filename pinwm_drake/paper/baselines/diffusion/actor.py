@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A trained diffusion policy: it draws a sequence of actions, carries some out, and draws again."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Demonstrations: episodes in which an expert succeeds, their files, and windows of them for sequences of actions."""
 
 from collections.abc import Mapping, Sequence

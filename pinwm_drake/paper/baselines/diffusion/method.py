@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The training of diffusion policy from demonstrations.
 
 Source: Chi et al., "Diffusion policy: visuomotor policy learning via action diffusion" (RSS 2023), the variant with

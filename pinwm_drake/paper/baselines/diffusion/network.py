@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Network of diffusion policy: encoder of images and temporal U-Net, their loss, and how they draw actions.
 
 Sources: Ho et al., "Denoising diffusion probabilistic models" (NeurIPS 2020); Nichol and Dhariwal, "Improved denoising

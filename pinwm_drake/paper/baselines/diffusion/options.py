@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Settings of diffusion policy, smaller than the official ones, so that two cores can train it."""
 
 from dataclasses import dataclass

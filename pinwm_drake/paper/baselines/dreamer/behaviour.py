@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Actor and critic, which learn in sequences that the world model imagines.
 
 Source: Hafner et al., "Mastering Atari with discrete world models" (ICLR 2021), equations 6 to 8; the actor follows the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Task-agnostic episodes: their collection by random pushes, and sequences of them that the world model learns from."""
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Dreamer V2 as a method: task-agnostic episodes, a world model of them, and a policy of its imagination."""
 
 import shutil

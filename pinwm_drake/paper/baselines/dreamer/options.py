@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Settings of Dreamer V2, with the values of the paper's own code where they are others here.
 
 "Official" are the defaults of `danijar/dreamerv2` (configs.yaml), with those for images of the DeepMind Control Suite.

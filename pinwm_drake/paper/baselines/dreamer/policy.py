@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Policy of Dreamer V2, which remembers what it saw; on disk a folder of YAML and npz."""
 
 from collections.abc import Mapping

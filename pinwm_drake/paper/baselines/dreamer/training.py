@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Training of the world model on recorded episodes, and then of actor and critic in its imagination.
 
 The paper's code does both in turn, as its data grow. Here all data are there from the beginning, so that the model is

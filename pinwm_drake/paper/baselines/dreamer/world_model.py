@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """World model of images, the pusher's position, rewards and ends of episodes, with recurrent categorical latents.
 
 Source: Hafner et al., "Mastering Atari with discrete world models" (ICLR 2021), equations 1 to 5; the cell as in the

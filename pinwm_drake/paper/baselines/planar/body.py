@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Planar model of an object: cells of the face that it rests on, and outlines at the height at which it is pushed."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Identification in the plane: cell by cell masses and frictions with which a simulated push ends as the given one.
 
 Source: Song and Boularias, "Learning to slide unknown objects with differentiable physics simulations" (RSS 2020): the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Steps of sliding objects (numba): each the minimum of a strictly convex function of the velocity at its end.
 
 That function is the kinetic energy of the change of velocity, the dissipation by friction of each cell, and a potential

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Rollout of a sliding object along a pusher's motion; differentiable by the implicit function of each step."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Demonstrations."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Network of diffusion policy."""
 
 import importlib.util

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Small networks and episodes for the tests of Dreamer V2."""
 
 import numpy as np

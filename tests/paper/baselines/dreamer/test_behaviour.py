@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Actor and critic."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Episodes that Dreamer learns from."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import csv
 from dataclasses import replace
 from functools import partial

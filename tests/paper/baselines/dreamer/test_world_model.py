@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """World model."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Meshes and planar models of simple objects."""
 
 from pathlib import Path

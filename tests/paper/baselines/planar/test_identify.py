@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Identification in the plane."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Rollouts in the plane."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Clocks of a robot and its hearer, and what is wrong between them."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Vectors as messages, and addresses."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The station with a robot behind it: the ports, and what goes over LCM."""
 
 import io

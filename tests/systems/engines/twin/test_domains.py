@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import dataclasses
 from functools import cache
 
