@@ -105,14 +105,16 @@ def request(cls: _Class) -> _Class:
 
     def __init__(self: Any, *args: Any, **values: Any) -> None:
         for name, value in values.items():
-            if isinstance(value, bool) and (field := made.__pydantic_fields__.get(name)) and not _takes_flags(field):
-                raise ParameterError(
-                    f"{option_name(name, shown_of(field))}: got {value}; allowed: {words(field.annotation, field)}"
-                )
+            field = made.__pydantic_fields__.get(name)
+            if isinstance(value, bool) and field is not None and not _takes_flags(field):
+                allowed = words(field.annotation, field)
+                raise ParameterError(f"{option_name(name, shown_of(field))}: got {value}; allowed: {allowed}")
         try:
             check(self, *args, **values)
         except ValidationError as error:
             raise ParameterError(_words(error, made)) from None
+        finally:
+            made.__init__ = __init__  # pydantic sets its own when it builds what it has deferred
 
     made.__init__ = __init__
     return made
