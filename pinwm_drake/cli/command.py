@@ -39,7 +39,11 @@ def add_command(
     def command(**values: Any) -> None:
         values.pop(_CONFIG)
         made = make_request(request, {key: value for key, value in values.items() if value is not None})
-        run(made)
+        try:
+            run(made)
+        except SystemExit:  # a verdict, or an interrupted run that can go on
+            write_config(made, name)
+            raise
         write_config(made, name)
 
     parameters = [_parameter(field) for field in fields]

@@ -16,7 +16,8 @@ from tests.capture.cube import SIDE, write_capture, write_mesh, write_views
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = ["--max-surfels", "120", "--sh-degree", "1"]
-RESULTS = ["align.json", "align.png", "checkpoint.npz", "surfels.ply", "turntable.mp4", "view.html"]
+CONFIG = "align.config.yaml"
+RESULTS = [CONFIG, "align.json", "align.png", "checkpoint.npz", "surfels.ply", "turntable.mp4", "view.html"]
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +37,7 @@ def test_align_writes_surfels_figures_video_and_page(pinwm, capture, tmp_path):
     code, output, errors = pinwm("align", str(capture), str(out), "--iterations", "60", *SMALL)
     assert (code, errors) == (0, "")
     assert sorted(path.name for path in out.iterdir()) == RESULTS
-    for name in set(RESULTS) - {"checkpoint.npz"}:
+    for name in set(RESULTS) - {"checkpoint.npz", CONFIG}:
         assert f"wrote {out / name}\n" in output
     assert re.search(r"held out +│ 2 ", output)
 
@@ -118,7 +119,7 @@ def test_an_interrupted_fit_goes_on_as_if_it_had_not_been(capture, whole, tmp_pa
     run = run_script(INTERRUPT.format(action=action), capture, tmp_path)
     assert run.returncode == code, run.stderr
     assert "Traceback" not in run.stderr
-    assert os.listdir(tmp_path) == ["checkpoint.npz"]
+    assert sorted(os.listdir(tmp_path)) == ([CONFIG] if code == 1 else []) + ["checkpoint.npz"]
     if code == 1:
         assert "interrupted after iteration 25; go on with --resume" in run.stdout
     run = run_script("main()", capture, tmp_path, "--resume")

@@ -85,7 +85,7 @@ def test_the_same_seed_makes_the_same_files(pinwm, made, tmp_path):
     assert (code, errors) == (0, "")
     assert f"wrote {tmp_path / 'again'}" in output
     assert files(tmp_path / "again") == files(made)
-    assert [path.name for path in tmp_path.iterdir()] == ["again"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "again.simulate.config.yaml"]
 
 
 def test_a_mug_can_lie(pinwm, tmp_path):

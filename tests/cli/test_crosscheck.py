@@ -41,7 +41,11 @@ def test_a_twin_that_agrees_passes(pinwm, scenario, tmp_path):
         assert 0.003 * 2.9 < float(row["energy_stop"]) < float(row["energy_peak"])
         assert row["failure"] == ""
     assert cv2.imread(str(tmp_path / "new/crosscheck.png")).shape[1] > 800
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["crosscheck.csv", "crosscheck.png"]
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
+        "crosscheck.config.yaml",
+        "crosscheck.csv",
+        "crosscheck.png",
+    ]
 
 
 def test_a_wrong_friction_fails_and_a_strict_threshold_too(pinwm, scenario, tmp_path):

@@ -34,7 +34,7 @@ def evaluated(scenario, tmp_path_factory) -> Path:
 
 
 def test_what_it_writes(evaluated):
-    names = ["episodes", "episodes.csv", "episodes.mp4", "evaluation.json", "report.html"]
+    names = ["episodes", "episodes.csv", "episodes.mp4", "evaluate.config.yaml", "evaluation.json", "report.html"]
     assert sorted(path.name for path in evaluated.iterdir()) == names
     table, found = rows(evaluated), document(evaluated)
     assert [row["seed"] for row in table] == ["5", "6", "7"]

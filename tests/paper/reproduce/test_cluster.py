@@ -8,7 +8,7 @@ import pytest
 
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.run import reproduce
-from pinwm_drake.paper.reproduce.tables import Table
+from pinwm_drake.paper.reproduce.tables import Line, Table
 from pinwm_drake.parallel import Executor
 from tests.paper.reproduce.gated import Gated
 
@@ -72,7 +72,9 @@ def runs(pid: int) -> bool:
 
 def run(root: Path, on_cell) -> None:
     """Makes the cells, as a command does, whose folder is named from where it stands."""
-    table = Table("gated", "Gated", ("name",), lambda request: [SUM], lambda request, results: [], "Gated.")
+    table = Table(
+        "gated", "Gated", ("name",), lambda request: [Line((), [SUM], ())], lambda cells, results: [], "Gated."
+    )
     reproduce([table], ReproduceRequest(), root, executor=Executor("ray", workers=2), on_cell=on_cell)
 
 

@@ -16,7 +16,7 @@ from pinwm_drake.paper.reproduce.policies import PolicyCell
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
 from pinwm_drake.paper.reproduce.run import CellError, plan, read_results, reproduce, seeds_of, tables_of, write_report
 from pinwm_drake.paper.reproduce.systems import SYSTEMS
-from pinwm_drake.paper.reproduce.tables import NONE, Table
+from pinwm_drake.paper.reproduce.tables import NONE, Line, Table
 from pinwm_drake.parallel import Executor
 
 OPTIONS = {"tasks": ("push",), "methods": ("pin-wm", "random-actions"), "episodes": 2, "quick": True}
@@ -219,7 +219,7 @@ class Toy:
 
 
 def toys(*cells):
-    return [Table("toys", "Toys", ("name",), lambda request: list(cells), lambda request, results: [], "Toys.")]
+    return [Table("toys", "Toys", ("name",), lambda request: [Line((), cells, ())], lambda cells, results: [], "Toys.")]
 
 
 FIRST = Toy("first", waits=True)
