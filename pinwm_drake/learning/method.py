@@ -21,7 +21,7 @@ class MethodData:
 
     Attributes:
         demonstrations: Folder of recorded episodes of an expert; None for none.
-            trajectories: Folder of recorded task-agnostic episodes, as `collect` of Dreamer writes them; None for none.
+        trajectories: Folder of recorded task-agnostic episodes, as `collect` of Dreamer writes them; None for none.
     """
 
     demonstrations: Path | None = None
