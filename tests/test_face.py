@@ -67,5 +67,5 @@ def test_the_import_is_light():
 
 
 def test_the_names_of_gymnasium_are_registered():
-    assert set(pw.ENV_IDS) == {"push", "flip"}
+    assert {"push", "flip"} <= set(pw.ENV_IDS)
     assert all(name in gymnasium.registry for name in pw.ENV_IDS.values())

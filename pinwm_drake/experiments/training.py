@@ -21,7 +21,7 @@ from pinwm_drake.learning.ppo import PpoOptions
 from pinwm_drake.learning.progress import Report, silent
 from pinwm_drake.learning.rounds import ANY, CHECKPOINT_FILE, HISTORY_FILE
 from pinwm_drake.learning.sac import SacOptions
-from pinwm_drake.learning.weights import devices, require_device
+from pinwm_drake.learning.weights import devices
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.report.figures.training import training_figure
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
@@ -84,8 +84,7 @@ def train(
 
 
 def check_new(request: TrainRequest) -> None:
-    """Raises InputError where the folder of a request that is not to go on holds a training; and checks its device."""
-    require_device("--device", request.device)
+    """Raises InputError where the folder of a request that is not to go on holds a training."""
     if not request.resume and any((request.out / stage / CHECKPOINT_FILE).exists() for stage in STAGES):
         raise InputError(request.out, value="a training that was begun", allowed="a new folder, or --resume to go on")
 

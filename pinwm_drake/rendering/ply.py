@@ -150,6 +150,8 @@ def _read_vertices(path: Path) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
 
 def _unreadable(path: Path, error: Exception) -> InputError:
     value = f"unreadable contents ({type(error).__name__}: {error})"
+    if "unexpected length" in str(error):
+        value = f"a truncated file, or one with more than its header says ({error})"
     return InputError(path, value=value, allowed="a PLY file of surfels")
 
 

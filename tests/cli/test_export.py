@@ -84,8 +84,8 @@ def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, policy, tmp_path
     write_policy(other, Policy(dataclasses.replace(policy.spec, horizon=0.2), policy.actor))
     for arguments, message in (
         ([str(folder), "--seed", "-1"], "--seed: got -1; allowed: 0 or more"),
-        ([str(folder), "--max-speed", "0"], "max_speed: got 0.0; allowed: a finite number, more than 0"),
-        ([str(folder), "--max-image-age", "inf"], "max_image_age: got inf; allowed: a finite number, more than 0"),
+        ([str(folder), "--max-speed", "0"], "--max-speed: got 0.0; allowed: more than 0 m/s"),
+        ([str(folder), "--max-image-age", "inf"], "--max-image-age: got inf; allowed: more than 0 s"),
         ([str(folder), "--box-high", "-1", "0", "1"], "box_low, box_high: got [-0.35, -0.35, "),
         ([str(state)], "policy: got one that observes state; allowed: rgb"),
         ([str(tmp_path)], f"{tmp_path / 'policy.yaml'}: got "),

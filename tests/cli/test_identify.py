@@ -99,9 +99,9 @@ def test_directions_are_accepted_with_a_warning(pinwm, capture, tmp_path, monkey
     monkeypatch.setattr(documents, "_warned", set())
     write_appearance(tmp_path)
     with pytest.warns(FutureWarning, match="pinwm identify: --directions has no effect"):
-        code, _, errors = pinwm("identify", str(capture), str(tmp_path), "--directions", "8", "--starts", "0")
+        code, _, errors = pinwm("identify", str(capture), str(tmp_path), "--directions", "8", "--episode", "0007")
     assert code == 1
-    assert "--starts: got 0" in errors
+    assert "no episode '0007'" in errors
 
 
 def test_a_capture_without_a_push_is_refused(pinwm, capture, tmp_path):

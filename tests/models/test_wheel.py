@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = ("pinwm_drake", "models", "systems", "pyproject.toml", "README.md", "LICENSE")
+SOURCES = ("pinwm_drake", "models", "systems", "pyproject.toml", "setup.py", "README.md", "LICENSE")
 
 
 def call(*command: str, cwd: Path, path: Path | None = None) -> str:

@@ -50,15 +50,17 @@ class ExportRequest:
         ),
     ] = None
     max_speed: Annotated[
-        float | None, option("Speed limit of the pusher.", group=LAB, unit="m/s", default="as in training")
+        float | None, option("Speed limit of the pusher.", group=LAB, gt=0, unit="m/s", default="as in training")
     ] = None
     max_acceleration: Annotated[
         float | None,
-        option("Acceleration limit of the pusher.", group=LAB, unit="m/s^2", default="a turn-around within an action"),
+        option(
+            "Acceleration limit of the pusher.", group=LAB, gt=0, unit="m/s^2", default="a turn-around within an action"
+        ),
     ] = None
     max_image_age: Annotated[
         float | None,
-        option("Age of an image beyond which the robot stops.", group=LAB, unit="s", default="two actions"),
+        option("Age of an image beyond which the robot stops.", group=LAB, gt=0, unit="s", default="two actions"),
     ] = None
     box_low: Annotated[
         _Corner,

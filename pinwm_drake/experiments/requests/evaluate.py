@@ -39,7 +39,9 @@ class EvaluateRequest:
     ] = None
     engine: Annotated[Literal["twin", "hydroelastic", "point"], option("Physics engine.", group=DATA)] = "hydroelastic"
     episodes: Annotated[int, option("Number of episodes.", group=BUDGET, ge=1)] = 100
-    seed: Annotated[int, option("Seed of the first episode; the others follow it.", group=ADVANCED, ge=0)] = 0
+    seed: Annotated[
+        int, option("Seed of the first episode; the others follow it.", group=ADVANCED, ge=0, le=_LARGEST - 1)
+    ] = 0
     tolerance: Annotated[
         float | None, option("Largest distance from the goal in a success.", unit="m", default="the policy's")
     ] = None

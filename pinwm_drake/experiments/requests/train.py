@@ -98,6 +98,11 @@ class TrainRequest:
         """Checks options that depend on each other."""
         from pinwm_drake.tasks.registry import task_names
 
+        if self.device != "cpu":
+            from pinwm_drake.learning.weights import require_device
+
+            require_device("--device", self.device)
+
         draws = task_names("goal_range")
         drawn = self.goals == "fixed" or self.task in (None, *draws)
         require("--goals", f"{self.goals} with task {self.task}", drawn, f"fixed, or random with {', '.join(draws)}")

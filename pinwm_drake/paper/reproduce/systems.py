@@ -94,7 +94,7 @@ class SceneCell(Cell):
 
     @property
     def scene(self) -> TaskScene:
-        """The scene."""
+        """Scene of the task."""
         return task_scene(self.task)
 
     @property

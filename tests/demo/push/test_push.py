@@ -44,7 +44,7 @@ def test_push_writes_table_figure_and_video(pinwm, tmp_path):
     code, output, errors = pinwm("demo", "push", "--out", str(out), "--seconds", "0.5", "--speed", "0.2")
     assert (code, errors) == (0, "")
     assert "d yaw / d friction on the floor" in output
-    assert sorted(path.name for path in out.iterdir()) == ["push.mp4", "push.png", "trajectory.csv"]
+    assert sorted(path.name for path in out.iterdir()) == ["push.config.yaml", "push.mp4", "push.png", "trajectory.csv"]
 
     with (out / "trajectory.csv").open() as file:
         rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
