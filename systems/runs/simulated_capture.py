@@ -59,7 +59,7 @@ _BOUNCING_STEPS = 2  # times more of them where an impact of some 3 ms is to kee
 
 
 class _Plan:
-    """What follows from the options of a capture.
+    """Plan of a capture, which follows from its options.
 
     Attributes:
         options: The options.
