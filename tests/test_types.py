@@ -8,6 +8,12 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Folder of the user's code, and of a cache that all runs share."""
+    return tmp_path_factory.mktemp("mypy")
+
+
 def mypy(code: str, folder: Path) -> str:
     """What mypy, set as for the package, says of a user's code."""
     (folder / "user.py").write_text(code)
@@ -23,6 +29,6 @@ def mypy(code: str, folder: Path) -> str:
         ("models import model_names", "model_names().sort()", "model_names().values()", "attr-defined"),
     ],
 )
-def test_a_wrong_call_across_the_border_of_a_top_level_folder_fails_mypy(tmp_path, module, good, wrong, said):
-    assert "Success" in mypy(f"from pinwm_drake.{module}\n{good}", tmp_path)
-    assert f"[{said}]" in mypy(f"from pinwm_drake.{module}\n{wrong}", tmp_path)
+def test_a_wrong_call_across_the_border_of_a_top_level_folder_fails_mypy(folder, module, good, wrong, said):
+    assert "Success" in mypy(f"from pinwm_drake.{module}\n{good}", folder)
+    assert f"[{said}]" in mypy(f"from pinwm_drake.{module}\n{wrong}", folder)
