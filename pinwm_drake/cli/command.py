@@ -47,7 +47,7 @@ def add_command(
         write_config(made, name)
 
     parameters = [_parameter(field) for field in fields]
-    parameters.append(_config_parameter(fields))
+    parameters.append(_config_parameter(fields, name))
     # An argument without a default comes first in a signature.
     parameters.sort(key=lambda one: one.default is not inspect.Parameter.empty)
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -122,12 +122,12 @@ def _plain(default: Any) -> Any:
     return None if default == () else default
 
 
-def _config_parameter(fields: list[RequestField]) -> inspect.Parameter:
+def _config_parameter(fields: list[RequestField], command: str) -> inspect.Parameter:
     """The option `--config`: values from a YAML file stand in for defaults."""
 
     def read(context: typer.Context, path: Path | None) -> Path | None:
         if path is not None:
-            context.default_map = {**(context.default_map or {}), **read_config(path, fields)}
+            context.default_map = {**(context.default_map or {}), **read_config(path, fields, command)}
         return path
 
     about = typer.Option(
@@ -143,15 +143,16 @@ def _config_parameter(fields: list[RequestField]) -> inspect.Parameter:
     return inspect.Parameter(_CONFIG, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
 
 
-def read_config(path: Path, fields: list[RequestField]) -> dict[str, Any]:
+def read_config(path: Path, fields: list[RequestField], command: str) -> dict[str, Any]:
     """Values of a configuration file by field.
 
     Args:
         path: YAML file: a mapping from names of options, with dashes or underscores, to values.
         fields: Fields of the command's request.
+        command: Name of the command.
 
     Raises:
-        InputError: The file cannot be read, or names an option that the command does not have.
+        InputError: The file cannot be read, is of another command, or names an option that the command does not have.
     """
     from pinwm_drake.documents import read_yaml
 
@@ -160,6 +161,8 @@ def read_config(path: Path, fields: list[RequestField]) -> dict[str, Any]:
     names = {option_name(field.name, field.shown).lstrip("-").replace("-", "_").lower(): field.name for field in fields}
     if not isinstance(document.value, dict):
         raise document.refusal("a mapping with names of options")
+    if document.value.get("command", command) != command:
+        raise document["command"].refusal(command)
     values: dict[str, Any] = {}
     for key in document.value:
         if key in ("command", "version"):

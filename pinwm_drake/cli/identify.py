@@ -27,6 +27,7 @@ def identify(request: IdentifyRequest) -> None:
     from pinwm_drake.documents import ROUND_CONE, warn_without_effect
     from pinwm_drake.experiments.twins import has_surfels, identify, read_pushes
     from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
+    from pinwm_drake.rendering.fitting import CHECKPOINT_FILE as FIT_CHECKPOINT
     from pinwm_drake.report.twin.score import pose_errors
 
     if request.directions is not None:
@@ -48,7 +49,8 @@ def identify(request: IdentifyRequest) -> None:
                 progress=progress,
             )
     except KeyboardInterrupt:
-        say("interrupted" + ("; go on with --resume" if twin.is_dir() and any(twin.glob("*checkpoint*")) else ""))
+        kept = (twin / (CHECKPOINT_FILE if has_surfels(twin) else FIT_CHECKPOINT)).exists()
+        say("interrupted" + ("; go on with --resume" if kept else ""))
         raise SystemExit(1) from None
     Console().print(_summary(result))
     if force := result.twin.provenance.get("force"):

@@ -21,7 +21,7 @@ def reproduce(request: ReproduceRun) -> None:
     from pinwm_drake.parallel import Executor
 
     out, work, reports = request.out, request.resolved(), REPORT in request.tables
-    if reports and work.seeds == 1:
+    if reports and request.seeds is None:
         work = replace(work, seeds=seeds_of(out))
     tables = tables_of([name for name in request.tables if name != REPORT] or ["all"])
     file = request.report or out / "report.md"

@@ -100,6 +100,7 @@ def test_a_configuration_stands_in_for_defaults(run, orders, tmp_path):
         ("worlds: 0", "got worlds = 0; allowed: 1 to 64"),
         ("engine: bullet", 'got engine = "bullet"; allowed: twin, point'),
         ("speed: 1", "got an unknown option 'speed'; allowed: twin, out, worlds"),
+        ("command: train", 'got command = "train"; allowed: order'),
         ("- 1", "allowed: a mapping with names of options"),
         ("worlds: [", "row 1: got"),
     ],

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from pinwm_drake.paper.reproduce.request import ReproduceRun
+
 OPTIONS = ["--task", "push", "--methods", "random-actions", "--episodes", "1", "--quick", "--workers", "1"]
 
 
@@ -58,3 +60,8 @@ def test_options_that_make_no_sense_are_refused(pinwm, tmp_path, arguments, word
     assert code == 1
     assert words in errors
     assert list(tmp_path.iterdir()) == []
+
+
+def test_seeds_that_are_named_are_kept():
+    assert ReproduceRun(("policies",)).resolved().seeds == 1
+    assert [ReproduceRun(("report",), seeds=seeds).resolved().seeds for seeds in (1, 3)] == [1, 3]

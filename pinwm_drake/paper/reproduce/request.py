@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
+from pydantic import Field
+
 from pinwm_drake.errors import require
 from pinwm_drake.request import ADVANCED, BUDGET, DATA, FLATTEN, argument, option, request
 
@@ -26,7 +28,7 @@ class ReproduceRequest:
         option("Task, such as push, flip or push-cube; repeat it.", "--task", default="push and flip"),
     ] = ("push", "flip")
     methods: tuple[str, ...] | None = None
-    seeds: Annotated[int, option("Number of seeds, each with a capture of its own.", group=BUDGET, ge=1)] = 1
+    seeds: Annotated[int, Field(ge=1)] = 1
     episodes: Annotated[int, option("Episodes of each evaluation.", group=BUDGET, ge=1)] = 100
     draws: Annotated[int, option("Actions of one-step errors.", group=BUDGET, ge=1)] = 200
     quick: Annotated[bool, option("Tiny budgets, one episode, three draws: shows that it works.", group=BUDGET)] = False
@@ -62,6 +64,15 @@ class ReproduceRun:
             "TABLE...",
         ),
     ]
+    seeds: Annotated[
+        int | None,
+        option(
+            "Number of seeds, each with a capture of its own.",
+            group=BUDGET,
+            ge=1,
+            default="1; for report all there are",
+        ),
+    ] = None
     work: Annotated[ReproduceRequest, FLATTEN] = dataclasses.field(default_factory=ReproduceRequest)
     systems: Annotated[
         str, option("Names of systems with commas between them, or all.", "--methods", default="all")
@@ -78,7 +89,7 @@ class ReproduceRun:
     def resolved(self) -> ReproduceRequest:
         """Request of the tables, with the systems and the budget."""
         names = tuple(name.strip() for name in self.systems.split(","))
-        chosen = dataclasses.replace(self.work, methods=None if "all" in names else names)
+        chosen = dataclasses.replace(self.work, methods=None if "all" in names else names, seeds=self.seeds or 1)
         if chosen.quick:
             chosen = dataclasses.replace(chosen, episodes=1, draws=min(chosen.draws, _QUICK_DRAWS))
         return chosen
