@@ -3,53 +3,21 @@
 
 Exit codes: 0 when all went well, 1 when an input was refused or a fault stopped a robot, 2 when the command line itself
 makes no sense; 130, 143 and 129 when Ctrl-C, SIGTERM or a closed terminal ended `control`.
-Only light modules are imported here, so that `pinwm --help` answers at once; each command imports its work.
+The module of a command is imported when the command is called or completed, so that `pinwm --help` answers at once.
 """
 
-from collections.abc import Callable
-from typing import Annotated
+import ast
+import importlib
+import pkgutil
+from typing import Annotated, Any, get_type_hints
 
 import typer
 from rich.console import Console
 from rich.markup import escape
+from typer.core import TyperCommand
 
 import pinwm_drake
-from pinwm_drake.cli.align import align
-from pinwm_drake.cli.arm import arm
-from pinwm_drake.cli.capture import capture_app
-from pinwm_drake.cli.command import add_command
-from pinwm_drake.cli.control import control
-from pinwm_drake.cli.cousins import cousins
-from pinwm_drake.cli.crosscheck import crosscheck
-from pinwm_drake.cli.demo import demo_app
-from pinwm_drake.cli.evaluate import evaluate
-from pinwm_drake.cli.export import export
-from pinwm_drake.cli.identify import identify
-from pinwm_drake.cli.model import model
-from pinwm_drake.cli.next_push import next_push
-from pinwm_drake.cli.predict import predict
-from pinwm_drake.cli.rehearse import rehearse
-from pinwm_drake.cli.report import report
-from pinwm_drake.cli.reproduce import reproduce
-from pinwm_drake.cli.simulate import simulate
-from pinwm_drake.cli.train import train
-from pinwm_drake.cli.view import view
 from pinwm_drake.errors import PinwmError
-from pinwm_drake.experiments.requests.control import ArmRequest, ControlRequest, ExportRequest, RehearseRun
-from pinwm_drake.experiments.requests.evaluate import EvaluateRun
-from pinwm_drake.experiments.requests.identify import AlignRequest, IdentifyRequest
-from pinwm_drake.experiments.requests.train import TrainRequest
-from pinwm_drake.experiments.requests.twins import (
-    CousinsRequest,
-    ModelRequest,
-    NextPushRequest,
-    PredictRequest,
-    ReportRequest,
-    ViewRequest,
-)
-from pinwm_drake.paper.reproduce.request import ReproduceRun
-from pinwm_drake.systems.crosscheck.options import CrossCheckRequest
-from pinwm_drake.systems.runs.session_options import SimulateRequest
 
 app = typer.Typer(
     name="pinwm",
@@ -60,29 +28,73 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.add_typer(demo_app)
-app.add_typer(capture_app)
-_COMMANDS: tuple[tuple[type, Callable[..., None], str], ...] = (
-    (AlignRequest, align, "pinwm align capture out/align; then: pinwm view out/align"),
-    (ArmRequest, arm, "pinwm arm; then, in another terminal: pinwm control out/bundle --engine lcm --arm"),
-    (ControlRequest, control, "pinwm control out/bundle --simulate-arm --arm --meshcat"),
-    (CousinsRequest, cousins, "pinwm cousins out/twin -o out/cousins --from-intervals"),
-    (CrossCheckRequest, crosscheck, "pinwm crosscheck out/twin --truth capture/ground_truth.yaml -o out/check"),
-    (EvaluateRun, evaluate, "pinwm evaluate out/policy --engine hydroelastic -o out/evaluation"),
-    (ExportRequest, export, "pinwm export runs/push/best out/bundle --max-speed 0.1"),
-    (IdentifyRequest, identify, "pinwm identify capture out/twin; then: pinwm report out/twin"),
-    (ModelRequest, model, "pinwm model out/twin out/model"),
-    (NextPushRequest, next_push, "pinwm next-push out/twin -o out/next --low -0.3 -0.3 --high 0.3 0.3"),
-    (PredictRequest, predict, "pinwm predict out/twin capture/episodes/0001 -o out/poses.csv"),
-    (RehearseRun, rehearse, "pinwm rehearse push_t --faults --moments 5 -o out/rehearsal"),
-    (ReportRequest, report, "pinwm report out/twin -o out/report.html"),
-    (ReproduceRun, reproduce, "pinwm reproduce policies --task push --methods pin-wm,random --plan"),
-    (SimulateRequest, simulate, "pinwm simulate push_t --engine hydroelastic --video out/push.mp4"),
-    (TrainRequest, train, "pinwm train out/twin -o out/policy; then: pinwm evaluate out/policy"),
-    (ViewRequest, view, "pinwm view out/align --html out/object.html --video out/object.mp4"),
-)
-for _request, _run, _example in _COMMANDS:
-    add_command(app, _request, _run, name=_run.__name__.replace("_", "-"), example=_example)
+_EXAMPLES = {  # those of groups stand with their commands
+    "demo": "",
+    "capture": "",
+    "align": "pinwm align capture out/align; then: pinwm view out/align",
+    "arm": "pinwm arm; then, in another terminal: pinwm control out/bundle --engine lcm --arm",
+    "control": "pinwm control out/bundle --simulate-arm --arm --meshcat",
+    "cousins": "pinwm cousins out/twin -o out/cousins --from-intervals",
+    "crosscheck": "pinwm crosscheck out/twin --truth capture/ground_truth.yaml -o out/check",
+    "evaluate": "pinwm evaluate out/policy --engine hydroelastic -o out/evaluation",
+    "export": "pinwm export runs/push/best out/bundle --max-speed 0.1",
+    "identify": "pinwm identify capture out/twin; then: pinwm report out/twin",
+    "model": "pinwm model out/twin out/model",
+    "next-push": "pinwm next-push out/twin -o out/next --low -0.3 -0.3 --high 0.3 0.3",
+    "predict": "pinwm predict out/twin capture/episodes/0001 -o out/poses.csv",
+    "rehearse": "pinwm rehearse push_t --faults --moments 5 -o out/rehearsal",
+    "report": "pinwm report out/twin -o out/report.html",
+    "reproduce": "pinwm reproduce policies --task push --methods pin-wm,random --plan",
+    "simulate": "pinwm simulate push_t --engine hydroelastic --video out/push.mp4",
+    "train": "pinwm train out/twin -o out/policy; then: pinwm evaluate out/policy",
+    "view": "pinwm view out/align --html out/object.html --video out/object.mp4",
+}
+_PACKAGE = "pinwm_drake.cli"
+
+
+class _LazyCommand(TyperCommand):
+    """Command in a list; the context that it makes is that of the command that its callback loads."""
+
+    def make_context(self, *args: Any, **keywords: Any) -> Any:
+        assert self.callback is not None
+        return self.callback().make_context(*args, **keywords)
+
+
+def _add_command(name: str, example: str) -> None:
+    """Adds a command, or a group of commands, of the module `pinwm_drake.cli.NAME`.
+
+    The module defines a function of this name, whose docstring is the help. A command's function takes a request; a
+    group's module defines `NAME_app` as well.
+    """
+    function = name.replace("-", "_")
+
+    def load() -> Any:
+        from pinwm_drake.cli.command import add_command
+
+        module = importlib.import_module(f"{_PACKAGE}.{function}")
+        group = getattr(module, f"{function}_app", None)
+        if group is None:
+            run = getattr(module, function)
+            request = next(iter(get_type_hints(run).values()))
+            group = typer.Typer(add_completion=False)
+            add_command(group, request, run, name=name, example=example)
+        return typer.main.get_command(group)
+
+    app.command(name, cls=_LazyCommand, help=_docstring(function))(load)
+
+
+def _docstring(function: str) -> str:
+    """Docstring of a command's function, read from the source of its module."""
+    source = pkgutil.get_data(_PACKAGE, f"{function}.py")
+    assert source is not None
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.FunctionDef) and node.name == function:
+            return ast.get_docstring(node) or ""
+    raise LookupError(f"{_PACKAGE}.{function} has no function {function}")
+
+
+for _name, _example in _EXAMPLES.items():
+    _add_command(_name, _example)
 
 
 def _print_version(wanted: bool) -> None:

@@ -119,7 +119,14 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
-capture_app = typer.Typer(name="capture", help="Check, import, refine and simulate captures.", no_args_is_help=True)
+capture_app = typer.Typer(name="capture", no_args_is_help=True, add_completion=False)
+
+
+@capture_app.callback()
+def capture() -> None:
+    """Check, import, refine and simulate captures."""
+
+
 add_command(capture_app, CheckRequest, check, name="check", example="pinwm capture check mycapture")
 add_command(capture_app, RefineRequest, refine, name="refine", example="pinwm capture refine mycapture refined")
 capture_app.add_typer(import_app)

@@ -12,7 +12,7 @@ from pinwm_drake.errors import ParameterError
 
 _OUT = Path("out/demo")
 
-demo_app = typer.Typer(name="demo", invoke_without_command=True)
+demo_app = typer.Typer(name="demo", invoke_without_command=True, add_completion=False)
 
 
 @demo_app.callback(epilog="Example: pinwm demo; then open out/demo/index.html")
