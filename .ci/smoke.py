@@ -10,7 +10,7 @@ from pinwm_drake.models import policy_path
 
 
 def main() -> None:
-    """Runs the parts one after the other; an exception ends it."""
+    """Run the parts one after the other; an exception ends it."""
     from pydrake.systems.analysis import Simulator
 
     station = pw.make_station("push_t", engine="twin")

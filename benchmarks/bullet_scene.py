@@ -19,7 +19,7 @@ STILL = {"restitution": 0.0, "linearDamping": 0.0, "angularDamping": 0.0, "rolli
 
 
 def bullet_world(time_step: float, **solver: float) -> tuple[BulletClient, int]:
-    """A physics server of its own with steps [s] and settings of the solver, and the floor in it, of friction 1."""
+    """Return a physics server of its own with steps [s], settings of the solver, and a floor of friction 1."""
     bullet = BulletClient(pybullet.DIRECT)
     bullet.setGravity(0, 0, -_GRAVITY)
     bullet.setPhysicsEngineParameter(fixedTimeStep=time_step, **solver)
@@ -31,7 +31,7 @@ def bullet_world(time_step: float, **solver: float) -> tuple[BulletClient, int]:
 def pusher(
     bullet: BulletClient, kind: str, radius: float, length: float, place: list[float], friction: float = 1.0
 ) -> int:
-    """A heavy body in a server: a sphere, or an upright capsule or cylinder of a straight length [m]."""
+    """Return a heavy body in a server: a sphere, or an upright capsule or cylinder of a straight length [m]."""
     tip = bullet.createCollisionShape(getattr(pybullet, f"GEOM_{kind.upper()}"), radius=radius, height=length)
     body: int = bullet.createMultiBody(_PUSHER_MASS, tip, basePosition=place)
     bullet.changeDynamics(body, -1, lateralFriction=friction, **STILL)
@@ -58,7 +58,7 @@ class BulletPush:
         self.pusher = pusher(self._bullet, kind, push.RADIUS, push.LENGTH, list(self._start))
 
     def reset(self) -> None:
-        """Resets to the start: the block at rest, the pusher touching it."""
+        """Reset to the start: the block at rest, the pusher touching it."""
         for body, place in ((self.block, (0.0, 0.0, push.BLOCK_HEIGHT)), (self.pusher, self._start)):
             self._bullet.resetBasePositionAndOrientation(body, place, [0.0, 0.0, 0.0, 1.0])
             self._bullet.resetBaseVelocity(body, [0.0] * 3, [0.0] * 3)
@@ -75,7 +75,7 @@ class BulletPush:
         return Case(lambda: _steps(bullet, body, [0.0] * 3), units=push.STEPS)
 
     def trace(self) -> dict:
-        """Rolls out once, untimed, and reports contacts and the block's final pose.
+        """Roll out once, untimed, and report contacts and the block's final pose.
 
         Returns:
             contacts: (steps,) number of contact points; pusher_steps: steps with the pusher in contact;

@@ -30,7 +30,7 @@ def stack(images: np.ndarray) -> np.ndarray:
 
 
 def background(image: np.ndarray, grey: int) -> np.ndarray:
-    """The stack with the white of its images in a grey."""
+    """Return the stack with the white of its images in a grey."""
     images = frames(image).copy()
     images[(images == 255).all(-1)] = grey
     return stack(images)
@@ -55,13 +55,13 @@ class Mistaken:
     change: Change
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        """Action of the bundle on the changed observation."""
+        """Return the action of the bundle on the changed observation."""
         image, pusher = self.change(observation["image"], observation["pusher"])
         return self.bundle.predict({"image": image, "pusher": pusher})
 
 
 def main() -> None:
-    """Prints the table."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--engine", default="twin")

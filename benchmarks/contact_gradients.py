@@ -154,7 +154,7 @@ def losses(trajectory: Trajectory, weights: Tensor) -> Tensor:
 
 
 def compare(scene: Scene, seed: int, counts: dict[str, collections.Counter], worst: list[dict]) -> None:
-    """Counts the derivatives of a batch that are right, wrong, kinks or none, by scene and number."""
+    """Count the derivatives of a batch that are right, wrong, kinks or none, by scene and number."""
     g = np.random.default_rng([seed, 2])
     variation = vary(scene, g)
     weights = torch.tensor(g.normal(size=(WORLDS, len(scene.model.bodies), 18)))
@@ -204,7 +204,7 @@ def compare(scene: Scene, seed: int, counts: dict[str, collections.Counter], wor
 
 
 def main() -> None:
-    """Runs the comparison."""
+    """Run the comparison."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--samples", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)

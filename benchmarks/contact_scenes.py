@@ -254,7 +254,7 @@ def judge(scene: Scene, counts: dict[str, collections.Counter]) -> list[str]:
 
 
 def main() -> None:
-    """Runs the scenes."""
+    """Run the scenes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=10_000)
     parser.add_argument("--first", type=int, default=0, help="number of the first batch")

@@ -110,12 +110,12 @@ class Ours:
             self.V[: pokes.stop[w], w, 3:] = torch.from_numpy(pokes.velocity[w])
 
     def forward(self) -> torch.Tensor:
-        """Rolls out; final positions (W, 3)."""
+        """Roll out; final positions (W, 3)."""
         every = len(self.V)
         return self.stepper.rollout(self.theta, self.state, self.V, record_every=every).p_WB[-1, :, 0]
 
     def forward_backward(self) -> None:
-        """Rolls out and pulls a gradient back to friction and the pusher's velocities."""
+        """Roll out and pull a gradient back to friction and the pusher's velocities."""
         friction, V = self.theta.friction.clone().requires_grad_(), self.V.clone().requires_grad_()
         theta = Parameters(self.theta.mass, self.theta.inertia, friction, self.theta.restitution)
         self.stepper.rollout(theta, self.state, V, record_every=len(V)).p_WB[-1].sum().backward()
@@ -132,7 +132,7 @@ class Theirs:
         self.ends = np.zeros((WORLDS, 3))
 
     def forward(self) -> None:
-        """Rolls all worlds out."""
+        """Roll all worlds out."""
         model, data, pokes = self.model, self.data, self.pokes
         for w in range(WORLDS):
             mujoco.mj_resetData(model, data)
@@ -146,7 +146,7 @@ class Theirs:
 
 
 def main() -> None:
-    """Times all objects."""
+    """Time all objects."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--rate", type=int, default=480, help="Hz")

@@ -35,7 +35,7 @@ _SEED = 3_000_000  # of the last evaluation
 
 
 def main() -> None:
-    """Runs the command."""
+    """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.dreamer", description=__doc__)
     parser.add_argument("--size", type=int, default=64, help="side of the images, px")
     parser.add_argument("--updates", type=int, default=1000, help="of the world model")

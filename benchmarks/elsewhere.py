@@ -82,7 +82,7 @@ class ElsewhereEnv(gymnasium.Env):
 
 
 def main() -> None:
-    """Prints the successes of each engine."""
+    """Print the successes of each engine."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("policy", help="a folder of a policy or bundle, or one that ships")
     parser.add_argument("--scene", help="that of the policy's task and object")
@@ -106,7 +106,7 @@ def main() -> None:
 
 
 def tell(engine: str, one: EpisodeResult) -> None:
-    """Prints an episode that failed."""
+    """Print an episode that failed."""
     if not one.success:
         print(f"{engine}, seed {one.seed}: {one.distance:.3f} m, {one.angle:.2f} rad at the end", flush=True)
 

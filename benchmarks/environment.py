@@ -42,7 +42,7 @@ class Player:
         self._seen = env.reset()
 
     def play(self, actions: int) -> None:
-        """Takes a number of actions in every world."""
+        """Take a number of actions in every world."""
         for _ in range(actions):
             state = self._seen["state"] if isinstance(self._seen, dict) else self._seen
             self._seen = self.env.step(self._act(state, self._random))[0]
@@ -91,7 +91,7 @@ def point(kind: str, plant_step: float | None) -> Player:
 
 
 def measure(given: argparse.Namespace) -> dict:
-    """Times all environments in turn."""
+    """Time all environments in turn."""
     players: dict[str, tuple[Player, int, int]] = {}
     for kind in KINDS:
         players[f"{kind} twin"] = ours(kind), ACTIONS, WORLDS

@@ -67,7 +67,7 @@ class Theirs:
         self.moved = 0.0
 
     def play(self, actions: int) -> None:
-        """Takes a number of actions in every world."""
+        """Take a number of actions in every world."""
         positions = slice(1, 1 + self.model.nq)  # after the time
         for _ in range(actions):
             if self._action % EPISODE == 0:
@@ -86,7 +86,7 @@ class Theirs:
 
 
 def measure(given: argparse.Namespace) -> dict:
-    """Times all players in turn."""
+    """Time all players in turn."""
     worlds = TrainingWorlds(SCENE, training_options(), num_worlds=WORLDS)
 
     def act(state: np.ndarray, random: np.random.Generator) -> np.ndarray:

@@ -41,7 +41,7 @@ _TWINS = {
 
 
 def scene(name: str, friction: float, physics: Physics | None = None) -> Setup:
-    """Setup of an object of 1 kg with the same friction on floor and pusher, at any yaw."""
+    """Return the setup of an object of 1 kg with the same friction on floor and pusher, at any yaw."""
     start, theta = Start(yaw=[-math.pi, math.pi]), Theta(1.0, friction, friction, 0.0)
     return unlimited(make_setup(Scenario(object=name, theta=theta, start=start, physics=physics or Physics())))
 

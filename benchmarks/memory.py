@@ -20,7 +20,7 @@ _STATUS = Path("/proc/self/status")
 
 
 def status(key: str) -> float:
-    """A field of /proc/self/status, in MB (1 MB = 10^6 bytes); the kernel's kB are KiB."""
+    """Return a field of /proc/self/status, in MB (1 MB = 10^6 bytes); the kernel's kB are KiB."""
     for line in _STATUS.read_text().splitlines():
         if line.startswith(key + ":"):
             return int(line.split()[1]) * 1024 / 1e6
@@ -36,7 +36,7 @@ def added(run: Callable[[], object]) -> tuple[float, float]:
 
 
 def _rollout(length: int, gradient: bool) -> tuple[float, float]:
-    """What one rollout of `length` times 320 steps, above 1 only without a gradient, adds to this process [MB]."""
+    """Return the memory [MB] of one rollout of `length` times 320 steps, above 1 only without a gradient."""
     timing.limit_threads(1)
     import torch
 

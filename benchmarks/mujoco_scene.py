@@ -29,7 +29,7 @@ class MujocoPush:
         self.data = mujoco.MjData(self.model)
 
     def reset(self) -> None:
-        """Resets to the start: the block at rest, the pusher at its speed."""
+        """Reset to the start: the block at rest, the pusher at its speed."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qvel[6] = push.SPEED
 
@@ -47,7 +47,7 @@ class MujocoPush:
         return Case(run, self.reset, push.STEPS)
 
     def trace(self) -> dict:
-        """Rolls out once, untimed, and reports contacts, solver iterations and the block's final pose.
+        """Roll out once, untimed, and report contacts, solver iterations and the block's final pose.
 
         Returns:
             contacts: (steps,) number of contacts; pusher_steps: steps with the pusher in contact;

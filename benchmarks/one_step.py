@@ -22,7 +22,7 @@ from pinwm_drake.systems.scenario.load import load_setup
 
 
 def main() -> None:
-    """Prints medians, means and the 95th percentiles of both errors."""
+    """Print medians, means and the 95th percentiles of both errors."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene")
     parser.add_argument("--twin", action="append", default=[])

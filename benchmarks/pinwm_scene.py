@@ -18,7 +18,7 @@ from pinwm_drake.physics.stepper import Stepper
 
 
 def block() -> Body:
-    """The T-block: two boxes, uniform density."""
+    """Return the T-block: two boxes, uniform density."""
     upright = np.eye(3)
     boxes = [
         shapes.box(push.BAR_SIZE, (upright, np.array(push.BAR_CENTER))),
@@ -66,7 +66,7 @@ class PinwmPush:
         self.record_every = push.SUBSTEPS
 
     def forward(self, steps: int | None = None) -> Case:
-        """The rollout without gradients, a record every frame."""
+        """Return the rollout without gradients, a record every frame."""
 
         def run() -> None:
             with torch.no_grad():
@@ -85,11 +85,11 @@ class PinwmPush:
         return [tensor.grad for tensor in [*inputs, V_WP]]
 
     def forward_backward(self, steps: int | None = None) -> Case:
-        """The rollout and the gradient in all of its inputs."""
+        """Return the rollout and the gradient in all of its inputs."""
         return Case(lambda: self.loss_and_gradient(steps), units=self.V_WP[:steps, :, 0].numel())
 
     def trace(self) -> dict:
-        """Rolls world 0 out once, untimed, and looks into every step.
+        """Roll world 0 out once, untimed, and look into every step.
 
         Returns:
             contacts: (steps,) number of contacts that press (positive normal impulse); pusher_steps: steps in
@@ -111,7 +111,7 @@ class PinwmPush:
 
 
 def inspect_path(model: Model, theta: Parameters, path: Trajectory, V_WP: torch.Tensor) -> list[StepReport]:
-    """The contacts and the solution of every step of world 0.
+    """Return the contacts and the solution of every step of world 0.
 
     Args:
         model: the scene.
@@ -124,11 +124,11 @@ def inspect_path(model: Model, theta: Parameters, path: Trajectory, V_WP: torch.
 
 
 def pressing_pairs(report: StepReport) -> list[str]:
-    """The pair of each contact that presses, that is, has a positive normal impulse."""
+    """Return the pair of each contact that presses, that is, has a positive normal impulse."""
     return [pair for pair, impulse in zip(report.pair, report.impulse[:, 0], strict=True) if impulse > 0.0]
 
 
 def leaves(record: Parameters | State) -> Parameters | State:
-    """A copy whose tensors each collect a gradient."""
+    """Return a copy whose tensors each collect a gradient."""
     tensors = {field.name: getattr(record, field.name) for field in fields(record)}
     return replace(record, **{name: tensor.detach().clone().requires_grad_() for name, tensor in tensors.items()})

@@ -63,7 +63,7 @@ class PointMassWorlds(MakeSmallWorlds):
         self._num_envs, self._size = num_envs, size
 
     def worlds(self, observation: str) -> PointMass:
-        """The worlds, whatever observation is asked for."""
+        """Return the worlds, whatever observation is asked for."""
         return PointMass(self._num_envs, self._size)
 
 

@@ -33,7 +33,7 @@ BUNDLE, MODULE, PREDICT = "onnxruntime, Bundle.act", "torch, the same in metres"
 
 
 def make_policy() -> Policy:
-    """An untrained policy."""
+    """Return an untrained policy."""
     camera = CameraSpec(SIZE, SIZE, 88.0, 88.0, SIZE / 2, SIZE / 2, (0.0, 0.0, 0.7), (0.0, 1.0, 0.0, 0.0))
     spec = PolicySpec(
         observes="rgb",
@@ -52,7 +52,7 @@ def make_policy() -> Policy:
 
 
 def measure(given: argparse.Namespace) -> dict:
-    """Times policy, network and bundle in turn."""
+    """Time policy, network and bundle in turn."""
     torch.set_num_threads(1)
     policy = make_policy()
     blocks = np.random.default_rng(0).integers(0, 256, (SIZE // 8, SIZE // 8, 3 * FRAMES), np.uint8)

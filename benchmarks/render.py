@@ -155,7 +155,7 @@ def _measure(cores: int, rounds: int) -> dict:
 
 
 def plot(data: dict) -> None:
-    """Writes render.png: cost against surfels and against pixels."""
+    """Write render.png: cost against surfels and against pixels."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -51,7 +51,7 @@ def poses(number: int) -> Pose:
 
 
 def block() -> trimesh.Trimesh:
-    """The mesh of the T-block."""
+    """Return the mesh of the T-block."""
     return trimesh.load(model_path("t_block/t_block.obj"), force="mesh")
 
 
@@ -82,7 +82,7 @@ class Vtk:
     """Drake's RenderEngineVtk on the block's mesh."""
 
     def __init__(self, folder: Path) -> None:
-        """Writes the mesh, with the normals that the engine wants, into a folder, and loads it."""
+        """Write the mesh, with the normals that the engine wants, into a folder, and load it."""
         path = folder / "block.obj"
         corners = block()
         corners.unmerge_vertices()
@@ -100,7 +100,7 @@ class Vtk:
         self._context = graph.CreateDefaultContext()
 
     def renderer(self, size: int, X_CO: Pose) -> Callable[[], object]:
-        """A call that renders one color image, (size, size, 4) uint8."""
+        """Return a call that renders one color image, (size, size, 4) uint8."""
         focal = FOCAL * size
         info = CameraInfo(size, size, focal, focal, 0.5 * size, 0.5 * size)
         core = RenderCameraCore("vtk", info, ClippingRange(0.01, 10.0), RigidTransform())

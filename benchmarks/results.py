@@ -30,7 +30,7 @@ def run(
     options: Mapping[str, dict[str, Any]] | None = None,
     plot: Callable[[dict], None] | None = None,
 ) -> None:
-    """Runs a benchmark as a command: measures, prints its table and, with `--write`, stores its figures.
+    """Run a benchmark as a command: measure, print its table and, with `--write`, store its figures.
 
     Args:
         name: Name of the benchmark: its key in results.json and its block in README.md.
@@ -101,7 +101,7 @@ def machine() -> dict[str, str]:
 
 
 def write_block(page: Path, name: str, table: str, command: str) -> None:
-    """Prints a table, and puts it between its markers on a page, with command, date, commit and machine.
+    """Print a table, and put it between its markers on a page, with command, date, commit and machine.
 
     Raises:
         ValueError: The page lacks the markers of this block.
@@ -121,7 +121,7 @@ def write_block(page: Path, name: str, table: str, command: str) -> None:
 
 
 def write_json(path: Path | None, **figures: object) -> None:
-    """Writes figures, with the machine, into a file; nothing without one."""
+    """Write figures, with the machine, into a file; nothing without one."""
     if path is not None:
         path.write_text(json.dumps({"machine": machine(), **figures}, indent=1) + "\n")
 
@@ -138,7 +138,7 @@ def markdown(header: str, rows: Iterable[Iterable[object]]) -> list[str]:
 
 
 def spread(summary: dict[str, float], digits: int = 1) -> str:
-    """A median with its quartiles, e.g. "12.2 (12.1 to 12.3)"."""
+    """Return a median with its quartiles, e.g. "12.2 (12.1 to 12.3)"."""
     return f"{summary['median']:.{digits}f} ({summary['q1']:.{digits}f} to {summary['q3']:.{digits}f})"
 
 

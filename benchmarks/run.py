@@ -22,7 +22,7 @@ LONG = ("hydroelastic",)  # a quarter of an hour or more: by name only
 
 
 def main() -> None:
-    """Runs the named benchmarks, by default all that are not long; exits with 1 when one fails."""
+    """Run the named benchmarks, by default all that are not long; exits with 1 when one fails."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     words = f"any of {', '.join(NAMES + LONG)}; default: all but {', '.join(LONG)}"
     parser.add_argument("names", nargs="*", metavar="name", help=words)

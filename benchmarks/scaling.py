@@ -83,7 +83,7 @@ class Sliding:
         self.state = State.at_rest(self.model, worlds, p_WB=p_WB, V_WB=(0.0, 0.0, 0.0, *_SPEED, 0.0))
 
     def forward(self, steps: int) -> timing.Case:
-        """The rollout without gradients."""
+        """Return the rollout without gradients."""
         still = self._still(steps)
 
         def run() -> None:
@@ -93,7 +93,7 @@ class Sliding:
         return timing.Case(run, units=steps * self.worlds)
 
     def forward_backward(self, steps: int) -> timing.Case:
-        """The rollout and the gradient in all parameters and the initial state."""
+        """Return the rollout and the gradient in all parameters and the initial state."""
         still = self._still(steps)
 
         def run() -> None:
@@ -122,7 +122,7 @@ def fit(contacts: np.ndarray, cost: np.ndarray) -> dict[str, float]:
 
 
 def measure(given: argparse.Namespace) -> dict:
-    """Times all sizes in turn, checks that all contacts press, and fits the lines.
+    """Time all sizes in turn, check that all contacts press, and fit the lines.
 
     Raises:
         RuntimeError: a scene has fewer pressing contacts than it should: its time would mean nothing.
@@ -153,7 +153,7 @@ def measure(given: argparse.Namespace) -> dict:
 
 
 def plot(data: dict) -> None:
-    """Writes contacts.png: the kernels and their lines; beside them all series on logarithmic axes."""
+    """Write contacts.png: the kernels and their lines; beside them all series on logarithmic axes."""
     import matplotlib
 
     matplotlib.use("Agg")

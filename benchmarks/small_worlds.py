@@ -61,7 +61,7 @@ class SmallWorlds(VecEnv):
         return self.see()
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keeps the actions (W, 2)."""
+        """Keep the actions (W, 2)."""
         self._actions = actions
 
     def step_wait(self) -> Any:
@@ -97,7 +97,7 @@ class SmallWorlds(VecEnv):
             set_generator_state(generator, state)
 
     def close(self) -> None:
-        """Does nothing: there is nothing to close."""
+        """Do nothing: there is nothing to close."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Value of an attribute, once for each world."""
@@ -112,7 +112,7 @@ class SmallWorlds(VecEnv):
         raise NotImplementedError
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """Flags for each world: none is wrapped."""
+        """Flag for each world: none is wrapped."""
         return [False] * self.num_envs
 
     def _begin(self, world: int) -> None:
@@ -129,7 +129,7 @@ class MakeSmallWorlds:
         self.about, self._step = about, step
 
     def worlds(self, observation: str) -> SmallWorlds:
-        """The worlds, whatever observation is asked for."""
+        """Return the worlds, whatever observation is asked for."""
         raise NotImplementedError
 
     def spec(self, observes: Observes) -> PolicySpec:

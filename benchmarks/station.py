@@ -80,12 +80,12 @@ class Action:
         self.simulator.Initialize()
 
     def station(self) -> None:
-        """Takes the action in the station's diagram."""
+        """Take the action in the station's diagram."""
         self.simulator.AdvanceTo(WARM_UP + STEPS / 240 - 1e-6)
         self.image.Eval(self.context)
 
     def bare(self) -> None:
-        """Takes the action without the station."""
+        """Take the action without the station."""
         state, V_WP = State(*(torch.from_numpy(np.ascontiguousarray(part)) for part in self.state)), self.V_WP
         parameters = Parameters(*(torch.from_numpy(values) for values in self.theta))
         velocities = torch.from_numpy(V_WP)
@@ -94,7 +94,7 @@ class Action:
         self._render(state.p_WB[:, 0].numpy())
 
     def unchecked(self) -> None:
-        """Takes the action without the station, and without any check."""
+        """Take the action without the station, and without any check."""
         state = self.state
         for _ in range(self.updates):
             state = self.stepper.advance(self.theta, state, self.V_WP)
@@ -106,7 +106,7 @@ class Action:
 
 
 def measure(given: argparse.Namespace) -> dict:
-    """Times an action with and without the station, in turn."""
+    """Time an action with and without the station, in turn."""
     cases = {}
     for worlds in BARS:
         for steps in (1, STEPS):

@@ -24,7 +24,7 @@ _OURS = {
 
 
 def measure(pusher: str, rounds: int) -> dict:
-    """Times the push with one shape of pusher.
+    """Time the push with one shape of pusher.
 
     Args:
         pusher: Name of the pusher, one of `push.PUSHERS`.

@@ -14,7 +14,7 @@ import numpy as np
 
 
 def limit_threads(threads: int, cpus: int | None = None) -> None:
-    """Fixes the width of every thread pool of this process; call it before importing numba or torch.
+    """Fix the width of every thread pool of this process; call it before importing numba or torch.
 
     Args:
         threads: Largest number of threads of OpenMP, MKL, OpenBLAS and numba.
@@ -62,7 +62,7 @@ class CompetingLoad:
 
 
 def alone(function: Callable[..., Any], *arguments: object) -> Any:
-    """Result of a call in a process of its own, whose threads are not fixed yet."""
+    """Return the result of a call in a process of its own, whose threads are not fixed yet."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         return pool.submit(function, *arguments).result()
 
@@ -116,7 +116,7 @@ def interleave(
     warmup: int = 2,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[_Name, Samples]:
-    """Times all cases in interleaved rounds: A B C A B C and so on.
+    """Time all cases in interleaved rounds: A B C A B C and so on.
 
     Whatever slows the machine for a while then slows all of them alike, and the ratio of two cases is taken
     within a round.

@@ -18,7 +18,7 @@ _KINDS = {"forward": "forward", "forward_backward": "forward and backward"}
 
 
 def measure(given: argparse.Namespace) -> dict:
-    """Times one rollout of all worlds with one thread and with two, in turn."""
+    """Time one rollout of all worlds with one thread and with two, in turn."""
     if (os.cpu_count() or 1) < THREADS:
         raise SystemExit(f"this machine has one core; a speed-up of {THREADS} threads needs {THREADS}")
     cases = {}

@@ -62,7 +62,7 @@ class ObjectModel:
 
 
 def object_model(name: str) -> ObjectModel:
-    """The files of an object that ships with pinwm_drake.
+    """Return the files of an object that ships with pinwm_drake.
 
     Args:
         name: One of `OBJECT_NAMES`.
@@ -88,7 +88,7 @@ def shipped_scenarios() -> list[str]:
 
 
 def policy_path(text: str) -> Path:
-    """The folder of a policy that a user names.
+    """Return the folder of a policy that a user names.
 
     Args:
         text: A folder, or the name of a policy that ships; a folder of that name goes first.
@@ -103,12 +103,12 @@ def policy_path(text: str) -> Path:
 
 
 def twin_path(text: str | Path) -> Path:
-    """The folder of a twin: that of a name that ships, such as "t_block", else the path as it is, unchecked."""
+    """Return the folder of a twin: that of a name that ships, such as "t_block", else the path as it is, unchecked."""
     return _named("twins", text)
 
 
 def capture_path(text: str | Path) -> Path:
-    """The folder of a capture; see `twin_path`."""
+    """Return the folder of a capture; see `twin_path`."""
     return _named("captures", text)
 
 
@@ -119,7 +119,7 @@ def _named(folder: str, text: str | Path) -> Path:
 
 
 def model_names() -> list[str]:
-    """The names that `model_path` takes, sorted, with forward slashes."""
+    """Return the names that `model_path` takes, sorted, with forward slashes."""
     files = (path for path in _ROOT.rglob("*") if path.is_file() and path.suffix in _SUFFIXES)
     return sorted(path.relative_to(_ROOT).as_posix() for path in files)
 
@@ -146,7 +146,7 @@ def model_path(name: str) -> Path:
 
 
 def resolve(url: str) -> Path:
-    """Turns a mesh reference of a file into a path.
+    """Turn a mesh reference of a file into a path.
 
     Args:
         url: "package://pinwm_models/...", or a plain path, which is returned as it is.

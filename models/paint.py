@@ -48,7 +48,7 @@ class Paint:
 
 
 def _side(normal: np.ndarray) -> int:
-    """Number, 0 to 5, of the direction +x, -x, +y, -y, +z or -z that a normal is nearest to."""
+    """Return the number, 0 to 5, of the direction +x, -x, +y, -y, +z or -z that a normal is nearest to."""
     axis = int(np.argmax(np.abs(normal)))
     return 2 * axis + int(normal[axis] < 0)
 
@@ -141,12 +141,12 @@ def read_plain(path: Path) -> tuple[list[str], list[str], np.ndarray, np.ndarray
 
 
 def plain_with_normals(path: Path) -> str:
-    """The text of a plain OBJ file with a normal for each face; corners stay shared."""
+    """Return the text of a plain OBJ file with a normal for each face; corners stay shared."""
     return _plain_text(*read_plain(path))
 
 
 def enlarged_t(path: Path) -> str:
-    """The text of large_t.obj from the file of the T-block."""
+    """Return the text of large_t.obj from the file of the T-block."""
     _, _, points, faces = read_plain(path)
     points = LARGE_T * points
     head = f"# The T-block, {LARGE_T:g} times as large, by paint.py. Metres; origin at the centre of mass."
@@ -154,7 +154,7 @@ def enlarged_t(path: Path) -> str:
 
 
 def handled_mug(path: Path) -> str:
-    """The text of mug_handle.obj from the file of the mug; its surface is that of two bodies, one inside the other."""
+    """Return the text of mug_handle.obj from the file of the mug: two bodies, one inside the other."""
     _, _, points, faces = read_plain(path)
     # Corners of the handle: outside, then inside, at -y and then at +y.
     outline = np.concatenate([_HANDLE, _HANDLE_INSIDE])
@@ -182,7 +182,7 @@ def _plain_text(head: list[str], vertices: list[str], points: np.ndarray, faces:
 
 
 def painted(path: Path, paint: Paint) -> tuple[str, str]:
-    """The texts of the painted OBJ file and of its MTL file."""
+    """Return the texts of the painted OBJ file and of its MTL file."""
     name = path.stem
     _, _, points, faces = read_plain(path)
     groups: dict[str, list[tuple[Polygon, np.ndarray]]] = {}
@@ -224,13 +224,13 @@ def texts() -> dict[Path, str]:
 
 
 def _normals(triangles: np.ndarray) -> np.ndarray:
-    """Unit outward normals (n, 3) of triangles (n, 3, 3)."""
+    """Return the unit outward normals (n, 3) of triangles (n, 3, 3)."""
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     return across / np.linalg.norm(across, axis=1, keepdims=True)
 
 
 def _cut(polygon: Polygon, cuts: tuple[tuple[float, ...], ...]) -> list[Polygon]:
-    """A convex polygon cut along planes of the axes."""
+    """Return a convex polygon cut along planes of the axes."""
     cells = [polygon]
     for axis, places in enumerate(cuts):
         for place in places:
@@ -239,7 +239,7 @@ def _cut(polygon: Polygon, cuts: tuple[tuple[float, ...], ...]) -> list[Polygon]
 
 
 def _halves(polygon: Polygon, axis: int, place: float) -> list[Polygon]:
-    """The parts of a convex polygon below and above a plane, without slivers under a micrometre."""
+    """Return the parts of a convex polygon below and above a plane, without slivers under a micrometre."""
     height = polygon[:, axis] - place
     height[np.abs(height) < 1e-6] = 0
     if (height >= 0).all() or (height <= 0).all():

@@ -26,13 +26,13 @@ class Resumable(Protocol):
         """All that changes, copied, as arrays that a checkpoint takes."""
 
     def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Puts what `get_state` gave back, in an object that was made alike."""
+        """Put what `get_state` gave back, in an object that was made alike."""
 
 
 def write_arrays(
     path: Path, about: Mapping[str, object], arrays: Mapping[str, np.ndarray], *, compressed: bool = False
 ) -> None:
-    """Writes a checkpoint file, over the earlier one where there is one.
+    """Write a checkpoint file, over the earlier one where there is one.
 
     Args:
         path: File of the checkpoint; its folder exists.
@@ -78,19 +78,19 @@ def digest_of(arrays: Iterable[np.ndarray]) -> str:
 
 
 def generator_state(generator: np.random.Generator) -> np.ndarray:
-    """The state of a generator, () of text, for `set_generator_state`."""
+    """Return the state of a generator, () of text, for `set_generator_state`."""
     return np.array(json.dumps(generator.bit_generator.state))
 
 
 def set_generator_state(generator: np.random.Generator, state: np.ndarray) -> None:
-    """Puts a generator of the same kind into a state that `generator_state` gave."""
+    """Put a generator of the same kind into a state that `generator_state` gave."""
     generator.bit_generator.state = json.loads(str(state))
 
 
 def read_arrays(
     path: Path, about: Mapping[str, object], work: str, names: Iterable[str] = ()
 ) -> dict[str, np.ndarray] | None:
-    """Reads the checkpoint of some work, and refuses that of other work.
+    """Read the checkpoint of some work, and refuse that of other work.
 
     Args:
         path: File of the checkpoint.
@@ -133,7 +133,7 @@ class ArrayFile:
     wanted: ClassVar[str]
 
     def write(self, path: Path, about: Mapping[str, object] | None = None, **more: np.ndarray) -> None:
-        """Writes the arrays to a file, compressed.
+        """Write the arrays to a file, compressed.
 
         Args:
             path: The file; its folder exists.
@@ -148,7 +148,7 @@ class ArrayFile:
 
     @classmethod
     def read(cls, path: Path, about: Mapping[str, object] | None = None) -> Self:
-        """Reads the arrays that `write` wrote to a file.
+        """Read the arrays that `write` wrote to a file.
 
         Args:
             path: The file.

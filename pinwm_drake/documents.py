@@ -60,7 +60,7 @@ class Entry:
     value: Any
 
     def refusal(self, allowed: str, found: str | None = None) -> InputError:
-        """The error that names file, place and value.
+        """Return the error that names file, place and value.
 
         Args:
             allowed: Values that would have been accepted, in words.
@@ -70,7 +70,7 @@ class Entry:
         return InputError(self.path, value=f"{self.place} = {found}" if self.place else found, allowed=allowed)
 
     def read(self, model: type[_Document]) -> _Document:
-        """The value as a model has it.
+        """Return the value as a model has it.
 
         Raises:
             InputError: A key is missing or unknown, or a value is not allowed; the message names its place.
@@ -106,7 +106,7 @@ class Entry:
         return place((self.place, *location) if self.place else location)
 
     def find(self, key: str) -> "Entry | None":
-        """The entry under a key, or None where there is none.
+        """Return the entry under a key, or None where there is none.
 
         Raises:
             InputError: This entry is not a mapping.
@@ -118,7 +118,7 @@ class Entry:
         return Entry(self.path, f"{self.place}.{key}" if self.place else key, self.value[key])
 
     def __getitem__(self, key: str) -> "Entry":
-        """The entry under a key.
+        """Return the entry under a key.
 
         Raises:
             InputError: There is no such key, or this entry is not a mapping.
@@ -130,7 +130,7 @@ class Entry:
         return entry
 
     def only(self, *keys: str) -> None:
-        """Requires a mapping without other keys than these.
+        """Require a mapping without other keys than these.
 
         Raises:
             InputError: There is another key, or this entry is not a mapping.
@@ -160,7 +160,7 @@ class Entry:
         return Entry(self.path, self.place, {name: value for name, value in self.value.items() if name != key})
 
     def items(self) -> "list[Entry]":
-        """The entries of a list that is not empty.
+        """Return the entries of a list that is not empty.
 
         Raises:
             InputError: This entry is not a list, or an empty one.
@@ -170,7 +170,7 @@ class Entry:
         return [Entry(self.path, f"{self.place}[{k}]", value) for k, value in enumerate(self.value)]
 
     def text(self) -> str:
-        """A text that is not empty and can be printed.
+        """Return a text that is not empty and can be printed.
 
         Raises:
             InputError: This entry is something else.
@@ -183,7 +183,7 @@ class Entry:
             raise self.refusal(str(error)) from error
 
     def number(self, low: float = -math.inf, high: float = math.inf) -> float:
-        """A finite number from `low` to `high`.
+        """Return a finite number from `low` to `high`.
 
         Raises:
             InputError: This entry is something else.
@@ -194,7 +194,7 @@ class Entry:
         return value
 
     def integer(self, low: int, high: int) -> int:
-        """A whole number from `low` to `high`.
+        """Return a whole number from `low` to `high`.
 
         Raises:
             InputError: This entry is something else.
@@ -205,7 +205,7 @@ class Entry:
         return round(value)
 
     def numbers(self, length: int, *rest: int) -> np.ndarray:
-        """An array of finite numbers: float64 of shape (length, *rest), the unit that of the entry.
+        """Return an array of finite numbers: float64 of shape (length, *rest), the unit that of the entry.
 
         Raises:
             InputError: The nested lists have another shape, or one number is not finite; the message names it.
@@ -265,7 +265,7 @@ FromList = BeforeValidator(lambda value: tuple(value) if isinstance(value, list)
 
 
 def read_json(path: Path) -> Entry:
-    """Reads a JSON file as a document.
+    """Read a JSON file as a document.
 
     Raises:
         InputError: It is missing, unreadable or not JSON; the message names the line.
@@ -280,7 +280,7 @@ def read_json(path: Path) -> Entry:
 
 
 def read_yaml(path: Path) -> Entry:
-    """Reads a YAML file of plain data.
+    """Read a YAML file of plain data.
 
     Raises:
         InputError: It is missing, unreadable or not YAML; the message names the line.
@@ -297,7 +297,7 @@ def read_yaml(path: Path) -> Entry:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The contents of a file.
+    """Return the contents of a file.
 
     Raises:
         InputError: It is missing or unreadable.
@@ -309,7 +309,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file in UTF-8, without a byte-order mark.
+    """Return the text of a file in UTF-8, without a byte-order mark.
 
     Raises:
         InputError: It is missing, unreadable or in another encoding.
@@ -325,7 +325,7 @@ def read_text(path: Path) -> str:
 
 
 def _quoted(value: object) -> str:
-    """A value as a message repeats it: on one line, printable, and not too long of it."""
+    """Return a value as a message repeats it: on one line, printable, and not too long of it."""
     if isinstance(value, str) and len(value) > _LONGEST_QUOTE:
         value = value[:_LONGEST_QUOTE] + "..."
     if isinstance(value, (list, dict)):
@@ -337,7 +337,7 @@ def _quoted(value: object) -> str:
 
 
 def _number(value: object) -> float | None:
-    """A finite number, or None for anything else (true and false too)."""
+    """Return a finite number, or None for anything else (true and false too)."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     try:

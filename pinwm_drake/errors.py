@@ -86,13 +86,13 @@ class InputError(PinwmError):
         super().__init__(f"{where}: {found}allowed: {allowed}")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Constructor and arguments, so that a process can send the error to another; a value goes as text."""
+        """Return constructor and arguments, for another process; a value goes as text."""
         value = None if self.value is None else str(self.value)
         return _input_error, (type(self), self.path, self.allowed, self.row, value)
 
 
 def require(name: str, value: object, allowed: bool, range_in_words: str) -> None:
-    """Checks an option.
+    """Check an option.
 
     Args:
         name: Of the option, as its user writes it.

@@ -12,7 +12,7 @@ from pinwm_drake.errors import InputError
 
 
 def prepare_folder(folder: Path) -> Path:
-    """Makes an output folder and tries whether it takes files.
+    """Make an output folder and try whether it takes files.
 
     Args:
         folder: Folder that results are to go to; parents are made too.

@@ -27,7 +27,7 @@ _IMPORT = re.compile(rb"^from (pinwm_drake[\w.]*) import (\([^)]*\)|[^\n(]*)", r
 
 
 def forget_stale_kernels(package: Path = _PACKAGE) -> bool:
-    """Deletes the cached kernels of a package whose kernel sources have changed since they were compiled.
+    """Delete the cached kernels of a package whose kernel sources have changed since they were compiled.
 
     Args:
         package: folder of the package; its `__pycache__` keeps the hash.
@@ -70,7 +70,7 @@ def _imported(source: bytes) -> Iterator[bytes]:
 
 
 def require_numba(version: str) -> None:
-    """Raises VersionError for a release of numba whose compiler may have other private parts."""
+    """Raise VersionError for a release of numba whose compiler may have other private parts."""
     from pinwm_drake.errors import VersionError  # not above, where a change of it would compile all kernels anew
 
     if version.split(".")[:2] != NUMBA.split("."):
@@ -129,7 +129,7 @@ def _compiling(part: type | None) -> Iterator[None]:
 
 
 def _compiled(part: type | None = _Part, **options: Any) -> Callable[[Callable], Any]:
-    """Decorator like `numba.njit` that compiles a kernel once for each type of its arguments, as a part of others.
+    """Return a decorator like `numba.njit` that compiles a kernel once for each type of its arguments.
 
     With None for the part, it compiles an entry point, which Python calls; what that calls in turn is part of it.
 

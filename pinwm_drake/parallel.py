@@ -33,10 +33,10 @@ class Store(Protocol[Named, Result]):
     """Results on disk, one for each item. It is sent to the workers, so it holds plain data."""
 
     def read(self, item: Named) -> Result | None:
-        """The item's result; None where there is none yet."""
+        """Return the item's result; None where there is none yet."""
 
     def write(self, item: Named, result: Result) -> None:
-        """Keeps a result, which appears whole or not at all."""
+        """Keep a result, which appears whole or not at all."""
 
     def holding(self, item: Named) -> AbstractContextManager[object]:
         """Context in which an item is made; it may wait until no other process is in that of the same item."""
@@ -84,7 +84,7 @@ class Executor:
         on_result: Callable[[Item, Result], None] = lambda item, result: None,
         keep_going: bool = False,
     ) -> list[Result]:
-        """Applies a function to every item whose result is not in the store yet.
+        """Apply a function to every item whose result is not in the store yet.
 
         A worker writes each result to the store as soon as it is there. When this process or a worker is killed, or an
         item fails, only what was running is lost; a second call with the same store does the rest. Another call may
@@ -241,7 +241,7 @@ def _with_joblib(work: _Work, items: dict[int, Any], order: _Order, workers: int
 
 
 def _begin(ends: Connection) -> None:
-    """Makes a worker end with the process that started it, and leave Ctrl-C to that."""
+    """Make a worker end with the process that started it, and leave Ctrl-C to that."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(ends,), daemon=True).start()
 

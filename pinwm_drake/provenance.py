@@ -17,7 +17,7 @@ def timestamp() -> str:
 
 
 def versions(libraries: Sequence[str] = _LIBRARIES) -> dict[str, str]:
-    """The versions of this package, of Python and of the libraries that results depend on."""
+    """Return the versions of this package, of Python and of the libraries that results depend on."""
     return {
         "pinwm_drake": pinwm_drake.__version__,
         "python": platform.python_version(),

@@ -93,7 +93,7 @@ FLATTEN = Field(json_schema_extra={"shown": Shown(flatten=True)})  # type: ignor
 
 @dataclass_transform(frozen_default=True)
 def request(cls: _Class) -> _Class:
-    """Makes a class a frozen dataclass whose fields are checked; a wrong one is a ParameterError that names the option.
+    """Make a class a frozen dataclass whose fields are checked; a wrong one is a ParameterError that names the option.
 
     A field without `option` or `argument` is for Python only.
     """

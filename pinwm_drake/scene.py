@@ -55,7 +55,7 @@ def make_scene(
     time_step: float = 1.0 / 240.0,
     support: Support = "patch",
 ) -> Scene:
-    """Builds the physics model of a push.
+    """Build the physics model of a push.
 
     Args:
         mesh_path: The object's mesh, m, frame O. Its parts are used where they are convex, else it is decomposed.
@@ -162,7 +162,7 @@ def scene_parameters(values: Mapping[str, Tensor], inertia: Tensor) -> Parameter
 
 
 def step_count(seconds: float, time_step: float) -> int:
-    """Steps of the physics that cover a time: one or more."""
+    """Return steps of the physics that cover a time: one or more."""
     return max(int(np.ceil(seconds / time_step - 1e-6)), 1)
 
 

@@ -17,7 +17,7 @@ LIMIT = "PINWM_THREADS"
 
 
 def share(kernel: Callable[..., None], arguments: tuple, number: int, num_threads: int) -> None:
-    """Runs kernel(*arguments, first, last) on parts of range(number), shared among threads.
+    """Run kernel(*arguments, first, last) on parts of range(number), shared among threads.
 
     Args:
         kernel: releases Python's lock, and writes nothing that another part reads or writes.

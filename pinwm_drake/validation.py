@@ -143,7 +143,7 @@ _KINDS: dict[Any, str] = {int: "whole number", float: "finite number", str: "tex
 
 
 def unit_of(field: FieldInfo | None) -> str:
-    """Unit of a field, such as "m"; "1" for none."""
+    """Return the unit of a field, such as "m"; "1" for none."""
     extra = field.json_schema_extra if field is not None else None
     return str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
 
@@ -208,7 +208,7 @@ def _find(model: Any, location: Sequence[str | int]) -> tuple[FieldInfo | None, 
 
 
 def check_fields(instance: Any, place: str = "", *, as_given: bool = False) -> None:
-    """Checks the fields of a dataclass by their annotations, for `__post_init__`; numbers become plain ones.
+    """Check the fields of a dataclass by their annotations, for `__post_init__`; numbers become plain ones.
 
     Lists and arrays become tuples. No number may be NaN or infinite, and none is taken from a text or a flag.
 

@@ -23,7 +23,7 @@ class Immutable:
 def declare_vector(
     system: LeafSystem, name: str, size: int, calc: Callable[[Context], ArrayLike], tickets: Tickets = None
 ) -> None:
-    """Declares an output port of a vector (size,), which `calc` gives for a Context of the system."""
+    """Declare an output port of a vector (size,), which `calc` gives for a Context of the system."""
     sources = tickets or {system.all_sources_ticket()}
     system.DeclareVectorOutputPort(name, size, lambda context, output: output.SetFromVector(calc(context)), sources)
 
@@ -31,7 +31,7 @@ def declare_vector(
 def declare_value(
     system: LeafSystem, name: str, model: object, calc: Callable[[Context], object], tickets: Tickets = None
 ) -> None:
-    """Declares an output port of a value of the model's type, which `calc` gives for a Context of the system."""
+    """Declare an output port of a value of the model's type, which `calc` gives for a Context of the system."""
     system.DeclareAbstractOutputPort(
         name,
         lambda: AbstractValue.Make(model),
@@ -48,7 +48,7 @@ def declare_image(
     tickets: Tickets,
     kind: type = ImageRgba8U,
 ) -> None:
-    """Declares an output port of an image of Drake's, (width, height) px; `calc` gives the pixels."""
+    """Declare an output port of an image of Drake's, (width, height) px; `calc` gives the pixels."""
 
     def write(context: Context, output: AbstractValue) -> None:
         output.get_mutable_value().mutable_data[:] = calc(context)
@@ -57,7 +57,7 @@ def declare_image(
 
 
 def declare_cache(system: LeafSystem, name: str, calc: Callable[[Context], object], tickets: Tickets) -> CacheEntry:
-    """Declares a value that Drake keeps until one of its sources changes."""
+    """Declare a value that Drake keeps until one of its sources changes."""
     producer = ValueProducer(
         allocate=lambda: AbstractValue.Make(object()), calc=lambda context, value: value.set_value(calc(context))
     )

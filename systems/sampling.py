@@ -20,7 +20,7 @@ def period_index(t: float, period: float) -> int:
 
 
 def whole_multiple(name: str, duration: float, period: float, of: str = "the period") -> int:
-    """Number of periods in a duration, a whole one.
+    """Return the number of periods in a duration, a whole one.
 
     Args:
         name: Name of the duration, for the message.
@@ -40,6 +40,6 @@ def whole_multiple(name: str, duration: float, period: float, of: str = "the per
 
 
 def require_positive(name: str, value: float, unit: str = "") -> float:
-    """Validated value, finite and more than 0; raises ParameterError otherwise."""
+    """Return validated value, finite and more than 0; raises ParameterError otherwise."""
     require(name, f"{value:g}", 0 < value < math.inf, f"more than 0{unit and ' ' + unit}")
     return value

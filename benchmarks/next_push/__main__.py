@@ -29,7 +29,7 @@ from pinwm_drake.systems.runs.realism.mistakes import Realism
 
 
 def main() -> None:
-    """Runs the command."""
+    """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.next_push")
     commands = parser.add_subparsers(required=True)
     captures = commands.add_parser("captures", help="make the captures; those that are there stay")

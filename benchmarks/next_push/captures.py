@@ -45,7 +45,7 @@ def write_capture(
     pixels: int = 400,
     views: int = 12,
 ) -> dict[str, Any]:
-    """Writes a capture, a clean one or as a lab has it.
+    """Write a capture, a clean one or as a lab has it.
 
     Args:
         out: Its folder, not there yet; it appears when all is done.
@@ -102,7 +102,7 @@ class _Writer:
         }
 
     def _write_scene(self, X_WO: RigidTransform) -> None:
-        """Writes `capture.yaml` with a start pose X_WO, the meshes, and the truth."""
+        """Write `capture.yaml` with a start pose X_WO, the meshes, and the truth."""
         folder, shape, theta = self.folder, self.spec.shape, self.posed.theta
         (folder / "meshes").mkdir()
         shutil.copyfile(self.thing.mesh_path, folder / "meshes/object.obj")

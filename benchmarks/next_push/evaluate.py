@@ -39,7 +39,7 @@ _Errors = dict[str, Any]
 
 
 def evaluate(out: Path, kind: str, spec: CaptureSpec, method: str, chosen: tuple[int, ...]) -> _Errors:
-    """Result of a capture, which is kept in `OUT/results/KIND/NAME.METHOD.PUSHES.json`.
+    """Return the result of a capture, which is kept in `OUT/results/KIND/NAME.METHOD.PUSHES.json`.
 
     Args:
         out: Folder of the benchmark, with its captures.

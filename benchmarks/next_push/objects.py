@@ -63,7 +63,7 @@ class StandingAnyhow(Thing):
 
 
 def make_thing(name: str, folder: Path) -> Thing:
-    """Makes an object.
+    """Make an object.
 
     Args:
         name: One of `OBJECTS`.

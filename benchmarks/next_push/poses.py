@@ -43,7 +43,7 @@ class PosedCapture:
 
 
 def pose_capture(spec: CaptureSpec, thing: Thing, theta: Theta | None = None, number: int = 4) -> PosedCapture:
-    """Rolls out the pushes of a capture.
+    """Roll out the pushes of a capture.
 
     Args:
         spec: The capture.
@@ -91,7 +91,7 @@ def settled(spec: CaptureSpec, thing: Thing, theta: Theta) -> RigidTransform:
 
 
 def write_poses(path: Path, spec: CaptureSpec, thing: Thing, posed: PosedCapture) -> None:
-    """Writes the poses of a capture into one file of arrays, which `read_poses` reads.
+    """Write the poses of a capture into one file of arrays, which `read_poses` reads.
 
     Of episode k there are, with the prefix "ek_": t (n,) s, q (n, 4) wxyz and p (n, 3) m of the object at the times of
     the pictures; log_t (m,) s, log_p (m, 3) m and log_v (m, 3) m/s of the pusher; log_q, log_x: the object's pose at

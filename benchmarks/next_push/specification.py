@@ -49,7 +49,7 @@ class CaptureSpec:
         return PusherShape(self.pusher, _RADIUS, 0.0 if self.pusher == "sphere" else _LENGTH)
 
     def theta(self, thing: Thing) -> Theta:
-        """The truth about the object, drawn from the seed: a uniform solid on an even face."""
+        """Return the truth about the object, drawn from the seed: a uniform solid on an even face."""
         generator = np.random.default_rng([self.seed, 0])
         mass = generator.uniform(*_MASSES)
         floor, pusher = (np.exp(generator.uniform(*np.log(ends))) for ends in (_FRICTIONS_FLOOR, _FRICTIONS_PUSHER))
@@ -71,7 +71,7 @@ CAPTURES = tuple(
 
 
 def uneven(thing: Thing, theta: Theta, generator: np.random.Generator) -> Theta:
-    """The truth about an object whose mass is not spread evenly, and which stands on three or four places.
+    """Return the truth about an object whose mass is not spread evenly, and which stands on three or four places.
 
     Args:
         thing: The object.

@@ -5,7 +5,7 @@ import numpy as np
 
 
 def surface_net(field: np.ndarray, spacing: float, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Closed surface where a field on a grid changes its sign.
+    """Return the closed surface where a field on a grid changes its sign.
 
     Args:
         field: (nx, ny, nz) m, negative inside; positive all over the border of the grid, nowhere 0.
@@ -51,6 +51,6 @@ def _ends(values: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cells(edges: np.ndarray, axis: int) -> list[np.ndarray]:
-    """The four cells (n, 3) around each edge (n, 3) along an axis, counter-clockwise seen from its upper end."""
+    """Return the four cells (n, 3) around each edge (n, 3) along an axis, counter-clockwise seen from its upper end."""
     u, v = np.eye(3, dtype=int)[(axis + 1) % 3], np.eye(3, dtype=int)[(axis + 2) % 3]
     return [edges - u - v, edges - v, edges, edges - u]

@@ -24,7 +24,7 @@ from pinwm_drake.report.figures.training import training_figure
 
 
 def main() -> None:
-    """Records, trains and compares."""
+    """Return records, trains and compares."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--episodes", type=int, default=50)

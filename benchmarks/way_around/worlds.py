@@ -36,7 +36,7 @@ class AroundWorlds(SmallWorlds):
         self.place[world] = self.disc[world] + [-ACROSS, generator.uniform(-0.05, 0.05)]
 
     def move(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Moves the points by actions, whose norm counts up to 1; an episode ends at the goal or at the disc."""
+        """Move the points by actions, whose norm counts up to 1; an episode ends at the goal or at the disc."""
         actions = actions / np.maximum(np.linalg.norm(actions, axis=1, keepdims=True), 1.0)
         self.place = np.clip(self.place + STEP * actions, -1.0, 1.0)
         distance = np.linalg.norm(self.place - self.disc - [ACROSS, 0.0], axis=1)
@@ -105,7 +105,7 @@ class MakeAround(MakeSmallWorlds):
 
 
 def success(policy: Any, episodes: int = 200) -> Evaluation:
-    """Evaluation of a policy in episodes of its own."""
+    """Return the evaluation of a policy in episodes of its own."""
     return evaluate_worlds(AroundWorlds(), policy, episodes, seed=7_000)
 
 

@@ -34,7 +34,7 @@ class CheckResult:
 
 
 def check_capture(capture: str | Path, progress: Callable[[str], None] = lambda part: None) -> CheckResult:
-    """Checks a capture: every file, each by itself and against the others; `progress` is told what comes next.
+    """Check a capture: every file, each by itself and against the others; `progress` is told what comes next.
 
     A part that others build on, such as the mesh, is left out of their checks where it is refused itself.
 

@@ -59,7 +59,7 @@ class Table:
         return values
 
     def times(self) -> np.ndarray:
-        """Times (rows,) [s] of column t, each later than the one before."""
+        """Time (rows,) [s] of column t, each later than the one before."""
         times = self.numbers(("t",), _LATEST)[:, 0]
         for row in (np.nonzero(np.diff(times) <= 0)[0] + 1).tolist():
             same = "the time of the row before again" if times[row] == times[row - 1] else "an earlier time"
@@ -68,7 +68,7 @@ class Table:
         return times
 
     def quaternions(self) -> np.ndarray:
-        """Unit quaternions (rows, 4), wxyz, normalised to rounding."""
+        """Return the unit quaternions (rows, 4), wxyz, normalised to rounding."""
         values = self.numbers(QUATERNION)
         with np.errstate(over="ignore"):
             norms = np.linalg.norm(values, axis=-1, keepdims=True)
@@ -82,7 +82,7 @@ class Table:
 def read_table(
     path: Path, columns: tuple[str, ...], optional: tuple[str, ...] = (), refuse: Refuse = raise_it
 ) -> Table:
-    """Reads a CSV file with a header, one row or more, and its columns in any order.
+    """Read a CSV file with a header, one row or more, and its columns in any order.
 
     Args:
         path: The file.
@@ -158,7 +158,7 @@ class ObjectPoses:
 
 
 def read_trajectory(folder: Path, refuse: Refuse = raise_it) -> PusherTrajectory:
-    """The pusher's log from `trajectory.csv` in the folder of an episode, with the errors of `read_pose_table`."""
+    """Return the pusher's log from `trajectory.csv` of an episode, with the errors of `read_pose_table`."""
     columns = ("t", *POSITION, *QUATERNION, *VELOCITY)
     table = read_table(folder / TRAJECTORY_FILE, columns, FORCE, refuse)
     return PusherTrajectory(
@@ -171,7 +171,7 @@ def read_trajectory(folder: Path, refuse: Refuse = raise_it) -> PusherTrajectory
 
 
 def read_object_poses(folder: Path, refuse: Refuse = raise_it) -> ObjectPoses | None:
-    """The object's poses from `object_poses.csv`, as `read_pose_table`; None where there is no such file."""
+    """Return the object's poses from `object_poses.csv`, as `read_pose_table`; None where there is no such file."""
     path = folder / POSES_FILE
     return read_pose_table(path, refuse) if os.path.lexists(path) else None
 
@@ -193,7 +193,7 @@ def read_pose_table(path: Path, refuse: Refuse = raise_it) -> ObjectPoses:
 def read_frame_table(
     folder: Path, trajectory_t: np.ndarray | None, refuse: Refuse = raise_it
 ) -> tuple[list[str], np.ndarray]:
-    """The images of an episode from `frames.csv`: their names as written, and their times (n,) [s].
+    """Return the images of an episode from `frames.csv`: their names as written, and their times (n,) [s].
 
     They are compared with the times (m,) [s] of the pusher's log, unless that is None. Errors are those of
     `read_pose_table`, and that an image is missing.

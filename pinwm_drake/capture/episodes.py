@@ -91,7 +91,7 @@ def pose_at(t: np.ndarray, p: np.ndarray, q: np.ndarray, time: float) -> Pose:
 
 
 def read_episode(capture: Capture, name: str) -> Episode:
-    """Reads an episode by its name; of its images, only whether they are there.
+    """Read an episode by its name; of its images, only whether they are there.
 
     Raises:
         InputError: There is no such episode, a file is missing or unreadable, a table has other columns, a
@@ -111,7 +111,7 @@ def read_episode(capture: Capture, name: str) -> Episode:
 
 
 def read_episode_folder(folder: Path) -> tuple[Capture, Episode]:
-    """Reads an episode by its folder `.../episodes/<name>`, and the capture that it belongs to.
+    """Read an episode by its folder `.../episodes/<name>`, and the capture that it belongs to.
 
     Raises:
         InputError: The folder is not in the `episodes` of a capture, or one of the two is refused.

@@ -15,7 +15,7 @@ _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 def write_ground_truth(
     folder: Path, *, mass: float, inertia: np.ndarray, friction_floor: float, friction_pusher: float, restitution: float
 ) -> None:
-    """Writes the true parameters of a capture into its `ground_truth.yaml`.
+    """Write the true parameters of a capture into its `ground_truth.yaml`.
 
     Args:
         folder: The capture.

@@ -17,7 +17,7 @@ _MODES = ("1", "L", "RGB", "P", "RGBA", "LA", "PA")  # 8 bits a channel, or less
 def read_image(
     path: Path, mask_path: Path | None = None, *, may_be_empty: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Reads a picture of an object.
+    """Read a picture of an object.
 
     The object is where the mask is white; without a mask, where alpha is above 0; without alpha, wherever the
     picture is not white (255, 255, 255).
@@ -66,7 +66,7 @@ def read_size(path: Path) -> tuple[int, int]:
 
 
 def _read(path: Path, mode: str) -> np.ndarray:
-    """The pixels of a file converted to a mode: (height, width) or (height, width, channels) uint8."""
+    """Return the pixels of a file converted to a mode: (height, width) or (height, width, channels) uint8."""
     require_file(path, "an image file")
     try:
         with warnings.catch_warnings():
@@ -91,6 +91,6 @@ def size_of(image: np.ndarray) -> str:
 
 
 def require_size(path: Path, mask: np.ndarray, camera: Camera, why: str) -> None:
-    """Requires an image, by its mask (H, W), to have the size of its camera; raises InputError that says why."""
+    """Require an image, by its mask (H, W), to have the size of its camera; raise InputError that says why."""
     if mask.shape != (camera.height, camera.width):
         raise InputError(path, value=size_of(mask), allowed=f"{camera.width} x {camera.height} px, {why}")

@@ -24,7 +24,7 @@ def is_folder(path: Path) -> bool:
 
 
 def require_file(path: Path, allowed: str) -> Path:
-    """Validated path of a file that can be read; `allowed` says in words which file should be there.
+    """Return validated path of a file that can be read; `allowed` says in words which file should be there.
 
     Raises:
         InputError: It is missing, a folder, or may not be read.

@@ -12,7 +12,7 @@ _CLEARANCE = 0.004  # m, between floor and pusher
 
 
 def pusher_surface(pusher: PusherGeometry, *, sections: int = 48) -> trimesh.Trimesh:
-    """Closed surface of a pusher, m, frame P: of its shape, or else its mesh.
+    """Return the closed surface of a pusher, m, frame P: of its shape, or else its mesh.
 
     Round shapes have 8 or more sections. They are inscribed by 1 % of the radius or less with 48, 3 % with 24, 10 %
     with 12.

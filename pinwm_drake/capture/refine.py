@@ -20,7 +20,7 @@ from pinwm_drake.spatial.rotations import quaternion_to_matrix
 def refine_capture(
     capture: Path, out: Path, *, progress: Callable[[float, float], None] = lambda share, loss: None
 ) -> OutlineFit:
-    """Copies a capture, with a mesh whose outlines are those of the masks; see `fit_outline`.
+    """Copy a capture, with a mesh whose outlines are those of the masks; see `fit_outline`.
 
     The object is looked for in the views first, as `align` does, since its pose may be a little wrong too.
 

@@ -11,16 +11,16 @@ _Result = TypeVar("_Result")
 
 
 def raise_it(error: PinwmError) -> NoReturn:
-    """Raises the error: the reader stops at the first problem."""
+    """Raise the error: the reader stops at the first problem."""
     raise error
 
 
 def ignore(error: PinwmError) -> None:
-    """Does nothing about an error, which something else tells."""
+    """Do nothing about an error, which something else tells."""
 
 
 def attempt(work: Callable[[], _Result], refuse: Refuse) -> _Result | None:
-    """Result of `work`, or None where it raised a PinwmError and `refuse`, which receives that, did not."""
+    """Return the result of `work`, or None where it raised a PinwmError and `refuse`, which receives that, did not."""
     try:
         return work()
     except PinwmError as error:

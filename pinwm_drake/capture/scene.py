@@ -105,7 +105,7 @@ class PoseDocument(Document):
     q: Annotated[tuple[Number, Number, Number, Number], FromList, AfterValidator(_unit)]
 
     def pose(self) -> Pose:
-        """The pose, its quaternion normalised: q (4,), p (3,) [m]."""
+        """Return the pose, its quaternion normalised: q (4,), p (3,) [m]."""
         return Pose(torch.tensor(self.q, dtype=torch.float64), torch.tensor(self.p, dtype=torch.float64))
 
 
@@ -134,7 +134,7 @@ class ShapeDocument(Document):
     length: Annotated[Number | None, AfterValidator(_length)] = Field(None, validate_default=True)
 
     def shape(self) -> PusherShape:
-        """The shape that the keys describe."""
+        """Return the shape that the keys describe."""
         return PusherShape(self.kind, self.radius, self.length or 0.0)
 
 
@@ -178,7 +178,7 @@ class CaptureDocument(HeadDocument, extra="forbid"):
 
 
 def read_capture_object(folder: Path) -> CaptureObject:
-    """Reads the object of a capture from its `capture.yaml`; keys beside that are not needed.
+    """Read the object of a capture from its `capture.yaml`; keys beside that are not needed.
 
     Raises:
         InputError: As for `load_capture`.
@@ -188,7 +188,7 @@ def read_capture_object(folder: Path) -> CaptureObject:
 
 
 def load_capture(capture: str | Path) -> Capture:
-    """Reads `capture.yaml` of a folder, and the names of the episodes.
+    """Read `capture.yaml` of a folder, and the names of the episodes.
 
     Raises:
         InputError: The file is missing or no YAML, of another schema version or in other units, a key is
@@ -213,7 +213,7 @@ def object_mesh(folder: Path, name: str) -> Path:
 
 
 def pusher_geometry(entry: Entry, pusher: PusherDocument, *, required: bool) -> PusherGeometry:
-    """The pusher of a capture; raises InputError where it is required but has neither mesh nor shape, or no file."""
+    """Return the pusher of a capture; raise InputError where a required one has no mesh, shape or file."""
     mesh_path = None if pusher.mesh is None else entry.path.parent / pusher.mesh
     if required and mesh_path is None and pusher.shape is None:
         raise entry.refusal("a mesh or a shape")

@@ -19,7 +19,7 @@ TRANSFORMS = "transforms.json"
 
 
 def read_views(path: Path, X_WO: Pose | None = None, *, mesh: trimesh.Trimesh | None = None) -> list[View]:
-    """Reads the posed images of a nerfstudio folder.
+    """Read the posed images of a nerfstudio folder.
 
     A folder `masks` beside `transforms.json` holds a mask for each image, with its name up to the suffix; the key
     `mask_path` of a frame comes first.
@@ -52,7 +52,7 @@ def _read_view(frame: Frame, X_WO: Pose, mesh: trimesh.Trimesh | None) -> View:
 
 
 def read_frame_image(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """The image of a frame: (H, W, 3) float32, sRGB in [0, 1], and (H, W) bool, true on the object.
+    """Return the image of a frame: (H, W, 3) float32, sRGB in [0, 1], and (H, W) bool, true on the object.
 
     Raises:
         InputError: Image or mask is missing or unreadable, of another size than the camera's, or shows nothing.
@@ -79,7 +79,7 @@ def find_mask(folder: Path, image_path: Path) -> Path | None:
 
 
 def require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:
-    """Requires a camera to be outside the object, which has pose X_CO [m] in it; raises InputError otherwise."""
+    """Require a camera to be outside the object, which has pose X_CO [m] in it; raise InputError otherwise."""
     p_OC = inverse(X_CO).p.numpy()
     if winding_number(mesh, p_OC) > 0.5:
         found = f"a camera inside the object, at {(np.round(p_OC, 4) + 0.0).tolist()} m from its origin"
@@ -87,7 +87,7 @@ def require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:
 
 
 def require_seen(frame: Frame, X_CO: Pose, mask: np.ndarray, mesh: trimesh.Trimesh) -> bool:
-    """True for a camera that sees the object, with pose X_CO [m] in it, where the mask (H, W) shows it.
+    """Return True for a camera that sees the object, with pose X_CO [m] in it, where the mask (H, W) shows it.
 
     Raises:
         InputError: The camera looks away from it, or the boxes around mesh and mask do not even overlap.

@@ -38,7 +38,7 @@ class Frame:
 
 
 def read_transforms(path: Path) -> list[Frame]:
-    """Reads the frames of a `transforms.json`, in its order.
+    """Read the frames of a `transforms.json`, in its order.
 
     Intrinsics of a frame replace those of the file.
 
@@ -56,7 +56,7 @@ def read_transforms(path: Path) -> list[Frame]:
 
 
 def require_different(frames: list[Frame], refuse: Refuse = raise_it) -> None:
-    """Requires each frame to have an image of its own; `refuse` receives each problem, an InputError."""
+    """Require each frame to have an image of its own; `refuse` receives each problem, an InputError."""
     seen: dict[Path, str] = {}
     for frame in frames:
         other = seen.setdefault(frame.image_path, frame.entry.place)
@@ -101,18 +101,18 @@ def read_camera(document: Entry, frame: Entry) -> Camera:
 
 
 def require_last_row(entry: Entry, matrix: np.ndarray) -> None:
-    """Requires the last row of a transform (4, 4) to be 0, 0, 0, 1; raises InputError otherwise."""
+    """Require the last row of a transform (4, 4) to be 0, 0, 0, 1; raise InputError otherwise."""
     if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
         raise entry.refusal("a matrix whose last row is 0, 0, 0, 1", f"last row {matrix[3].tolist()}")
 
 
 def read_pose(entry: Entry) -> Pose:
-    """A camera's pose in OpenCV axes from a 4 x 4 matrix [m] in OpenGL axes; raises InputError as `opencv_pose`."""
+    """Return a camera's pose in OpenCV axes from a 4 x 4 matrix [m] in OpenGL axes; errors as `opencv_pose`."""
     return opencv_pose(entry, entry.numbers(4, 4))
 
 
 def opencv_pose(entry: Entry, matrix: np.ndarray) -> Pose:
-    """A camera's pose in OpenCV axes from the finite matrix (4, 4) [m] of an entry, in OpenGL axes.
+    """Return a camera's pose in OpenCV axes from the finite matrix (4, 4) [m] of an entry, in OpenGL axes.
 
     Raises:
         InputError: It is not a rigid transform, or is a kilometre away.

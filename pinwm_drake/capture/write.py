@@ -41,7 +41,7 @@ def write_capture_yaml(
     floor_height: float,
     gravity: float,
 ) -> None:
-    """Writes the scene of a capture to its `capture.yaml`.
+    """Write the scene of a capture to its `capture.yaml`.
 
     Args:
         folder: The capture; made if need be.
@@ -76,7 +76,7 @@ def write_capture_yaml(
 
 
 def write_posed_images(path: Path, frames: list[tuple[str, Camera, Pose]]) -> None:
-    """Writes a `transforms.json` of nerfstudio, with poses in OpenGL's axes.
+    """Write a `transforms.json` of nerfstudio, with poses in OpenGL's axes.
 
     Args:
         path: The file; its folder is made if need be.
@@ -104,7 +104,7 @@ def write_episode_tables(
     trajectory: PusherTrajectory,
     object_poses: ObjectPoses | None,
 ) -> None:
-    """Writes `camera.json`, `frames.csv`, `trajectory.csv` and, where they are known, `object_poses.csv`.
+    """Write `camera.json`, `frames.csv`, `trajectory.csv` and, where they are known, `object_poses.csv`.
 
     Args:
         folder: Folder of the episode; made if need be.
@@ -130,7 +130,7 @@ def write_episode_tables(
 
 
 def write_trajectory(path: Path, trajectory: PusherTrajectory) -> None:
-    """Writes a motion of the pusher with the columns of `trajectory.csv`.
+    """Write a motion of the pusher with the columns of `trajectory.csv`.
 
     Raises:
         InputError: The file cannot be written.
@@ -142,7 +142,7 @@ def write_trajectory(path: Path, trajectory: PusherTrajectory) -> None:
 
 
 def write_pose_table(path: Path, poses: ObjectPoses) -> None:
-    """Writes poses of an object with the columns of `object_poses.csv`.
+    """Write poses of an object with the columns of `object_poses.csv`.
 
     Raises:
         InputError: The file cannot be written.
@@ -157,7 +157,7 @@ def _intrinsics(camera: Camera) -> dict[str, Any]:
 
 
 def _opengl(X_WC: Pose) -> list[list[float]]:
-    """The matrix of a pose, from OpenCV's axes (x right, y down, z forward) to OpenGL's."""
+    """Return the matrix of a pose, from OpenCV's axes (x right, y down, z forward) to OpenGL's."""
     return (pose_to_matrix(X_WC).numpy() @ np.diag([1.0, -1.0, -1.0, 1.0]) + 0.0).tolist()
 
 

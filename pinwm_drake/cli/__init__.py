@@ -3,7 +3,7 @@
 
 
 def main() -> None:
-    """Runs `pinwm` on the command line and ends the process with its exit code; 130 at Ctrl-C before a command."""
+    """Run `pinwm` on the command line and end the process with its exit code; 130 at Ctrl-C before a command."""
     try:
         from pinwm_drake.cli.app import main as run
 

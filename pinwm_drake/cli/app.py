@@ -61,7 +61,7 @@ class _LazyCommand(TyperCommand):
 
 
 def _add_command(name: str, example: str) -> None:
-    """Adds a command, or a group of commands, of the module `pinwm_drake.cli.NAME`.
+    """Add a command, or a group of commands, of the module `pinwm_drake.cli.NAME`.
 
     The module defines a function of this name, whose docstring is the help. A command's function takes a request; a
     group's module defines `NAME_app` as well.
@@ -109,11 +109,11 @@ def _options(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """The options that stand before a command; `version` has done its work by the time this runs."""
+    """Return the options that stand before a command; `version` has done its work by the time this runs."""
 
 
 def main() -> None:
-    """Runs `pinwm` on the command line and ends the process with its exit code."""
+    """Run `pinwm` on the command line and end the process with its exit code."""
     try:
         app(prog_name="pinwm")
     except PinwmError as error:

@@ -26,7 +26,7 @@ _STYLES = {"error": "bold red", "warning": "yellow"}
 
 
 def check(request: CheckRequest) -> None:
-    """Lists everything that is wrong with a capture; exits with 1 where something makes it unusable."""
+    """List everything that is wrong with a capture; exits with 1 where something makes it unusable."""
     from pinwm_drake.capture.check import check_capture
 
     console, folder = Console(), request.folder
@@ -40,7 +40,7 @@ def check(request: CheckRequest) -> None:
 
 
 def refine(request: RefineRequest) -> None:
-    """Copies a capture and fits its mesh to the masks of the static views, where it is a few millimetres wrong."""
+    """Copy a capture and fit its mesh to the masks of the static views, where it is a few millimetres wrong."""
     from pinwm_drake.capture.refine import refine_capture
 
     with stages_bar() as show:
@@ -55,7 +55,7 @@ def refine(request: RefineRequest) -> None:
 
 
 def simulate(request: SimulateCaptureRequest) -> None:
-    """Makes a capture from Drake: a stand-in for a robot that pushes an object in front of a camera."""
+    """Make a capture from Drake: a stand-in for a robot that pushes an object in front of a camera."""
     from pinwm_drake.systems.runs.simulated_capture import simulate_capture
 
     with stages_bar() as progress:

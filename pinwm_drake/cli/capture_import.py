@@ -13,7 +13,7 @@ import_app = typer.Typer(name="import", help="Make a capture of data in another 
 
 
 def nerfstudio(request: NerfstudioRequest) -> None:
-    """Makes a capture of posed images in nerfstudio's or NeRF's layout."""
+    """Make a capture of posed images in nerfstudio's or NeRF's layout."""
     from pinwm_drake.capture.importers.nerfstudio import import_nerfstudio
 
     views = import_nerfstudio(request.source, request.out, request.scenery.read(), request.world.read())
@@ -21,7 +21,7 @@ def nerfstudio(request: NerfstudioRequest) -> None:
 
 
 def colmap(request: ColmapRequest) -> None:
-    """Makes a capture of a COLMAP model with PINHOLE or SIMPLE_PINHOLE cameras, and its images."""
+    """Make a capture of a COLMAP model with PINHOLE or SIMPLE_PINHOLE cameras, and its images."""
     from pinwm_drake.capture.importers.colmap import import_colmap
 
     scenery, similarity = request.scenery.read(), request.world.read()
@@ -30,7 +30,7 @@ def colmap(request: ColmapRequest) -> None:
 
 
 def pinwm(request: PinwmRequest) -> None:
-    """Makes a capture of a data set in the layout of PIN-WM's authors."""
+    """Make a capture of a data set in the layout of PIN-WM's authors."""
     from pinwm_drake.capture.importers.pinwm import import_pinwm
 
     files = import_pinwm(

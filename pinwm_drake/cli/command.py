@@ -25,7 +25,7 @@ _CONFIG = "config"
 def add_command(
     app: typer.Typer, request: type[_Request], run: Callable[[_Request], None], *, name: str, example: str
 ) -> None:
-    """Adds the command of a request to an application.
+    """Add the command of a request to an application.
 
     Args:
         app: The application, or a group of it.
@@ -123,7 +123,7 @@ def _plain(default: Any) -> Any:
 
 
 def _config_parameter(fields: list[RequestField], command: str) -> inspect.Parameter:
-    """The option `--config`: values from a YAML file stand in for defaults."""
+    """Return the option `--config`: values from a YAML file stand in for defaults."""
 
     def read(context: typer.Context, path: Path | None) -> Path | None:
         if path is not None:
@@ -177,7 +177,7 @@ def read_config(path: Path, fields: list[RequestField], command: str) -> dict[st
 
 
 def _checked(entry: Any, field: RequestField) -> Any:
-    """A value of a configuration file, checked by its field."""
+    """Return a value of a configuration file, checked by its field."""
     from pydantic import TypeAdapter, ValidationError
 
     adapter: Any = TypeAdapter(Annotated[field.kind, field.info])  # type: ignore[arg-type]
@@ -191,7 +191,7 @@ def _checked(entry: Any, field: RequestField) -> Any:
 
 
 def write_config(request: Any, command: str) -> None:
-    """Writes the resolved configuration of a command with its result, as COMMAND.config.yaml.
+    """Write the resolved configuration of a command with its result, as COMMAND.config.yaml.
 
     Args:
         request: The request. A result that was not asked for, or is not there, has none.

@@ -12,7 +12,7 @@ _MOST = 200  # folders that are looked into
 
 
 def completer(kind: str, choices: tuple[str, ...]) -> Callable[[str], list[str]]:
-    """Function that gives the values of a kind that begin with a text.
+    """Return the function that gives the values of a kind that begin with a text.
 
     Args:
         kind: "twin", "scene", "policy", "bundle", "capture", "choice" or "".

@@ -22,7 +22,7 @@ _PERIOD = 1800.0  # s, over which the time left is reckoned; an episode in a pla
 
 
 def say(text: str, *, style: str | None = None) -> None:
-    """Prints a line as it is: not broken, and not coloured by its contents."""
+    """Print a line as it is: not broken, and not coloured by its contents."""
     Console().print(text, style=style, highlight=False, soft_wrap=True, markup=False)
 
 
@@ -30,7 +30,7 @@ class _LateProgress(Progress):
     """Bars that begin with the first task, so that work that is refused before prints nothing but its error."""
 
     def add_task(self, *arguments: Any, **options: Any) -> TaskID:
-        """Adds a bar, the first of which begins the display; see `rich.progress.Progress.add_task`."""
+        """Add a bar, the first of which begins the display; see `rich.progress.Progress.add_task`."""
         self.start()
         return super().add_task(*arguments, **options)
 
@@ -51,7 +51,7 @@ def progress_bar(
     elapsed: bool = True,
     transient: bool = False,
 ) -> Iterator[Progress]:
-    """A bar for each task that is added, with the time left.
+    """Return a bar for each task that is added, with the time left.
 
     Args:
         figures: Text between bar and times, in rich's format.
@@ -75,7 +75,7 @@ def progress_bar(
 
 @contextmanager
 def stages_bar(*, transient: bool = False) -> Iterator[Callable[[str, float, str], None]]:
-    """A bar for each stage of an experiment, as its callback names them.
+    """Return a bar for each stage of an experiment, as its callback names them.
 
     Args:
         transient: Flag: the bars disappear when all is done; then there are none where the output is no terminal.

@@ -83,7 +83,7 @@ def control(request: ControlRequest) -> None:
 
 
 def _run(console: Console, loop: "ControlLoop", duration: float, stop: Stop, meshcat: "Meshcat | None") -> "ControlRow":
-    """Runs a loop for a duration [s] with a line now and then, disarms it whatever happens, and gives its last row."""
+    """Run a loop for a duration [s] with a line now and then, disarm it whatever happens, and give its last row."""
     due, state = 0.0, ""
     try:
         loop.listen(stop=stop, arming=stop.defer)
@@ -102,7 +102,7 @@ def _run(console: Console, loop: "ControlLoop", duration: float, stop: Stop, mes
 
 
 def _tell(console: Console, stop: Stop, line: str) -> None:
-    """Prints a line; where the terminal takes none any more, that is a wish to stop."""
+    """Print a line; where the terminal takes none any more, that is a wish to stop."""
     try:
         console.print(line, highlight=False, soft_wrap=True)
     except OSError:
@@ -110,7 +110,7 @@ def _tell(console: Console, stop: Stop, line: str) -> None:
 
 
 def _show(meshcat: "Meshcat", before: str, row: "ControlRow") -> None:
-    """Shows state and reason in Meshcat's panel of controls, as the names of buttons that do nothing."""
+    """Show state and reason in Meshcat's panel of controls, as the names of buttons that do nothing."""
     if before:
         meshcat.DeleteAddedControls()
     for words in (row.status.state, row.status.reason, row.status.estimate):
@@ -121,7 +121,7 @@ def _show(meshcat: "Meshcat", before: str, row: "ControlRow") -> None:
 def _announce(
     console: Console, armed: bool, simulated: bool, engine: str, setup: "Setup", limits: "SafetyLimits"
 ) -> None:
-    """Prints the name of the controlled robot or engine, whether the pusher moves, its limits, and what it lacks."""
+    """Print the name of the controlled robot or engine, whether the pusher moves, its limits, and what it lacks."""
     from pinwm_drake.systems.arm.driver import arm_limits
 
     what = {True: "[bold]armed[/]: the pusher moves", False: "[bold]dry run[/]: nothing moves (--arm does)"}
@@ -141,7 +141,7 @@ def _announce(
 
 
 def _await_browser(console: Console, meshcat: "Meshcat") -> None:
-    """Prints the address of the page; on a terminal, waits a while for somebody to open it."""
+    """Print the address of the page; on a terminal, waits a while for somebody to open it."""
     console.print(f"Meshcat is at {meshcat.web_url()}", highlight=False, soft_wrap=True)
     end = time.monotonic() + _PATIENCE
     while console.is_terminal and meshcat.GetNumActiveConnections() == 0 and time.monotonic() < end:
@@ -149,7 +149,7 @@ def _await_browser(console: Console, meshcat: "Meshcat") -> None:
 
 
 def _keep(console: Console, stop: Stop) -> None:
-    """Keeps the page until Ctrl-C."""
+    """Keep the page until Ctrl-C."""
     _tell(console, stop, "Ctrl-C ends")
     while not stop():
         time.sleep(0.1)
@@ -175,7 +175,7 @@ def _line(t: float, row: "ControlRow", wall: float) -> str:
 
 
 def _conclude(console: Console, row: "ControlRow", armed: bool, duration: float, stop: Stop) -> None:
-    """Prints how a run ended; raises StateError where a fault stopped the pusher, SystemExit where a signal did."""
+    """Print how a run ended; raise StateError where a fault stopped the pusher, SystemExit where a signal did."""
     if row.status.state == "latched":
         raise StateError(f"the pusher was stopped: {row.status.reason}")
     end = "disarmed, and zero was sent" if armed else "dry run: nothing was moved"

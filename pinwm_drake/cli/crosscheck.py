@@ -13,7 +13,7 @@ _WIDTH = 100  # characters, of a table that goes to a file
 
 
 def crosscheck(request: CrossCheckRequest) -> None:
-    """Sends the same pushes through a twin and Drake's own contact; exits with 0 for PASS and with 1 for FAIL."""
+    """Send the same pushes through a twin and Drake's own contact; exits with 0 for PASS and with 1 for FAIL."""
     from pinwm_drake.report.twin.data import read_ground_truth
     from pinwm_drake.systems.crosscheck.crosscheck import crosscheck
     from pinwm_drake.systems.scenario.load import load_setup

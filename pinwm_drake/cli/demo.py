@@ -22,7 +22,7 @@ def demo(
         Path | None, typer.Option("--out", "-o", help="Folder of the results.", show_default=str(_OUT))
     ] = None,
 ) -> None:
-    """Makes a twin from the video of a push, predicts another push, and lets the shipped policy act in it."""
+    """Make a twin from the video of a push, predict another push, and let the shipped policy act in it."""
     if context.invoked_subcommand is not None:
         if out is not None:
             raise ParameterError(

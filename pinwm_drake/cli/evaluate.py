@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def evaluate(request: EvaluateRun) -> None:
-    """Tests a policy: how often it succeeds, how soon, and what failed."""
+    """Test a policy: how often it succeeds, how soon, and what failed."""
     from pinwm_drake.experiments.evaluation import run
     from pinwm_drake.report.evaluation.report import details, headline
 
@@ -46,7 +46,7 @@ def evaluate(request: EvaluateRun) -> None:
 
 @contextmanager
 def _shown() -> Iterator["ProgressCallback"]:
-    """Shows the progress of an evaluation: a bar of its episodes, then one of film and report."""
+    """Show the progress of an evaluation: a bar of its episodes, then one of film and report."""
     with progress_bar("{task.fields[figures]}") as bar:
         tasks = {}
 

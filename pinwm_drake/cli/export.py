@@ -15,7 +15,7 @@ _CALLS = 100  # calls of the network that are timed
 
 
 def export(request: ExportRequest) -> None:
-    """Makes a bundle of a policy: network in ONNX, contract, limits, golden samples; onnxruntime alone runs it."""
+    """Make a bundle of a policy: network in ONNX, contract, limits, golden samples; onnxruntime alone runs it."""
     from pinwm_drake.experiments.golden_samples import export_bundle
 
     bundle = export_bundle(

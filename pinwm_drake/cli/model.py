@@ -6,7 +6,7 @@ from pinwm_drake.experiments.requests.twins import ModelRequest
 
 
 def model(request: ModelRequest) -> None:
-    """Writes a twin as SDFormat models, which Drake's Parser loads."""
+    """Write a twin as SDFormat models, which Drake's Parser loads."""
     from pinwm_drake.systems.sdf.twin import write_twin_model
     from pinwm_drake.twin.read import load_twin
 

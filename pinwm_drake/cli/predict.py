@@ -57,7 +57,7 @@ def predict(request: PredictRequest) -> None:
 
 
 def _require_free(path: Path, episode: Path) -> None:
-    """Raises InputError where a result would replace a folder or a file of the episode."""
+    """Raise InputError where a result would replace a folder or a file of the episode."""
     if path.is_dir():
         raise InputError(path, value="a folder", allowed="a file")
     if path.exists() and path.resolve().is_relative_to(episode.resolve()):

@@ -8,7 +8,7 @@ from pinwm_drake.experiments.requests.twins import ReportRequest
 
 
 def report(request: ReportRequest) -> None:
-    """Writes one web page that needs no network: parameters, pictures, film, motion, course and provenance."""
+    """Write one web page that needs no network: parameters, pictures, film, motion, course and provenance."""
     from pinwm_drake.files import prepare_folder
     from pinwm_drake.report.twin.data import read_story
     from pinwm_drake.report.twin.report import write_twin_report

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def reproduce(request: ReproduceRun) -> None:
-    """Makes the paper's tables: captures, twins, policies, evaluations, each once; after a kill it goes on."""
+    """Make the paper's tables: captures, twins, policies, evaluations, each once; after a kill it goes on."""
     from pinwm_drake.paper.reproduce.run import plan, seeds_of, tables_of, write_report
     from pinwm_drake.paper.reproduce.run import reproduce as run
     from pinwm_drake.parallel import Executor
@@ -54,7 +54,7 @@ def reproduce(request: ReproduceRun) -> None:
 
 
 def _show(planned: "Plan") -> None:
-    """Prints the plan: the cells of each wave, how many are made, and what the rest takes."""
+    """Print the plan: the cells of each wave, how many are made, and what the rest takes."""
     for wave, done in zip(planned.waves, planned.done, strict=True):
         for cell in wave:
             say(f"  {cell.key}  (about {cell.hours:.2f} h)")
@@ -63,7 +63,7 @@ def _show(planned: "Plan") -> None:
 
 
 def _short(cell: "Cell", result: dict[str, Any]) -> str:
-    """Result of a cell in a few words."""
+    """Return the result of a cell in a few words."""
     if "success_rate" in result:
         return f"success {result['success_rate']:.0%}"
     if "theta" in result:

@@ -57,7 +57,7 @@ def simulate(request: SimulateRequest) -> None:
 
 
 def _announce(session: "Session", host: str) -> None:
-    """Prints the address of the page."""
+    """Print the address of the page."""
     assert session.meshcat is not None
     say(f"Meshcat is at {session.meshcat.web_url()}")
     if not host.startswith(LOOPBACK):

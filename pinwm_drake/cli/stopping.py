@@ -32,7 +32,7 @@ class Stop:
         return 128 + self._signal if self._signal else 0
 
     def defer(self) -> None:
-        """Notes signals from now on, in the place of ending at once."""
+        """Note signals from now on, in the place of ending at once."""
         self._deferred = True
 
     def close(self) -> None:
@@ -40,7 +40,7 @@ class Stop:
         self._signal = self._signal or int(signal.SIGHUP)
 
     def take(self, number: int, frame: FrameType | None) -> None:
-        """Takes a signal, as a handler of Python's `signal`."""
+        """Take a signal, as a handler of Python's `signal`."""
         if not self._deferred:
             words = f"\nstopped by {WORDS[signal.Signals(number)]} before it was armed: nothing was moved\n"
             with suppress(OSError):  # where nobody reads it
@@ -51,7 +51,7 @@ class Stop:
 
 @contextmanager
 def stop_signals() -> Iterator[Stop]:
-    """The wish to stop by SIGINT, SIGTERM or SIGHUP, whose handlers are its own in between."""
+    """Return the wish to stop by SIGINT, SIGTERM or SIGHUP, whose handlers are its own in between."""
     stop = Stop()
     before = {number: signal.signal(number, stop.take) for number in WORDS}
     try:

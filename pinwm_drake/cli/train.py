@@ -42,7 +42,7 @@ def train(request: TrainRequest) -> None:
 
 @contextmanager
 def _shown() -> Iterator["Report"]:
-    """Shows the progress of a training: a bar for each stage on a terminal, otherwise a line now and then."""
+    """Show the progress of a training: a bar for each stage on a terminal, otherwise a line now and then."""
     if not Console().is_terminal:
         yield _Lines()
         return
@@ -65,7 +65,7 @@ class _Lines:
         self._last, self._evaluation = -math.inf, ""
 
     def __call__(self, step: "Step") -> None:
-        """Prints a line on the progress where one is due."""
+        """Print a line on the progress where one is due."""
         now, evaluation = time.monotonic(), f"{step.stage} {step.success} {step.length}"
         # A round has ended where its evaluation is another one.
         if evaluation == self._evaluation and step.done < 1.0 and now - self._last < _LINES_PERIOD:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def view(request: ViewRequest) -> None:
-    """Shows surfels in the browser (meshcat) until Ctrl-C, or writes them as a web page or a turntable video.
+    """Show surfels in the browser (meshcat) until Ctrl-C, or write them as a web page or a turntable video.
 
     A twin is shown with the mesh of its object and its pusher. Drake is not needed.
     """
@@ -53,7 +53,7 @@ def view(request: ViewRequest) -> None:
 
 
 def _serve(surfels: "Surfels", path: Path, solids: "list[Solid]", host: str, port: int | None, browser: bool) -> None:
-    """Serves a page of surfels until Ctrl-C."""
+    """Serve a page of surfels until Ctrl-C."""
     from pinwm_drake.report.surfels.live_view import serve_surfels
 
     also = "".join(f", {solid.name}" for solid in solids)

@@ -31,7 +31,7 @@ class Acting(Protocol):
         """Specification of the policy, which observes "rgb"."""
 
     def act(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """Translation d_W (n,) m of the pusher along the task's axes over the horizon, world.
+        """Return the translation d_W (n,) m of the pusher along the task's axes over the horizon, world.
 
         Args:
             image: (height, width, 3 k) uint8, RGB: the last k images, the oldest first.
@@ -153,15 +153,15 @@ class Pilot:
         return _with(begun, safety, time=time)
 
     def disarm(self, memory: Memory, time: float) -> Memory:
-        """Stops the pusher; a fault that latched, or the end of the task, stays."""
+        """Stop the pusher; a fault that latched, or the end of the task, stays."""
         return _with(memory, self._filter.disarm(memory.safety), time=time)
 
     def fail(self, memory: Memory, time: float, fault: str) -> Memory:
-        """Takes note of a fault [words] from outside, which latches while armed."""
+        """Take note of a fault [words] from outside, which latches while armed."""
         return _with(memory, self._filter.watch(memory.safety, fault), time=time)
 
     def look(self, memory: Memory, inputs: Inputs) -> Memory:
-        """Looks for faults between actions; the same object where nothing has changed."""
+        """Look for faults between actions; the same object where nothing has changed."""
         recorded = self._recorded(memory, inputs)
         fault = self._fault(memory, inputs)
         if not fault and self._live:
@@ -226,7 +226,7 @@ class Pilot:
         return inputs.fault or known or stale
 
     def _looked_at(self, memory: Memory, inputs: Inputs) -> tuple[Memory, str]:
-        """The memory with a record of the image, if that is a new one, and its fault in words."""
+        """Return the memory with a record of the image, if that is a new one, and its fault in words."""
         if memory.sight is not None and inputs.image_time == memory.sight.time:
             return memory, ""
         image = np.asarray(inputs.rgb())

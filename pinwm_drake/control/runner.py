@@ -66,7 +66,7 @@ class Runner:
         self._pusher: tuple[float, np.ndarray] | None = None
 
     def pusher(self, time: float, p_WP: np.ndarray) -> None:
-        """Takes a place of the pusher.
+        """Take a place of the pusher.
 
         Args:
             time: s, when it was there.
@@ -77,7 +77,7 @@ class Runner:
         self._pusher = (float(time), state)
 
     def image(self, time: float, rgb: np.ndarray) -> None:
-        """Takes an image.
+        """Take an image.
 
         Args:
             time: s, when it was taken.

@@ -28,7 +28,7 @@ class ColourDraw:
     """Colours of one twin, and the limits that each has in a draw."""
 
     def __init__(self, surfels: Surfels) -> None:
-        """Computes the range of every surfel's colours over all directions; sh is (N, K, 3)."""
+        """Compute the range of every surfel's colours over all directions; sh is (N, K, 3)."""
         self._sh = surfels.sh.detach().to(torch.float32).numpy()
         bands = [2 * band + 1 for band in range(surfels.degree + 1)]
         # The largest value of a band's harmonics with coefficients of norm 1, by the addition theorem.
@@ -94,7 +94,7 @@ class ColourDraw:
 
 
 def _directions(number: int) -> torch.Tensor:
-    """Unit vectors (number, 3), spread evenly over the sphere."""
+    """Return the unit vectors (number, 3), spread evenly over the sphere."""
     k = torch.arange(number, dtype=torch.float64) + 0.5
     z, angle = 1.0 - 2.0 * k / number, math.pi * (1.0 + math.sqrt(5.0)) * k
     radius = (1.0 - z * z).sqrt()

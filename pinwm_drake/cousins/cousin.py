@@ -60,7 +60,7 @@ class Cousin:
         return self._looks[1]
 
     def twin(self) -> Twin:
-        """The cousin as a twin of its own, for everything that takes one."""
+        """Return the cousin as a twin of its own, for everything that takes one."""
         surfels = dataclasses.replace(self.of.surfels, sh=self.sh)
         return dataclasses.replace(self._physical(), surfels=surfels)
 
@@ -85,7 +85,7 @@ class CousinDraw:
     """
 
     def __init__(self, twin: Twin, *, delta: float = 0.1, from_intervals: bool = False, seed: int = 0) -> None:
-        """Prepares the ranges and the colours of the twin.
+        """Prepare the ranges and the colours of the twin.
 
         Args:
             twin: The twin.

@@ -18,10 +18,10 @@ class DomainSource(Protocol):
     """A distribution of domains around a twin, which tells one training from another."""
 
     def draw(self, twin: Twin) -> DomainDraw | None:
-        """Function from a number, 0 or more, to its domain; None where every world is the twin itself."""
+        """Return the function from a number, 0 or more, to its domain; None where every world is the twin itself."""
 
     def about(self) -> dict[str, object]:
-        """Settings as JSON takes them: checkpoints of other settings are refused."""
+        """Return settings as JSON takes them: checkpoints of other settings are refused."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class CousinDomains:
     seed: int = 0
 
     def draw(self, twin: Twin) -> DomainDraw | None:
-        """Function from a number to its cousin; None with a delta of 0 where theta is not drawn from intervals.
+        """Return the function from a number to its cousin; None where nothing is drawn.
 
         Raises:
             ParameterError: delta or seed is out of range.
@@ -49,5 +49,5 @@ class CousinDomains:
         return cousins.cousin if self.delta > 0 or self.from_intervals else None
 
     def about(self) -> dict[str, object]:
-        """Settings by name, for a checkpoint."""
+        """Return settings by name, for a checkpoint."""
         return {"delta": self.delta, "from_intervals": self.from_intervals, "cousin_seed": self.seed}

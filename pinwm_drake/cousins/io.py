@@ -25,7 +25,7 @@ _ALLOWED = "cousins, as `pinwm cousins` writes them"
 
 
 def write_cousins(path: Path, cousins: Cousins) -> None:
-    """Writes cousins, whole or not at all.
+    """Write cousins, whole or not at all.
 
     Args:
         path: The file, which ends in .npz; its folder exists.
@@ -54,7 +54,7 @@ def write_cousins(path: Path, cousins: Cousins) -> None:
 
 
 def read_cousins(path: Path, twin: Twin) -> Cousins:
-    """Reads the cousins of a twin from a file: the very ones that `write_cousins` wrote.
+    """Read the cousins of a twin from a file: the very ones that `write_cousins` wrote.
 
     Raises:
         InputError: The file is missing, is no file of cousins, was changed, or its cousins are another twin's.

@@ -101,7 +101,7 @@ class RandomDomains:
             raise ParameterError(f"middle: got {self.middle}; allowed with a share below 1: values of {list(THETA)}")
 
     def draw(self, twin: Twin) -> DomainDraw:
-        """Function from a number to its domain, an object of the twin's shape that is otherwise drawn.
+        """Return the function from a number to its domain, an object of the twin's shape that is otherwise drawn.
 
         Raises:
             InputError: The mesh cannot be read.
@@ -126,7 +126,7 @@ class RandomDomains:
         return domain
 
     def about(self) -> dict[str, object]:
-        """Settings by name, for a checkpoint."""
+        """Return settings by name, for a checkpoint."""
         told = {"spans": {name: list(ends) for name, ends in asdict(self.spans).items()}, "share": self.share}
         middle = None if self.middle is None else {name: float(self.middle[name]) for name in THETA}
         return {**told, "middle": middle, "once": self.once, "painted": self.painted, "random_seed": self.seed}

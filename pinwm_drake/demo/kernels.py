@@ -55,7 +55,7 @@ def compiling(capture: Path, options: IdentifyOptions) -> Iterator[Callable[[], 
 
 
 def _compile(folder: Path, options: IdentifyOptions, sender: Connection) -> None:
-    """Calls every kernel that an identification needs, forward and backward; sends wall time and CPU time [s]."""
+    """Call every kernel that an identification needs, forward and backward; send wall time and CPU time [s]."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the first process, which ends this one
     begun = time.perf_counter()
     torch.set_num_threads(1)

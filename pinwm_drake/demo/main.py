@@ -30,7 +30,7 @@ _PANEL = 480  # px, at most, of the films of a push
 
 
 def run_demo(out: Path, options: DemoOptions | None = None) -> None:
-    """Runs all stages and writes their files, the page last. Files of an earlier run are replaced.
+    """Run all stages and write their files, the page last. Files of an earlier run are replaced.
 
     Without options, capture and policy are those that ship.
 
@@ -109,7 +109,7 @@ def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
 
 
 def _read(folder: Path) -> tuple[Capture, list[Episode]]:
-    """The capture and its first two episodes; raises InputError where `pinwm capture check` finds an error."""
+    """Return the capture and its first two episodes; raises InputError where `pinwm capture check` finds an error."""
     check = check_capture(folder)
     for problem in check.problems:
         if problem.severity == "error":

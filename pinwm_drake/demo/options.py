@@ -14,7 +14,7 @@ _IDENTIFY = IdentifyOptions()
 
 
 def shipped_capture() -> Path:
-    """The folder of the capture that ships with the project."""
+    """Return the folder of the capture that ships with the project."""
     return model_path("captures/t_block/capture.yaml").parent
 
 

@@ -57,7 +57,7 @@ class DemoResult:
 
 
 def write_page(out: Path, result: DemoResult, films: Mapping[str, Sequence[page.Frame]]) -> None:
-    """Writes the page into the folder of the results, with films as `write_films` returns them.
+    """Write the page into the folder of the results, with films as `write_films` returns them.
 
     Raises:
         InputError: The file cannot be written.
@@ -151,7 +151,7 @@ def _push_frames(push: DemoPush) -> list[page.Frame]:
 
 
 def _policy_frames(performances: Sequence[Performance], report: Report) -> list[page.Frame]:
-    """The episodes side by side from their first action on; one that has ended stays as it is."""
+    """Return the episodes side by side from their first action on; one that has ended stays as it is."""
     frames = []
     steps = evenly(1 + max(performance.record.last for performance in performances), _MOST)
     for number, step in enumerate(steps):

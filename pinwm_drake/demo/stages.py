@@ -38,7 +38,7 @@ class Stages:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Report]:
-        """Shows one stage and measures it.
+        """Show one stage and measure it.
 
         Yields:
             A function to call with the share that is done, 0 to 1, and figures in words.
@@ -63,7 +63,7 @@ class Stages:
         self.say(f"{name}: {self.costs[-1].seconds:.1f} s")
 
     def say(self, line: str) -> None:
-        """Prints a line as it is."""
+        """Print a line as it is."""
         self.console.print(line, highlight=False, soft_wrap=True, markup=False)
 
 

@@ -102,7 +102,7 @@ def align(
 
 
 def read_source(path: Path, mesh_path: Path | None) -> Source:
-    """Reads and checks images, poses and mesh.
+    """Read and check images, poses and mesh.
 
     Args:
         path: A capture, or a folder with `transforms.json` and images, or that file.
@@ -133,7 +133,7 @@ def read_source(path: Path, mesh_path: Path | None) -> Source:
 
 
 def _require_space(out: Path, max_surfels: int) -> None:
-    """Raises InputError where the results would not fit the disk."""
+    """Raise InputError where the results would not fit the disk."""
     needed, free = _SPACE + _SPACE_PER_SURFEL * max_surfels, shutil.disk_usage(out).free
     if free < needed:
         raise InputError(out, value=f"{free / 1e6:.0f} MB of free space", allowed=f"{needed / 1e6:.0f} MB or more")

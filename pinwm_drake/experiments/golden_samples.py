@@ -22,7 +22,7 @@ _EPISODES, _ACTIONS, _EVERY = 3, 13, 4
 def export_bundle(
     folder: Path, out: Path, *, scene: str | None = None, seed: int = 0, limits: Mapping[str, Any] | None = None
 ) -> Bundle:
-    """Writes the bundle of a policy, with golden samples that it sees in a scene.
+    """Write the bundle of a policy, with golden samples that it sees in a scene.
 
     A policy that was not taught the state (`pinwm train --method ppo`) gives no estimate of it.
 

@@ -217,7 +217,7 @@ def _look(
 
 
 def write_proposal(folder: Path, twin: Twin, proposal: Proposal) -> list[Path]:
-    """Writes the best push: `push.yaml`, the pusher's `trajectory.csv`, and a picture, `next_push.png`.
+    """Write the best push: `push.yaml`, the pusher's `trajectory.csv`, and a picture, `next_push.png`.
 
     Args:
         folder: Folder that is there.

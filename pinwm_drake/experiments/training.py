@@ -84,7 +84,7 @@ def train(
 
 
 def check_new(request: TrainRequest) -> None:
-    """Raises InputError where the folder of a request that is not to go on holds a training."""
+    """Raise InputError where the folder of a request that is not to go on holds a training."""
     if not request.resume and any((request.out / stage / CHECKPOINT_FILE).exists() for stage in STAGES):
         raise InputError(request.out, value="a training that was begun", allowed="a new folder, or --resume to go on")
 
@@ -104,7 +104,7 @@ def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]
 
 
 def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> TrainingWorlds:
-    """The worlds of a request; `domains` as for `train`."""
+    """Return the worlds of a request; `domains` as for `train`."""
     setup = _setup(request)
     changes = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
     given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
@@ -124,7 +124,7 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
 
 
 def _setup(request: TrainRequest) -> Setup:
-    """The scene; a twin stands in the one that is named, or in that of the task."""
+    """Return the scene; a twin stands in the one that is named, or in that of the task."""
     task, where = request.task or DEFAULT_TASK, request.in_scene
     if where is None and Path(request.scene).is_dir() and recipe_of(task).scene != recipe_of(DEFAULT_TASK).scene:
         where = recipe_of(task).scene
@@ -146,7 +146,7 @@ def _view(twin: Twin) -> tuple[float, float, float]:
 
 
 def method_of(request: TrainRequest, task: Task, spent: float = 0.0) -> Method:
-    """The method of a request, with the settings that are given, of whose minutes some are spent."""
+    """Return the method of a request, with the settings that are given, of whose minutes some are spent."""
     left = None if request.minutes is None else max(request.minutes - spent, 0.01)
     until = _with(ANY, target=request.target, minutes=left)
     steps = {"steps": request.steps, "round_steps": request.round_steps, "episodes": request.episodes}

@@ -40,7 +40,7 @@ def identify(
     resume: bool = False,
     progress: Progress = silent,
 ) -> Identification:
-    """Makes a twin from a capture and writes it: surfels where `out` has none yet, then theta of one push or more.
+    """Make a twin from a capture and write it: surfels where `out` has none yet, then theta of one push or more.
 
     Args:
         path: The capture.
@@ -91,7 +91,7 @@ def identify(
 
 
 def read_pushes(path: Path, episodes: Sequence[str] = ()) -> tuple[Capture, list[Episode]]:
-    """A capture and some of its pushes.
+    """Return a capture and some of its pushes.
 
     Args:
         path: The capture.

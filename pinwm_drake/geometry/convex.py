@@ -49,7 +49,7 @@ def decompose(
 
 
 def t_block() -> list[ConvexPiece]:
-    """The T-block: bar 100 x 40 mm, stem 40 x 100 mm, 50 mm thick.
+    """Return the T-block: bar 100 x 40 mm, stem 40 x 100 mm, 50 mm thick.
 
     Returns:
         Bar and stem in the body frame B: z is the thickness, the bar is along x at -y, the stem points to +y.
@@ -63,7 +63,7 @@ def t_block() -> list[ConvexPiece]:
 def hollow_mug(
     length: float = 0.08, diameter: float = 0.08, wall: float = 0.004, segments: int = 16
 ) -> list[ConvexPiece]:
-    """A mug without handle: a base, and a wall of segments; its inside is open.
+    """Return a mug without handle: a base, and a wall of segments; its inside is open.
 
     The outline is a regular polygon with a corner on the x axis, inscribed in the circle of the diameter; the
     inside is the same polygon, smaller by the wall at its corners.
@@ -113,6 +113,6 @@ def mug_center(length: float = 0.08, diameter: float = 0.08, wall: float = 0.004
 
 
 def _prism(outline: np.ndarray, low: float, high: float) -> ConvexPiece:
-    """The prism over a convex polygon (n, 2), counter-clockwise, m, between two heights."""
+    """Return the prism over a convex polygon (n, 2), counter-clockwise, m, between two heights."""
     ends = [np.column_stack([outline, np.full(len(outline), z)]) for z in (low, high)]
     return convex_hull(np.concatenate(ends))

@@ -46,7 +46,7 @@ _LEAST_TURN = 1.0e-6
 
 @internal_kernel
 def _across(x, y, z, u):
-    """Unit vector of the part of a vector across the unit vector u."""
+    """Return the unit vector of the part of a vector across the unit vector u."""
     k = dot(x, y, z, *u)
     x, y, z = x - k * u[0], y - k * u[1], z - k * u[2]
     k = 1.0 / math.sqrt(x * x + y * y + z * z + _TINY)
@@ -218,7 +218,7 @@ def contact_from_features(row, R_A, p_A, R_B, p_B, n, a, b):
 
 @internal_kernel
 def tangents(nx, ny, nz):
-    """Unit tangents (t1, t2), with t1 x t2 = n, smooth wherever the reference axis does not change.
+    """Return the unit tangents (t1, t2), with t1 x t2 = n, smooth wherever the reference axis does not change.
 
     The reference axis is z unless the normal is within 26 degrees of it (then x), so that neither horizontal
     normals (a pusher) nor vertical ones (the floor) sit on the switch.
@@ -234,7 +234,7 @@ def tangents(nx, ny, nz):
 
 @internal_kernel
 def tangents_adjoint(nx, ny, nz, t1, t1bar, t2bar):
-    """Pulls gradients of the two tangents back to the normal; returns the three components of nbar."""
+    """Pull gradients of the two tangents back to the normal; return the three components of nbar."""
     # t2 = n x t1
     b1x = t1bar[0] + t2bar[1] * nz - t2bar[2] * ny
     b1y = t1bar[1] + t2bar[2] * nx - t2bar[0] * nz
@@ -317,7 +317,7 @@ def _crossing_adjoint(d, x, r, p_L, R_P, p_P, plane, sign, phi, nbar, cbar, phib
 
 @internal_kernel
 def contact_adjoint(row, R_A, p_A, R_B, p_B, n, a, b, phi, nbar, cbar, phibar, twist_A, twist_B):
-    """Pulls gradients of a contact back to the poses of its two bodies.
+    """Pull gradients of a contact back to the poses of its two bodies.
 
     Args:
         row, R_A, p_A, R_B, p_B, n, a, b: as for `contact_from_features`, n, a and b as it wrote them.

@@ -31,7 +31,7 @@ _FLAT, _NEARLY_FLAT = 1.0 - 2.0e-6, 0.995
 
 @large_internal_kernel
 def collide_floor(table, body, spread, R_WB, p_WB, floor_height, margin, rows, count):
-    """Appends the contacts of one body (A) with the floor (B).
+    """Append the contacts of one body (A) with the floor (B).
 
     In the row of a fixed point, the x of the unused direction is its number in `table.floor_points`.
 
@@ -132,7 +132,7 @@ def _append_point(table, i, spread, floor_height, rows, count):
 
 @internal_kernel
 def _reduce(table, body, spread, ux, uy, uz, lift, floor_height, margin, rows, count):
-    """Appends, of the points of no face, those lowest when the body tilts in eight directions, and the deepest.
+    """Append, of the points of no face, those lowest when the body tilts in eight directions, and the deepest.
 
     It tilts by as much as takes it through the margin, so that the points that a step may bring to the floor are among
     them; of a face that lies flat they are the outermost ones. The directions lie in the coordinate plane of the body
@@ -179,7 +179,7 @@ def _reduce(table, body, spread, ux, uy, uz, lift, floor_height, margin, rows, c
 
 @internal_kernel
 def _append_rims(table, piece, ux, uy, uz, lift, floor_height, margin, rows, count):
-    """Appends the lowest point of each rim of a tilted cylinder."""
+    """Append the lowest point of each rim of a tilted cylinder."""
     ax, ay, az = xyz(table.axes, piece)
     cosine = dot(ax, ay, az, ux, uy, uz)
     px, py, pz = ux - cosine * ax, uy - cosine * ay, uz - cosine * az

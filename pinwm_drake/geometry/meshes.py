@@ -38,7 +38,7 @@ class MassProperties:
 
 
 def load_mesh(path: str | os.PathLike[str]) -> trimesh.Trimesh:
-    """Reads a closed triangle mesh.
+    """Read a closed triangle mesh.
 
     The objects of an OBJ file ("o name") are closed surfaces of their own and may touch or overlap.
 
@@ -61,7 +61,7 @@ def load_mesh(path: str | os.PathLike[str]) -> trimesh.Trimesh:
 
 
 def load_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
-    """Reads a mesh whose closed parts are convex, as decompositions are stored.
+    """Read a mesh whose closed parts are convex, as decompositions are stored.
 
     Args:
         path: File of the mesh, as for `load_mesh`.
@@ -125,7 +125,7 @@ def half_diagonal(mesh: trimesh.Trimesh) -> float:
 
 
 def _load_parts(path: Path) -> list[trimesh.Trimesh]:
-    """The closed parts of a file, each checked; InputError whatever the file holds."""
+    """Return the closed parts of a file, each checked; InputError whatever the file holds."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # trimesh divides by areas and volumes of nothing
@@ -139,7 +139,7 @@ def _load_parts(path: Path) -> list[trimesh.Trimesh]:
 
 
 def _read_parts(path: Path) -> list[trimesh.Trimesh]:
-    """The closed parts of a file, each checked; what trimesh raises for a broken file is not caught."""
+    """Return the closed parts of a file, each checked; what trimesh raises for a broken file is not caught."""
     if not path.is_file():
         value = "a folder" if path.is_dir() else "no such file"
         raise InputError(path, value=value, allowed="a mesh file: .obj, .stl, .ply or .glb")
@@ -178,7 +178,7 @@ def _read_parts(path: Path) -> list[trimesh.Trimesh]:
 
 
 def _read_obj(path: Path) -> list[trimesh.Trimesh]:
-    """The objects of an OBJ file in its order (trimesh returns them in another)."""
+    """Return the objects of an OBJ file in its order (trimesh returns them in another)."""
     text = path.read_text()
     loaded = trimesh.exchange.obj.load_obj(
         io.StringIO(text), split_objects=True, skip_materials=True, maintain_order=True

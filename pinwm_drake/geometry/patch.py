@@ -38,7 +38,7 @@ _SAME_SIDE = 1e-3
 
 
 def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) -> np.ndarray | None:
-    """The points with which an object at rest touches the floor, for uniform pressure on the face that it rests on.
+    """Return the points with which a resting object touches the floor, for uniform pressure on its face.
 
     Twelve points: the middles of nearly equal areas, moved until the friction force and torque of sliding about each
     of many centres of rotation are those of the area, as nearly as twelve points can. They stand out by `PROTRUSION`.
@@ -76,7 +76,7 @@ def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) ->
 
 
 def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | None:
-    """The points with which an object touches the floor, whichever of its flat faces comes to lie on it.
+    """Return the points with which an object touches the floor, whichever of its flat faces comes to lie on it.
 
     Each face over which the centre of mass stands has the points of `resting_points`, which count while it is nearly
     on the floor. The convex hull's corners count always, but those of a face's outline that are not outermost: these
@@ -110,7 +110,7 @@ def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | N
 
 
 def face_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | None:
-    """The points of `resting_points` that are within the face below: they carry the object.
+    """Return the points of `resting_points` that are within the face below: they carry the object.
 
     Args:
         mesh: Watertight, m, frame O.
@@ -158,7 +158,7 @@ def turned_down(normal: np.ndarray) -> np.ndarray:
 
 
 def _even_points(samples: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    """The middles (k, 2) of the clusters of samples (n, 2), of the try whose clusters are most equal in size."""
+    """Return the middles (k, 2) of the clusters of samples (n, 2), of the try whose clusters are most equal in size."""
     best, spread = samples, np.inf
     for _ in range(_TRIES):
         points, owner = kmeans2(samples, _POINTS, minit="++", rng=generator)
@@ -169,7 +169,7 @@ def _even_points(samples: np.ndarray, generator: np.random.Generator) -> np.ndar
 
 
 def _match(points: np.ndarray, samples: np.ndarray) -> np.ndarray:
-    """Moves points (k, 2) until they slide as the samples (n, 2) of the face do; all in the plane of the floor, m."""
+    """Move points (k, 2) until they slide as the samples (n, 2) of the face do; all in the plane of the floor, m."""
     size = float(np.linalg.norm(samples - samples.mean(axis=0), axis=1).mean())
     low, high = samples.min(axis=0), samples.max(axis=0)
     reach = 0.5 * _COVER * (high - low)
@@ -195,7 +195,7 @@ def _sliding(points: np.ndarray, centres: np.ndarray, size: float) -> np.ndarray
 
 
 def _outermost(points: np.ndarray, R_WO: np.ndarray) -> np.ndarray:
-    """Indices of the points (n, 3) that are farthest along one of four level directions."""
+    """Return indices of the points (n, 3) that are farthest along one of four level directions."""
     angles = 2.0 * np.pi * (np.arange(_OUTLINE) + 0.5) / _OUTLINE
     directions = np.stack([np.cos(angles), np.sin(angles)], -1) @ R_WO[:2]
     return np.unique(np.argmax(points @ directions.T, axis=0))

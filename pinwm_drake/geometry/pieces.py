@@ -215,7 +215,7 @@ def _union_sphere(spheres: np.ndarray) -> np.ndarray:
 
 
 def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The points of one body that a plane can touch, with their radii, their owners and faces."""
+    """Return the points of one body that a plane can touch, with their radii, their owners and faces."""
     from scipy.spatial import ConvexHull
 
     points, owners = [], []

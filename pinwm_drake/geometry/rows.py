@@ -10,7 +10,7 @@ from pinwm_drake.jit import internal_kernel
 
 @internal_kernel
 def write_part(rows, count, column, kind, px, py, pz, ux, uy, uz, radius):
-    """Writes one body's part of a row.
+    """Write one body's part of a row.
 
     Args:
         rows: (max_contacts, 16).
@@ -29,7 +29,7 @@ def write_part(rows, count, column, kind, px, py, pz, ux, uy, uz, radius):
 
 @internal_kernel
 def write_face(table, face, rows, count, column):
-    """Writes the plane of a face."""
+    """Write the plane of a face."""
     x, y, z = xyz(table.vertices, table.corners[table.faces[face], 0])
     nx, ny, nz = xyz(table.planes, face)
     write_part(rows, count, column, PLANE, x, y, z, nx, ny, nz, 0.0)
@@ -37,14 +37,14 @@ def write_face(table, face, rows, count, column):
 
 @internal_kernel
 def write_vertex(table, v, rows, count, column):
-    """Writes a vertex of a hull, the centre of a sphere or an end of a capsule."""
+    """Write a vertex of a hull, the centre of a sphere or an end of a capsule."""
     x, y, z = xyz(table.vertices, v)
     write_part(rows, count, column, POINT, x, y, z, 0.0, 0.0, 0.0, table.vertices[v, 3])
 
 
 @internal_kernel
 def write_line(table, v, w, t, sign, rows, count, column):
-    """Writes the line from vertex v to vertex w with its point at t [m] from v; `sign` orients it.
+    """Write the line from vertex v to vertex w with its point at t [m] from v; `sign` orients it.
 
     The line is an edge of a hull, or the axis of a capsule or cylinder with its radius.
     """
@@ -60,7 +60,7 @@ def write_line(table, v, w, t, sign, rows, count, column):
 
 @internal_kernel
 def write_line_pair(table, i, i2, j, j2, X_21, nx, ny, nz, rows, count, column):
-    """Writes two lines at their nearest points, oriented for a normal near n.
+    """Write two lines at their nearest points, oriented for a normal near n.
 
     The normal points from the second to the first, frame 2. Lines as for `write_line`; they must not be
     parallel. The first belongs to the body of `column`.

@@ -29,7 +29,7 @@ def sphere(radius: float, p_BG: np.ndarray | None = None) -> ConvexPiece:
 
 
 def capsule(radius: float, length: float, X_BG: Pose | None = None) -> ConvexPiece:
-    """A cylinder about z of frame G, centred in G, with a half ball on each end.
+    """Return a cylinder about z of frame G, centred in G, with a half ball on each end.
 
     Args:
         radius: m.
@@ -40,7 +40,7 @@ def capsule(radius: float, length: float, X_BG: Pose | None = None) -> ConvexPie
 
 
 def cylinder(radius: float, length: float, X_BG: Pose | None = None) -> ConvexPiece:
-    """A cylinder about z of frame G, centred in G, with flat caps and sharp rims.
+    """Return a cylinder about z of frame G, centred in G, with flat caps and sharp rims.
 
     Args:
         radius: m.
@@ -51,7 +51,7 @@ def cylinder(radius: float, length: float, X_BG: Pose | None = None) -> ConvexPi
 
 
 def box(size: np.ndarray, X_BG: Pose | None = None) -> ConvexPiece:
-    """A box centred in frame G, as a hull with six faces.
+    """Return a box centred in frame G, as a hull with six faces.
 
     Args:
         size: (3,), m. Full edge lengths along x, y and z of G.
@@ -66,7 +66,7 @@ def box(size: np.ndarray, X_BG: Pose | None = None) -> ConvexPiece:
 
 
 def convex_hull(points: np.ndarray, merge_tolerance: float = 1e-6) -> ConvexPiece:
-    """The convex hull of points, with coplanar triangles merged into one face.
+    """Return the convex hull of points, with coplanar triangles merged into one face.
 
     Args:
         points: (n, 3), m, frame B.
@@ -110,7 +110,7 @@ def convex_hull(points: np.ndarray, merge_tolerance: float = 1e-6) -> ConvexPiec
 def _merge_triangles(
     points: np.ndarray, triangles: np.ndarray, planes: np.ndarray, tolerance: float
 ) -> list[tuple[int, ...]]:
-    """Joins triangles of a hull that lie in one plane, the largest first; the loops of the joined faces."""
+    """Join triangles of a hull that lie in one plane, the largest first; the loops of the joined faces."""
     corners = points[triangles]
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.sum(crosses * planes[:, :3], axis=1) < 0.0

@@ -63,7 +63,7 @@ def cache_folder() -> Path:
 
 
 def _belong(pieces: list[ConvexPiece], mesh: trimesh.Trimesh) -> bool:
-    """True where pieces reach as far as a mesh and fill as much."""
+    """Return True where pieces reach as far as a mesh and fill as much."""
     points = np.concatenate([piece.vertices for piece in pieces])
     apart = np.abs(np.stack([points.min(0), points.max(0)]) - mesh.bounds).max()
     volume = sum(trimesh.convex.convex_hull(piece.vertices).volume for piece in pieces)
@@ -81,7 +81,7 @@ def _read(path: Path) -> list[np.ndarray] | None:
 
 
 def _write(path: Path, pieces: list[np.ndarray]) -> None:
-    """Stores the vertices of pieces; a cache that cannot be written is left alone."""
+    """Store the vertices of pieces; a cache that cannot be written is left alone."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary, temporary.open("wb") as file:

@@ -63,7 +63,7 @@ def rotate_back(R, x, y, z):
 
 @internal_kernel
 def transform(X, x, y, z):
-    """Transformed point X p, with a pose as twelve scalars: rotation by rows, then position."""
+    """Return the transformed point X p, with a pose as twelve scalars: rotation by rows, then position."""
     return (
         X[0] * x + X[1] * y + X[2] * z + X[9],
         X[3] * x + X[4] * y + X[5] * z + X[10],
@@ -102,7 +102,7 @@ def inverse_pose(X):
 
 @internal_kernel
 def xyz(table, i):
-    """The first three numbers of a row of one of the table's arrays: a point, direction or normal."""
+    """Return the first three numbers of a row of one of the table's arrays: a point, direction or normal."""
     return table[i, 0], table[i, 1], table[i, 2]
 
 

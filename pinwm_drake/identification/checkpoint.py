@@ -48,19 +48,19 @@ class Checkpoint:
         return time.monotonic() - self.begun
 
     def end(self, phase: str, results: Mapping[str, object]) -> None:
-        """Keeps the result of a phase, and drops its state."""
+        """Keep the result of a phase, and drop its state."""
         self.done = {name: array for name, array in self.done.items() if not name.startswith("now.")}
         for name, value in results.items():
             self.done[f"{phase}.{name}"] = np.asarray(value)
         self._write({})
 
     def result(self, phase: str) -> dict[str, Tensor]:
-        """Result of a phase by name; empty where it has not ended."""
+        """Return the result of a phase by name; empty where it has not ended."""
         names = [name for name in self.done if name.startswith(f"{phase}.")]
         return {name.removeprefix(f"{phase}."): torch.from_numpy(self.done[name]) for name in names}
 
     def save_adam(self, phase: str, state: AdamState) -> None:
-        """Keeps the state of a phase of Adam, every few steps."""
+        """Keep the state of a phase of Adam, every few steps."""
         if state.iteration % self.every == 0:
             self._write({f"now.{phase}.{name}": np.asarray(value) for name, value in vars(state).items()})
 

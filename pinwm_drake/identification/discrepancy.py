@@ -88,5 +88,5 @@ class Marginal:
         return 0.5 * (u * (u @ self.A)).sum(-1) + u @ self.b + self.constant
 
     def corrections(self, u: Tensor) -> Tensor:
-        """The likeliest corrections (n, 6) where the model deviates by u (6n + 1,)."""
+        """Return the likeliest corrections (n, 6) where the model deviates by u (6n + 1,)."""
         return -(self.pull @ u + self.shift).reshape(-1, 6)

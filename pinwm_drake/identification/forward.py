@@ -128,7 +128,7 @@ class Forward:
         return Pose(q_WO, p_WO), PusherMotion(motion.q_WP, motion.p_WP - up, motion.V_WP), up
 
     def _motion(self, offset: Tensor) -> PusherMotion:
-        """The pusher's motion (T, W, 6), each world's shifted in time by its offset (W,) [s]; differentiable."""
+        """Return the pusher's motion (T, W, 6), each world's shifted in time by its offset (W,) [s]; differentiable."""
         h = self.scene.model.time_step
         t = self.episode.times
         first, steps = float(t.min()), step_count(t.max() - t.min(), h)

@@ -24,7 +24,7 @@ class Log:
         self._columns: dict[str, list[Any]] = {name: arrays[name].tolist() if arrays else [] for name in _COLUMNS}
 
     def add(self, stage: str, start: int, loss: float, theta: list[float]) -> None:
-        """Appends one evaluation; iterations count within each start."""
+        """Append one evaluation; iterations count within each start."""
         row = (self._columns["start"].count(start), loss, stage, start, theta)
         for column, value in zip(self._columns.values(), row, strict=True):
             column.append(value)
@@ -46,7 +46,7 @@ class History:
     names: list[str]  # Names of the p parameters
 
     def starts(self) -> list[tuple[int, np.ndarray]]:
-        """Number of each random start, and the rows (m,) of its evaluations in their order."""
+        """Return the number of each random start, and the rows (m,) of its evaluations in their order."""
         found = ((int(number), np.flatnonzero(self.start == number)) for number in np.unique(self.start))
         return [(number, rows[np.argsort(self.iteration[rows], kind="stable")]) for number, rows in found]
 
@@ -60,7 +60,7 @@ class History:
 
 
 def write_history(path: Path, names: Sequence[str], log: Log) -> None:
-    """Writes every evaluation of a search for unknowns of these names.
+    """Write every evaluation of a search for unknowns of these names.
 
     Raises:
         InputError: The file cannot be written.
@@ -70,7 +70,7 @@ def write_history(path: Path, names: Sequence[str], log: Log) -> None:
 
 
 def read_history(path: Path) -> History:
-    """Reads the history that `pinwm identify` leaves beside a twin.
+    """Read the history that `pinwm identify` leaves beside a twin.
 
     Args:
         path: The file.

@@ -64,7 +64,7 @@ def identify_theta(
     resume: bool = False,
     report: Callable[[Progress], None] = lambda _: None,
 ) -> Identification:
-    """Finds theta such that physics and renderer reproduce the videos of one push or several.
+    """Find theta such that physics and renderer reproduce the videos of one push or several.
 
     No pose is used: of the episodes, cameras, images, times and the pusher's trajectory. Theta and the nuisances of the
     object are shared by all pushes; start pose, clock and outline are of each its own. Where the mass is neither given
@@ -182,7 +182,7 @@ def capture_scene(capture: Capture, time_step: float) -> Scene:
 def _coordinates(
     capture: Capture, options: IdentifyOptions, scene: Scene, mass: float, starts: Sequence[Tensor]
 ) -> Coordinates:
-    """The unknowns, with the spread of the pressure held where the support is chosen.
+    """Return the unknowns, with the spread of the pressure held where the support is chosen.
 
     A camera is as far off as the object that it shows is away from where the static views have it; starts (3,) are what
     `find_start` found.

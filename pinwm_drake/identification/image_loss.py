@@ -24,7 +24,7 @@ BLOCKS = (1, 4, 8, 16)
 def rendered(
     pictures: Pictures, surfels: Surfels, X_WO: Pose, outline: Tensor, *, num_threads: int | None = None
 ) -> Rendering:
-    """Renderings of the object as the pictures' cameras see it.
+    """Return renderings of the object as the pictures' cameras see it.
 
     Args:
         pictures: n frames.

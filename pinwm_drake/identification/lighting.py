@@ -83,7 +83,7 @@ def brightened(surfels: Surfels, gain: Tensor) -> Surfels:
 
 
 def _normals(surfels: Surfels) -> Tensor:
-    """Normals (N, 3), unit, frame O, that point away from the middle of the surfels."""
+    """Return normals (N, 3), unit, frame O, that point away from the middle of the surfels."""
     q = surfels.q_OS.double()
     z = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
     n = rotate(q / q.norm(dim=-1, keepdim=True), z.expand(len(q), 3))

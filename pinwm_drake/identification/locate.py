@@ -107,7 +107,7 @@ def _frames(X_WO: Pose, n: int) -> Pose:
 
 
 def _nearest(pictures: Pictures, surfels: Surfels, X_WO: Pose, d: Tensor, num_threads: int) -> Tensor:
-    """The best (3,) of a grid of changes around d."""
+    """Return the best (3,) of a grid of changes around d."""
     steps = torch.arange(-_REACH, _REACH + 1, dtype=torch.float64)
     guesses = d + torch.cartesian_prod(_PLACE * steps, _PLACE * steps, _TURN * steps)
     n, losses = len(pictures.color), []

@@ -69,7 +69,7 @@ class IdentifyOptions:
     checkpoint_every: _Count = 5
 
     def __post_init__(self) -> None:
-        """Raises ParameterError where an unknown is free or held that there is not."""
+        """Raise ParameterError where an unknown is free or held that there is not."""
         from pinwm_drake.identification.unknowns import DEFAULT_FREE, Coordinates
 
         if self.free is None:

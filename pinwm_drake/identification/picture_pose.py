@@ -55,7 +55,7 @@ class PictureReader:
         reach: float,
         num_threads: int | None = None,
     ) -> None:
-        """Takes over what does not move.
+        """Take over what does not move.
 
         Args:
             surfels: The object's appearance, frame O.
@@ -102,7 +102,7 @@ class PictureReader:
             return np.hstack([torch.cat(parts, 1).double().numpy() / _NOISE, x])
 
         def slopes(x: np.ndarray) -> np.ndarray:
-            """Derivatives (m, n), as central differences, which average over the kinks of pixels."""
+            """Return derivatives (m, n), as central differences, which average over the kinks of pixels."""
             sides = residuals(np.concatenate([x + aside, x - aside]))
             found: np.ndarray = (sides[:n] - sides[n:]).T / (2.0 * step)
             return found

@@ -76,7 +76,7 @@ class Footage:
 
 
 def spaced(number: int, most: int) -> Tensor:
-    """Indices (m,) of at most so many of a number of things, evenly spaced from the first to the last."""
+    """Return indices (m,) of at most so many of a number of things, evenly spaced from the first to the last."""
     return torch.linspace(0, number - 1, min(most, number)).round().long()
 
 
@@ -89,7 +89,7 @@ def first_frames(episode: Episode) -> Tensor:
 def read_footage(
     episode: Episode, pusher: trimesh.Trimesh, offset: tuple[float, float], numbers: Tensor | None = None
 ) -> Footage:
-    """Reads images of an episode, one at a time: of each, the part that shows the object is kept.
+    """Read images of an episode, one at a time: of each, the part that shows the object is kept.
 
     Args:
         episode: Cameras, times, and the pusher's trajectory.

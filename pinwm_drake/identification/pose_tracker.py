@@ -56,7 +56,7 @@ class PoseTrackerOptions:
     num_threads: int | None = None
 
     def __post_init__(self) -> None:
-        """Raises ParameterError where a setting is out of its range."""
+        """Raise ParameterError where a setting is out of its range."""
         require("size", self.size, 32.0 <= self.size <= 4096.0, "32 to 4096 px")
         require("steps", self.steps, 1 <= self.steps <= 1000, "1 to 1000")
         number = self.num_threads
@@ -83,7 +83,7 @@ class PoseTracker:
         camera_offset: tuple[float, float],
         options: PoseTrackerOptions | None = None,
     ) -> None:
-        """Reads the meshes of object and pusher.
+        """Read the meshes of object and pusher.
 
         Args:
             capture: Object, pusher, and the pose at the start of an episode.

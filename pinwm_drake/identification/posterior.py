@@ -41,7 +41,7 @@ class Posterior:
 
     @staticmethod
     def of(z: Tensor, draws: Tensor, shares: Callable[[Tensor], Tensor], generator: torch.Generator) -> "Posterior":
-        """The posterior with draws (N, p), and a function that tells how likely each drift is (W, K) for W of them."""
+        """Return the posterior with draws (N, p), and the function of each drift's likelihood (W, K)."""
         kept = draws[spaced(len(draws), KEPT)]
         # The drift hardly depends on the other unknowns.
         chances = shares(draws[spaced(len(draws), _SHARED)]).mean(0)

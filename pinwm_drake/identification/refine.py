@@ -137,11 +137,11 @@ class Surrogate:
         return z
 
     def walk(self, z: Tensor) -> int:
-        """Number of the likeliest of `drift.WALKS`, given unknowns z (p,)."""
+        """Return the number of the likeliest of `drift.WALKS`, given unknowns z (p,)."""
         return int(self.shares(z[None])[0].argmax())
 
     def corrections(self, z: Tensor, walk: int) -> list[Tensor]:
-        """The likeliest corrections (n, 6) of each push's poses, for unknowns z (p,) and one of `drift.WALKS`."""
+        """Return likeliest corrections (n, 6) of each push's poses for unknowns z (p,) and a walk of `drift.WALKS`."""
         found = (self.deviations(z[None], push)[0][0] for push in range(len(self.marginals)))
         return [marginals[walk].corrections(u) for marginals, u in zip(self.marginals, found, strict=True)]
 

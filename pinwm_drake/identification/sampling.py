@@ -84,7 +84,7 @@ def sample(
 
 
 def _spread(gain: Tensor, generator: torch.Generator) -> Tensor:
-    """Indices (WALKERS,) of draws by their weights exp(gain) (N,), evened out until that many of them count.
+    """Return indices (WALKERS,) of draws by their weights exp(gain) (N,), evened out until that many of them count.
 
     Few draws with all of the weight would be no start for walkers, which move along their differences.
     """

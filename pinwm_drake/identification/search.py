@@ -86,7 +86,7 @@ class Task:
     num_threads: int  # of the renderer
 
     def problem(self, size: float, most: int, z: Tensor | None) -> Problem:
-        """The problem with at most so many frames of each push.
+        """Return the problem with at most so many frames of each push.
 
         Args:
             size: Longer side of the object in the pictures, px.
@@ -155,13 +155,13 @@ class Search:
         resume: bool,
         report: Callable[[Progress], None],
     ) -> None:
-        """Reads the checkpoint, to go on, as `Checkpoint` does; `report` is called after each step."""
+        """Read the checkpoint, to go on, as `Checkpoint` does; `report` is called after each step."""
         self.task, self.options, self.report = task, options, report
         self.coordinates = task.coordinates
         self.kept = Checkpoint(folder, about, resume=resume, every=options.checkpoint_every)
 
     def run(self) -> Found:
-        """Searches, or goes on with an interrupted search.
+        """Search, or go on with an interrupted search.
 
         Raises:
             SolverError: The physics found no solution for any guess.
@@ -280,7 +280,7 @@ class Search:
 
 
 def _best(candidates: list[tuple[Surrogate | None, RefineState, int]]) -> tuple[Surrogate, RefineState, int]:
-    """The candidate that explains images best, all with the same weights; raises SolverError where there is none."""
+    """Return the candidate that explains images best, with equal weights; raise SolverError without one."""
     alive = [(surrogate, state, start) for surrogate, state, start in candidates if surrogate is not None]
     if not alive:
         raise SolverError("the physics found no solution at the optimum; allowed: another seed or time_step")

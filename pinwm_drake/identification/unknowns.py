@@ -139,7 +139,7 @@ class Coordinates:
         self.one_sided = torch.tensor([unknown.low == unknown.nominal for unknown in self.free])
 
     def _couple(self, first: str, second: str, deviation: float) -> None:
-        """Adds to the prior that the logarithms of two unknowns differ as at z = 0, to a standard deviation."""
+        """Add to the prior that the logarithms of two unknowns differ as at z = 0, to a standard deviation."""
         if first not in self.names or second not in self.names:
             return
         row = torch.zeros(len(self.free), dtype=torch.float64)
@@ -152,7 +152,7 @@ class Coordinates:
         return (math.log(value / centre) if unknown.positive else value - centre) / unknown.scale
 
     def __len__(self) -> int:
-        """Number of free unknowns, with those of every push."""
+        """Return the number of free unknowns, with those of every push."""
         return len(self.free)
 
     def columns(self, push: int) -> list[int]:
@@ -184,7 +184,7 @@ class Coordinates:
         return {name: float(values[max(push, 0)][unknown.name]) for name, unknown, push in of}
 
     def clamp(self, z: Tensor) -> Tensor:
-        """The nearest z within the bounds."""
+        """Return the nearest z within the bounds."""
         return torch.minimum(torch.maximum(z, self.low), self.high)
 
     def draw(self, number: int, generator: torch.Generator) -> Tensor:

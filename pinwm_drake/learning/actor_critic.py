@@ -71,7 +71,7 @@ class ActorCritic(ActorCriticPolicy):
         actor: nn.Module,
         **unused: Any,
     ) -> None:
-        """Takes over an actor.
+        """Take over an actor.
 
         Args:
             observation_space: Observation space of the worlds.
@@ -95,7 +95,7 @@ class ActorCritic(ActorCriticPolicy):
         self.pull()
 
     def extract_features(self, obs: Any, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
-        """The observation as it is: images stay bytes, of which SB3 would make floats."""
+        """Return the observation as it is: images stay bytes, of which SB3 would make floats."""
         return obs
 
     def _build_mlp_extractor(self) -> None:
@@ -108,7 +108,7 @@ class ActorCritic(ActorCriticPolicy):
         return self._given[0]
 
     def pull(self) -> nn.Module:
-        """The actor, with the present weights of its head, which SB3 keeps as `action_net`."""
+        """Return the actor, with the present weights of its head, which SB3 keeps as `action_net`."""
         head: Any = self.action_net
         self._actor.head.load_state_dict(head.state_dict())
         return self._actor
@@ -160,7 +160,7 @@ class Augmented(SeenWorlds):
         self._augment = augment
 
     def seen(self, observation: Any) -> Any:
-        """The observation with changed images."""
+        """Return the observation with changed images."""
         return {**observation, "image": self._augment.as_images(torch.from_numpy(observation["image"])).numpy()}
 
 

@@ -77,7 +77,7 @@ class StateActor(nn.Module):
     activation: ClassVar[type[nn.Module]] = nn.ReLU
 
     def __init__(self, task: Task, width: int = 256, history: int = 0) -> None:
-        """Builds layers of a width for a task's state and action, with those before the last actions."""
+        """Build layers of a width for a task's state and action, with those before the last actions."""
         super().__init__()
         self.latent_size, self._components = width, task.action_size
         self.heading = Heading(task)
@@ -195,7 +195,7 @@ _HEADS: Mapping[str, Callable[[Task, int, int], StateActor]] = {
 
 
 def state_actor(spec: PolicySpec) -> StateActor:
-    """An untrained network from the state to the action, with the head that a specification names."""
+    """Return an untrained network from the state to the action, with the head that a specification names."""
     return _HEADS[spec.head](spec.task, spec.width, spec.history)
 
 
@@ -217,7 +217,7 @@ class ImageActor(nn.Module):
     """
 
     def __init__(self, spec: PolicySpec) -> None:
-        """Makes the layers for a specification of a policy that observes "rgb"."""
+        """Make the layers for a specification of a policy that observes "rgb"."""
         super().__init__()
         height, width, channels = spec.image_shape
         self.window = None if spec.window is None else Window(spec)

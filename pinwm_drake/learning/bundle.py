@@ -59,7 +59,7 @@ class Bundle:
     goal: tuple[float, ...] | None = None
 
     def toward(self, goal: Sequence[float]) -> "Bundle":
-        """The bundle for a goal, that of its task from then on, such as x [m], y [m], yaw [rad] of a push, world.
+        """Return the bundle for another goal of its task, such as x [m], y [m], yaw [rad] of a push, world.
 
         Args:
             goal: (task.goal_size,) the goal.
@@ -75,7 +75,7 @@ class Bundle:
         return replace(self, spec=replace(self.spec, task=task), goal=values)
 
     def act(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """Translation d_W (n,) m of the pusher along the task's n axes over the horizon, at most `max_translation`.
+        """Return the pusher's translation d_W (n,) m along the task's axes over the horizon, at most `max_translation`.
 
         NaN where the position is NaN; a position outside the box counts as at its wall.
 
@@ -89,7 +89,7 @@ class Bundle:
         return self.step(image, p_WP)[0]
 
     def step(self, image: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Translation d_W as by `act`, and the policy's estimate (state_size,) of the task's state.
+        """Return the translation d_W as by `act`, and the policy's estimate (state_size,) of the task's state.
 
         The contract names the components of the estimate, and their units. It is None where the policy was
         not taught the state.
@@ -141,7 +141,7 @@ def is_bundle(folder: Path) -> bool:
 
 
 def read_bundle(bundle: str | Path) -> Bundle:
-    """Reads a bundle and checks it: files, SHA-256, contract, network, and its answers to the golden samples.
+    """Read a bundle and check it: files, SHA-256, contract, network, and its answers to the golden samples.
 
     Args:
         bundle: Folder of the bundle; a text may also be the name of one that ships, such as "push_t".
@@ -179,7 +179,7 @@ def contract_bytes(contract: Mapping[str, Any]) -> bytes:
 
 
 def write_bundle(folder: Path, files: Mapping[str, bytes], provenance: Mapping[str, Any]) -> Bundle:
-    """Writes a bundle, which appears whole or not at all, and reads it back.
+    """Write a bundle, which appears whole or not at all, and read it back.
 
     Args:
         folder: Folder of the bundle, new or empty.
@@ -238,7 +238,7 @@ def _content(path: Path) -> bytes:
 
 
 def _hashed(path: Path, sha256: str) -> bytes:
-    """The content of a file; raises InputError where its SHA-256 is another one."""
+    """Return the content of a file; raises InputError where its SHA-256 is another one."""
     content = _content(path)
     found = hashlib.sha256(content).hexdigest()
     if found != sha256:
@@ -248,7 +248,7 @@ def _hashed(path: Path, sha256: str) -> bytes:
 
 
 def _document(path: Path, content: bytes, parse: Callable[[str], Any]) -> dict[str, Any]:
-    """A document of the present version."""
+    """Return a document of the present version."""
     try:
         document = parse(content.decode())
     except (ValueError, yaml.YAMLError) as error:  # JSON's or UTF-8's, or YAML's

@@ -132,7 +132,7 @@ def train_distil(env: VecEnv, teacher: Policy, spec: PolicySpec, options: Distil
 def _begin(
     spec: PolicySpec, teacher: Policy, options: DistilOptions, device: str
 ) -> tuple[ImageActor, torch.optim.Optimizer]:
-    """A student that sees nothing yet and acts as the teacher does, and its optimizer; both follow from the seed."""
+    """Return a student that acts as the teacher before it sees, and its optimizer; both follow from the seed."""
     student = make_actor(spec).to(device)
     assert isinstance(student, ImageActor)
     student.mixed_precision = has_bfloat16(device)
@@ -182,7 +182,7 @@ def _learn(
     generator: np.random.Generator,
     losses: list[float],
 ) -> Iterator[None]:
-    """Updates of a round, from the one after those whose losses are in `losses`; yields after each."""
+    """Update of a round, from the one after those whose losses are in `losses`; yield after each."""
     total, device = options.rounds * options.updates, device_of(student)
     for update in range(len(losses), options.updates):
         share = (number * options.updates + update) / total

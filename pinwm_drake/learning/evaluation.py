@@ -135,7 +135,7 @@ class Evaluation:
 def run_episode(
     env: gymnasium.Env, policy: Acts, seed: int, *, watch: Callable[[Any], None] = lambda observation: None
 ) -> EpisodeResult:
-    """Runs an episode, all of which follows from its seed.
+    """Run an episode, all of which follows from its seed.
 
     Args:
         env: Its `info` has `distance`, `angle` and `success`, and `failure` where there is one. Its action space is
@@ -162,7 +162,7 @@ def run_episode(
 
 
 def result_of(info: dict[str, Any], seed: int | None, steps: int, start: dict[str, Any]) -> EpisodeResult:
-    """Result of an episode, from its last `info`, and from that of its start."""
+    """Return the result of an episode, from its last `info`, and from that of its start."""
     return EpisodeResult(
         seed=seed,
         success=bool(info.get("success", info.get("is_success", False))),
@@ -182,7 +182,7 @@ def evaluate(
     *,
     progress: Callable[[EpisodeResult], None] = lambda result: None,
 ) -> Evaluation:
-    """Runs one episode for each seed.
+    """Run one episode for each seed.
 
     Args:
         env: The environment; see `run_episode`.

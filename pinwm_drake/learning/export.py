@@ -55,7 +55,7 @@ class InMetres(nn.Module):
     size: Tensor
 
     def __init__(self, spec: PolicySpec, actor: ImageActor, *, estimate: bool = True) -> None:
-        """Takes a copy of the actor, on the CPU.
+        """Take a copy of the actor, on the CPU.
 
         Args:
             spec: Specification of the policy.
@@ -71,7 +71,7 @@ class InMetres(nn.Module):
         self.eval()
 
     def forward(self, image: Tensor, p_WP: Tensor, goal: Tensor | None = None) -> Tensor | tuple[Tensor, Tensor]:
-        """Translation d_W (n,) m of an image (height, width, 3 k) uint8 and a position (n,) m; the state's estimate.
+        """Return the translation d_W (n,) m for an image (height, width, 3 k) uint8 and a position (n,) m.
 
         The goal (goal_size,) is that of the episode, where the policy is told one.
         """
@@ -93,7 +93,7 @@ def export_policy(
     samples: tuple[np.ndarray, ...],
     estimate: bool = True,
 ) -> Bundle:
-    """Writes a bundle, which appears whole or not at all, and reads it back.
+    """Write a bundle, which appears whole or not at all, and read it back.
 
     Args:
         policy: A policy that observes "rgb".
@@ -135,7 +135,7 @@ def export_policy(
 
 
 def check_exportable(spec: PolicySpec) -> None:
-    """Exports a network that was not trained, to nowhere, so that a training need not end in what no bundle takes.
+    """Export a network that was not trained, to nowhere, so that a training need not end in what no bundle takes.
 
     Args:
         spec: Specification of a policy that observes "rgb".
@@ -161,7 +161,7 @@ def check_exportable(spec: PolicySpec) -> None:
 
 
 def require_exportable(policy: Policy) -> None:
-    """Raises ParameterError where a policy does not observe images, or sees a history, which no controller keeps."""
+    """Raise ParameterError where a policy does not observe images, or sees a history, which no controller keeps."""
     if policy.spec.observes != "rgb":
         raise ParameterError(f"policy: got one that observes {policy.spec.observes}; allowed: rgb, as bundles do")
     if policy.spec.history:
@@ -172,7 +172,7 @@ def require_exportable(policy: Policy) -> None:
 def golden_samples(
     policy: Policy, images: np.ndarray, p_WP: np.ndarray, goal: np.ndarray | None = None, *, estimate: bool = True
 ) -> Golden:
-    """Samples with the policy's actions, worked out as its environment does it and not as `InMetres`.
+    """Sample with the policy's actions, worked out as its environment does it and not as `InMetres`.
 
     Beside those given there are four: an empty image and one of random blocks, each with the pusher in the upper corner
     of its box and beyond the lower one. Samples in which rounding decides between two levels are left out.
@@ -227,7 +227,7 @@ def golden_samples(
 
 
 def onnx_bytes(policy: Policy, *, estimate: bool = True) -> bytes:
-    """The network of a policy of images as an ONNX file that holds its weights.
+    """Return the network of a policy of images as an ONNX file that holds its weights.
 
     Args:
         policy: A policy that observes "rgb".

@@ -65,7 +65,7 @@ class Heading(nn.Module):
         return torch.stack([c * x + s * y, c * y - s * x, *others], 1)
 
     def _all_vectors(self, size: int) -> list[int]:
-        """Indices of the x of each vector in a state with a history, of some size: those of states and of actions."""
+        """Return indices of each vector's x in a state with a history: those of states and of actions."""
         begins = range(self._state_size, size, self._state_size + self._action_size)
         past = [begin + k for begin in begins for k in (*self._vectors, self._state_size)]
         return [*self._vectors, *past]
@@ -95,7 +95,7 @@ class AlongHeading(SeenWorlds):
     """Worlds that take actions along the heading of the state that they showed last."""
 
     def __init__(self, env: VecEnv, task: Task) -> None:
-        """Wraps worlds whose observation is the task's state, or a dict with `state`."""
+        """Wrap worlds whose observation is the task's state, or a dict with `state`."""
         super().__init__(env)
         self._heading = Heading(task)
         self._state = np.zeros((env.num_envs, task.state_size), np.float32)
@@ -106,6 +106,6 @@ class AlongHeading(SeenWorlds):
         self.venv.step_async(self._heading.action(given, torch.from_numpy(self._state)).numpy())
 
     def seen(self, observation: Any) -> Any:
-        """Takes an observation, the state or a dict with `state`, as the last one, and gives it back."""
+        """Take an observation, the state or a dict with `state`, as the last one, and give it back."""
         self._state = observation["state"] if isinstance(observation, dict) else observation
         return observation

@@ -76,7 +76,7 @@ class Policy:
 
 
 def make_actor(spec: PolicySpec) -> nn.Module:
-    """An untrained network for a specification."""
+    """Return an untrained network for a specification."""
     return state_actor(spec) if spec.observes == "state" else ImageActor(spec)
 
 
@@ -90,12 +90,12 @@ def weights_digest(policy: Policy) -> str:
 
 
 def write_policy(folder: Path, policy: Policy) -> None:
-    """Writes a policy over an earlier one of the folder; see `write_parts`."""
+    """Write a policy over an earlier one of the folder; see `write_parts`."""
     write_parts(folder / POLICY_FILE, policy.spec, policy.actor, policy.provenance, version=_VERSION)
 
 
 def read_policy(folder: Path) -> Policy:
-    """Reads the policy that `write_policy` wrote to a folder.
+    """Read the policy that `write_policy` wrote to a folder.
 
     Raises:
         InputError: A file is missing, cannot be read, or does not fit the other.
@@ -118,7 +118,7 @@ def write_parts(
     version: int = 1,
     **settings: Any,
 ) -> None:
-    """Writes a policy of any method over an earlier one; each file appears whole or not at all.
+    """Write a policy of any method over an earlier one; each file appears whole or not at all.
 
     Args:
         path: Its document; the weights are beside it, and the folder is made if need be.
@@ -145,7 +145,7 @@ def read_parts(
     *,
     version: int = 1,
 ) -> _Read:
-    """Reads a policy that `write_parts` wrote.
+    """Read a policy that `write_parts` wrote.
 
     Args:
         path: Its document.

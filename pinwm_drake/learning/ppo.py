@@ -72,7 +72,7 @@ class PpoOptions(RewardOptions):
 
     @classmethod
     def for_images(cls, *, auxiliary: bool = True) -> "PpoOptions":
-        """Settings for policies of images.
+        """Return settings for policies of images.
 
         Args:
             auxiliary: Flag: the policy acts on an estimate of the state, which is learned beside it. Otherwise updates

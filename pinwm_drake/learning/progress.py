@@ -52,7 +52,7 @@ class Pace:
         self._first: tuple[float, float, int] | None = None
 
     def __call__(self, done: float, steps: int) -> tuple[float, float]:
-        """Steps a second [1/s] since the first call, and the time left [s]; NaN where nothing has been done since.
+        """Step a second [1/s] since the first call, and the time left [s]; NaN where nothing has been done since.
 
         Args:
             done: Share of the stage's work that is done, 0 to 1.

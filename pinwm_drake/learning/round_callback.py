@@ -28,7 +28,7 @@ class RoundCallback(BaseCallback):
     """Callback that reports rollouts, and keeps the round before the next one."""
 
     def __init__(self, rounds: Rounds, env: VecEnv, size: int, learner: "Learner") -> None:
-        """Takes the round that has begun.
+        """Take the round that has begun.
 
         Args:
             rounds: The rounds.
@@ -128,13 +128,13 @@ class Learner:
         return self.pack()
 
     def prepare(self, rounds: Rounds) -> None:
-        """Makes ready for the first round of a run."""
+        """Make ready for the first round of a run."""
 
     def ended(self, rounds: Rounds, size: int) -> None:
-        """Keeps what later runs need, when the steps of a round are done."""
+        """Keep what later runs need, when the steps of a round are done."""
 
     def set_rate(self, share: float) -> None:
-        """Sets all learning rates to a share of those at first."""
+        """Set all learning rates to a share of those at first."""
         self.model.lr_schedule = ConstantSchedule(share * self.options.learning_rate)
 
     def last_loss(self) -> float:

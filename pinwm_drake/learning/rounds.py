@@ -127,7 +127,7 @@ class StageRun:
     report: Report = silent
 
     def telling(self, options: Any, spec: PolicySpec, env: VecEnv) -> "StageRun":
-        """The run, whose description names settings (a dataclass), seed, specification and number of worlds too."""
+        """Return the run; its description names settings (a dataclass), seed, specification and worlds."""
         told = {"options": asdict(options), "seed": self.seed, "spec": spec.to_document(), "worlds": env.num_envs}
         return replace(self, about={**told, **self.about})
 
@@ -226,7 +226,7 @@ class Rounds:
         return isinstance(env, Resumable) and time.monotonic() - self._kept >= _PERIOD
 
     def keep(self, env: VecEnv, arrays: Mapping[str, np.ndarray]) -> None:
-        """Keeps a round that goes on.
+        """Keep a round that goes on.
 
         Args:
             env: The worlds, which are `Resumable`.
@@ -243,7 +243,7 @@ class Rounds:
         self._kept = time.monotonic()
 
     def restore(self, env: VecEnv) -> dict[str, np.ndarray] | None:
-        """Puts generators, worlds and time into the state in which an earlier run kept the round that has just begun.
+        """Put generators, worlds and time into the state in which an earlier run kept the round that has just begun.
 
         Args:
             env: The worlds.
@@ -269,7 +269,7 @@ class Rounds:
     def end(
         self, arrays: Mapping[str, np.ndarray], actor: nn.Module, found: Evaluation, *, steps: int, loss: float
     ) -> None:
-        """Ends a round: writes the checkpoint, the table of all rounds, and TensorBoard's numbers.
+        """End a round: writes the checkpoint, the table of all rounds, and TensorBoard's numbers.
 
         Args:
             arrays: Arrays that the next round begins with.
@@ -304,13 +304,13 @@ class Rounds:
         return self._weights
 
     def best_actor(self, spec: PolicySpec) -> nn.Module:
-        """The network of the best round; raises ParameterError before the first."""
+        """Return the network of the best round; raises ParameterError before the first."""
         actor = make_actor(spec)
         set_weights(actor, self.best_weights())
         return actor.eval()
 
     def tell(self, share: float = 0.0, *, steps: int = 0, loss: float = math.nan, recent: float = math.nan) -> None:
-        """Reports the progress of the stage.
+        """Report the progress of the stage.
 
         Args:
             share: Share of the round that goes on, 0 to 1.

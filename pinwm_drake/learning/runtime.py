@@ -22,7 +22,7 @@ class Network:
     """The network of policy.onnx, loaded once."""
 
     def __init__(self, content: bytes, path: Path, contract: dict[str, Any]) -> None:
-        """Loads the network, and compares its inputs and outputs with the contract.
+        """Load the network, and compare its inputs and outputs with the contract.
 
         Args:
             content: Contents of policy.onnx.
@@ -67,7 +67,7 @@ class Network:
     def run(
         self, image: np.ndarray, p_WP: np.ndarray, goal: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Translation d_W (n,) m, world, along the task's axes over the horizon, and the estimate of the state.
+        """Return the translation d_W (n,) m, world, over the horizon, and the estimate of the state.
 
         Both are float32. The translation is NaN where the position is NaN; the estimate (state_size,) is None where
         there is none.

@@ -164,7 +164,7 @@ class _Learner(Learner):
 
 
 def _last(buffer: ReplayBuffer | None, number: int) -> Arrays:
-    """The last steps (number, W, ...) of every world, the oldest first, or as many as there are."""
+    """Return the last steps (number, W, ...) of every world, the oldest first, or as many as there are."""
     assert buffer is not None
     number = min(number, buffer.buffer_size if buffer.full else buffer.pos)
     rows = np.arange(buffer.pos - number, buffer.pos) % buffer.buffer_size

@@ -54,7 +54,7 @@ class SafetyLimits:
             )
 
     def to_document(self) -> dict[str, Any]:
-        """The limits as plain data, for YAML."""
+        """Return the limits as plain data, for YAML."""
         document: dict[str, Any] = to_jsonable_python(asdict(self))
         return document
 

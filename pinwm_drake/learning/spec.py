@@ -195,7 +195,7 @@ class PolicySpec:
         return (self.camera.height, self.camera.width, 3 * self.frames)
 
     def to_document(self) -> dict[str, Any]:
-        """The specification as plain data, for YAML; what came later is left out where it is as before."""
+        """Return the specification as plain data, for YAML; what came later is left out where it is as before."""
         values = asdict(self) | {"task": self.task.to_document()}
         kept = {name: value for name, value in values.items() if name not in _LATER or value != _LATER[name]}
         document: dict[str, Any] = to_jsonable_python(kept)
@@ -203,7 +203,7 @@ class PolicySpec:
 
     @classmethod
     def from_document(cls, document: Any) -> "PolicySpec":
-        """The specification that `to_document` described, of this version or an older one.
+        """Return the specification that `to_document` described, of this version or an older one.
 
         Raises:
             ParameterError: A key is missing or unknown, or a value is out of range.

@@ -16,7 +16,7 @@ def devices() -> tuple[str, ...]:
 
 
 def require_device(option: str, name: str) -> None:
-    """Checks that a device is one of those here; "cuda:0" is one where "cuda" is.
+    """Check that a device is one of those here; "cuda:0" is one where "cuda" is.
 
     Args:
         option: Option that names it, as its user writes it.

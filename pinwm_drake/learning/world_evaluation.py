@@ -20,7 +20,7 @@ def evaluate_worlds(
     seed: int | None = None,
     progress: Callable[[EpisodeResult], None] = lambda result: None,
 ) -> Evaluation:
-    """Runs episodes in all worlds of a vectorised environment, which begins anew with this.
+    """Run episodes in all worlds of a vectorised environment, which begins anew with this.
 
     The number of episodes of each world is settled beforehand, one more in the first worlds where it is not even.
     To take those that end first would favour the short ones, which are the successes. With as many episodes as worlds

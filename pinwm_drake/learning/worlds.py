@@ -20,11 +20,11 @@ class SeenWorlds(VecEnvWrapper):
     """Worlds whose observations a learner sees in another way; the same ones here."""
 
     def seen(self, observation: Any) -> Any:
-        """The learner's observation, of that of all worlds."""
+        """Return the learner's observation, of that of all worlds."""
         return observation
 
     def last(self, observation: Any) -> Any:
-        """The learner's observation, of the last one of an episode in one world."""
+        """Return the learner's observation, of the last one of an episode in one world."""
         return observation
 
     def reset(self) -> Any:
@@ -48,7 +48,7 @@ class TowardGoal(SeenWorlds):
     """
 
     def __init__(self, env: VecEnv, task: Task) -> None:
-        """Wraps worlds whose observation is a dict of `state` and `goal`, or of images, pusher and these."""
+        """Wrap worlds whose observation is a dict of `state` and `goal`, or of images, pusher and these."""
         space: Any = env.observation_space
         self._bare = "image" not in space.spaces
         super().__init__(env, space["state"] if self._bare else space)
@@ -60,12 +60,12 @@ class TowardGoal(SeenWorlds):
         self.venv.step_async(self._task.world_action(given, torch.from_numpy(self._goal)).numpy())
 
     def seen(self, observation: Any) -> Any:
-        """The state, where there are no images; otherwise the observation."""
+        """Return the state, where there are no images; otherwise the observation."""
         self._goal = observation["goal"]
         return self.last(observation)
 
     def last(self, observation: Any) -> Any:
-        """The state, where there are no images; otherwise the observation."""
+        """Return the state, where there are no images; otherwise the observation."""
         return observation["state"] if self._bare else observation
 
     def get_state(self) -> dict[str, np.ndarray]:

@@ -109,7 +109,7 @@ def outcomes_at_rest(scene: str, engine: str, outcomes: Outcomes, rest: int) -> 
 
 
 def step_errors(setup: Setup, outcomes: Outcomes, rest: int = 0) -> np.ndarray:
-    """Translation [m] and rotation [rad] errors (n, 2) of the twin in a scene, against a plant's outcomes.
+    """Return the translation [m] and rotation [rad] errors (n, 2) of the twin in a scene, against a plant's outcomes.
 
     Compared are ways and turns of the object from rest until the action ends, while it still moves; or until it rests
     again.
@@ -230,7 +230,7 @@ def imagine(model: WorldModel, seen: SeenOutcomes) -> np.ndarray:
 def picture_errors(
     setup: Setup, outcomes: Outcomes, seen: SeenOutcomes, images: np.ndarray, *, num_threads: int | None = None
 ) -> np.ndarray:
-    """Translation [m] and rotation [rad] errors (n, 2) of the motions that images show, against a plant's outcomes.
+    """Return errors (n, 2) of translation [m] and rotation [rad] of the motions that images show.
 
     The pose before the action is read from the plant's image as well, so that what light and outlines do to both
     readings cancels.

@@ -59,14 +59,14 @@ class ContactProblem:
         return (self.A @ x[..., None])[..., 0] - self.p - (self.J.mT @ impulse[..., None])[..., 0].sum(1)
 
     def derivative(self, x: Tensor, radius: Tensor | None = None) -> Tensor:
-        """Derivative (W, n, n) of the residual at x (W, n)."""
+        """Return the derivative (W, n, n) of the residual at x (W, n)."""
         v = self.velocity(x)
         gain = -_slope(self, v, radius)
         return self.A + (self.J.mT @ gain @ self.J).sum(1)
 
 
 def _slope(problem: ContactProblem, v: Tensor, radius: Tensor | None) -> Tensor:
-    """Derivative (W, C, 3, 3) of the impulses with respect to v."""
+    """Return the derivative (W, C, 3, 3) of the impulses with respect to v."""
     with torch.enable_grad():
         leaf = v.detach().requires_grad_()
         impulse = problem.contact_impulse(leaf, radius)

@@ -40,7 +40,7 @@ class StepReport:
 def inspect(
     model: Model, parameters: Parameters, state: State, V_WP: Tensor | None = None, *, world: int = 0
 ) -> StepReport:
-    """Builds and solves the step that would follow `state`, without taking it.
+    """Build and solve the step that would follow `state`, without taking it.
 
     Args:
         model: the scene.

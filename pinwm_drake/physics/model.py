@@ -264,7 +264,7 @@ def _is_number(value: object) -> bool:
 
 
 def check_vector(name: str, value: object, unit: str) -> None:
-    """Raises ModelError unless a value is three finite numbers."""
+    """Raise ModelError unless a value is three finite numbers."""
     try:
         array = np.asarray(value, float)
     except (TypeError, ValueError):
@@ -283,7 +283,7 @@ def _check_pieces(name: str, pieces: Sequence[ConvexPiece]) -> None:
 
 
 def check_mass_properties(name: str, mass: float, inertia: np.ndarray) -> None:
-    """Checks that mass and inertia belong to some rigid body.
+    """Check that mass and inertia belong to some rigid body.
 
     Args:
         name: name of the body, for the message.

@@ -47,7 +47,7 @@ class Parameters(TensorFields):
     offset: Tensor = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        """Gives what was left out its nominal value."""
+        """Give what was left out its nominal value."""
         if self.center is None:
             object.__setattr__(self, "center", self.mass.new_zeros(*self.mass.shape, 3))
         if self.spread is None:
@@ -67,7 +67,7 @@ class Parameters(TensorFields):
         restitution_bodies: float = 0.0,
         num_worlds: int = 1,
     ) -> "Parameters":
-        """The model's nominal mass properties with one coefficient for each kind of pair.
+        """Return the model's nominal mass properties with one coefficient for each kind of pair.
 
         Raises:
             ParameterError: a coefficient is out of range.
@@ -95,7 +95,7 @@ class Parameters(TensorFields):
         return int(self.mass.shape[0])
 
     def check(self, model: Model) -> None:
-        """Raises ParameterError (ranges), StateError (shapes, dtype) or ModelError (inertia) unless valid."""
+        """Raise ParameterError (ranges), StateError (shapes, dtype) or ModelError (inertia) unless valid."""
         W, nb, pairs = self.num_worlds, model.num_bodies, model.pair_names
         each, of_pairs = (W, nb, 3), (W, len(pairs))
         shapes = ((W, nb), (W, nb, 3, 3), of_pairs, of_pairs, each, each, of_pairs)

@@ -46,7 +46,7 @@ def _skew(v: Tensor) -> Tensor:
 
 
 def find_contacts(model: Model, parameters: Parameters, state: State, R: Tensor, V_WP: Tensor) -> Contacts:
-    """Selects features on the CPU and computes their geometry in torch.
+    """Select features on the CPU and compute their geometry in torch.
 
     Args:
         model: the scene.

@@ -89,7 +89,7 @@ class State(TensorFields):
         return int(self.p_WP.shape[0])
 
     def check(self, model: Model) -> None:
-        """Raises StateError unless shapes, dtype and values fit the model."""
+        """Raise StateError unless shapes, dtype and values fit the model."""
         if not isinstance(self.p_WP, Tensor) or self.p_WP.ndim != 2 or not len(self.p_WP):
             got = tuple(self.p_WP.shape) if isinstance(self.p_WP, Tensor) else type(self.p_WP).__name__
             raise StateError(f"p_WP is {got}; allowed: a tensor of shape (W, 3), W at least 1")
@@ -155,7 +155,7 @@ class Trajectory:
 
 
 def check_tensor(name: str, value: Tensor, shape: tuple[int, ...], most: float = math.inf) -> None:
-    """Raises StateError unless `value` is a finite float64 tensor of this shape; names the first bad entry.
+    """Raise StateError unless `value` is a finite float64 tensor of this shape; name the first bad entry.
 
     Args:
         name: for the message.

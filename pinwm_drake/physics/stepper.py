@@ -31,7 +31,7 @@ class Stepper:
     def __init__(
         self, model: Model, backend: Literal["numba", "torch"] = "numba", *, num_threads: int | None = None
     ) -> None:
-        """Makes a stepper of one model.
+        """Make a stepper of one model.
 
         Args:
             model: the scene.
@@ -149,7 +149,7 @@ class Stepper:
     def _roll(
         self, theta: Arrays, state: Arrays, V_WP: np.ndarray, record_every: int, keep: bool, hold: bool = False
     ) -> tuple:
-        """Rolls out; returns the arguments of the kernels: model, theta, V_WP, record_every, frames, saved."""
+        """Roll out; return the arguments of the kernels: model, theta, V_WP, record_every, frames, saved."""
         model = self.model
         T, W = V_WP.shape[:2]
         q, p, V, q_P, p_P = state
@@ -178,7 +178,7 @@ class Stepper:
 
 
 def _check_joints(model: Model, state: State) -> None:
-    """Raises StateError where the two sides of a joint are far apart at the start."""
+    """Raise StateError where the two sides of a joint are far apart at the start."""
     from pinwm_drake.physics.reference import joint_error
 
     error = joint_error(model, state)
@@ -245,6 +245,6 @@ class _Rollout(torch.autograd.Function):
 
 
 def _array(tensor: Tensor) -> np.ndarray:
-    """A tensor's values, its own memory where that is contiguous."""
+    """Return a tensor's values, its own memory where that is contiguous."""
     array: np.ndarray = np.ascontiguousarray(tensor.detach().numpy())
     return array

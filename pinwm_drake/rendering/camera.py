@@ -48,22 +48,22 @@ class Camera:
 
     @staticmethod
     def from_field_of_view(width: int, height: int, fov_y: float) -> "Camera":
-        """A camera with square pixels that looks through the middle of its image; fov_y in rad."""
+        """Return a camera with square pixels that looks through the middle of its image; fov_y in rad."""
         focal = 0.5 * height / torch.tan(torch.tensor(0.5 * fov_y, dtype=torch.float64))
         return Camera(width, height, torch.tensor([focal, focal, 0.5 * width, 0.5 * height], dtype=torch.float64))
 
     def scaled(self, factor: float) -> "Camera":
-        """The camera of the same view with `factor` times as many pixels along each side, rounded to whole ones."""
+        """Return the camera of the same view with `factor` times as many pixels a side, rounded."""
         width, height = max(round(self.width * factor), 1), max(round(self.height * factor), 1)
         x, y = width / self.width, height / self.height
         return Camera(width, height, self.intrinsics * self.intrinsics.new_tensor([x, y, x, y]))
 
     def cropped(self, x: int, y: int, width: int, height: int) -> "Camera":
-        """The camera of a box of the image whose first column and row are x and y."""
+        """Return the camera of a box of the image whose first column and row are x and y."""
         return Camera(width, height, self.intrinsics - self.intrinsics.new_tensor([0.0, 0.0, x, y]))
 
     def shifted(self, offset: tuple[float, float]) -> "Camera":
-        """The camera with `offset` [px] added to cx and cy."""
+        """Return the camera with `offset` [px] added to cx and cy."""
         return Camera(self.width, self.height, self.intrinsics + self.intrinsics.new_tensor([0.0, 0.0, *offset]))
 
 

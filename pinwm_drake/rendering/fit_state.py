@@ -19,7 +19,7 @@ class FitState:
     """Parameters, Adam's moments, and the screen gradients that tell where surfels are missing."""
 
     def __init__(self, surfels: Surfels, options: FitOptions, radius: float) -> None:
-        """Starts a fit from surfels with harmonics of the final degree; `radius` is that of the object, m."""
+        """Start a fit from surfels with harmonics of the final degree; `radius` is that of the object, m."""
         self._rates = {
             "p_OS": options.rate_position * radius,
             "q_OS": options.rate_rotation,
@@ -53,7 +53,7 @@ class FitState:
         return int(self.tensors["p_OS"].shape[0])
 
     def _optimise(self) -> None:
-        """Makes the optimiser anew from tensors and moments."""
+        """Make the optimiser anew from tensors and moments."""
         groups = []
         for name, value in self.tensors.items():
             value.requires_grad_(name != CAMERA)
@@ -67,7 +67,7 @@ class FitState:
             }
 
     def surfels(self, degree: int) -> Surfels:
-        """The surfels with harmonics up to a degree, in the graph of the parameters."""
+        """Return the surfels with harmonics up to a degree, in the graph of the parameters."""
         t = self.tensors
         sh = (
             t["sh_constant"]
@@ -89,13 +89,13 @@ class FitState:
         self.counts = torch.zeros(self.num_surfels)
 
     def watch(self, screen: Tensor) -> None:
-        """Adds the screen gradients (N, 2) of one view, per px; surfels that it does not see do not count."""
+        """Add the screen gradients (N, 2) of one view, per px; surfels that it does not see do not count."""
         size = screen.norm(dim=1)
         self.screen += size
         self.counts += size > 0.0
 
     def replace(self, keep: Tensor, new: dict[str, Tensor]) -> None:
-        """Keeps some surfels, with their moments, and adds others, without; forgets the screen gradients.
+        """Keep some surfels, with their moments, and add others, without; forget the screen gradients.
 
         Args:
             keep: (N,) bool.

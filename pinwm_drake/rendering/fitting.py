@@ -133,7 +133,7 @@ def psnr(mean_square: float) -> float:
 
 
 def _describe(views: Sequence[View], mesh: trimesh.Trimesh, options: FitOptions, threads: int) -> dict[str, object]:
-    """Description of a fit's inputs: its options, and the hash of its views and mesh."""
+    """Return the description of a fit's inputs: its options, and the hash of its views and mesh."""
     digest = hashlib.sha256()
     for view in views:
         digest.update(f"{view.name} {view.camera.width} {view.camera.height}".encode())
@@ -249,7 +249,7 @@ class _Fit:
         return float(loss.detach()), psnr(square * target.share)
 
     def _target(self, iteration: int) -> "_Target":
-        """The view of an iteration: every view once, in an order of its own, then again."""
+        """Return the view of an iteration: every view once, in an order of its own, then again."""
         epoch, position = divmod(iteration, len(self.train))
         order = np.random.default_rng([self.options.seed, epoch]).permutation(len(self.train))
         factor = 0.5 if iteration < self.options.coarse * self.options.iterations else 1.0
@@ -267,7 +267,7 @@ class _Fit:
         return (rendering.alpha[0] - coverage(self.mesh, camera, X_CO)).abs().mean()
 
     def _shifted(self, camera: Camera, factor: float = 1.0) -> Camera:
-        """The camera with the principal point that was learnt, which is counted in px of the whole image."""
+        """Return the camera with the principal point that was learnt, which is counted in px of the whole image."""
         if self.options.rate_camera == 0.0:
             return camera
         x, y = (factor * self.state.tensors[CAMERA].detach()).tolist()

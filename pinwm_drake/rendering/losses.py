@@ -36,7 +36,7 @@ class SsimTarget:
     """An image to compare others with; what SSIM needs of it is computed once."""
 
     def __init__(self, image: Tensor, num_threads: int = 1) -> None:
-        """Keeps `image` (H, W, 3), colours from 0 to 1, and the number of threads that compare others with it.
+        """Keep `image` (H, W, 3), colours from 0 to 1, and the number of threads that compare others with it.
 
         Raises:
             RenderingError: Another shape.
@@ -50,7 +50,7 @@ class SsimTarget:
         ssim_kernels.blur(self.array * self.array, window(), 3, self.square)
 
     def ssim(self, image: Tensor) -> Tensor:
-        """The mean structural similarity with `image` (H, W, 3), differentiable in it; 1 where they are equal.
+        """Return the mean structural similarity with `image` (H, W, 3), differentiable in it; 1 where they are equal.
 
         Raises:
             RenderingError: Images of two shapes.
@@ -113,7 +113,7 @@ def photometric(
 
 
 def distortion_loss(rendering: Rendering, length: float = 1.0) -> Tensor:
-    """The mean spread of the depths that a pixel blends, over all pixels.
+    """Return the mean spread of the depths that a pixel blends, over all pixels.
 
     Args:
         rendering: made with full=True.
@@ -131,7 +131,7 @@ def distortion_loss(rendering: Rendering, length: float = 1.0) -> Tensor:
 
 
 def normal_consistency(rendering: Rendering, camera: Camera) -> Tensor:
-    """Normal consistency of the surfels with the rendered depth: the mean of sum_i w_i (1 - n_i . N).
+    """Return the normal consistency of the surfels with the rendered depth: the mean of sum_i w_i (1 - n_i . N).
 
     N, (V, H, W), is the normal of the surface through the points of a pixel's four neighbours, at depth / alpha. Pixels
     with a neighbour of opacity below 1/2 have none, and count as 0.

@@ -44,7 +44,7 @@ class OutlineFit:
 def fit_outline(
     views: Sequence[View], mesh: trimesh.Trimesh, *, progress: Callable[[float, float], None] = lambda share, loss: None
 ) -> OutlineFit:
-    """Moves the vertices of a mesh until its outlines are those of masks.
+    """Move the vertices of a mesh until its outlines are those of masks.
 
     What no outline shows, such as the bottom of a hollow, stays as it is given. Vertices at one place stay together.
 
@@ -97,7 +97,7 @@ class _Masks:
 
     @classmethod
     def of(cls, views: Sequence[View], vertices: np.ndarray, faces: np.ndarray, size: float = math.inf) -> "_Masks":
-        """The parts of views in which a mesh is, whose longer side has at most so many px."""
+        """Return the parts of views in which a mesh is, whose longer side has at most so many px."""
         parts = [view.close_up(torch.from_numpy(vertices), _MARGIN, size) for view in views]
         pixels = [float(part.X_CO.p[2] / part.camera.intrinsics[:2].mean()) for part in parts]
         return cls(parts, faces, float(np.median(pixels)))

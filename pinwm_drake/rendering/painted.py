@@ -81,7 +81,7 @@ def painted_surfels(visual_path: Path, number: int = 2500, *, seed: int = 0) -> 
 
 
 def _read(path: Path) -> tuple[trimesh.Trimesh, np.ndarray]:
-    """The surface, with corners joined where they meet, and the colour of each face (m, 3), 0 to 1."""
+    """Return the surface, with corners joined where they meet, and the colour of each face (m, 3), 0 to 1."""
     allowed = "an OBJ file of coloured faces, with its MTL file beside it"
     if not path.is_file():
         raise InputError(path, value="no such file", allowed=allowed)

@@ -52,13 +52,13 @@ class Patches:
 
 
 def crease_ends(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (n, 2, 3) [m] of the edges at which faces meet at an angle, and the two faces (n, 2) at each."""
+    """End (n, 2, 3) [m] of the edges at which faces meet at an angle, and the two faces (n, 2) at each."""
     sharp = mesh.face_adjacency_angles > _CREASE
     return np.asarray(mesh.vertices)[mesh.face_adjacency_edges[sharp]], mesh.face_adjacency[sharp]
 
 
 def spread(mesh: trimesh.Trimesh, number: int, generator: np.random.Generator) -> Patches:
-    """`number` samples of the whole surface, stratified over its area so that each face gets its share."""
+    """Return `number` samples of the whole surface, stratified over its area so that each face gets its share."""
     ends = np.cumsum(mesh.area_faces)
     at = (np.arange(number) + generator.random(number)) * (ends[-1] / number)
     faces = np.minimum(np.searchsorted(ends, at), len(ends) - 1)

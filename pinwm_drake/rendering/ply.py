@@ -30,7 +30,7 @@ _RESTS = [3 * ((degree + 1) ** 2 - 1) for degree in range(MAX_DEGREE + 1)]
 
 
 def read_ply(path: str | os.PathLike[str]) -> Surfels:
-    """Reads surfels from a PLY file.
+    """Read surfels from a PLY file.
 
     Args:
         path: A PLY file, text or binary, with the properties above as float or double; 0, 9, 24 or 45 of f_rest.
@@ -65,7 +65,7 @@ def read_ply(path: str | os.PathLike[str]) -> Surfels:
 
 
 def write_ply(path: str | os.PathLike[str], surfels: Surfels) -> None:
-    """Writes surfels as binary PLY, whole or not at all.
+    """Write surfels as binary PLY, whole or not at all.
 
     Args:
         path: The file; an earlier one of that name is replaced.
@@ -93,7 +93,7 @@ def write_ply(path: str | os.PathLike[str], surfels: Surfels) -> None:
 
 
 def write_vertices(path: Path, names: tuple[str, ...], columns: np.ndarray) -> None:
-    """Writes columns (N, len(names)) as float32 vertices of a binary PLY file; raises OSError."""
+    """Write columns (N, len(names)) as float32 vertices of a binary PLY file; raise OSError."""
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(columns)}"]
     header += [*(f"property float {name}" for name in names), "end_header", ""]
     path.write_bytes("\n".join(header).encode() + np.ascontiguousarray(columns, "<f4").tobytes())
@@ -164,6 +164,6 @@ def _column(path: Path, given: np.ndarray, name: str) -> np.ndarray:
 
 
 def _check_rows(path: Path, fits: np.ndarray, value: str, allowed: str) -> None:
-    """Raises InputError for the first row that does not fit; rows are surfels, counted from 1."""
+    """Raise InputError for the first row that does not fit; rows are surfels, counted from 1."""
     if not fits.all():
         raise InputError(path, row=int(fits.argmin()) + 1, value=value, allowed=allowed)

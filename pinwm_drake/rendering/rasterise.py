@@ -29,7 +29,7 @@ _WORTH_A_THREAD = 16384
 def rasterise(
     surfels: Surfels, camera: Camera, X_CO: Pose, full: bool, background: Tensor, steepness: Tensor, num_threads: int
 ) -> tuple[Tensor, ...]:
-    """Renders V views; see `render.render`. Returns color, alpha and, if `full`, depth, normal and distortion."""
+    """Render V views; see `render.render`. Returns color, alpha and, if `full`, depth, normal and distortion."""
     inputs = (*surfels.tensors().values(), X_CO.q, X_CO.p)
     work = X_CO.p.shape[0] * (camera.width * camera.height + surfels.num_surfels)
     num_threads = min(num_threads, work // _WORTH_A_THREAD + 1)
@@ -87,7 +87,7 @@ def _images(V: int, size: tuple[int, int], full: bool) -> tuple[np.ndarray, ...]
 
 
 def _render(full: bool, fixed: _Fixed, num_threads: int, inputs: tuple[Tensor, ...]) -> tuple[np.ndarray, ...]:
-    """The images of at least as many views as threads, without anything kept for a backward pass."""
+    """Return the images of at least as many views as threads, without anything kept for a backward pass."""
     intrinsics, _, size, background = fixed
     surfels, sh, _, view = _inputs(inputs, fixed)
     images = _images(len(intrinsics), size, full)
@@ -99,7 +99,7 @@ def _render(full: bool, fixed: _Fixed, num_threads: int, inputs: tuple[Tensor, .
 def _forward(
     full: bool, fixed: _Fixed, num_threads: int, inputs: tuple[Tensor, ...]
 ) -> tuple[tuple[np.ndarray, ...], tuple]:
-    """The images, and what the backward pass needs; threads share the rows of each view."""
+    """Return the images, and what the backward pass needs; threads share the rows of each view."""
     intrinsics, steepness, size, background = fixed
     surfels, sh, q_CO, view = _inputs(inputs, fixed)
     V, N = len(intrinsics), len(surfels[0])

@@ -33,7 +33,7 @@ _CHUNK = 1 << 21  # pixels times surfels that are worked on at once
 def render_reference(
     surfels: Surfels, camera: Camera, X_CO: Pose, full: bool, background: Tensor, steepness: Tensor
 ) -> tuple[Tensor, ...]:
-    """Renders V views; see `render.render`. Returns color, alpha and, if `full`, depth, normal and distortion."""
+    """Render V views; see `render.render`. Returns color, alpha and, if `full`, depth, normal and distortion."""
     dtype, device = surfels.p_OS.dtype, surfels.p_OS.device
     V = X_CO.p.shape[0]
     R_CO = quaternion_to_matrix(torch.nn.functional.normalize(X_CO.q, dim=-1)).to(device, dtype)

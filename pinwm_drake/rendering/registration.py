@@ -42,7 +42,7 @@ class Registration:
 
 
 def register(views: Sequence[View], mesh: trimesh.Trimesh, up: np.ndarray) -> Registration:
-    """Finds where an object on a floor is in posed images: place and yaw for which outlines and masks agree best.
+    """Find where an object on a floor is in posed images: place and yaw for which outlines and masks agree best.
 
     Args:
         views: The images, with the poses of the object that were given.
@@ -76,7 +76,7 @@ def register(views: Sequence[View], mesh: trimesh.Trimesh, up: np.ndarray) -> Re
 
 
 def registered(views: Sequence[View], registration: Registration) -> list[View]:
-    """Views with the object where the registration has it."""
+    """View with the object where the registration has it."""
     return [replace(view, X_CO=compose(view.X_CO, registration.X_OS)) for view in views]
 
 

@@ -50,7 +50,7 @@ def render(
     backend: Literal["numba", "torch"] = "numba",
     num_threads: int | None = None,
 ) -> Rendering:
-    """Renders V views of the surfels; differentiable in every surfel parameter and in X_CO.
+    """Render V views of the surfels; differentiable in every surfel parameter and in X_CO.
 
     Args:
         surfels: N of them; their sh may be (V, N, K, 3), colours of its own for each view.

@@ -49,7 +49,7 @@ def silhouette(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> np.ndarray 
 
 
 def between_views(mesh: trimesh.Trimesh, X_CO: Pose, spread: float, generator: np.random.Generator) -> Pose:
-    """A pose near a given one: the object turned at random about its middle.
+    """Return a pose near a given one: the object turned at random about its middle.
 
     Args:
         mesh: surface in O, m.

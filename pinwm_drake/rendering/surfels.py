@@ -53,11 +53,11 @@ class Surfels:
         return round(self.sh.shape[-2] ** 0.5) - 1
 
     def tensors(self) -> dict[str, Tensor]:
-        """The five tensors by their names."""
+        """Return the five tensors by their names."""
         return dict(vars(self))
 
     def check_shapes(self) -> None:
-        """Raises RenderingError unless shapes and types fit; names the first tensor that does not."""
+        """Raise RenderingError unless shapes and types fit; name the first tensor that does not."""
         tensors = self.tensors()
         require_shapes(*tensors.values())
         for name, value in tensors.items():
@@ -65,7 +65,7 @@ class Surfels:
                 raise RenderingError(f"{name} is {value.dtype}; allowed: torch.float32")
 
     def check(self) -> None:
-        """Raises RenderingError unless shapes, types and values fit; names the first bad entry."""
+        """Raise RenderingError unless shapes, types and values fit; name the first bad entry."""
         self.check_shapes()
         for name, value in self.tensors().items():
             finite = torch.isfinite(value.detach())
@@ -87,7 +87,7 @@ class Surfels:
 
 
 def require_shapes(p_OS: Shaped, q_OS: Shaped, log_scale: Shaped, logit_opacity: Shaped, sh: Shaped) -> None:
-    """Raises RenderingError unless the tensors or arrays of surfels have shapes that fit together."""
+    """Raise RenderingError unless the tensors or arrays of surfels have shapes that fit together."""
     N = p_OS.shape[0] if len(p_OS.shape) else 0
     for name, value, shape in (
         ("p_OS", p_OS, (N, 3)),

@@ -62,7 +62,7 @@ class View:
         return project(self.camera, self.X_CO, p_OQ)
 
     def scaled(self, factor: float) -> "View":
-        """The view with `factor` <= 1 times as many pixels a side: each new pixel is the mean of those it covers."""
+        """Return the view with `factor` <= 1 times as many pixels a side, each the mean of those it covers."""
         camera = self.camera.scaled(factor)
         size = (camera.height, camera.width)
         pictures = torch.cat([self.image, self.mask[..., None].to(self.image.dtype)], -1).permute(2, 0, 1)[None]
@@ -71,14 +71,14 @@ class View:
         return View(self.name, camera, self.X_CO, image, small[..., 3] >= 0.5)
 
     def cropped(self, x: int, y: int, width: int, height: int) -> "View":
-        """The box of the view whose first column and row are x and y."""
+        """Return the box of the view whose first column and row are x and y."""
         rows, columns = slice(y, y + height), slice(x, x + width)
         camera = self.camera.cropped(x, y, width, height)
         image, mask = self.image[rows, columns].contiguous(), self.mask[rows, columns].contiguous()
         return View(self.name, camera, self.X_CO, image, mask)
 
     def object_box(self, p_OQ: Tensor, margin: int) -> tuple[int, int, int, int]:
-        """The smallest box of pixels that holds the mask, the points of the object, and a margin around both.
+        """Return the smallest box of pixels that holds the mask, the points of the object, and a margin around both.
 
         Args:
             p_OQ: (n, 3), m, in O, such as the corners of its mesh.
@@ -92,7 +92,7 @@ class View:
         return box_around(self.camera, self.X_CO, p_OQ, margin, torch.cat([seen, seen + 1]))
 
     def close_up(self, p_OQ: Tensor, margin: int, longest: float = math.inf) -> "View":
-        """The box of `object_box`, made smaller where its longer side has more than so many px."""
+        """Return the box of `object_box`, made smaller where its longer side has more than so many px."""
         box = self.object_box(p_OQ, margin)
         return self.cropped(*box).scaled(min(longest / max(box[2:]), 1.0))
 
@@ -117,7 +117,7 @@ def project(camera: Camera, X_CO: Pose, p_OQ: Tensor) -> tuple[Tensor, Tensor]:
 def box_around(
     camera: Camera, X_CO: Pose, p_OQ: Tensor, margin: int, pixels: Tensor | None = None
 ) -> tuple[int, int, int, int]:
-    """The smallest box of pixels that holds points of an object and a margin around them.
+    """Return the smallest box of pixels that holds points of an object and a margin around them.
 
     Args:
         camera: camera of one view.

@@ -35,7 +35,7 @@ class Sight:
     """Sight of a mesh in one view, by the depths that surfels all over its surface make up."""
 
     def __init__(self, view: View, mesh: trimesh.Trimesh, cover: Patches, num_threads: int | None = None) -> None:
-        """Renders the depths of the mesh (O, m), which is in front of the view's camera, with patches all over it."""
+        """Render the depths of the mesh (O, m), which is in front of the view's camera, with patches all over it."""
         corners = torch.from_numpy(np.array(mesh.vertices))
         x, y, width, height = view.object_box(corners, 2)
         camera = view.camera.cropped(x, y, width, height)

@@ -21,7 +21,7 @@ class ViewCamera:
     def look_at(
         cls, eye: np.ndarray, target: np.ndarray, *, width: int, height: int, field_of_view: float
     ) -> "ViewCamera":
-        """A camera at one point that looks at another, with its x axis horizontal.
+        """Return a camera at one point that looks at another, with its x axis horizontal.
 
         Args:
             eye: p_WC (3,) [m].
@@ -52,7 +52,7 @@ class ViewCamera:
         return self.focal * p_C[:, :2] / p_C[:, 2:] + centre, p_C[:, 2]
 
     def rays(self) -> np.ndarray:
-        """The direction through the centre of every pixel: (height, width, 3), unit, world."""
+        """Return the direction through the centre of every pixel: (height, width, 3), unit, world."""
         x, y = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
         d_C = np.stack((x - 0.5 * self.width, y - 0.5 * self.height, np.full_like(x, self.focal)), axis=-1)
         d_W = d_C @ self.R_WC.T

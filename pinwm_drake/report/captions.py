@@ -15,7 +15,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont:
 
 
 def write_caption(image: np.ndarray, *texts: str) -> np.ndarray:
-    """Writes one line into the lower left corner of a picture, or of each of several panels side by side.
+    """Write one line into the lower left corner of a picture, or of each of several panels side by side.
 
     Args:
         image: (height, width, 3) uint8, sRGB, changed in place; its width is a multiple of the number of panels.

@@ -66,7 +66,7 @@ def _cut(segment: np.ndarray, longest: float) -> np.ndarray:
 
 
 def _inside(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Flags: points (k, 2) are in any of the triangles (n, 3, 2)."""
+    """Return flags: points (k, 2) are in any of the triangles (n, 3, 2)."""
     edges = np.roll(triangles, -1, axis=1) - triangles
     found = np.zeros(len(points), bool)
     step = max(_AT_ONCE // len(triangles), 1)

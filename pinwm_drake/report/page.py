@@ -22,7 +22,7 @@ _QUALITY = 88  # of JPEG
 
 
 def write_page(path: Path, template: str, **contents: Any) -> None:
-    """Writes a page that loads nothing from anywhere, from a template in the package and its variables.
+    """Write a page that loads nothing from anywhere, from a template in the package and its variables.
 
     Raises:
         InputError: The file cannot be written.
@@ -34,7 +34,7 @@ def write_page(path: Path, template: str, **contents: Any) -> None:
 
 
 def data_uri(shown: Figure | np.ndarray) -> str:
-    """A figure as SVG, or a picture (height, width, 3) uint8, sRGB, as JPEG: the same bytes for the same contents."""
+    """Return a figure as SVG, or a picture (height, width, 3) uint8, sRGB, as JPEG: reproducible bytes."""
     buffer = io.BytesIO()
     if isinstance(shown, Figure):
         kind = "svg+xml"
@@ -68,7 +68,7 @@ def _rounded(value: float, digits: int) -> str:
 
 
 def error_words(estimate: Estimate, truth: float | None) -> tuple[str, str]:
-    """The true value, and the error of an estimate in per cent of it."""
+    """Return the true value, and the error of an estimate in per cent of it."""
     if truth is None:
         return "–", "–"
     error = f"{100 * (estimate.value - truth) / abs(truth):+.1f} %" if truth else f"{estimate.value - truth:+.3g}"

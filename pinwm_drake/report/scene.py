@@ -44,7 +44,7 @@ class Actor:
 
 
 def coloured_actors(path: Path) -> list[Actor]:
-    """The surfaces of a mesh file [m, object frame], one for each of its materials; of one colour where it has none."""
+    """Return the surfaces of a mesh file [m, object frame], one for each of its materials."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         parts = trimesh.load_scene(path, process=False, group_material=True).geometry.values()
@@ -179,7 +179,7 @@ class Stage:
 
 
 def _floor_picture(p_WC: np.ndarray, rays: np.ndarray, height: float) -> np.ndarray:
-    """The floor with its grid, fading into the sky: (rows, columns, 3) linear RGB, float32."""
+    """Return the floor with its grid, fading into the sky: (rows, columns, 3) linear RGB, float32."""
     below = rays[..., 2] < -1e-3
     distance = np.where(below, (height - p_WC[2]) / np.where(below, rays[..., 2], -1), 1e3)
     at = p_WC[:2] + distance[..., None] * rays[..., :2]

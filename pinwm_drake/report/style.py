@@ -16,12 +16,12 @@ STARTS = ("#2f5d9e", "#c8432f", "#3b8f5a", "#b07d1a", "#7a4fa3", "#3a9aa8", "#a1
 
 
 def new_figure(width: float, height: float, dpi: int = 96) -> Figure:
-    """An empty figure; inches, of which a page shows 96 px each."""
+    """Return an empty figure; inches, of which a page shows 96 px each."""
     return Figure(figsize=(width, height), dpi=dpi, layout="constrained")
 
 
 def save_figure(path: Path, figure: Figure) -> None:
-    """Writes a figure whole or not at all; the suffix names the format. Raises InputError where it cannot."""
+    """Write a figure whole or not at all; the suffix names the format. Raises InputError where it cannot."""
     with replacing(path) as temporary:
         figure.savefig(temporary)
 
@@ -44,19 +44,19 @@ def label_plane(axes: Axes) -> None:
 def show_picture(
     axes: Axes, picture: np.ndarray, frame: str, *, linewidth: float = 0.8, interpolation: str = "auto"
 ) -> None:
-    """Shows a picture without ticks, in a frame of one colour."""
+    """Show a picture without ticks, in a frame of one colour."""
     axes.imshow(picture, interpolation=interpolation)
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set(color=frame, linewidth=linewidth)
 
 
 def start_colour(number: int) -> str:
-    """The colour of a random start."""
+    """Return the colour of a random start."""
     return STARTS[number % len(STARTS)]
 
 
 def evenly(number: int, most: int) -> list[int]:
-    """Some of the numbers 0 to `number - 1` at equal distances, the first and the last among them, `most` at most."""
+    """Return at most `most` of the numbers 0 to `number - 1` at equal distances, the ends among them."""
     return [int(k) for k in np.unique(np.linspace(0, number - 1, min(most, number)).round())]
 
 

@@ -15,7 +15,7 @@ _CODECS = ("vp09", "mp4v")
 
 
 def write_video(path: Path, frames: Iterable[np.ndarray], *, rate: float, size: tuple[int, int]) -> None:
-    """Writes frames as an MP4 file.
+    """Write frames as an MP4 file.
 
     Args:
         path: File of the video; the suffix is .mp4 and the folder exists.

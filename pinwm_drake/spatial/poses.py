@@ -31,7 +31,7 @@ class Pose(NamedTuple):
 
 
 def identity(*batch: int) -> Pose:
-    """The pose that changes nothing.
+    """Return the pose that changes nothing.
 
     Args:
         *batch: Lengths of the leading axes.
@@ -50,7 +50,7 @@ def identity(*batch: int) -> Pose:
 
 
 def compose(X_AB: Pose, X_BC: Pose) -> Pose:
-    """The pose X_AC = X_AB X_BC.
+    """Return the pose X_AC = X_AB X_BC.
 
     Args:
         X_AB: Pose of B in A, leading axes (...).
@@ -63,7 +63,7 @@ def compose(X_AB: Pose, X_BC: Pose) -> Pose:
 
 
 def inverse(X_AB: Pose) -> Pose:
-    """The pose X_BA of A in B.
+    """Return the pose X_BA of A in B.
 
     Args:
         X_AB: Pose of B in A, leading axes (...).
@@ -76,7 +76,7 @@ def inverse(X_AB: Pose) -> Pose:
 
 
 def transform(X_AB: Pose, p_BQ: torch.Tensor) -> torch.Tensor:
-    """The position of a point Q in A, given its position in B.
+    """Return the position of a point Q in A, given its position in B.
 
     Args:
         X_AB: Pose of B in A, leading axes (...).
@@ -90,7 +90,7 @@ def transform(X_AB: Pose, p_BQ: torch.Tensor) -> torch.Tensor:
 
 
 def pose_to_matrix(X_AB: Pose) -> torch.Tensor:
-    """The homogeneous matrix of a pose.
+    """Return the homogeneous matrix of a pose.
 
     Args:
         X_AB: Pose of B in A, leading axes (...).

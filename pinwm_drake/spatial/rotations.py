@@ -19,13 +19,13 @@ _SMALL_SQUARE = 1e-4
 
 
 def require_last_axis(array: torch.Tensor, size: int, name: str) -> None:
-    """Raises StateError unless the last axis of a tensor, which the message calls `name`, has a given length."""
+    """Raise StateError unless the last axis of a tensor, which the message calls `name`, has a given length."""
     if array.ndim == 0 or array.shape[-1] != size:
         raise StateError(f"{name}: got shape {tuple(array.shape)}; allowed: (..., {size})")
 
 
 def quaternion_multiply(q_AB: torch.Tensor, q_BC: torch.Tensor) -> torch.Tensor:
-    """The quaternion q_AC = q_AB ⊗ q_BC of R_AC = R_AB R_BC.
+    """Return the quaternion q_AC = q_AB ⊗ q_BC of R_AC = R_AB R_BC.
 
     Args:
         q_AB: (..., 4), wxyz.
@@ -50,7 +50,7 @@ def quaternion_multiply(q_AB: torch.Tensor, q_BC: torch.Tensor) -> torch.Tensor:
 
 
 def quaternion_conjugate(q_AB: torch.Tensor) -> torch.Tensor:
-    """The quaternion q_BA of the inverse rotation.
+    """Return the quaternion q_BA of the inverse rotation.
 
     Args:
         q_AB: (..., 4), wxyz, unit norm.
@@ -76,7 +76,7 @@ def normalize_quaternion(q_AB: torch.Tensor) -> torch.Tensor:
 
 
 def quaternion_to_matrix(q_AB: torch.Tensor) -> torch.Tensor:
-    """The rotation matrix of a unit quaternion.
+    """Return the rotation matrix of a unit quaternion.
 
     Args:
         q_AB: (..., 4), wxyz, unit norm.
@@ -95,7 +95,7 @@ def quaternion_to_matrix(q_AB: torch.Tensor) -> torch.Tensor:
 
 
 def matrix_to_quaternion(R_AB: torch.Tensor) -> torch.Tensor:
-    """The unit quaternion of a rotation matrix, with w ≥ 0.
+    """Return the unit quaternion of a rotation matrix, with w ≥ 0.
 
     The matrix 4 q qᵀ is linear in R; its row with the largest diagonal is a well-conditioned multiple of q
     (Shepperd's method). Two rotations by nearly π about the same axis may differ in sign.
@@ -139,7 +139,7 @@ def rotate(q_AB: torch.Tensor, v_B: torch.Tensor) -> torch.Tensor:
 
 
 def quaternion_exp(theta_A: torch.Tensor) -> torch.Tensor:
-    """The quaternion of a rotation vector: cos(|θ|/2) + sin(|θ|/2) θ/|θ|.
+    """Return the quaternion of a rotation vector: cos(|θ|/2) + sin(|θ|/2) θ/|θ|.
 
     Args:
         theta_A: (..., 3) [rad], axis times angle.
@@ -158,7 +158,7 @@ def quaternion_exp(theta_A: torch.Tensor) -> torch.Tensor:
 
 
 def quaternion_log(q_AB: torch.Tensor) -> torch.Tensor:
-    """The rotation vector of a quaternion, the shorter way round: |θ| ≤ π.
+    """Return the rotation vector of a quaternion, the shorter way round: |θ| ≤ π.
 
     q and -q give the same vector. At |θ| = π the axis, and so the gradient, jumps to the other side.
 

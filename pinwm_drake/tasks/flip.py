@@ -89,11 +89,11 @@ class FlipTask(Task):
         return np.stack([up, side / max(float(np.linalg.norm(side)), 1e-300)])
 
     def placed(self, q_WO: Sequence[float], vertices: np.ndarray, floor_height: float) -> Self:
-        """The task of an object on a floor, with the height that its origin has at the goal; see `Task.placed`."""
+        """Return the task of an object on a floor, with its origin's height at the goal; see `Task.placed`."""
         return replace(self, height=float(floor_height - (np.asarray(vertices) @ self._axes_O[0]).min()))
 
     def for_training(self) -> Self:
-        """The task with the shaped reward."""
+        """Return the task with the shaped reward."""
         return replace(self, reward="shaped")
 
     def measure(self, object_state: np.ndarray, p_WP: np.ndarray) -> Progress:

@@ -22,7 +22,7 @@ class FlipAssembly(nn.Module):
     middle: Tensor
 
     def __init__(self, height: float, length: float, low: np.ndarray, high: np.ndarray, *, round: bool) -> None:
-        """Builds the map from the pusher's box to the state's frame.
+        """Build the map from the pusher's box to the state's frame.
 
         Args:
             height: m, world: z of the object's origin at the goal.

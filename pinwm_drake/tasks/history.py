@@ -13,7 +13,7 @@ import numpy as np
 
 
 def history_size(size: int, action_size: int, history: int) -> int:
-    """Number of components of a vector of some size with those before the last actions, and with these.
+    """Return the number of components of a vector of some size with those before the last actions, and with these.
 
     Args:
         size: Number of components of the vector alone.

@@ -113,7 +113,7 @@ class PushTask(Task):
         return drawn
 
     def with_goal(self, goal: np.ndarray) -> Self:
-        """The task with an episode's goal (3,) alone, and no range; the same one for a goal of no components."""
+        """Return the task with an episode's goal (3,) alone, and no range; the same one for a goal of no components."""
         if not len(goal):
             return self
         x, y, yaw = (float(value) for value in goal)
@@ -140,7 +140,7 @@ class PushTask(Task):
         return turned(short, goal[:, 2] - self.goal[2])
 
     def to_document(self) -> dict[str, Any]:
-        """The task as plain data; see `Task.to_document`. Without a range of goals it is as it was before there was."""
+        """Return the task as plain data, without a range of goals where there is none; see `Task.to_document`."""
         document = super().to_document()
         if not self.goal_size:
             del document["goal_range"]
@@ -152,7 +152,7 @@ class PushTask(Task):
         return self.goal[2]
 
     def placed(self, q_WO: Sequence[float], vertices: np.ndarray, floor_height: float) -> Self:
-        """The task of an object whose orientation at yaw 0 is q_WO (4,) wxyz; see `Task.placed`."""
+        """Return the task of an object whose orientation at yaw 0 is q_WO (4,) wxyz; see `Task.placed`."""
         w, x, y, z = (float(value) for value in q_WO)
         return replace(self, q_WO=(w, x, y, z))
 
@@ -165,7 +165,7 @@ class PushTask(Task):
         return Pose(torch.from_numpy(self.q_WG), torch.tensor([*self.goal[:2], height], dtype=torch.float64))
 
     def for_training(self) -> Self:
-        """The task with the shaped reward, and success nearer: who ends at the limit often misses it."""
+        """Return the task with the shaped reward, and success nearer: who ends at the limit often misses it."""
         nearer = {name: _NEARER * getattr(self, name) for name in ("tolerance", "turn_tolerance")}
         return replace(self, reward="shaped", **nearer)
 
@@ -241,7 +241,7 @@ class PushTask(Task):
 
 
 def turn_from(q_WO: np.ndarray, q_WB: np.ndarray) -> np.ndarray:
-    """Turns (...) about the world's z [rad] that lead from an orientation to others, or nearest to them.
+    """Turn (...) about the world's z [rad] that lead from an orientation to others, or nearest to them.
 
     Args:
         q_WO: (4,) wxyz, not zero: the orientation to turn.

@@ -27,7 +27,7 @@ class PushAssembly(nn.Module):
     goal: Tensor
 
     def __init__(self, goal: np.ndarray, length: float, low: np.ndarray, high: np.ndarray) -> None:
-        """Builds the map from the pusher's box to the goal's frame.
+        """Build the map from the pusher's box to the goal's frame.
 
         Args:
             goal: (3,) x [m], y [m], yaw [rad], world.

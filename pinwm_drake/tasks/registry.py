@@ -19,7 +19,7 @@ _TASKS: dict[str, tuple[type[Task], Recipe]] = {PushTask.name: (PushTask, PUSH),
 
 
 def register(task: TaskClass, recipe: Recipe | None = None) -> TaskClass:
-    """Makes a task known by its name; a class decorator where the default recipe does.
+    """Make a task known by its name; a class decorator where the default recipe does.
 
     Args:
         task: Class of the task.
@@ -47,7 +47,7 @@ def task_names(field: str | None = None) -> list[str]:
 
 
 def task_from_document(document: Any) -> Task:
-    """The task that `Task.to_document` described; fields that are left out have their defaults.
+    """Return the task that `Task.to_document` described; fields that are left out have their defaults.
 
     Args:
         document: A mapping with "name" and any of the fields.
@@ -69,7 +69,7 @@ def task_from_document(document: Any) -> Task:
 
 
 def changed_task(task: Task, changes: Task | Mapping[str, Any] | None) -> Task:
-    """A task with some fields changed, or another one where the changes are one or name it.
+    """Return a task with some fields changed, or another one where the changes are one or name it.
 
     Args:
         task: The task.

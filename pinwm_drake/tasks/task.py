@@ -109,7 +109,7 @@ class Task(ABC):
         return np.array([_AXES.index(axis) for axis in self.axes])
 
     def translation(self, action: np.ndarray, longest: float) -> np.ndarray:
-        """Translations d_W (W, 3) m of the pusher, none longer than `longest`.
+        """Return translations d_W (W, 3) m of the pusher, none longer than `longest`.
 
         Args:
             action: (W, action_size) in [-1, 1], in units of `longest`; a row that is not finite gives a zero row.
@@ -148,7 +148,7 @@ class Task(ABC):
         return np.zeros(0)
 
     def with_goal(self, goal: np.ndarray) -> Self:
-        """The task whose own goal is that of an episode, (goal_size,): for pictures, planners and scores."""
+        """Return the task whose own goal is that of an episode, (goal_size,): for pictures, planners and scores."""
         return self
 
     def from_goal(self, object_state: np.ndarray, p_WP: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -178,7 +178,7 @@ class Task(ABC):
         return 0.0
 
     def placed(self, q_WO: Sequence[float], vertices: np.ndarray, floor_height: float) -> Self:
-        """The task of a scene's object.
+        """Return the task of a scene's object.
 
         Args:
             q_WO: (4,) wxyz, orientation of the object at the start, before it is turned about z.
@@ -188,7 +188,7 @@ class Task(ABC):
         return self
 
     def for_training(self) -> Self:
-        """The task with the rewards that a policy learns from."""
+        """Return the task with the rewards that a policy learns from."""
         return self
 
     def state_components(self) -> tuple[tuple[str, str], ...]:
@@ -205,7 +205,7 @@ class Task(ABC):
         return False
 
     def to_document(self) -> dict[str, Any]:
-        """The task as plain data, for YAML and JSON: its name and all fields."""
+        """Return the task as plain data, for YAML and JSON: its name and all fields."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
         return {"name": self.name} | {key: list(v) if isinstance(v, tuple) else v for key, v in values.items()}
 

@@ -37,7 +37,7 @@ class Waypoints:
         return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest() if len(self) else None
 
     def write(self, folder: Path, about: Mapping[str, object], **more: np.ndarray) -> None:
-        """Writes them to a folder.
+        """Write them to a folder.
 
         Args:
             folder: Existing folder.

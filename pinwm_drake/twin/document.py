@@ -132,7 +132,7 @@ def _estimate(one: Estimate) -> dict[str, Any]:
 
 
 def read_document(entry: Entry) -> TwinDocument:
-    """Checks all of a `twin.yaml` but its hashes.
+    """Check all of a `twin.yaml` but its hashes.
 
     Raises:
         InputError: A key is missing or unknown, or a value is of the wrong kind or out of range.

@@ -40,7 +40,7 @@ def way(X_WO: Pose, times: Tensor, radius: float) -> Tensor:
 
 
 def drift(radius: float, walk: float) -> Tensor:
-    """Standard deviations (6,) of rotation vector [rad] and position [m], world axes, after a way of one metre.
+    """Return standard deviations (6,) of rotation vector [rad] and position [m], world, after a metre of way.
 
     That of a position in the floor's plane is `walk` [m]; the object has a radius [m].
     """

@@ -33,7 +33,7 @@ class Origin:
 
     @staticmethod
     def of(capture: Capture, episodes: Sequence[Episode]) -> "Origin":
-        """The origin of a twin that is identified now; raises InputError where a file cannot be read."""
+        """Return the origin of a twin that is identified now; raises InputError where a file cannot be read."""
         names = tuple(episode.name for episode in episodes)
         return Origin(capture.folder.resolve(), hash_capture(capture.folder, names), names)
 
@@ -50,7 +50,7 @@ class Origin:
         return Origin(Path(str(path)), str(sha256), tuple(names))
 
     def to_provenance(self) -> dict[str, Any]:
-        """The entries of a twin's provenance that `read` looks for."""
+        """Return the entries of a twin's provenance that `read` looks for."""
         of = {"episode": self.episodes[0]} if len(self.episodes) == 1 else {"episodes": list(self.episodes)}
         return {"capture": str(self.path), "capture_sha256": self.sha256, **of}
 
@@ -74,7 +74,7 @@ def hash_capture(folder: Path, episodes: Sequence[str]) -> str:
 
 
 def identified_push(twin: Twin, capture: Capture, episode: Episode) -> int | None:
-    """Number of the push that an episode was in a twin's identification; None where it was none of these very files.
+    """Return the number of the push that an episode was in a twin's identification, or None.
 
     Raises:
         InputError: A file of the capture cannot be read.
@@ -88,12 +88,12 @@ def identified_push(twin: Twin, capture: Capture, episode: Episode) -> int | Non
 
 
 def seen_in(capture: Capture, X_OS: Pose) -> Capture:
-    """The capture with the object where its static views show it, X_OS against the pose that is written."""
+    """Return the capture with the object where its static views show it, X_OS against the pose that is written."""
     return replace(capture, object=replace(capture.object, X_WO=compose(capture.object.X_WO, X_OS)))
 
 
 def registration_entry(written: Pose, seen: Pose) -> dict[str, Any]:
-    """The entry of a twin's provenance that `seen_start` looks for: poses X_WO that are written and seen."""
+    """Return the entry of a twin's provenance that `seen_start` looks for: poses X_WO that are written and seen."""
     poses = {"written": written, "seen": seen}
     return {"start": {name: {"q": X.q.tolist(), "p": X.p.tolist()} for name, X in poses.items()}}
 
@@ -137,7 +137,7 @@ def time_offset(twin: Twin, push: int | None) -> float:
 
 
 def in_push(twin: Twin, push: int | None) -> Twin:
-    """The twin with the frictions of an identified push, by `grip_floor` and `grip_pusher`; as it is for None."""
+    """Return the twin with the frictions of an identified push, by `grip_floor` and `grip_pusher`."""
     if push is None:
         return twin
     factors = {f"friction_{one}": of_push(twin, f"grip_{one}", push, 1.0) for one in ("floor", "pusher")}

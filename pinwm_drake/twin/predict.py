@@ -26,7 +26,7 @@ TWO_SIDED = 1.96  # standard deviations within which are 95 % of a normal distri
 def predict_poses(
     twin: Twin, capture: Capture, episode: Episode, push: int | None, *, start: Pose | None = None
 ) -> ObjectPoses:
-    """The poses of the object that a twin predicts for the frames of an episode.
+    """Return the poses of the object that a twin predicts for the frames of an episode.
 
     Args:
         twin: The twin.
@@ -98,7 +98,7 @@ def mismatches(twin: Twin, capture: Capture) -> list[str]:
 
 
 def _in_place_of(twin: Twin, capture: Capture) -> Twin:
-    """The twin with the gravity of a capture and, unless it is the same but for the lift, on its floor."""
+    """Return the twin with the gravity of a capture and, unless it is the same but for the lift, on its floor."""
     floor = capture.floor_height + _lift(twin)
     same = abs(twin.floor_height - floor) <= _SAME_FLOOR
     return replace(twin, gravity=capture.gravity, floor_height=twin.floor_height if same else floor)

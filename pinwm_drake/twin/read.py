@@ -19,7 +19,7 @@ from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Draws, Tw
 
 
 def load_twin(twin: str | Path) -> Twin:
-    """Reads a twin and checks all of it; its meshes are those in the folder.
+    """Read a twin and check all of it; its meshes are those in the folder.
 
     Args:
         twin: Folder of the twin, as `write_twin` leaves it, or the name of one that ships, such as "t_block".
@@ -60,7 +60,7 @@ def load_twin(twin: str | Path) -> Twin:
 
 
 def _locate(folder: Path, entry: Entry) -> Path:
-    """The file of a name in the folder; raises InputError where it leads out of it."""
+    """Return the file of a name in the folder; raises InputError where it leads out of it."""
     name = PurePosixPath(entry.text())
     inside = not name.is_absolute() and ".." not in name.parts and "\\" not in entry.text()
     try:  # symbolic links followed
@@ -86,7 +86,7 @@ def _check_hashes(paths: dict[str, Path], hashes: Entry) -> None:
 
 
 def read_draws(path: Path) -> Draws:
-    """Reads the draws of a twin.
+    """Read the draws of a twin.
 
     Raises:
         InputError: The file is missing, unreadable, or its arrays are no table of finite numbers with a name for each

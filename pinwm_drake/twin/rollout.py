@@ -46,7 +46,7 @@ NO_EFFECT |= {"contact_offset": 0.0}
 
 
 def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
-    """The physics of a twin that starts in an orientation q_WO (4,); raises InputError where a mesh cannot be used."""
+    """Return the physics of a twin that starts in an orientation q_WO (4,); raise InputError for a bad mesh."""
     return make_scene(
         twin.mesh_path,
         twin.pusher,

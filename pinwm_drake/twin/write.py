@@ -29,7 +29,7 @@ _Dumper.add_implicit_resolver(*YAML_FLOAT)
 
 
 def write_twin(folder: Path, twin: Twin) -> None:
-    """Writes `surfels.ply`, the meshes and, last, `twin.yaml`, which holds the SHA-256 of the others.
+    """Write `surfels.ply`, the meshes and, last, `twin.yaml`, which holds the SHA-256 of the others.
 
     A run that is killed in between leaves a folder that `load_twin` refuses, or the earlier twin.
 
@@ -69,7 +69,7 @@ def write_twin(folder: Path, twin: Twin) -> None:
 
 
 def write_draws(path: Path, draws: Draws) -> None:
-    """Writes the draws of a twin.
+    """Write the draws of a twin.
 
     Raises:
         InputError: The file cannot be written.

@@ -26,7 +26,7 @@ _CENTRING = 1.0  # 1/s, towards the nominal angles, in the one direction that th
 def AddArmControl(
     builder: DiagramBuilder, model: ArmModel, limits: SafetyLimits, period: float, height: float | None
 ) -> tuple[CommandInterpolator, DifferentialInverseKinematicsIntegrator, StateInterpolatorWithDiscreteDerivative]:
-    """Adds the control of an arm, from commands to its joints' servos, to a diagram.
+    """Add the control of an arm, from commands to its joints' servos, to a diagram.
 
         velocity ─► CommandInterpolator ─► ToolPose ─► DifferentialInverseKinematicsIntegrator ─►
             ─► StateInterpolatorWithDiscreteDerivative ─► joints

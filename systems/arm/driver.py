@@ -137,7 +137,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         self.set_name("arm_driver")
 
     def SetPlace(self, context: Context, place: Place) -> None:
-        """Puts object and tool into place, at rest; before a simulator is initialized, as the motion starts there.
+        """Put object and tool into place, at rest; before a simulator is initialized, as the motion starts there.
 
         Args:
             context: Context of the driver, or of the outermost diagram around it.

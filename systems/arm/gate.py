@@ -50,12 +50,12 @@ class Gate(Immutable):
 
 
 def closed(gate: Gate, mode: int = WAITING, fault: int = 0) -> Gate:
-    """The gate without a session, at rest."""
+    """Return the gate without a session, at rest."""
     return replace(gate, mode=mode, fault=fault, session=0, sequence=-1, velocity=(0.0, 0.0, 0.0))
 
 
 def take_command(gate: Gate, values: list[float], now: float, link: LcmLink, max_speed: float) -> Gate:
-    """The gate after a command.
+    """Return the gate after a command.
 
     Args:
         gate: The gate before.
@@ -89,7 +89,7 @@ def take_command(gate: Gate, values: list[float], now: float, link: LcmLink, max
 
 
 def pass_time(gate: Gate, now: float, timeout: float) -> Gate:
-    """The gate at a time [s]: a session that was silent for longer than `timeout` is closed for good."""
+    """Return the gate at a time [s]: a session that was silent for longer than `timeout` is closed for good."""
     silent = gate.mode == LIVE and now - gate.heard > timeout * (1.0 + _SHARE)
     return closed(gate) if silent else gate
 

@@ -28,7 +28,7 @@ _ANGLE = 1e-7  # rad, of the solution
 
 
 def add_arm(plant: MultibodyPlant, floor_height: float) -> tuple[ModelInstanceIndex, Frame]:
-    """Adds the arm, on its pedestal, to a plant that is not finalized.
+    """Add the arm, on its pedestal, to a plant that is not finalized.
 
     It is free of gravity, which the controller of such an arm makes up for by itself.
 

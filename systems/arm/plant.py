@@ -20,7 +20,7 @@ _STIFFNESS, _DAMPING = 4e4, 8e2
 def MakeArmPlant(
     builder: DiagramBuilder, setup: Setup, time_step: float, contact: ContactName = "hydroelastic"
 ) -> tuple[ScenePlant, ModelInstanceIndex]:
-    """Adds a finalized plant, and its scene graph, to a diagram.
+    """Add a finalized plant, and its scene graph, to a diagram.
 
     The arm touches nothing but through the pusher, which is welded to the end of its rod, axes along the world's.
 

@@ -62,7 +62,7 @@ class CaptureRig:
     supersampling: int
 
     def take(self, context: Context, X_WC: RigidTransform) -> np.ndarray:
-        """Takes a picture of the scene as it is.
+        """Take a picture of the scene as it is.
 
         Args:
             context: Context of the diagram.
@@ -88,7 +88,7 @@ def AddCaptureRig(
     query: OutputPort | None = None,
     renderer: RenderEngineVtkParams | None = None,
 ) -> CaptureRig:
-    """Adds a camera to a diagram, and a renderer to its scene graph where it has none yet.
+    """Add a camera to a diagram, and a renderer to its scene graph where it has none yet.
 
     Args:
         builder: Builder of the diagram.
@@ -196,7 +196,7 @@ def AddObjectImage(
     X_WC: RigidTransform,
     renderer: RenderEngineVtkParams | None = None,
 ) -> ObjectImage:
-    """Adds a camera, and the "object_image" that cuts the object out of its pictures; see `AddCaptureRig`."""
+    """Add a camera, and the "object_image" that cuts the object out of its pictures; see `AddCaptureRig`."""
     rig = AddCaptureRig(builder, scene_graph, camera, supersampling, X_WC, renderer=renderer)
     image = builder.AddNamedSystem("object_image", ObjectImage(camera.width, camera.height, supersampling))
     builder.Connect(rig.sensor.color_image_output_port(), image.GetInputPort("color_image"))

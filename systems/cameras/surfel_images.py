@@ -36,7 +36,7 @@ class WorldImages:
         self._pusher = np.asarray(pusher_mesh.vertices), np.asarray(pusher_mesh.faces)
 
     def take(self, object_state: np.ndarray, p_WP: np.ndarray, sh: torch.Tensor, X_CW: np.ndarray) -> np.ndarray:
-        """Takes the pictures of W worlds.
+        """Take the pictures of W worlds.
 
         Args:
             object_state: (W, 13), states of the objects, of which the pose counts.

@@ -107,11 +107,11 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
         self._put(context, _Held(self._pilot.arm(held.memory, context.get_time()), session))
 
     def Disarm(self, context: Context) -> None:
-        """Stops the pusher; a fault that latched stays; context as for `Arm`."""
+        """Stop the pusher; a fault that latched stays; context as for `Arm`."""
         self._put(context, _Held(self._pilot.disarm(self._mine(context).memory, context.get_time())))
 
     def Fail(self, context: Context, fault: str) -> None:
-        """Takes note of a fault [words] found by somebody else, which latches while armed; context as for `Arm`."""
+        """Take note of a fault [words] found by somebody else, which latches while armed; context as for `Arm`."""
         held = self._mine(context)
         self._put(context, _of(held, self._pilot.fail(held.memory, context.get_time(), fault)))
 
@@ -154,7 +154,7 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
 def AddPolicyController(
     builder: DiagramBuilder, station: SceneStation, bundle: Acting, limits: SafetyLimits
 ) -> PolicyController:
-    """Adds a controller, disarmed, and connects it with a station of any engine.
+    """Add a controller, disarmed, and connect it with a station of any engine.
 
     Args:
         builder: Builder of a diagram that has the station already.
@@ -185,5 +185,5 @@ def AddPolicyController(
 
 
 def _of(held: _Held, memory: Memory) -> _Held:
-    """The controller's state with another memory; a session is over where the pusher may not move any more."""
+    """Return the controller's state with another memory; a session is over where the pusher may not move any more."""
     return _Held(memory, held.session if memory.safety.mode in ("armed", "running") else 0)

@@ -116,7 +116,7 @@ class ControlLoop:
         return StartDistribution(self.station.setup).draw(generator)
 
     def begin(self, place: Place) -> None:
-        """Puts object and pusher into place, at rest, at time 0; a real robot is left where it is.
+        """Put object and pusher into place, at rest, at time 0; a real robot is left where it is.
 
         Raises:
             StateError: With "lcm", it has begun before: old messages would be taken for new ones. Make another loop.
@@ -140,7 +140,7 @@ class ControlLoop:
         stop: Callable[[], str] = lambda: "",
         arming: Callable[[], None] = lambda: None,
     ) -> None:
-        """Simulates until image and pusher's state have come, resets the controller, and arms it where it may move.
+        """Simulate until image and pusher's state have come, reset the controller, and arm it where it may move.
 
         After `stop` it may be called again, for another run from where object and pusher are then.
 
@@ -175,7 +175,7 @@ class ControlLoop:
         self._pace = time.monotonic(), context.get_time()
 
     def advance(self, duration: float, *, stop: Callable[[], str] = lambda: "") -> Iterator[ControlRow]:
-        """Simulates action by action.
+        """Simulate action by action.
 
         Args:
             duration: s, longest duration of the run.

@@ -29,7 +29,7 @@ def crosscheck(
     truth: dict[str, float] | None = None,
     report: Callable[[], None] = lambda: None,
 ) -> PushCheck | PokeCheck:
-    """Compares the motions of a scene's object in the twin and in plants, from the same states.
+    """Compare the motions of a scene's object in the twin and in plants, from the same states.
 
     Args:
         scene: The scene of the twin, see `load_setup`, whose task's recipe names the motions. Limits of its pusher, and

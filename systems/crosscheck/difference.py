@@ -106,7 +106,7 @@ def course_of(motion: Motion, weight: float) -> Course:
 
 
 def difference_of(one: Motion, other: Motion) -> Difference:
-    """Compares two motions of the same push; the one that ends first stays where it is."""
+    """Compare two motions of the same push; the one that ends first stays where it is."""
     if any(motion.failure or motion.rest is None for motion in (one, other)):
         return Difference(*4 * (math.inf,), 0.0)
     n = max(len(one.t), len(other.t))

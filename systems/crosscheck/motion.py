@@ -158,7 +158,7 @@ def _mode(forces: ContactForces, pair: str, p_WO: np.ndarray, w_WO: np.ndarray, 
 
 
 def unlimited(setup: Setup) -> Setup:
-    """The setup with one world, and a pusher that may go wherever it is told."""
+    """Return the setup with one world, and a pusher that may go wherever it is told."""
     far = 1e2
     pusher = dataclasses.replace(
         setup.scenario.pusher, max_speed=4 * SPEEDS[1], low=[-far, -far, -far], high=[far, far, far]
@@ -172,7 +172,7 @@ _rigs: dict[str, dict[str, SceneRig]] = {}  # of a process: those of the last ca
 def run_trials(
     cases: Cases, trials: Sequence[Trial], *, processes: int = 1, report: Callable[[], None] = lambda: None
 ) -> list[dict[str, Motion]]:
-    """Runs every push in every engine.
+    """Run every push in every engine.
 
     Args:
         cases: Setups by the engine's name.

@@ -37,7 +37,7 @@ class CrossCheckOptions:
     seed: Annotated[int, option("Seed of the pushes.", group=ADVANCED, ge=0, lt=2**63, allowed="0 or more")] = 0
 
     def __post_init__(self) -> None:
-        """Checks the names of the engines."""
+        """Check the names of the engines."""
         for name in self.engines:
             if name not in PLANTS:
                 raise ParameterError(f"engine: got {name!r}; allowed: {', '.join(PLANTS)}")

@@ -145,7 +145,7 @@ def _tilt(motion: Motion) -> float:
 
 
 def _up(q_WO: np.ndarray) -> np.ndarray:
-    """The world's z (3,) in the object's axes."""
+    """Return the world's z (3,) in the object's axes."""
     return np.asarray(RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO))).matrix()[2])
 
 

@@ -77,7 +77,7 @@ class Verdict:
     passed: bool
 
     def words(self, options: CrossCheckOptions) -> str:
-        """The verdict in one line."""
+        """Return the verdict in one line."""
         most = _pair(self.most_translation, self.most_rotation)
         limits = _pair(*options.limits)
         line = f"{self.engine}: median of {options.pushes} pushes {1e3 * self.median_translation:.2f} mm, "
@@ -136,7 +136,7 @@ class PushCheck:
         return [(verdict.passed, verdict.words(self.options)) for verdict in self.verdicts]
 
     def write(self, out: Path, setup: Setup, title: str) -> list[Path]:
-        """Writes the table, with a row for each push and engine, and a figure.
+        """Write the table, with a row for each push and engine, and a figure.
 
         The table has SI units, radians and the world frame; shares of time are 0 to 1.
 
@@ -189,7 +189,7 @@ class PushCheck:
 def judge_pushes(
     options: CrossCheckOptions, cases: Cases, trials: Sequence[Trial], motions: Sequence[dict[str, Motion]]
 ) -> PushCheck:
-    """Compares the motions of an object that is pushed in the twin and in plants; arguments as for `run_trials`."""
+    """Compare the motions of an object that is pushed in the twin and in plants; arguments as for `run_trials`."""
     weights = {name: one.twin.theta["mass"].value * one.twin.gravity for name, one in cases.items()}
     results = [
         PushComparison(

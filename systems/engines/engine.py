@@ -16,10 +16,10 @@ class Handle(Protocol):
     """Handle that puts object and pusher into place, in the context of the engine's diagram or of one around it."""
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
-        """Sets the object's pose, and its spatial velocity V_WO (6,): [ω rad/s; v m/s] at O, world frame."""
+        """Set the object's pose, and its spatial velocity V_WO (6,): [ω rad/s; v m/s] at O, world frame."""
 
     def SetPusherPosition(self, context: Context, p_WP: np.ndarray, world: int = 0) -> None:
-        """Puts the pusher, at rest, to p_WP (3,) m, world."""
+        """Put the pusher, at rest, to p_WP (3,) m, world."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -81,15 +81,15 @@ class Observer:
         return self.kind != "state"
 
     def see(self, images: np.ndarray) -> None:
-        """Takes images (W, height, width, 4) uint8 RGBA of all worlds as the last ones."""
+        """Take images (W, height, width, 4) uint8 RGBA of all worlds as the last ones."""
         share(roll_in, (self._images, images), len(images), available())
 
     def begin(self, worlds: np.ndarray, images: np.ndarray) -> None:
-        """Takes images (m, height, width, 4) uint8 RGBA as all that worlds with indices (m,) have seen."""
+        """Take images (m, height, width, 4) uint8 RGBA as all that worlds with indices (m,) have seen."""
         self._images[worlds] = np.tile(images[..., :3], self._images.shape[3] // 3)
 
     def remember(self, object_state: np.ndarray, p_WP: np.ndarray, goal: np.ndarray, actions: np.ndarray) -> None:
-        """Takes actions (W, n) in [-1, 1]^n, and the states before them, as for `observe`, as the last ones."""
+        """Take actions (W, n) in [-1, 1]^n, and the states before them, as for `observe`, as the last ones."""
         if not self._past:
             return
         now, action = self._now(object_state, p_WP, goal), self._task.translation(actions, 1.0)[:, self._axes]
@@ -98,7 +98,7 @@ class Observer:
             past[:, 0] = np.concatenate([now[name], action], axis=1)
 
     def forget(self, object_state: np.ndarray, p_WP: np.ndarray, goal: np.ndarray, worlds: np.ndarray) -> None:
-        """Takes the states, as for `observe`, of worlds with indices (m,) as all that was there, without an action."""
+        """Take the states, as for `observe`, of worlds with indices (m,) as all that was there, without an action."""
         if not self._past:
             return
         now = self._now(object_state[worlds], p_WP[worlds], goal[worlds])

@@ -58,7 +58,7 @@ class EnvOptions:
             raise ParameterError(f"view: got {self.view}; allowed: three finite numbers")
 
     def task_in(self, setup: Setup) -> Task:
-        """The task in a scene, with the object's orientation of that scene.
+        """Return the task in a scene, with the object's orientation of that scene.
 
         Raises:
             ParameterError: There is no such task or field, or a value is out of range.
@@ -67,7 +67,7 @@ class EnvOptions:
 
 
 def environment_setup(setup: Setup, options: EnvOptions | None = None, *, num_worlds: int = 1) -> Setup:
-    """Makes the setup of an environment.
+    """Make the setup of an environment.
 
     The velocity of the pusher is constant in an action, so that state and sample are taken once an action, whatever
     the scenario says: the steps of the physics are the same, and the diagram is run less often.

@@ -112,7 +112,7 @@ def spec_environment(
     truth: Callable[[Setup], Setup] | None = None,
     **changes: Any,
 ) -> TaskEnv:
-    """Makes the environment of a scene in which a policy has the observations and actions that it is made for.
+    """Make the environment of a scene in which a policy has the observations and actions that it is made for.
 
     Args:
         spec: Specification of the policy.
@@ -147,7 +147,7 @@ def spec_environment(
 
 
 def check_scene(spec: PolicySpec, setup: Setup) -> None:
-    """Checks that a scene is one that a policy is made for.
+    """Check that a scene is one that a policy is made for.
 
     Args:
         spec: Specification of the policy.
@@ -185,7 +185,7 @@ def check_scene(spec: PolicySpec, setup: Setup) -> None:
 
 
 def check_object(spec: PolicySpec, setup: Setup) -> None:
-    """Checks that a scene has the object, pusher and floor that a policy is made for, as far as those are known.
+    """Check that a scene has the object, pusher and floor that a policy is made for, as far as those are known.
 
     Args:
         spec: Specification of the policy.

@@ -63,15 +63,15 @@ class StationRun:
         self._simulator.Initialize()
 
     def retry(self) -> None:
-        """Prepares a second try of the action that failed, after worlds have been put elsewhere."""
+        """Prepare a second try of the action that failed, after worlds have been put elsewhere."""
         self._simulator.Initialize()
 
     def place(self, place: Place, world: int = 0) -> None:
-        """Puts object and pusher of a world into place, at rest."""
+        """Put object and pusher of a world into place, at rest."""
         self.station.SetPlace(self._context, place, world)
 
     def set_world_state(self, object_state: np.ndarray, p_WP: np.ndarray, world: int | None = None) -> None:
-        """Sets the state of object and pusher in one of the twin's worlds, or in all of them.
+        """Set the state of object and pusher in one of the twin's worlds, or in all of them.
 
         Args:
             object_state: (13,) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world; (W, 13) of all worlds.
@@ -83,11 +83,11 @@ class StationRun:
         model.SetState(model.GetMyMutableContextFromRoot(self._context), object_state, p_WP, world)
 
     def set_domain(self, domain: Cousin, world: int, *, colours: bool = True) -> None:
-        """Gives one of the twin's worlds the theta and, if wanted, the colours of a domain; see `SetDomain`."""
+        """Give one of the twin's worlds the theta and, if wanted, the colours of a domain; see `SetDomain`."""
         SetDomain(self._world_model, self._context, domain, world, colors=colours)
 
     def set_camera(self, X_WC: RigidTransform) -> None:
-        """Puts the cameras of all of the twin's worlds elsewhere; OpenCV axes."""
+        """Put the cameras of all of the twin's worlds elsewhere; OpenCV axes."""
         model = self._world_model
         model.SetCamera(model.GetMyMutableContextFromRoot(self._context), X_WC)
 
@@ -128,7 +128,7 @@ class StationRun:
         return self.world_model
 
     def advance(self, action: np.ndarray) -> None:
-        """Simulates one action (W, action_size) in [-1, 1], along the axes of the scene's task.
+        """Simulate one action (W, action_size) in [-1, 1], along the axes of the scene's task.
 
         Raises:
             SolverError, RuntimeError: The contacts have no solution that is found; see `FAILURES`.

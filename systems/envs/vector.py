@@ -120,7 +120,7 @@ class TaskVecEnv(VecEnv):
         return observation
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keeps the actions (W, n) in [-1, 1]^n for `step_wait`."""
+        """Keep the actions (W, n) in [-1, 1]^n for `step_wait`."""
         self._next = actions
 
     def step_wait(self) -> tuple[Observation, np.ndarray, np.ndarray, list[dict[str, Any]]]:
@@ -151,7 +151,7 @@ class TaskVecEnv(VecEnv):
         self.worlds.set_state(arrays)
 
     def close(self) -> None:
-        """Does nothing: the worlds hold nothing that has to be closed."""
+        """Do nothing: the worlds hold nothing that has to be closed."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Value of an attribute of the worlds, once for each of `indices`."""
@@ -160,17 +160,17 @@ class TaskVecEnv(VecEnv):
         return [getattr(self.worlds, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Sets an attribute of all worlds; raises ParameterError for some of them."""
+        """Set an attribute of all worlds; raise ParameterError for some of them."""
         self._require_all(indices)
         setattr(self.worlds, attr_name, value)
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Calls a method of all worlds, once; raises ParameterError for some of them."""
+        """Call a method of all worlds, once; raise ParameterError for some of them."""
         self._require_all(indices)
         return [getattr(self.worlds, method_name)(*method_args, **method_kwargs)] * self.num_envs
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:
-        """Flags for each of `indices`: no world is wrapped."""
+        """Flag for each of `indices`: no world is wrapped."""
         return [False for _ in self._get_indices(indices)]
 
     def _require_all(self, indices: Iterable[int] | int | None) -> None:

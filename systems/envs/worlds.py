@@ -130,7 +130,7 @@ class Worlds:
         return self._goal.copy()
 
     def set_generator(self, world: int, generator: np.random.Generator) -> None:
-        """Sets the generator that a world draws its starts from."""
+        """Set the generator that a world draws its starts from."""
         self._random[world] = generator
 
     def reset(
@@ -188,7 +188,7 @@ class Worlds:
             self._observer.begin(worlds, self._spoilt(images, worlds))
 
     def set_object_states(self, object_state: np.ndarray, p_WP: np.ndarray) -> None:
-        """Puts every one of the twin's worlds into a state, at the beginning of an episode; images are not taken.
+        """Put every one of the twin's worlds into a state, at the beginning of an episode; images are not taken.
 
         Args:
             object_state: (W, 13) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
@@ -249,7 +249,7 @@ class Worlds:
         self._take_state()
 
     def _advance(self, actions: np.ndarray) -> dict[int, str]:
-        """Simulates one action; worlds whose physics fails are put back, and returned with the reasons."""
+        """Simulate one action; worlds whose physics fails are put back, and returned with the reasons."""
         failures: dict[int, str] = {}
         last = self._object_state, self._p_WP
         try:
@@ -299,7 +299,7 @@ class Worlds:
         return failures
 
     def _take_state(self, object_state: np.ndarray | None = None, p_WP: np.ndarray | None = None) -> None:
-        """Takes the state of the station, or one given, (W, 13) and (W, 3), as that of the worlds."""
+        """Take the state of the station, or one given, (W, 13) and (W, 3), as that of the worlds."""
         self._object_state = self.run.object_state.copy() if object_state is None else object_state
         self._p_WP = self.run.p_WP.copy() if p_WP is None else p_WP
         self.progress = self.task.measure(*self.task.from_goal(self._object_state, self._p_WP, self._goal))

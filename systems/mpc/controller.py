@@ -61,7 +61,7 @@ class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Plan)
 
     def plan(self, context: Context) -> Plan | None:
-        """The last plan, None before the first; the context is that of this system, or of a diagram around it."""
+        """Return the last plan, None before the first; the context is of this system, or of a diagram around it."""
         return self.GetMyContextFromRoot(context).get_abstract_state(self._plan).get_value()
 
     def _Plan(self, context: Context, state: State) -> EventStatus:
@@ -85,7 +85,7 @@ def AddPushMpc(
     task: PushTask,
     max_translation: float | None = None,
 ) -> PushMpc:
-    """Adds the controller of a station that is in the builder; its command is the velocity.
+    """Add the controller of a station that is in the builder; its command is the velocity.
 
     Other arguments and errors are those of `PushMpc`.
 

@@ -26,7 +26,7 @@ class Walk:
         self._body, self._longest, self._low, self._high = body, max_translation, low, high
 
     def step(self, x: np.ndarray, p: np.ndarray, rest: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Translation (2) m, world, of one action toward a point, round the object and out of its way while it moves.
+        """Return the translation (2) m, world, of one action toward a point, round the moving object.
 
         Args:
             x: (6) planar state.
@@ -48,7 +48,7 @@ class Walk:
         return np.asarray(tried[enough[0] if len(enough) else int(np.argmax(room))])
 
     def allowed(self, p: np.ndarray, d_W: np.ndarray) -> np.ndarray:
-        """Translation (2) m like d_W (2) m, but no longer than the longest, and not out of the box from p (2) m."""
+        """Return the translation (2) m like d_W (2) m, cut to the longest and to the box around p (2) m."""
         d_W = d_W * min(1.0, self._longest / max(float(np.hypot(*d_W)), 1e-12))
         # A pusher that is outside may stay or come back.
         return np.asarray(np.clip(p + d_W, np.minimum(self._low, p), np.maximum(self._high, p)) - p)
@@ -66,7 +66,7 @@ class Walk:
 
 
 def _cut(way: np.ndarray, length: float) -> np.ndarray:
-    """Translation (2) m along a way (k, 2) m from its beginning, to the next corner or as far as a length [m]."""
+    """Return the translation (2) m along a way (k, 2) m, to the next corner or as far as a length [m]."""
     for corner in way[1:]:
         to = corner - way[0]
         far = float(np.hypot(*to))

@@ -35,7 +35,7 @@ class PlannedPush:
 
     @classmethod
     def none(cls) -> "PlannedPush":
-        """An absent push, in the place of a second one."""
+        """Return an absent push, in the place of a second one."""
         return cls(None, 0.0, np.zeros((ACTIONS, 2)))
 
 

@@ -152,7 +152,7 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
         *,
         like: np.ndarray | None = None,
     ) -> ActionPlan:
-        """A sequence of actions that succeeds in the twin, or the best that is found.
+        """Return a sequence of actions that succeeds in the twin, or the best that is found.
 
         It is the middle of the last round's good ones where that succeeds, which bears more than the best of them.
         A part of the first round's sequences are like the manoeuvre of the task, where there is one.
@@ -235,7 +235,7 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
         return white
 
     def _values(self, actions: np.ndarray, object_state: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Sums (W,) of rewards, and successes (W,), of sequences (W, horizon, n); a failure of the physics ends one."""
+        """Sum (W,) of rewards, and successes (W,), of sequences (W, horizon, n); a failure of the physics ends one."""
         worlds, W = self.worlds, len(actions)
         worlds.set_object_states(np.tile(object_state, (W, 1)), np.tile(p_WP, (W, 1)))
         total, success = np.zeros(W), np.zeros(W, bool)

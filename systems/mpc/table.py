@@ -102,7 +102,7 @@ class PushTable:
         waiting: float,
         barren: int | None = None,
     ) -> list[Choice]:
-        """The best pushes for an object that comes to rest at a pose.
+        """Return the best pushes for an object that comes to rest at a pose.
 
         Args:
             rest: (3) m and rad, pose of B at rest.
@@ -158,7 +158,7 @@ class PushTable:
 
 
 def missed_cost(miss: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Number of actions, roughly, to mend errors; those that are not clearly smaller than now cost much.
+    """Return the number of actions, roughly, to mend errors; those that are not clearly smaller than now cost much.
 
     Args:
         miss: (...) norms of the errors that are left, in tolerances.

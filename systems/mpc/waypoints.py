@@ -243,7 +243,7 @@ class _Search:
         return np.array([self._planner.turn(place.object_state, place.p_WP) for place in places])
 
     def _replay(self, actions: np.ndarray, generator: np.random.Generator) -> tuple[Waypoints, float]:
-        """The waypoints, until the task was done, of those replays of a plan that did it, and the share of these."""
+        """Return the waypoints of those replays of a plan that did the task, and their share."""
         worlds, W = self._replays, self._replays.num_worlds
         wanted = actions @ self._place(self._draw(W, generator)).swapaxes(1, 2)
         noise = self._noise(W, generator)

@@ -41,7 +41,7 @@ class PusherDrive(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         declare_vector(self, "desired_state", 6, self._CalcDesiredState, sources)
 
     def SetPosition(self, context: Context, p_WP: np.ndarray) -> None:
-        """Starts anew at p_WP (3,) m, at rest until the next sample; the context is that of this system."""
+        """Start anew at p_WP (3,) m, at rest until the next sample; the context is that of this system."""
         context.SetDiscreteState(self._held, _at_rest(p_WP))
 
     def _Sample(self, context: Context, values: DiscreteValues) -> None:

@@ -102,7 +102,7 @@ class ScriptedPush(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         declare_vector(self, "pusher_velocity_W", 3, self._CalcVelocity, {self.time_ticket(), parameter})
 
     def SetPush(self, context: Context, push: StraightPush) -> None:
-        """Sets the push of this system's context."""
+        """Set the push of this system's context."""
         context.get_mutable_numeric_parameter(self._push).SetFromVector(push.to_vector())
 
     def _CalcVelocity(self, context: Context) -> np.ndarray:

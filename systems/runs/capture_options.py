@@ -67,7 +67,7 @@ class SimulateOptions:
     ] = 0
 
     def __post_init__(self) -> None:
-        """Checks names, and options that depend on each other."""
+        """Check names, and options that depend on each other."""
         from pinwm_drake.tasks.registry import task_names
 
         require("--task", self.task, self.task in task_names(), ", ".join(task_names()))

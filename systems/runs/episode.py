@@ -58,11 +58,11 @@ class Record:
         return np.asarray(q_WO / np.linalg.norm(q_WO, axis=1, keepdims=True))
 
     def object_poses(self) -> ObjectPoses:
-        """The object's poses, as captures hold them."""
+        """Return the object's poses, as captures hold them."""
         return ObjectPoses(self.t, self.object_state[:, 4:7], self.quaternions())
 
     def trajectory(self) -> PusherTrajectory:
-        """The pusher's log, as captures hold it: where it was, and how fast it went on to the next row."""
+        """Return the pusher's log, as captures hold it: where it was, and how fast it went on to the next row."""
         p_WP = self.pusher_state[:, :3]
         v_WP = np.zeros_like(p_WP)
         v_WP[:-1] = np.diff(p_WP, axis=0) / np.diff(self.t)[:, None]
@@ -91,25 +91,25 @@ class Episode(ScriptedStation):
         self._rows: list[np.ndarray] = []
 
     def draw_place(self, generator: RandomGenerator) -> Place:
-        """A start as `SceneStation.SetRandomContext` draws it."""
+        """Return a start as `SceneStation.SetRandomContext` draws it."""
         context = self.diagram.CreateDefaultContext()
         self.station.SetRandomContext(context, generator)
         return Place(self.station.object_pose(context), self.evaluate("pusher_state", context)[:3].copy())
 
     def begin(self, place: Place, push: StraightPush | None = None) -> None:
-        """Puts everything into place; see `ScriptedStation.begin`."""
+        """Put everything into place; see `ScriptedStation.begin`."""
         super().begin(place, push)
         if push is not None:
             self.end_time = push.end_time
 
     def run(self, duration: float | None = None) -> Record:
-        """Simulates to the end; see `advance`."""
+        """Simulate to the end; see `advance`."""
         for _ in self.advance(duration):
             pass
         return self.record
 
     def advance(self, duration: float | None = None) -> Iterator[float]:
-        """Simulates period by period.
+        """Simulate period by period.
 
         Args:
             duration: s; None for until the object rests after the pusher has stopped, and 3 s at most.

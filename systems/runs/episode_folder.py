@@ -31,13 +31,13 @@ class EpisodeFolder:
         (folder / _IMAGES).mkdir()
 
     def add(self, t: float, rgb: np.ndarray) -> None:
-        """Writes an image (height, width, 4) uint8, taken at t [s]."""
+        """Write an image (height, width, 4) uint8, taken at t [s]."""
         self._names.append(f"{_IMAGES}/{len(self._names):05d}.png")
         self._times.append(t)
         Image.fromarray(rgb).save(self._folder / self._names[-1])
 
     def finish(self, record: Record) -> None:
-        """Writes the tables; the poses are those of every period, and so more than there are images.
+        """Write the tables; the poses are those of every period, and so more than there are images.
 
         Raises:
             InputError: A file cannot be written.
@@ -49,7 +49,7 @@ class EpisodeFolder:
 
 
 def start_of_log(folder: Path, setup: Setup) -> RigidTransform | None:
-    """The pose of the object with which an episode starts, on the floor of the setup.
+    """Return the pose of the object with which an episode starts, on the floor of the setup.
 
     Args:
         folder: That of the log: an episode of a capture, or one that `pinwm simulate` wrote.

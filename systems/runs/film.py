@@ -39,7 +39,7 @@ class Film:
         self.size = (2 * width // 2 * 2, height // 2 * 2)
 
     def frame(self, t: float, X_WO: RigidTransform, p_WP: np.ndarray, rgb: np.ndarray) -> np.ndarray:
-        """The next frame.
+        """Return the next frame.
 
         Args:
             t: s.

@@ -45,6 +45,6 @@ class RestCount:
         return self.slow >= self.needed
 
     def add(self, slow: bool) -> bool:
-        """Counts a sample; a fast one begins anew. Returns whether the object is at rest."""
+        """Count a sample; a fast one begins anew. Returns whether the object is at rest."""
         self.slow = self.slow + 1 if slow else 0
         return self.at_rest

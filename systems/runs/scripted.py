@@ -45,7 +45,7 @@ class ScriptedStation:
         self.simulator, self.wall_time = Simulator(self.diagram), 0.0
 
     def begin(self, place: Place, push: StraightPush | None = None) -> None:
-        """Puts everything into place, at rest, at time 0.
+        """Put everything into place, at rest, at time 0.
 
         Args:
             place: Of object and pusher; the pusher's is that of the push or the log where there is one.
@@ -64,7 +64,7 @@ class ScriptedStation:
         self.wall_time = 0.0
 
     def advance_to(self, times: Iterable[float]) -> Iterator[int]:
-        """Simulates to one time after another.
+        """Simulate to one time after another.
 
         Args:
             times: s, increasing; those of 0 and before are there already.
@@ -84,6 +84,6 @@ class ScriptedStation:
             yield k
 
     def evaluate(self, port: str, context: Context | None = None) -> Any:
-        """The value at an output port of the station: now, or in a context of the diagram."""
+        """Return the value at an output port of the station: now, or in a context of the diagram."""
         context = self.simulator.get_context() if context is None else context
         return self.station.GetOutputPort(port).Eval(self.station.GetMyContextFromRoot(context))

@@ -38,7 +38,7 @@ class Session:
     """
 
     def __init__(self, setup: Setup, options: SessionOptions) -> None:
-        """Makes station and diagram, and the page where the options ask for one.
+        """Make station and diagram, and the page where the options ask for one.
 
         Args:
             setup: The scene.
@@ -112,7 +112,7 @@ class Session:
     def _frames(
         self, progress: SessionProgress, film: Film | None, folder: EpisodeFolder | None
     ) -> Iterator[np.ndarray]:
-        """Simulates; yields the frames of the film, if there is one, and adds images to the folder, if there is one."""
+        """Simulate; yield the frames of the film, if there is one, and add images to the folder, if there is one."""
         longest, number = self.episode.longest(self.options.duration), 0
         for t in self.episode.advance(self.options.duration):
             rate = t / max(self.episode.wall_time, 1e-9)
@@ -148,5 +148,5 @@ def simulate(scene: Scene, options: SessionOptions | None = None) -> Record:
 
 
 def _retries(station: SceneStation) -> int:
-    """Number of the twin's steps that had to be made shorter; plants know nothing of the kind."""
+    """Return the number of the twin's steps that had to be made shorter; plants know nothing of the kind."""
     return 0 if station.world is None else station.world.physics.retries

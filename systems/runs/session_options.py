@@ -50,7 +50,7 @@ class SessionOptions:
     ] = None
 
     def __post_init__(self) -> None:
-        """Checks the names of the files."""
+        """Check the names of the files."""
         for name, path, suffixes in (("--record", self.record, (".html", ".htm")), ("--video", self.video, (".mp4",))):
             fits = path is None or path.suffix.lower() in suffixes
             require(name, path, fits, f"a name that ends in {' or '.join(suffixes)}")
@@ -83,7 +83,7 @@ class SimulateRequest:
     options: Annotated[SessionOptions, FLATTEN] = dataclasses.field(default_factory=SessionOptions)
 
     def __post_init__(self) -> None:
-        """Checks that there is a scene, and that no folder has the name of a file."""
+        """Check that there is a scene, and that no folder has the name of a file."""
         from pinwm_drake.models import shipped_scenarios
 
         named = self.scenario is not None or self.twin is not None

@@ -102,7 +102,7 @@ class _Plan:
 def simulate_capture(
     options: SimulateOptions, out: Path, *, progress: CaptureProgress = lambda stage, done, figures: None
 ) -> None:
-    """Simulates a capture and writes it.
+    """Simulate a capture and write it.
 
     Args:
         options: The capture.
@@ -144,7 +144,7 @@ class _Capture:
             self.lab = LabCamera(self.recorder, Realism(), self.mesh.convex_hull.vertices, self.mistakes, lamp)
 
     def write(self, progress: CaptureProgress) -> None:
-        """Writes all files of the capture."""
+        """Write all files of the capture."""
         total = self.options.static_views + self.options.episodes * self.options.frames
         done = 0
 
@@ -248,7 +248,7 @@ class _Capture:
         write_episode_tables(folder, self.camera, to_pose(X_WC), names, recording.t, log, recording.object_poses)
 
     def _push(self, generator: np.random.Generator) -> tuple[StraightPush, Recording]:
-        """A random push of the object at rest, and what came of it."""
+        """Return a random push of the object at rest, and what came of it."""
         options, p_WO, mesh_W = self.options, self.X_WO.translation(), self.mesh.copy()
         mesh_W.apply_transform(self.X_WO.GetAsMatrix4())
         speed = self.plan.push_speed * generator.uniform(0.85, 1.15)
@@ -267,7 +267,7 @@ class _Capture:
         return push, self.recorder.push(self.X_WO, push, options.frames)
 
     def _poke(self, generator: np.random.Generator) -> tuple[StraightPush, Recording]:
-        """A random poke that rocks the object at rest, and what came of it."""
+        """Return a random poke that rocks the object at rest, and what came of it."""
         given = self.options.speed
         speeds = SPEEDS if given is None else (0.85 * given, 1.15 * given)
         number, rises = self.options.frames, self.options.rise
@@ -277,7 +277,7 @@ class _Capture:
 def _uneven_setup(
     setup: Setup, R_WO: RotationMatrix, options: SimulateOptions, station: StandIn | None, models: Path
 ) -> Setup:
-    """Setup with a lump in the object, feet below it unless it lies, and glossy colours, whose files go to `models`."""
+    """Return the setup with a lump in the object, feet below it unless it lies, and glossy colours."""
     up = R_WO.matrix()[2]
     if station is not None:
         twin = station.uneven(setup.twin, up, models)
@@ -296,7 +296,7 @@ def to_pose(X: RigidTransform) -> Pose:
 
 
 def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
-    """Writes a pusher's surface, m, frame P, as an OBJ file."""
+    """Write a pusher's surface, m, frame P, as an OBJ file."""
     lines = ["# Metres; frame P.", "o pusher"]
     lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices]
     lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]

@@ -29,7 +29,7 @@ _LARGE = 1.2  # times as large as that scene's own object, from which on the cam
 
 
 def load_setup(scene: Scene, *, twin: str | Path | None = None) -> Setup:
-    """Loads a scene; commands, environments and notebooks all do it here.
+    """Load a scene; commands, environments and notebooks all do it here.
 
     A twin's folder stands for the scene of push_t with the twin's object and pusher: the object lies as in the capture
     that it was identified from (as its mesh does where that is gone), without that capture's turn about z; the pusher
@@ -80,7 +80,7 @@ def scenario_path(text: str) -> str:
 
 
 def with_url(setup: Setup, url: str | None) -> Setup:
-    """The setup with an address of LCM that another process can reach.
+    """Return the setup with an address of LCM that another process can reach.
 
     Args:
         setup: The scene.
@@ -150,7 +150,7 @@ def _lies(twin: Twin) -> list[float]:
 
 
 def _without_yaw(q: list[float]) -> list[float]:
-    """The orientation q (4,) wxyz less its turn about z: a capture's yaw is of no concern to a task."""
+    """Return the orientation q (4,) wxyz less its turn about z: a capture's yaw is of no concern to a task."""
     w, x, y, z = q
     length = math.hypot(w, z)
     if length < 1e-9:  # upside down: no turn about z to tell

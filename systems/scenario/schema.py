@@ -362,7 +362,7 @@ def check_scenario(path: Path, document: Any) -> Scenario:
 
 
 def load_scenario(path: Path | str) -> Scenario:
-    """Reads a scenario.
+    """Read a scenario.
 
     Args:
         path: A YAML file, or a `package://pinwm_models/` URL of one.

@@ -57,7 +57,7 @@ class Setup:
     renderer: RenderEngineVtkParams | None = None
 
     def with_theta(self, **values: float) -> "Setup":
-        """The setup with other values of some of `THETA`'s parameters, such as friction_floor=0.1.
+        """Return the setup with other values of some of `THETA`'s parameters, such as friction_floor=0.1.
 
         A mass without moments of inertia scales these too: the object keeps its shape.
 
@@ -79,7 +79,7 @@ class Setup:
 
 
 def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:
-    """Makes the setup of a scenario: reads its files, and checks its values.
+    """Make the setup of a scenario: read its files, and check its values.
 
     Args:
         scenario: The scenario.
@@ -119,7 +119,7 @@ def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:
 
 
 def placed_task(task: Task, scenario: Scenario, twin: Twin) -> Task:
-    """The task with what it takes from a scene: how the object lies at the start, its size, and the floor's height.
+    """Return the task with what it takes from a scene: the object's start and size, and the floor's height.
 
     Raises:
         InputError: The mesh cannot be used.

@@ -102,7 +102,7 @@ def level_height(setup: Setup) -> float:
 
 
 def with_start_yaw(setup: Setup, yaw: float, goal_yaw: float | None = None) -> Setup:
-    """The scene whose object is turned at the start by `yaw` [rad] from the goal at most, either way.
+    """Return the scene whose object is turned at the start by `yaw` [rad] from the goal at most, either way.
 
     Args:
         setup: The scene.

@@ -143,7 +143,7 @@ def volume_mesh(pieces: Sequence[ConvexPiece], longest_edge: float) -> tuple[str
 
 
 def _without_slivers(piece: ConvexPiece) -> ConvexPiece:
-    """The hull without vertices that are all but on the line between two others.
+    """Return the hull without vertices that are all but on the line between two others.
 
     A triangle with such a vertex makes no tetrahedron with the hull's middle, and Drake refuses a file with one that
     is turned inwards by rounding. If it were left out, its neighbours' sides would count as surface, and with them the

@@ -24,7 +24,7 @@ _MINIMUM = 1e-3  # m, added to distances: what is nearer than that counts alike
 
 
 def coloured_mesh(mesh: trimesh.Trimesh, surfels: Surfels, mtl_name: str) -> tuple[str, str]:
-    """A mesh whose small triangles have the colours of the surfels near them.
+    """Return a mesh whose small triangles have the colours of the surfels near them.
 
     Args:
         mesh: Mesh of the object, m, frame O.

@@ -27,13 +27,13 @@ _VISUAL = f"{_MESHES}/visual.obj"
 
 
 def contact_name(text: str) -> ContactName:
-    """Validated name of one of Drake's contact models; raises ParameterError where there is no such model."""
+    """Return validated name of one of Drake's contact models; raises ParameterError where there is no such model."""
     require("contact", repr(text), text in get_args(ContactName), ", ".join(get_args(ContactName)))
     return cast(ContactName, text)
 
 
 def write_twin_model(twin: Twin, folder: Path) -> list[Path]:
-    """Writes a twin as models that Drake's Parser loads.
+    """Write a twin as models that Drake's Parser loads.
 
     `object.sdf` is for hydroelastic contact and `object_point.sdf` for point contact; `floor.sdf` and `pusher.sdf`
     have the surfaces with which Drake's pairs get the friction of theta. Meshes are named relative to the files.

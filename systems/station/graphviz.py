@@ -50,7 +50,7 @@ def plain(text: str) -> str:
 
 
 def write_pictures(folder: Path) -> list[Path]:
-    """Writes text and, where `dot` is installed, pictures of the stations of `PICTURED`.
+    """Write text and, where `dot` is installed, pictures of the stations of `PICTURED`.
 
     Args:
         folder: Folder of the pictures; made if need be.
@@ -80,7 +80,7 @@ def _draw(text: str, path: Path) -> None:
 
 
 def main(arguments: list[str]) -> None:
-    """Writes the pictures into the folder that is given, and says which."""
+    """Write the pictures into the folder that is given, and say which."""
     if len(arguments) != 1:
         raise SystemExit("usage: python -m pinwm_drake.systems.station.graphviz FOLDER")
     for path in write_pictures(Path(arguments[0])):

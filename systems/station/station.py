@@ -105,7 +105,7 @@ class SceneStation(Diagram):  # type: ignore[misc]  # pydrake has no usable type
         self.set_name(f"station_{engine}")
 
     def SetPlace(self, context: Context, place: Place, world: int = 0) -> None:
-        """Puts object and pusher into place, at rest.
+        """Put object and pusher into place, at rest.
 
         Args:
             context: Context of the station, or of the outermost diagram around it, where there is one.

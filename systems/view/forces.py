@@ -81,7 +81,7 @@ class _Arrow:
         self._meshcat.SetProperty(self._path, "visible", False, time)
 
     def show(self, p_WC: np.ndarray, f_W: np.ndarray, time: float) -> None:
-        """Shows the arrow from p_WC [m] along f_W [N], both (3,), world; hides it where the force is too small."""
+        """Show the arrow from p_WC [m] along f_W [N], both (3,), world; hides it where the force is too small."""
         length = min(LENGTH_PER_FORCE * float(np.linalg.norm(f_W)), _LONGEST)
         if length < _SHORTEST:
             self.hide(time)

@@ -21,7 +21,7 @@ _SLIDERS = {
 
 
 def make_meshcat(host: str = LOCALHOST, port: int | None = None) -> Meshcat:
-    """Starts Meshcat's server; it ends with the last reference to the object.
+    """Start Meshcat's server; it ends with the last reference to the object.
 
     Args:
         host: Address or name of the interface to listen on; "*" for every one of the machine.
@@ -43,7 +43,7 @@ def make_meshcat(host: str = LOCALHOST, port: int | None = None) -> Meshcat:
 
 @contextmanager
 def recorded(meshcat: Meshcat, path: Path, frames_per_second: float = 30.0) -> Iterator[None]:
-    """Records the publishes of a simulation in the block, and writes them as one HTML file that needs no server.
+    """Record the publishes of a simulation in the block, and write them as one HTML file that needs no server.
 
     The page is as it is, without the sliders.
 
@@ -69,7 +69,7 @@ def recorded(meshcat: Meshcat, path: Path, frames_per_second: float = 30.0) -> I
 
 
 def AddThetaSliders(meshcat: Meshcat, theta: Mapping[str, float]) -> None:
-    """Adds a slider for each parameter, or sets those that are there.
+    """Add a slider for each parameter, or set those that are there.
 
     Args:
         meshcat: The server.

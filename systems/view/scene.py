@@ -41,7 +41,7 @@ def AddSceneView(
     period: float = PERIOD,
     prefix: str = PREFIX,
 ) -> MeshcatVisualizer:
-    """Adds the systems that show an engine in Meshcat to a diagram.
+    """Add the systems that show an engine in Meshcat to a diagram.
 
     The surfels are shown with the twin, in place of the object's mesh, and hidden with other engines; the page's
     controls show either. With "lcm" there are none, as nobody knows where the object is. Everything is published every

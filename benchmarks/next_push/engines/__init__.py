@@ -26,7 +26,7 @@ def scene_maker(name: str) -> MakeScene:
 
 
 def engine(name: str) -> RollOut:
-    """Function that rolls out a push in an engine, one of "mujoco", "bullet", "hydroelastic" and "point".
+    """Return the function that rolls out a push in an engine, one of "mujoco", "bullet", "hydroelastic" and "point".
 
     Its arguments are the object, the truth about it, its pose X_WO at first, at rest, the push or None for no pusher,
     and times (n,) s, increasing from 0, multiples of 1 / `LOG_RATE`.

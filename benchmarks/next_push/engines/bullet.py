@@ -52,7 +52,7 @@ class PokedScene(EngineScene):
             self._bullet.setCollisionFilterPair(floor, self._pusher, -1, -1, 0)
 
     def step(self, v_WP: np.ndarray, p_WP: np.ndarray | None = None) -> None:
-        """Takes a step; see `EngineScene.step`."""
+        """Take a step; see `EngineScene.step`."""
         if self._pusher >= 0:
             up = np.array([0.0, 0.0, GRAVITY * self.dt])  # what gravity takes within the step
             self._bullet.resetBaseVelocity(self._pusher, (v_WP + up).tolist(), [0.0] * 3)

@@ -99,7 +99,7 @@ def _setup(engine: str, thing: Thing, theta: Theta, shape: PusherShape) -> Setup
 def roll_out(
     engine: str, thing: Thing, theta: Theta, X_WO: RigidTransform, push: Push | None, t: np.ndarray
 ) -> Rollout:
-    """Rolls out a push in "hydroelastic" or "point" contact; see `engine` for the other arguments."""
+    """Roll out a push in "hydroelastic" or "point" contact; see `engine` for the other arguments."""
     shape = _NO_PUSHER if push is None else push.shape
     recorder = make_recorder(engine, thing, theta, shape, Camera.from_field_of_view(16, 16, 0.7), 1)
     if engine == "point" and len(theta.feet):

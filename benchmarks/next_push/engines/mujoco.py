@@ -61,7 +61,7 @@ class PokedScene(EngineScene):
         self._data = mujoco.MjData(self._model)
 
     def step(self, v_WP: np.ndarray, p_WP: np.ndarray | None = None) -> None:
-        """Takes a step; see `EngineScene.step`."""
+        """Take a step; see `EngineScene.step`."""
         if p_WP is not None:
             self._data.qpos[7:] = self._axes @ (p_WP - self._start)
         self._data.qvel[6:] = self._axes @ v_WP

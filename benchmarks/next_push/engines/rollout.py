@@ -86,7 +86,7 @@ class EngineScene(ABC):
 
     @abstractmethod
     def step(self, v_WP: np.ndarray, p_WP: np.ndarray | None = None) -> None:
-        """Takes a step while the pusher, where there is one, has a velocity.
+        """Take a step while the pusher, where there is one, has a velocity.
 
         Args:
             v_WP: (3,) m/s, world.
@@ -109,7 +109,7 @@ class EngineScene(ABC):
             self.step(v_WP)
 
     def roll_out(self, t: np.ndarray, motion: StraightPush | None) -> Rollout:
-        """Recording at times (n,) s, increasing from 0, of a motion of the pusher or of none."""
+        """Return the recording at times (n,) s, increasing from 0, of a motion of the pusher or of none."""
         states, places, step = [], [], 0
         for time in t:
             for _ in range(round(time / self.dt) - step):
@@ -130,5 +130,5 @@ def rigid(q: np.ndarray, p: np.ndarray) -> RigidTransform:
 
 
 def log_times(frames: int, frame_rate: int) -> np.ndarray:
-    """Times (n,) s of a log of `LOG_RATE` from the first of `frames` pictures to the last."""
+    """Time (n,) s of a log of `LOG_RATE` from the first of `frames` pictures to the last."""
     return np.arange((frames - 1) * (LOG_RATE // frame_rate) + 1) / LOG_RATE

@@ -43,7 +43,7 @@ _Part = TypeVar("_Part")
 
 
 def check_episode(name: str, scene: Scene, findings: Findings, progress: Callable[[str], None]) -> int:
-    """Checks `episodes/<name>` and returns the number of its images; `progress` is told what comes next."""
+    """Check `episodes/<name>` and return the number of its images; `progress` is told what comes next."""
     folder, error = scene.folder / EPISODES / name, findings.error
     log = _whole(lambda: read_trajectory(folder, error), findings)
     poses = _whole(lambda: read_object_poses(folder, error), findings)
@@ -67,7 +67,7 @@ def check_episode(name: str, scene: Scene, findings: Findings, progress: Callabl
 
 
 def _whole(read: Callable[[], _Part], findings: Findings) -> _Part | None:
-    """A table, or None where it has a problem, however small."""
+    """Return a table, or None where it has a problem, however small."""
     before = len(findings.problems)
     found = attempt(read, findings.error)
     return found if len(findings.problems) == before else None
@@ -124,7 +124,7 @@ def _check_images(
     findings: Findings,
     progress: Callable[[str], None],
 ) -> None:
-    """Checks the images of one camera, with the poses of both bodies as far as they are known."""
+    """Check the images of one camera, with the poses of both bodies as far as they are known."""
     names, table, read, moved = view.file_names, view.folder / FRAMES_FILE, 0, 0.0
     first: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
     empty, cut, poor = [], [], []

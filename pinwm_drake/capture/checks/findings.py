@@ -25,11 +25,11 @@ class Findings:
         self._seen: set[str] = set()
 
     def error(self, error: PinwmError) -> None:
-        """Notes an error, once."""
+        """Note an error, once."""
         self._note("error", error)
 
     def warn(self, path: Path, found: str, expected: str, row: int | None = None) -> None:
-        """Notes a warning, once: what was found in a file or folder, and a better state of it, in words."""
+        """Note a warning, once: what was found in a file or folder, and a better state of it, in words."""
         self._note("warning", InputError(path, row=row, value=found, allowed=expected))
 
     def _note(self, severity: Literal["error", "warning"], error: PinwmError) -> None:

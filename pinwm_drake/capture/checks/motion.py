@@ -32,7 +32,7 @@ _REFINED, _NEAREST, _TRIANGLES = 8, 50, 1000  # looks, points and triangles whos
 def check_motion(
     folder: Path, trajectory: PusherTrajectory, frames_t: np.ndarray | None, scene: Scene, findings: Findings
 ) -> None:
-    """Checks the pusher's log, without NaN, of an episode with images at `frames_t` (n,) [s], where these are known."""
+    """Check the pusher's log, without NaN, of an episode with images at `frames_t` (n,) [s], where these are known."""
     path = folder / TRAJECTORY_FILE
     _check_velocity(path, trajectory, findings)
     cosine = np.abs(trajectory.q_WP @ trajectory.q_WP[0]).clip(0, 1)
@@ -131,7 +131,7 @@ def _to_surface(mesh: trimesh.Trimesh, p_OQ: np.ndarray, about: float) -> float:
 
 
 def _steps(trajectory: PusherTrajectory, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times (n,), positions (n, 3) and orientations (n, 4) of the pusher, near enough to one another."""
+    """Time (n,), positions (n, 3) and orientations (n, 4) of the pusher, near enough to one another."""
     t = trajectory.t
     travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(trajectory.p_WP, axis=0), axis=-1))])
     count = int(min(max(travelled[-1] / _STEP, 1.0), _MOST_STEPS)) + 1

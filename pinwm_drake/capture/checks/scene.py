@@ -45,7 +45,7 @@ class Scene:
 
 
 def check_scene(folder: Path, findings: Findings) -> Scene:
-    """Checks `capture.yaml`, key by key, and the meshes; returns what could be read."""
+    """Check `capture.yaml`, key by key, and the meshes; return what could be read."""
     names = attempt(lambda: episode_names(folder), findings.error) or []
     document = attempt(lambda: read_yaml(folder / CAPTURE_FILE), findings.error)
     if document is None or attempt(lambda: document.read(HeadDocument), findings.error) is None:
@@ -77,7 +77,7 @@ def _check_mesh(folder: Path, document: Entry, findings: Findings) -> trimesh.Tr
 
 
 def _check_pusher(document: Entry, findings: Findings) -> trimesh.Trimesh | None:
-    """The pusher's surface; its mesh is checked too where a shape takes its place."""
+    """Return the pusher's surface; its mesh is checked too where a shape takes its place."""
     about = attempt(lambda: document["pusher"].read(PusherDocument), ignore)
     if about is None:
         return None

@@ -30,7 +30,7 @@ _DOWN = -0.7  # z of normals that face the floor
 
 
 def check_static(scene: Scene, findings: Findings, progress: Callable[[str], None]) -> int:
-    """Checks the static views in `static/` and returns their number; `progress` is told what comes next."""
+    """Check the static views in `static/` and return their number; `progress` is told what comes next."""
     path = scene.folder / "static" / TRANSFORMS
     document = attempt(lambda: read_json(path), findings.error)
     entries = None if document is None else attempt(lambda: document["frames"].items(), findings.error)
@@ -79,7 +79,7 @@ def in_picture(mesh: trimesh.Trimesh, camera: Camera, X_CO: Pose) -> bool:
 
 
 def unseen(entry: Entry) -> InputError:
-    """The error of a camera that does not see the object, by the entry of its matrix."""
+    """Return the error of a camera that does not see the object, by the entry of its matrix."""
     return entry.refusal("a pose in OpenGL axes that sees the object", "a camera that does not see the object")
 
 

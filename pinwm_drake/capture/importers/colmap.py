@@ -48,7 +48,7 @@ def import_colmap(
     images: Path | None = None,
     masks: Path | None = None,
 ) -> int:
-    """Makes a capture of a COLMAP model: static views, without episodes. Returns how many views there are.
+    """Make a capture of a COLMAP model: static views, without episodes. Returns how many views there are.
 
     Args:
         source: The model, or a folder with the model in `sparse/0` and its images in `images`.
@@ -155,7 +155,7 @@ class _Binary:
         self.data, self.at = read_bytes(path), 0
 
     def take(self, code: str, row: int | None = None) -> tuple[Any, ...]:
-        """Takes the next values, by their `struct` format; raises InputError where the file ends before."""
+        """Take the next values, by their `struct` format; raise InputError where the file ends before."""
         size = struct.calcsize(f"<{code}")
         if self.at + size > len(self.data):
             found = f"a file that ends after {len(self.data)} bytes"
@@ -164,7 +164,7 @@ class _Binary:
         return struct.unpack_from(f"<{code}", self.data, self.at - size)
 
     def count(self, row: int | None = None) -> int:
-        """Number of the records that follow; no more than there are bytes."""
+        """Return the number of the records that follow; no more than there are bytes."""
         return min(int(self.take("Q", row)[0]), len(self.data) + 1)
 
 
@@ -222,7 +222,7 @@ def _camera(path: Path, row: int, model: str, values: list[float]) -> Camera:
 
 
 def _image(path: Path, row: int, name: str, camera: int, pose: list[float], cameras: dict[int, Camera]) -> PosedImage:
-    """An image from the number of its camera and q, t of X_CS."""
+    """Return an image from the number of its camera and q, t of X_CS."""
     if camera not in cameras:
         raise InputError(path, row=row, value=f"camera {camera}", allowed="a camera of the model")
     if not name or not name.isprintable():

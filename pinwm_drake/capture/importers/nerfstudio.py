@@ -19,7 +19,7 @@ _SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG")
 
 
 def import_nerfstudio(source: Path, out: Path, scenery: Scenery, similarity: Similarity | None = None) -> int:
-    """Makes a capture of a nerfstudio folder: static views, without episodes. Returns how many views there are.
+    """Make a capture of a nerfstudio folder: static views, without episodes. Returns how many views there are.
 
     Args:
         source: The folder, or its `transforms.json`.

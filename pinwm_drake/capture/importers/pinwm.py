@@ -65,7 +65,7 @@ def import_pinwm(
     camera: int | None = None,
     static: Path | None = None,
 ) -> list[str]:
-    """Makes a capture of a folder in the layout of PIN-WM's authors.
+    """Make a capture of a folder in the layout of PIN-WM's authors.
 
     Returns the files of the pushes, which become episodes 0000, 0001, ...
 

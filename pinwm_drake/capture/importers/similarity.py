@@ -32,12 +32,12 @@ class Similarity:
 
 
 def scaled_world(scale: float = 1.0) -> Similarity:
-    """The similarity that changes the unit of length only: `scale` m for each unit of the source."""
+    """Return the similarity that changes the unit of length only: `scale` m for each unit of the source."""
     return Similarity(scale, np.eye(3), np.zeros(3))
 
 
 def read_similarity(path: Path, scale: float = 1.0) -> Similarity:
-    """Reads a similarity from a file.
+    """Read a similarity from a file.
 
     Args:
         path: File in YAML or JSON: four rows of four numbers, or those under the key `matrix`; the capture's world from

@@ -42,7 +42,7 @@ class PosedImage:
 
 
 def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
-    """Writes the `capture.yaml` of a folder, with the object at X_WO: q (4,), p (3,) [m]; and copies the meshes.
+    """Write the `capture.yaml` of a folder, with the object at X_WO: q (4,), p (3,) [m]; and copy the meshes.
 
     Raises:
         InputError: A mesh is refused, or a file cannot be written.
@@ -58,7 +58,7 @@ def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
 
 
 def copy_file(source: Path, target: Path) -> None:
-    """Copies a file, and makes the folder of `target` if need be; raises InputError where that fails."""
+    """Copy a file, and make the folder of `target` if need be; raise InputError where that fails."""
     require_file(source, "a file to copy")
     prepare_folder(target.parent)
     with replacing(target) as temporary:
@@ -66,7 +66,7 @@ def copy_file(source: Path, target: Path) -> None:
 
 
 def write_static(folder: Path, images: list[PosedImage], similarity: Similarity) -> None:
-    """Copies images and masks to `static/` of a capture and writes its `transforms.json`.
+    """Copy images and masks to `static/` of a capture and write its `transforms.json`.
 
     Raises:
         InputError: An image is refused or of another size than its camera's, some have a mask and some not, or

@@ -48,7 +48,7 @@ _STAGES = {
 
 
 def run_push(out: Path, options: PushOptions) -> None:
-    """Simulates a push and writes everything there is to see of it into an existing folder.
+    """Simulate a push and write everything there is to see of it into an existing folder.
 
     Raises:
         PinwmError: When the simulation refuses an input, or a file cannot be written.
@@ -162,7 +162,7 @@ def _film(
 
 
 def _camera(record: PushRecord) -> ViewCamera:
-    """A view from the side and above that holds the whole push, with room for the block around its path."""
+    """Return a view from the side and above that holds the whole push, with room for the block around its path."""
     places = np.concatenate((record.p_WB[:, :2], record.p_WP[:, :2]))
     low, high = places.min(axis=0) - 0.06, places.max(axis=0) + 0.06
     target = np.array([*(low + high) / 2, 0.01])

@@ -71,7 +71,7 @@ class PushRecord:
 
 
 def simulate_push(options: PushOptions, report: Callable[[str, float], None]) -> PushRecord:
-    """Simulates the push, differentiates its final yaw, and checks that against central differences.
+    """Simulate the push, differentiate its final yaw, and check that against central differences.
 
     Args:
         options: The push.
@@ -120,7 +120,7 @@ def _model(options: PushOptions) -> Model:
 def _roll_out(
     stepper: Stepper, options: PushOptions, inputs: torch.Tensor, report: Callable[[float], None]
 ) -> dict[str, torch.Tensor]:
-    """Rolls out W worlds, differentiably: the fields of the states, each with a leading axis of N recorded frames.
+    """Roll out W worlds, differentiably: the fields of the states, each with a leading axis of N recorded frames.
 
     The inputs (W, 3) are the friction of block and floor, of block and pusher, and the offset of the pusher [m].
     """
@@ -144,6 +144,6 @@ def _roll_out(
 
 
 def _yaw(q_WB: torch.Tensor) -> torch.Tensor:
-    """The angle (...) [rad] from the world's x axis to the body's, seen from above, for q_WB (..., 4)."""
+    """Return the angle (...) [rad] from the world's x axis to the body's, seen from above, for q_WB (..., 4)."""
     R_WB = quaternion_to_matrix(q_WB)
     return torch.atan2(R_WB[..., 1, 0], R_WB[..., 0, 0])

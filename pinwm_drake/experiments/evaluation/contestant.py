@@ -33,7 +33,7 @@ class RandomActions:
     """Policy that draws from the environment's action space, which an episode's seed has seeded."""
 
     def __init__(self, space: spaces.Space) -> None:
-        """Takes the action space of the environment."""
+        """Take the action space of the environment."""
         self._space = space
 
     def predict(
@@ -68,7 +68,7 @@ class Contestant:
 
 
 def read_contestant(request: EvaluateRequest) -> Contestant:
-    """Reads the policy or bundle that a request names, or makes the contestant of the name "mpc" or "random".
+    """Read the policy or bundle that a request names, or make the contestant of the name "mpc" or "random".
 
     Raises:
         InputError: There is no such policy or bundle, or a file of it cannot be used.
@@ -124,7 +124,7 @@ def usual_scene(policy: str, task: str | None) -> str:
 
 
 def with_scene(request: EvaluateRequest) -> EvaluateRequest:
-    """The request with a scene; that of its task and object where it names none."""
+    """Return the request with a scene; that of its task and object where it names none."""
     if request.scene is not None:
         return request
     return dataclasses.replace(request, scene=usual_scene(request.policy, request.task))
@@ -148,7 +148,7 @@ def delay_of(request: EvaluateRequest) -> float:
 
 
 def make_environment(contestant: Contestant, request: EvaluateRequest, models: Path) -> TaskEnv:
-    """Makes the environment that an evaluation runs in.
+    """Make the environment that an evaluation runs in.
 
     Args:
         contestant: Policy or controller that acts.
@@ -185,7 +185,7 @@ def make_environment(contestant: Contestant, request: EvaluateRequest, models: P
 
 
 def _model(request: EvaluateRequest) -> Setup:
-    """The scene that a controller plans in: that of the evaluation, or as it would be with the twin `request.model`."""
+    """Return the scene that a controller plans in: that of the evaluation, or with the twin `request.model`."""
     if request.model is None:
         return load_setup(_scene(request))
     planner = recipe_of(request.task or DEFAULT_TASK).planner

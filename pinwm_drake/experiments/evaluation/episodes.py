@@ -38,7 +38,7 @@ class EpisodeRunner:
     """
 
     def __init__(self, contestant: Contestant, request: EvaluateRequest) -> None:
-        """Makes the environment.
+        """Make the environment.
 
         Raises:
             PinwmError: The scene cannot be used, or is not one that the policy is made for.
@@ -50,7 +50,7 @@ class EpisodeRunner:
         self._mesh = load_mesh(self.env.setup.twin.mesh_path)
 
     def run(self, seed: int) -> EpisodeRecord:
-        """Runs an episode, all of which follows from its seed."""
+        """Run an episode, all of which follows from its seed."""
         rows: list[np.ndarray] = []
         views: list[np.ndarray] = []
 
@@ -89,7 +89,7 @@ def run_episodes(
     *,
     on_result: Callable[[int, EpisodeRecord], None] = lambda seed, record: None,
 ) -> list[EpisodeRecord]:
-    """Runs those episodes that the store does not have, and keeps each when it is done.
+    """Run those episodes that the store does not have, and keep each when it is done.
 
     Args:
         runner: For this process; workers make their own.
@@ -115,7 +115,7 @@ def run_episodes(
 
 
 def _run(request: EvaluateRequest, identity: str, seed: int) -> EpisodeRecord:
-    """An episode, in an environment that is made for the first one and kept."""
+    """Return an episode, in an environment that is made for the first one and kept."""
     if (identity, request) not in _runners:
         contestant = read_contestant(request)
         if contestant.identity != identity:

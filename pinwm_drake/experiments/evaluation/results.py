@@ -38,7 +38,7 @@ _COLUMNS = (
 
 
 def settings_of(request: EvaluateRequest, contestant: Contestant, env: TaskEnv, scene_sha256: str) -> dict[str, Any]:
-    """Settings that the results depend on, but for the seeds, as plain data."""
+    """Return settings that the results depend on, but for the seeds, as plain data."""
     return {
         "policy": contestant.kind,
         "policy_sha256": contestant.identity,
@@ -85,7 +85,7 @@ def write_evaluation(
     settings: Mapping[str, Any],
     provenance: Mapping[str, Any],
 ) -> None:
-    """Writes evaluation.json; SI units and radians.
+    """Write evaluation.json; SI units and radians.
 
     Raises:
         InputError: It cannot be written.
@@ -102,7 +102,7 @@ def write_evaluation(
 
 
 def write_episodes(path: Path, records: Sequence[EpisodeRecord], q_WO: tuple[float, float, float, float]) -> None:
-    """Writes episodes.csv, a row for each; SI units and radians, world frame.
+    """Write episodes.csv, a row for each; SI units and radians, world frame.
 
     Args:
         path: The file.

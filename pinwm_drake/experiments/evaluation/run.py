@@ -60,7 +60,7 @@ def evaluate(
     resume: bool = False,
     progress: ProgressCallback = lambda progress: None,
 ) -> Evaluation:
-    """Evaluates a policy and writes episodes, `evaluation.json`, `episodes.csv`, `episodes.mp4` and `report.html`.
+    """Evaluate a policy and write episodes, `evaluation.json`, `episodes.csv`, `episodes.mp4` and `report.html`.
 
     Args:
         request: The policy, its scene and the episodes.

@@ -22,7 +22,7 @@ class EpisodeStore:
     """A folder of `SEED.npz`; a `parallel.Store`."""
 
     def __init__(self, folder: Path, about: Mapping[str, object], *, resume: bool) -> None:
-        """Makes the folder.
+        """Make the folder.
 
         Args:
             folder: The folder; made if need be.
@@ -42,7 +42,7 @@ class EpisodeStore:
             )
 
     def write(self, seed: int, record: EpisodeRecord) -> None:
-        """Keeps an episode.
+        """Keep an episode.
 
         Raises:
             InputError: The file cannot be written.
@@ -52,7 +52,7 @@ class EpisodeStore:
         write_arrays(self._path(seed), self._about, arrays)
 
     def read(self, seed: int) -> EpisodeRecord | None:
-        """The episode of a seed; None where there is none.
+        """Return the episode of a seed; None where there is none.
 
         Raises:
             InputError: It cannot be read, or is of other settings; the message names what differs.

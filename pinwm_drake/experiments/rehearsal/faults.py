@@ -113,7 +113,7 @@ def _repeated(past: list[bytes]) -> Disturb:
 
 
 def _grey(array: lcmt_image_array) -> None:
-    """Makes an image of one channel, as another camera's driver sends it."""
+    """Make an image of one channel, as another camera's driver sends it."""
     image = array.images[0]
     grey = pixels_of(image)[..., :1].tobytes()
     image.pixel_format, image.row_stride = lcmt_image.PIXEL_FORMAT_GRAY, image.width

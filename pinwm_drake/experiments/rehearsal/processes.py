@@ -37,12 +37,12 @@ def robot_link(link: LcmLink) -> LcmLink:
 
 
 def with_link(setup: Setup, link: LcmLink) -> Setup:
-    """The setup with another link."""
+    """Return the setup with another link."""
     return replace(setup, scenario=replace(setup.scenario, lcm=link))
 
 
 def run_arm(pipe: Connection, setup: Setup, latency: float) -> None:
-    """Simulates the arm in real time until its pipe closes; a seed that comes through puts things into place anew.
+    """Simulate the arm in real time until its pipe closes; a seed that comes through puts things into place anew.
 
     Args:
         pipe: Pipe to the rehearsal: seeds in; after each, the place's object pose (7,) out: q_WO, p_WO. None asks for
@@ -108,7 +108,7 @@ class Relay:
     """Relay of messages between a robot and a controller, which disturbs one channel when it is told to."""
 
     def __init__(self, link: LcmLink, controller: int) -> None:
-        """Listens on both sides.
+        """Listen on both sides.
 
         Args:
             link: Link to the controller; that to the robot is `robot_link` of it.
@@ -128,7 +128,7 @@ class Relay:
             self._lcm.Subscribe(source, self._handler(name, target))
 
     def spin(self) -> None:
-        """Passes messages on for a millisecond or two."""
+        """Pass messages on for a millisecond or two."""
         self._lcm.HandleSubscriptions(1)
         now = time.monotonic()
         while self._waiting and self._waiting[0][0] <= now:
@@ -147,7 +147,7 @@ class Relay:
             os.kill(self._controller, signal.SIGCONT)
 
     def clear(self) -> None:
-        """Ends a fault, and forgets all messages."""
+        """End a fault, and forget all messages."""
         self._disturb, self._waiting, self.traffic = {}, [], Traffic()
         for past in self._past.values():
             past.clear()
@@ -179,7 +179,7 @@ class Relay:
 
 
 def run_relay(pipe: Connection, link: LcmLink, controller: int) -> None:
-    """Runs a relay until its pipe closes.
+    """Run a relay until its pipe closes.
 
     Args:
         pipe: Pipe to the rehearsal: ("begin", name, seconds from now), "end" of what has not begun, "clear" or "tell"

@@ -16,7 +16,7 @@ REPORT_FILE = "report.html"
 
 
 def write_rehearsal_report(path: Path, request: RehearseRequest, trials: list[Trial]) -> None:
-    """Writes the report of a rehearsal.
+    """Write the report of a rehearsal.
 
     Args:
         path: Page to write, in HTML.

@@ -104,11 +104,11 @@ class Disturbed:
         self._kind, self._due, self.begun = kind, due, math.nan
 
     def act(self, image: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """Translation of the bundle; see `step`."""
+        """Return the translation of the bundle; see `step`."""
         return self.step(image, p_WP)[0]
 
     def step(self, image: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Translation and estimate of the bundle, or the failure that is due."""
+        """Return the translation and estimate of the bundle, or the failure that is due."""
         found = self._bundle.step(image, p_WP)
         if time.monotonic() < self._due:
             return found
@@ -357,7 +357,7 @@ class _Parties:
         }
 
     def _armed(self, seed: int) -> ControlLoop:
-        """The loop, armed, with things in a new place, and no fault any more."""
+        """Return the loop, armed, with things in a new place, and no fault any more."""
         self._policy.tell("", math.inf)
         self._ask(self._relay, "clear", _STARTING)
         self._ask(self._arm, seed, _STARTING)

@@ -124,7 +124,7 @@ class PinwmRequest:
     ] = None
 
     def __post_init__(self) -> None:
-        """Checks that there is a pusher."""
+        """Check that there is a pusher."""
         known = self.scenery.pusher_mesh is not None or self.scenery.pusher_shape is not None
         require("--pusher-mesh", "none", known, "a mesh, or a --pusher-shape")
 

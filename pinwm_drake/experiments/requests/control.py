@@ -114,7 +114,7 @@ class ControlRequest:
     seed: Seed = 0
 
     def __post_init__(self) -> None:
-        """Checks options that exclude each other."""
+        """Check options that exclude each other."""
         robot = self.engine == "lcm" and not self.simulate_arm
         require("--lcm-url", self.lcm_url, self.lcm_url is None or robot, "none, but for a robot behind lcm")
         require("--meshcat", self.meshcat, not (self.meshcat and robot), "none for a robot, which can be looked at")
@@ -180,7 +180,7 @@ class RehearseRequest:
     seed: Annotated[int, option("Seed of moments and starts.", group=ADVANCED, ge=0, le=2**32 - 1)] = 0
 
     def __post_init__(self) -> None:
-        """Checks the kinds of faults; resolves the number of episodes."""
+        """Check the kinds of faults; resolves the number of episodes."""
         if self.kinds:
             from pinwm_drake.experiments.rehearsal.faults import KINDS
 

@@ -81,7 +81,7 @@ class EvaluateRequest:
     ] = False
 
     def __post_init__(self) -> None:
-        """Checks options that depend on each other."""
+        """Check options that depend on each other."""
         last = _LARGEST - self.episodes
         require("--seed", self.seed, self.seed <= last, f"0 to {last}")
         plant = not self.stand_in or self.engine != "twin"

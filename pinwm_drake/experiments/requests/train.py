@@ -95,7 +95,7 @@ class TrainRequest:
     seed: Annotated[int, option("Seed of networks, worlds and cousins.", group=ADVANCED, ge=0)] = 0
 
     def __post_init__(self) -> None:
-        """Checks options that depend on each other."""
+        """Check options that depend on each other."""
         from pinwm_drake.tasks.registry import task_names
 
         if self.device != "cpu":

@@ -13,7 +13,7 @@ _ANYWHERE = {"default": "anywhere", "allowed": "low below high"}
 
 
 def require_suffix(name: str, path: Path | None, *suffixes: str) -> None:
-    """Requires that a file has one of some endings, and that no folder has its name.
+    """Require that a file has one of some endings, and that no folder has its name.
 
     Raises:
         ParameterError: It has another ending.
@@ -41,7 +41,7 @@ class PredictRequest:
     video: Annotated[Path | None, option("MP4 file for camera, twin and difference side by side.", group=LAB)] = None
 
     def __post_init__(self) -> None:
-        """Checks the names of the files."""
+        """Check the names of the files."""
         require_suffix("--plot", self.plot, ".png")
         require_suffix("--video", self.video, ".mp4")
 
@@ -69,7 +69,7 @@ class NextPushRequest:
     seed: Annotated[int, option("Seed of the random pushes.", group=ADVANCED, ge=0)] = 0
 
     def __post_init__(self) -> None:
-        """Checks the box."""
+        """Check the box."""
         below = all(low < high for low, high in zip(self.low, self.high, strict=True))
         require("--low, --high", (self.low, self.high), below, "low below high")
 
@@ -115,7 +115,7 @@ class ReportRequest:
     ] = None
 
     def __post_init__(self) -> None:
-        """Checks the name of the file."""
+        """Check the name of the file."""
         require_suffix("--out", self.path, ".html", ".htm")
 
     @property
@@ -155,6 +155,6 @@ class ViewRequest:
     browser: Annotated[bool, option("Open the page in a browser as well.", group=LAB)] = False
 
     def __post_init__(self) -> None:
-        """Checks the names of the files."""
+        """Check the names of the files."""
         require_suffix("--html", self.html, ".html", ".htm")
         require_suffix("--video", self.video, ".mp4")

@@ -76,7 +76,7 @@ def collide_capsule_hull(table, stick, hull, X_HS, column, margin, rows, count):
 
 @internal_kernel
 def silhouette_separation(table, hull, px, py, pz, ux, uy, uz):
-    """The silhouette edge whose normal separates a line (p, u) most from a hull, and how far; else -1, -inf."""
+    """Return the silhouette edge whose normal separates a line (p, u) most from a hull, and how far; else -1, -inf."""
     best, over = -1, -math.inf
     bx, by, bz = 0.0, 0.0, 0.0
     for e in range(table.pieces[hull, 3], table.pieces[hull + 1, 3]):
@@ -101,7 +101,7 @@ def silhouette_separation(table, hull, px, py, pz, ux, uy, uz):
 
 @internal_kernel
 def _face_along(table, edge, ux, uy, uz):
-    """The face beside an edge to which a line is parallel within MANIFOLD_ANGLE, or -1."""
+    """Return the face beside an edge to which a line is parallel within MANIFOLD_ANGLE, or -1."""
     left, right = table.edges[edge, 2], table.edges[edge, 3]
     lx, ly, lz = xyz(table.planes, left)
     rx, ry, rz = xyz(table.planes, right)
@@ -113,7 +113,7 @@ def _face_along(table, edge, ux, uy, uz):
 
 @internal_kernel
 def segment_on_face(table, stick, face, X_HS, kx, ky, kz, least, column, margin, rows, count):
-    """Appends the ends of that part of a segment which lies over a face.
+    """Append the ends of that part of a segment which lies over a face.
 
     An end of the segment gives point against plane, a crossing of the face's boundary gives line against
     line.
@@ -159,7 +159,7 @@ def segment_on_face(table, stick, face, X_HS, kx, ky, kz, least, column, margin,
 
 @internal_kernel
 def _append_nearest(table, stick, hull, X_HS, known, column, margin, rows, count):
-    """Appends the nearest pair of a capsule and the edges of a hull; `known` as for `append_segments`."""
+    """Append the nearest pair of a capsule and the edges of a hull; `known` as for `append_segments`."""
     v = table.pieces[stick, 1]
     length = table.axes[stick, 3]
     px, py, pz = transform(X_HS, *xyz(table.vertices, v))

@@ -46,7 +46,7 @@ _MIN_SINE = 1.0e-6
 
 @allocating_kernel
 def collide_cylinders(table, one, two, X_21, column, margin, rows, count):
-    """Appends the contacts of two cylinders; arguments as for `segments.collide_rounds`."""
+    """Append the contacts of two cylinders; arguments as for `segments.collide_rounds`."""
     ends = np.empty((4, 2), np.int64)
     apart, nx, ny, nz = expand(table, one, two, X_21, margin, _TOLERANCE, ends)
     if apart >= margin:
@@ -127,7 +127,7 @@ def _candidate(table, one, two, X_21, X_12, k, nx, ny, nz):
 
 @internal_kernel
 def _two_rims(table, one, two, X_21, end_1, end_2, nx, ny, nz):
-    """The normal of largest separation of two rims near n, by Newton's method on the sphere; NaN if none.
+    """Return the normal of largest separation of two rims near n, by Newton's method on the sphere; NaN if none.
 
     The separation is f = n . (a - b) with the farthest points a and b of the rims. Its gradient in the
     tangent plane is that of a - b there, and its Hessian -r_1 t_1 t_1' / s_1 - r_2 t_2 t_2' / s_2 - f I, with
@@ -176,7 +176,7 @@ def _two_rims(table, one, two, X_21, end_1, end_2, nx, ny, nz):
 
 @internal_kernel
 def _write(table, one, two, X_21, X_12, nx, ny, nz, pair, end_1, end_2, rows, count, column):
-    """Writes the pair of features."""
+    """Write the pair of features."""
     i, j = table.pieces[one, 1], table.pieces[two, 1]
     ux, uy, uz = turn(X_21, *xyz(table.axes, one))
     vx, vy, vz = xyz(table.axes, two)
@@ -206,7 +206,7 @@ def _write(table, one, two, X_21, X_12, nx, ny, nz, pair, end_1, end_2, rows, co
 
 @internal_kernel
 def _write_two_rims(table, c, d, one, two, X_21, nx, ny, nz, end_1, rows, count, column):
-    """Writes two rims (centres c and d) as a circle and the other's tangent, or as a point and a plane.
+    """Write two rims (centres c and d) as a circle and the other's tangent, or as a point and a plane.
 
     A rim whose axis the normal nearly follows, or along which the other's tangent runs, is no use as a circle.
     """

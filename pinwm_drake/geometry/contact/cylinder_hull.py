@@ -47,7 +47,7 @@ _CANDIDATES = 28
 
 @allocating_kernel
 def _cylinder_axis(table, one, two, X_21, margin):
-    """The normal and features by which a capsule's segment or a hull `one` meets a cylinder `two`.
+    """Return the normal and features by which a capsule's segment or a hull `one` meets a cylinder `two`.
 
     Returns:
         The signed distance of the cores (m; at least the margin where that is exceeded), the unit normal from
@@ -141,7 +141,7 @@ def _candidate(table, one, two, X_21, k, ends, size, nx, ny, nz):
 
 @internal_kernel
 def _write_pair(table, one, two, X_21, nx, ny, nz, pair, first, second, end, rows, count, column):
-    """Writes the features that `_cylinder_axis` found."""
+    """Write the features that `_cylinder_axis` found."""
     j = table.pieces[two, 1]
     ux, uy, uz = xyz(table.axes, two)
     qx, qy, qz = xyz(table.vertices, j)
@@ -170,7 +170,7 @@ def _write_pair(table, one, two, X_21, nx, ny, nz, pair, first, second, end, row
 
 @internal_kernel
 def collide_with_cylinder(table, one, two, X_21, column, margin, rows, count):
-    """Appends the contacts of a capsule or hull with a cylinder; arguments of `segments.collide_rounds`."""
+    """Append the contacts of a capsule or hull with a cylinder; arguments of `segments.collide_rounds`."""
     i = table.pieces[one, 1]
     radius = table.vertices[i, 3]
     if table.pieces[one, 0] == HULL:
@@ -219,7 +219,7 @@ def collide_with_cylinder(table, one, two, X_21, column, margin, rows, count):
 
 @internal_kernel
 def _best_face(table, one, two, X_21):
-    """The face of a hull along whose normal a cylinder is separated most, and that separation [m]."""
+    """Return the face of a hull along whose normal a cylinder is separated most, and that separation [m]."""
     X_12 = inverse_pose(X_21)
     ux, uy, uz = turn(X_12, *xyz(table.axes, two))
     cx, cy, cz = transform(X_12, *xyz(table.piece_spheres, two))
@@ -271,7 +271,7 @@ def _holds(table, one, two, X_21, face, apart):
 
 @internal_kernel
 def _on_face(table, one, two, X_21, kx, ky, kz, face, least, column, margin, rows, count):
-    """Appends the manifold of a cylinder on a face where its side or cap is nearly parallel to it."""
+    """Append the manifold of a cylinder on a face where its side or cap is nearly parallel to it."""
     nx, ny, nz = turn(X_21, *xyz(table.planes, face))
     ux, uy, uz = xyz(table.axes, two)
     along = dot(nx, ny, nz, ux, uy, uz)

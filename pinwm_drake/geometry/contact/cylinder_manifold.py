@@ -62,7 +62,7 @@ _MIN_TILT = 1.0e-4
 
 @internal_kernel
 def side_on_face(table, one, two, X_21, kx, ky, kz, face, least, column, margin, rows, count):
-    """The side of a cylinder along a face of a hull: both ends of its line of contact over the face."""
+    """Return the side of a cylinder along a face of a hull: both ends of its line of contact over the face."""
     X_12 = inverse_pose(X_21)
     j = table.pieces[two, 1]
     length, radius = table.axes[two, 3], table.vertices[j, 3]
@@ -101,7 +101,7 @@ def side_on_face(table, one, two, X_21, kx, ky, kz, face, least, column, margin,
 
 @allocating_kernel
 def cap_on_face(table, one, two, X_21, kx, ky, kz, face, end, least, column, margin, rows, count):
-    """A cap on a face of a hull: corners of the overlap of polygon and disc, at most four."""
+    """Return a cap on a face of a hull: corners of the overlap of polygon and disc, at most four."""
     X_12 = inverse_pose(X_21)
     j = table.pieces[two, 1]
     radius = table.vertices[j, 3]
@@ -193,7 +193,7 @@ def through_disc(px, py, pz, dx, dy, dz, ux, uy, uz, radius):
 
 @internal_kernel
 def segment_along_side(table, i, i2, two, X_21, kx, ky, kz, least, column, margin, rows, count):
-    """A capsule's axis or a hull's edge (vertices i, i2) along the side: its ends, and rims beside it."""
+    """Return a capsule's axis or a hull's edge (vertices i, i2) along the side: its ends, and rims beside it."""
     j = table.pieces[two, 1]
     radius, round_radius = table.vertices[j, 3], table.vertices[i, 3]
     ux, uy, uz = xyz(table.axes, two)
@@ -232,7 +232,7 @@ def segment_along_side(table, i, i2, two, X_21, kx, ky, kz, least, column, margi
 
 @internal_kernel
 def segment_on_cap(table, i, i2, two, X_21, kx, ky, kz, end, least, column, margin, rows, count):
-    """A capsule's axis or a hull's edge (vertices i, i2) on a cap: both ends of its part over the cap."""
+    """Return a capsule's axis or a hull's edge (vertices i, i2) on a cap: both ends of its part over the cap."""
     c = table.pieces[two, 1] + end
     sign = 2.0 * end - 1.0
     radius, round_radius = table.vertices[c, 3], table.vertices[i, 3]
@@ -262,7 +262,7 @@ def segment_on_cap(table, i, i2, two, X_21, kx, ky, kz, end, least, column, marg
 
 @internal_kernel
 def collect_cylinder_manifold(table, one, two, X_21, X_12, nx, ny, nz, least, column, margin, rows, count):
-    """Appends the manifold of two cylinders whose normal (from `two` to `one`, frame 2) is n."""
+    """Append the manifold of two cylinders whose normal (from `two` to `one`, frame 2) is n."""
     ux, uy, uz = turn(X_21, *xyz(table.axes, one))
     vx, vy, vz = xyz(table.axes, two)
     along_1, along_2 = dot(nx, ny, nz, ux, uy, uz), dot(nx, ny, nz, vx, vy, vz)
@@ -298,7 +298,7 @@ def collect_cylinder_manifold(table, one, two, X_21, X_12, nx, ny, nz, least, co
 
 @internal_kernel
 def _rims_along(table, one, two, X_12, nx, ny, nz, beyond, least, column, margin, rows, count):
-    """The rims of `one` beside the axis of `two`, up to `beyond` [m] past its ends; n points out of `one`."""
+    """Return the rims of `one` beside the axis of `two`, up to `beyond` [m] past its ends; n points out of `one`."""
     j = table.pieces[two, 1]
     px, py, pz = transform(X_12, *xyz(table.vertices, j))
     dx, dy, dz = turn(X_12, *xyz(table.axes, two))
@@ -316,7 +316,7 @@ def _rims_along(table, one, two, X_12, nx, ny, nz, beyond, least, column, margin
 
 @internal_kernel
 def _side_on_cap(table, one, two, X_21, X_12, cosine, end, least, column, margin, rows, count):
-    """The side of `one` on a cap of `two`: both ends of that part of its line of contact over the cap."""
+    """Return the side of `one` on a cap of `two`: both ends of that part of its line of contact over the cap."""
     i, c = table.pieces[one, 1], table.pieces[two, 1] + end
     length, radius = table.axes[one, 3], table.vertices[i, 3]
     sign = 2.0 * end - 1.0

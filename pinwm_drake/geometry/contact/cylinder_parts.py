@@ -24,7 +24,7 @@ _SINES = tuple(math.sin(2.0 * math.pi * k / RIM_POINTS) for k in range(RIM_POINT
 
 @internal_kernel
 def rim_place(table, piece, end, k):
-    """The point number k fixed on a rim (`pieces.rim_points`), m, frame of the body; `end` is 0 or 1."""
+    """Return the point number k fixed on a rim (`pieces.rim_points`), m, frame of the body; `end` is 0 or 1."""
     v = table.pieces[piece, 1] + end
     cx, cy, cz = xyz(table.vertices, v)
     ux, uy, uz = xyz(table.axes, piece)
@@ -45,14 +45,14 @@ def rim_place(table, piece, end, k):
 
 @internal_kernel
 def write_rim_place(table, piece, end, k, rows, count, column):
-    """Writes a point fixed on a rim."""
+    """Write a point fixed on a rim."""
     x, y, z = rim_place(table, piece, end, k)
     write_part(rows, count, column, POINT, x, y, z, 0.0, 0.0, 0.0, 0.0)
 
 
 @internal_kernel
 def write_cap(table, piece, end, rows, count, column):
-    """Writes the plane of a cap."""
+    """Write the plane of a cap."""
     x, y, z = xyz(table.vertices, table.pieces[piece, 1] + end)
     ux, uy, uz = xyz(table.axes, piece)
     sign = 2.0 * end - 1.0
@@ -61,7 +61,7 @@ def write_cap(table, piece, end, rows, count, column):
 
 @internal_kernel
 def write_rim(table, piece, end, rows, count, column):
-    """Writes a rim; its axis points out of the cylinder."""
+    """Write a rim; its axis points out of the cylinder."""
     v = table.pieces[piece, 1] + end
     x, y, z = xyz(table.vertices, v)
     ux, uy, uz = xyz(table.axes, piece)
@@ -71,7 +71,7 @@ def write_rim(table, piece, end, rows, count, column):
 
 @internal_kernel
 def rim_line(table, piece, end, px, py, pz, dx, dy, dz, nx, ny, nz):
-    """The normal of a rim and a line p + t d near the normal n out of the cylinder (frame of its body).
+    """Return the normal of a rim and a line p + t d near the normal n out of the cylinder (frame of its body).
 
     Returns:
         The unit normal (NaN where it is not defined), the distance of the line along it (m), and the place t
@@ -118,7 +118,7 @@ def rim_line_gap(table, piece, end, px, py, pz, dx, dy, dz, length, beyond, nx, 
 
 @internal_kernel
 def write_segment_place(table, v, w, t, rows, count, column):
-    """Writes the place t [m] on the line from vertex v to vertex w as a point, with its piece's radius."""
+    """Write the place t [m] on the line from vertex v to vertex w as a point, with its piece's radius."""
     x, y, z = xyz(table.vertices, v)
     dx, dy, dz = xyz(table.vertices, w)
     dx, dy, dz = dx - x, dy - y, dz - z
@@ -129,7 +129,7 @@ def write_segment_place(table, v, w, t, rows, count, column):
 
 @internal_kernel
 def write_crossing(table, piece, end, v, w, t, ex, ey, ez, X_CL, rows, count, column):
-    """Writes the place where a line over a cap crosses its rim.
+    """Write the place where a line over a cap crosses its rim.
 
     Where the line runs along the rim there is no definite place, and the line's point is written against the cap.
 
@@ -151,7 +151,7 @@ def write_crossing(table, piece, end, v, w, t, ex, ey, ez, X_CL, rows, count, co
 
 @internal_kernel
 def write_rim_line(table, piece, end, v, w, X_CL, nx, ny, nz, rows, count, column):
-    """Writes a rim against the line from vertex v to vertex w of another body.
+    """Write a rim against the line from vertex v to vertex w of another body.
 
     Where circle and line are ill-conditioned, the line's point is written against the plane across the
     normal.

@@ -68,7 +68,7 @@ def expand(table, one, two, X_21, margin, tolerance, ends):
 
 @internal_kernel
 def _first_tetrahedron(table, one, two, X_21, points, sources, corners, planes):
-    """A tetrahedron in the difference, turned to the origin; returns the first separation and its axis."""
+    """Return a tetrahedron in the difference, turned to the origin; returns the first separation and its axis."""
     cx, cy, cz = transform(X_21, *xyz(table.piece_spheres, one))
     dx, dy, dz = xyz(table.piece_spheres, two)
     dx, dy, dz = cx - dx, cy - dy, cz - dz
@@ -120,7 +120,7 @@ def _first_tetrahedron(table, one, two, X_21, points, sources, corners, planes):
 
 @internal_kernel
 def _set_plane(points, corners, planes, face):
-    """Computes the plane of a face; one without area gets an infinite offset and is never chosen."""
+    """Compute the plane of a face; one without area gets an infinite offset and is never chosen."""
     ax, ay, az = xyz(points, corners[face, 0])
     bx, by, bz = xyz(points, corners[face, 1])
     cx, cy, cz = xyz(points, corners[face, 2])
@@ -136,7 +136,7 @@ def _set_plane(points, corners, planes, face):
 
 @internal_kernel
 def _grow(points, new, corners, planes, horizon, faces):
-    """Replaces the faces that a new point sees by a cone over their outline; returns the number of faces."""
+    """Replace the faces that a new point sees by a cone over their outline; return the number of faces."""
     wx, wy, wz = xyz(points, new)
     kept, length = 0, 0
     for f in range(faces):

@@ -33,7 +33,7 @@ def outside_face(table, face, x, y, z):
 
 @internal_kernel
 def clip_to_face(table, face, px, py, pz, ux, uy, uz, length):
-    """The part of the segment p + t u, 0 <= t <= length, over a face (all in the frame of the face's body).
+    """Return the part of the segment p + t u, 0 <= t <= length, over a face (all in the frame of the face's body).
 
     Returns:
         Its ends t (m; the first beyond the second where nothing lies over the face) and at each the side of

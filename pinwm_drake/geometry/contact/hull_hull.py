@@ -29,7 +29,7 @@ _TOLERANCE = 1.0e-10
 
 @allocating_kernel
 def collide_hulls(table, one, two, X_21, column, margin, rows, count):
-    """Appends the contacts of two hulls; arguments as for `segments.collide_rounds`."""
+    """Append the contacts of two hulls; arguments as for `segments.collide_rounds`."""
     ends = np.empty((4, 2), np.int64)
     kind, first, second = EDGES, -1, -1
     large = _pairs(table, one, two) > _MAX_PAIRS
@@ -98,7 +98,7 @@ def _features_of_axis(table, one, two, X_21, nx, ny, nz, ends):
 
 @internal_kernel
 def _append_nearest(table, one, two, X_21, nx, ny, nz, ends, size, known, column, margin, rows, count):
-    """Appends the pair of features that the vertices in `ends` span; `known` as for `append_segments`."""
+    """Append the pair of features that the vertices in `ends` span; `known` as for `append_segments`."""
     i, i2, face_of_one = _corners(ends, size, 0)
     j, j2, face_of_two = _corners(ends, size, 1)
     if face_of_two:
@@ -117,7 +117,7 @@ def _append_nearest(table, one, two, X_21, nx, ny, nz, ends, size, known, column
 
 @internal_kernel
 def _corners(ends, size, side):
-    """The first two different vertices in a column of `ends` (or one twice), and whether there are more."""
+    """Return the first two different vertices in a column of `ends` (or one twice), and whether there are more."""
     a = ends[0, side]
     b, more = a, False
     for k in range(1, size):

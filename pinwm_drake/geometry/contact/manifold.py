@@ -39,7 +39,7 @@ _SINES = tuple(math.sin(0.61 + 0.5 * math.pi * k) for k in range(MAX_KEPT))
 
 @internal_kernel
 def aligned_face(table, hull, nx, ny, nz):
-    """The face of a hull whose normal is nearest to n (frame of its body), and the cosine between them."""
+    """Return the face of a hull whose normal is nearest to n (frame of its body), and the cosine between them."""
     face, cosine = -1, -2.0
     for f in range(table.pieces[hull, 2], table.pieces[hull + 1, 2]):
         c = table.planes[f, 0] * nx + table.planes[f, 1] * ny + table.planes[f, 2] * nz
@@ -50,7 +50,7 @@ def aligned_face(table, hull, nx, ny, nz):
 
 @allocating_kernel
 def collect_manifold(table, one, two, X_21, nx, ny, nz, least, column, margin, rows, count):
-    """Appends the manifold of two hulls whose contact normal (from `two` to `one`, frame 2) is near n.
+    """Append the manifold of two hulls whose contact normal (from `two` to `one`, frame 2) is near n.
 
     Candidates with a gap below `least` or of `margin` and more [m] are left out.
 
@@ -109,7 +109,7 @@ def collect_manifold(table, one, two, X_21, nx, ny, nz, least, column, margin, r
 
 @internal_kernel
 def add_candidate(x, y, z, gap, cosine, kind, first, second, places, features, found):
-    """Adds a candidate unless there is one at its place; returns the number of candidates."""
+    """Add a candidate unless there is one at its place; return the number of candidates."""
     for k in range(found):
         if norm(places[k, 0] - x, places[k, 1] - y, places[k, 2] - z) < _SAME_PLACE:
             return found
@@ -123,7 +123,7 @@ def add_candidate(x, y, z, gap, cosine, kind, first, second, places, features, f
 
 @internal_kernel
 def nearest_along_normal(places, found):
-    """The smallest gap among the candidates with the normal that was looked for; infinite without any."""
+    """Return the smallest gap among the candidates with the normal that was looked for; infinite without any."""
     nearest = math.inf
     for k in range(found):
         if places[k, 4] > SAME_NORMAL:
@@ -133,7 +133,7 @@ def nearest_along_normal(places, found):
 
 @internal_kernel
 def _vertices_over(table, moving, face, X_FM, on_two, cosine, least, margin, places, features, found):
-    """Adds the vertices of a hull over a face of the other; F is the frame of the face's body, 2 or 1."""
+    """Add the vertices of a hull over a face of the other; F is the frame of the face's body, 2 or 1."""
     # The plane in the frame of the moving hull: most of its vertices are far above it.
     nx, ny, nz = xyz(table.planes, face)
     mx, my, mz = turn_back(X_FM, nx, ny, nz)
@@ -154,7 +154,7 @@ def _vertices_over(table, moving, face, X_FM, on_two, cosine, least, margin, pla
 
 @internal_kernel
 def _edges_over(table, moving, face, X_FM, X_21, kx, ky, kz, on_two, least, margin, places, features, found):
-    """Adds the crossings of the edges of a hull with the sides of a face of the other, whose frame is F."""
+    """Add the crossings of the edges of a hull with the sides of a face of the other, whose frame is F."""
     nx, ny, nz = xyz(table.planes, face)
     mx, my, mz = turn_back(X_FM, nx, ny, nz)
     offset = table.planes[face, 3] - nx * X_FM[9] - ny * X_FM[10] - nz * X_FM[11]
@@ -186,7 +186,7 @@ def _edges_over(table, moving, face, X_FM, X_21, kx, ky, kz, on_two, least, marg
 
 @internal_kernel
 def reduce_candidates(ex, ey, ez, nx, ny, nz, places, features, found):
-    """Moves the outermost candidates to the front, and the deepest in place of the nearest kept one.
+    """Move the outermost candidates to the front, and the deepest in place of the nearest kept one.
 
     The deepest is taken among the candidates with the normal that was looked for, where there are any.
 

@@ -20,7 +20,7 @@ __all__ = ["collide_bodies", "collide_floor"]
 
 @large_internal_kernel
 def collide_bodies(table, body_A, R_WA, p_WA, body_B, R_WB, p_WB, margin, rows, count):
-    """Appends the contacts between the pieces of two bodies.
+    """Append the contacts between the pieces of two bodies.
 
     Args:
         table: PieceTable.

@@ -53,7 +53,7 @@ def closest_on_segments(px, py, pz, ux, uy, uz, length, qx, qy, qz, vx, vy, vz, 
 
 @internal_kernel
 def collide_rounds(table, one, two, X_21, column, margin, rows, count):
-    """Appends the contacts of a sphere or capsule with another.
+    """Append the contacts of a sphere or capsule with another.
 
     Args:
         table: PieceTable.
@@ -77,7 +77,7 @@ def collide_rounds(table, one, two, X_21, column, margin, rows, count):
 
 @internal_kernel
 def append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, known, column, margin, rows, count):
-    """Appends the nearest pair of two segments, and both ends of the overlap of nearly parallel ones.
+    """Append the nearest pair of two segments, and both ends of the overlap of nearly parallel ones.
 
     Args:
         table: PieceTable.
@@ -150,7 +150,7 @@ def append_segments(table, i, i2, j, j2, X_21, nx, ny, nz, known, column, margin
 
 @internal_kernel
 def _write_places(table, i, i2, j, j2, s, t, end_s, end_t, sign, rows, count, column):
-    """Writes a place on each of two segments; `end_s` is -1 or 1 at an end, which is copied, or 0."""
+    """Write a place on each of two segments; `end_s` is -1 or 1 at an end, which is copied, or 0."""
     if end_s == 0:
         write_line(table, i, i2, s, sign, rows, count, column)
     else:
@@ -163,7 +163,7 @@ def _write_places(table, i, i2, j, j2, s, t, end_s, end_t, sign, rows, count, co
 
 @internal_kernel
 def write_coincident(table, i, j, vx, vy, vz, rows, count, column):
-    """Writes vertex i against a plane that touches the ball about vertex j, across the axis of its piece."""
+    """Write vertex i against a plane that touches the ball about vertex j, across the axis of its piece."""
     nx, ny, nz = (0.0, -vz, vy) if abs(vx) < 0.8 else (vz, 0.0, -vx)
     length = norm(nx, ny, nz)
     if length == 0.0:

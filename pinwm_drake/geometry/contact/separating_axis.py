@@ -89,7 +89,7 @@ def separating_axis(table, one, two, X_21, margin):
 
 @internal_kernel
 def _lowest(table, hull, nx, ny, nz):
-    """The vertex of a hull that is lowest along n, and its height [m]."""
+    """Return the vertex of a hull that is lowest along n, and its height [m]."""
     lowest, low = -1, math.inf
     for v in range(table.pieces[hull, 1], table.pieces[hull + 1, 1]):
         along = table.vertices[v, 0] * nx + table.vertices[v, 1] * ny + table.vertices[v, 2] * nz

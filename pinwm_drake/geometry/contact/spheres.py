@@ -18,7 +18,7 @@ from pinwm_drake.jit import internal_kernel
 
 @internal_kernel
 def collide_sphere_hull(table, ball, hull, X_HS, column, margin, rows, count):
-    """Appends the contact of a sphere with a hull; arguments as for `segments.collide_rounds`."""
+    """Append the contact of a sphere with a hull; arguments as for `segments.collide_rounds`."""
     v = table.pieces[ball, 1]
     radius = table.vertices[v, 3]
     x, y, z = transform(X_HS, *xyz(table.vertices, v))
@@ -58,7 +58,7 @@ def collide_sphere_hull(table, ball, hull, X_HS, column, margin, rows, count):
 
 @internal_kernel
 def collide_sphere_cylinder(table, ball, drum, X_21, column, margin, rows, count):
-    """Appends the contact of a sphere with a cylinder; arguments as for `segments.collide_rounds`."""
+    """Append the contact of a sphere with a cylinder; arguments as for `segments.collide_rounds`."""
     v, j = table.pieces[ball, 1], table.pieces[drum, 1]
     ux, uy, uz = xyz(table.axes, drum)
     half, radius = 0.5 * table.axes[drum, 3], table.vertices[j, 3]

@@ -14,7 +14,7 @@ class Augment:
     """
 
     def __init__(self, shift: int, gain: float, mask: float = 0.0) -> None:
-        """Keeps the ranges of the changes.
+        """Keep the ranges of the changes.
 
         Args:
             shift: px, largest shift along both axes.
@@ -25,7 +25,7 @@ class Augment:
         self._shift, self._gain, self._mask = shift, gain, mask
 
     def __call__(self, image: Tensor) -> Tensor:
-        """Changed images (B, 3 k, height, width) float32, 0 for white and 1 for black; torch's generator draws.
+        """Return changed images (B, 3 k, height, width) float32, 0 for white and 1 for black; torch draws.
 
         Args:
             image: (B, height, width, 3 k) uint8, RGB.
@@ -35,7 +35,7 @@ class Augment:
         return dark.mul_((factors / -255.0)[:, :, None, None])
 
     def drawn(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Moved images (B, height, width, 3 k) uint8, and factors (B, 3 k) float32 by which they are to be darker.
+        """Return moved images (B, height, width, 3 k) uint8, and factors (B, 3 k) float32 of their darkening.
 
         Args:
             image: That of a call, which is the two together.
@@ -68,7 +68,7 @@ class Augment:
         return frayed
 
     def as_images(self, image: Tensor) -> Tensor:
-        """Changed images (B, height, width, 3 k) uint8, 255 for white; the argument is that of a call."""
+        """Return the changed images (B, height, width, 3 k) uint8, 255 for white; the argument is that of a call."""
         return (255.0 * (1.0 - self(image))).round_().clamp_(0.0, 255.0).byte().permute(0, 2, 3, 1)
 
     def _moved(self, image: Tensor) -> Tensor:

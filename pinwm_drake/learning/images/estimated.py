@@ -42,7 +42,7 @@ class Estimated(SeenWorlds):
     """
 
     def __init__(self, env: VecEnv, actor: ImageActor, length: int) -> None:
-        """Wraps worlds whose observation is a dict with `image`, `pusher` and `state`; `goal` where episodes draw it.
+        """Wrap worlds whose observation is a dict with `image`, `pusher` and `state`; `goal` where episodes draw it.
 
         Args:
             env: The worlds.
@@ -93,7 +93,7 @@ class Regression(BaseCallback):
         epochs: int,
         batch_size: int,
     ) -> None:
-        """Takes the worlds and their network.
+        """Take the worlds and their network.
 
         Args:
             worlds: The worlds.

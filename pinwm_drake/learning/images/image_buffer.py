@@ -48,7 +48,7 @@ class Frames:
         return int(self._ends[-1]) if len(self._ends) else 0
 
     def add(self, chunk: Chunk) -> None:
-        """Adds a chunk, and drops the oldest ones where there are more images than fit."""
+        """Add a chunk, and drop the oldest ones where there are more images than fit."""
         self._chunks.append(chunk)
         while len(self._chunks) > 1 and sum(len(one.start) for one in self._chunks) > self._most:
             self._chunks.pop(0)

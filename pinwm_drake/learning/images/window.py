@@ -42,7 +42,7 @@ class Window(nn.Module):
     _steps: Tensor
 
     def __init__(self, spec: PolicySpec) -> None:
-        """Takes camera, floor and object of a policy whose specification has a window.
+        """Take camera, floor and object of a policy whose specification has a window.
 
         Raises:
             ParameterError: It has no scene.

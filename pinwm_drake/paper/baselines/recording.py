@@ -43,7 +43,7 @@ class Episode(ArrayFile):
 
     @classmethod
     def read(cls, path: Path, about: Mapping[str, object] | None = None) -> Self:
-        """Reads the episode that `write` wrote to a file, whose arrays have to fit each other; see `ArrayFile.read`."""
+        """Read the episode that `write` wrote to a file, whose arrays have to fit each other; see `ArrayFile.read`."""
         episode = super().read(path, about)
         steps = len(episode)
         lengths = (len(episode.images), len(episode.pusher), len(episode.rewards))
@@ -81,7 +81,7 @@ def read_episodes(folder: Path) -> list[Episode]:
 def record_batch(
     env: VecEnv, make_act: Callable[[int], Act], number: int, *, seed: int, on_batch: OnRound | None
 ) -> list[tuple[Episode, dict[str, Any]]]:
-    """Records a batch of episodes, all of which follow from the seed and the batch's number; see `record_episodes`."""
+    """Record a batch of episodes, all of which follow from the seed and the batch's number; see `record_episodes`."""
     domains, worlds, own = np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(3) >> 1
     if on_batch is not None:
         on_batch(int(domains))
@@ -89,7 +89,7 @@ def record_batch(
 
 
 def record_episodes(env: VecEnv, act: Act, seed: int) -> list[tuple[Episode, dict[str, Any]]]:
-    """Records one episode of each world; all begin where the scene says.
+    """Record one episode of each world; all begin where the scene says.
 
     Args:
         env: Worlds whose observation has `image`, whose last three channels are kept, and `pusher`.
@@ -135,5 +135,5 @@ def _recorded(env: VecEnv, act: Act) -> list[tuple[Episode, dict[str, Any]]]:
 
 
 def _last(image: np.ndarray) -> np.ndarray:
-    """The last image (height, width, 3) of a stack, copied."""
+    """Return the last image (height, width, 3) of a stack, copied."""
     return image[..., -3:].copy()

@@ -67,7 +67,7 @@ class Cell:
         return self.times[0 if self.quick else 1]
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Makes it in `root / key`, where a run that was killed may have left what it had.
+        """Make it in `root / key`, where a run that was killed may have left what it had.
 
         Args:
             root: Folder of the experiment, with the cells that it needs.
@@ -89,7 +89,7 @@ class CellStore:
     root: Path
 
     def read(self, cell: Cell) -> dict[str, Any] | None:
-        """Result of a cell with its provenance; None where it is not made yet.
+        """Return the result of a cell with its provenance; None where it is not made yet.
 
         Raises:
             InputError: The folder holds a cell of other settings, of which the message names the first one, or its file
@@ -108,7 +108,7 @@ class CellStore:
         return done
 
     def write(self, cell: Cell, result: Mapping[str, Any]) -> None:
-        """Keeps the result of a cell, which is so made."""
+        """Keep the result of a cell, which is so made."""
         _write_json(self.root / cell.key / DONE_FILE, result)
         log_path(self.root, cell, _RUNS).unlink(missing_ok=True)
 
@@ -125,7 +125,7 @@ def log_path(root: Path, cell: Cell, suffix: str) -> Path:
 
 
 def made(cell: Cell, root: Path, say: Say) -> dict[str, Any]:
-    """Makes a cell, and tells with its result how, where and in what time, all runs together.
+    """Make a cell, and tell with its result how, where and in what time, all runs together.
 
     A run notes itself in the folder of logs every half a minute, and when it fails, so that one that was killed counts.
     Where there were several, the provenance lists them as `runs`; `CellStore.write` removes the notes.
@@ -153,7 +153,7 @@ def made(cell: Cell, root: Path, say: Say) -> dict[str, Any]:
 
 @contextmanager
 def _every(period: float, note: Callable[[], None]) -> Iterator[None]:
-    """Calls a function now and then while a block runs, and once more when that fails or ends."""
+    """Call a function now and then while a block runs, and once more when that fails or ends."""
     ended = threading.Event()
 
     def now() -> None:
@@ -196,7 +196,7 @@ def _read_json(path: Path) -> Any:
 
 
 def _write_json(path: Path, content: Any) -> None:
-    """Writes a file of a cell's folder, whole or not at all; the folder is made if need be."""
+    """Write a file of a cell's folder, whole or not at all; the folder is made if need be."""
     with replacing(prepare_folder(path.parent) / path.name) as temporary:
         temporary.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
@@ -208,7 +208,7 @@ def _machine() -> str:
 
 
 def settings_of(cell: Any) -> Any:
-    """Settings of a cell and of those that it is made from, as JSON has them."""
+    """Return settings of a cell and of those that it is made from, as JSON has them."""
     if is_dataclass(cell):
         told = {one.name: settings_of(getattr(cell, one.name)) for one in fields(cell)}
         return {"kind": type(cell).__name__, **told}
@@ -245,7 +245,7 @@ def _other_setting(cell: Any, settings: Any, name: str = "") -> str:
 
 
 def empty_folder(path: Path) -> Path:
-    """A folder that was emptied of what a run left that was killed."""
+    """Return a folder that was emptied of what a run left that was killed."""
     shutil.rmtree(path, ignore_errors=True)
     return prepare_folder(path)
 

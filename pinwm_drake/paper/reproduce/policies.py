@@ -169,7 +169,7 @@ class DemonstrationsCell(Cell):
         return self.episodes * 25 * 0.5 / 3600.0
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Records the episodes; see `Cell.make`. A quick expert does nothing, and a quick task is done anywhere."""
+        """Record the episodes; see `Cell.make`. A quick expert does nothing, and a quick task is done anywhere."""
         cell, folder = self.expert, root / self.key
         expert, near = read_policy(root / cell.key / TEACHER / "policy"), {}
         if cell.quick:
@@ -223,7 +223,7 @@ class TrajectoriesCell(SceneCell):
         return self.episodes * self.steps * 0.5 / 3600.0
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Records the episodes; see `Cell.make`."""
+        """Record the episodes; see `Cell.make`."""
         folder = root / self.key
         models, stand_in = folder / "models", self.stand_in
         env, spec = recording_plant(self.scene.scene, models, stand_in=stand_in, max_steps=self.steps)
@@ -291,7 +291,7 @@ def _origin(cell: SceneCell) -> dict[str, object]:
 
 
 def _counted(say: Say, words: str) -> Callable[[int], None]:
-    """Function that says the number of each episode."""
+    """Return the function that says the number of each episode."""
     begun = count(1)
     return lambda seed: say(f"episode {next(begun)} of this run, {words}")
 
@@ -342,7 +342,7 @@ class EvaluationCell(SceneCell):
         return self.episodes * (known if self.max_steps is None else 0.5 * self.max_steps) / 3600.0
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Runs the episodes; see `Cell.make`."""
+        """Run the episodes; see `Cell.make`."""
         scene = self.scene
         subject = None if self.subject is None else str(root / self.subject.key / self.inside)
         given: dict[str, Any] = {"policy": subject}

@@ -121,7 +121,7 @@ class OneStepCell(Cell):
         return self.outcomes.draws * (1 + self.curve * _POINTS) * (0.05 + 0.01 * self.outcomes.rest) / 3600.0
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Takes the same actions in the twin; see `Cell.make`."""
+        """Take the same actions in the twin; see `Cell.make`."""
         scene, outcomes = self.outcomes.read(root)
         rest = self.outcomes.rest
         if self.twin is None:
@@ -188,7 +188,7 @@ class SeenOutcomesCell(Cell):
         return self.outcomes.draws * (2.0 + _READING) / 3600.0
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Takes the actions again, and reads the images after them; see `Cell.make`."""
+        """Take the actions again, and read the images after them; see `Cell.make`."""
         scene, outcomes = self.outcomes.read(root)
         seen = see_outcomes(scene, ENGINE, outcomes)
         seen.write(prepare_folder(root / self.key) / SEEN_FILE)

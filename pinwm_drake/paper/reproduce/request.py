@@ -34,7 +34,7 @@ class ReproduceRequest:
     quick: Annotated[bool, option("Tiny budgets, one episode, three draws: shows that it works.", group=BUDGET)] = False
 
     def __post_init__(self) -> None:
-        """Checks the names; what is named twice counts once."""
+        """Check the names; what is named twice counts once."""
         from pinwm_drake.paper.reproduce.systems import SYSTEMS, TASK_SCENES
 
         object.__setattr__(self, "tasks", tuple(dict.fromkeys(self.tasks)))

@@ -40,7 +40,7 @@ def read_results(tables: Sequence[Table], request: ReproduceRequest, root: Path)
 
 
 def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest, root: Path) -> None:
-    """Writes tables in Markdown, with where and when all that they need was made, and figures of them beside the file.
+    """Write tables in Markdown, with where and when all that they need was made, and figures of them beside the file.
 
     Args:
         path: File; figures have its stem and the table's name.
@@ -154,7 +154,7 @@ def plan(tables: Sequence[Table], request: ReproduceRequest, root: Path) -> Plan
 
 
 def seeds_of(root: Path) -> int:
-    """Number of seeds, from 0 on, of which there are cells in a folder; 1 where there are none."""
+    """Return the number of seeds, from 0 on, of which there are cells in a folder; 1 where there are none."""
     found = [path.parent.name.removeprefix("seed-") for path in root.rglob(f"seed-*/{DONE_FILE}")]
     return 1 + max((int(name) for name in found if name.isdigit()), default=0)
 
@@ -167,7 +167,7 @@ def reproduce(
     executor: Executor | None = None,
     on_cell: Callable[[Cell, dict[str, Any]], None] = lambda cell, done: None,
 ) -> None:
-    """Makes all cells of tables that are not made yet; those that a run left that was killed go on.
+    """Make all cells of tables that are not made yet; those that a run left that was killed go on.
 
     Args:
         executor: Processes that share the cells; None for one on each core.
@@ -194,7 +194,7 @@ class CellError(PinwmError):
 
 
 def _make(root: Path, cell: Cell) -> dict[str, Any]:
-    """Makes a cell; when it began and ended, and what it tells on the way, stands in a log.
+    """Make a cell; when it began and ended, and what it tells on the way, stands in a log.
 
     Raises:
         CellError: It cannot be made, whatever the reason: others go on. The log has the traceback.

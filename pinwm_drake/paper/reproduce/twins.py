@@ -116,7 +116,7 @@ class NoisyCaptureCell(Cell):
         return self.capture.episode
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Copies the capture, and moves the vertices of its mesh; see `Cell.make`."""
+        """Copy the capture, and move the vertices of its mesh; see `Cell.make`."""
         if self.refined:
             known = replace(self, refined=False)
             out = empty_folder(root / self.key)
@@ -128,7 +128,7 @@ class NoisyCaptureCell(Cell):
         return self._copied(root, empty_folder(root / self.key))
 
     def _copied(self, root: Path, out: Path) -> Mapping[str, Any]:
-        """Writes the capture with the moved vertices to a folder, and tells how far they were moved."""
+        """Write the capture with the moved vertices to a folder, and tell how far they were moved."""
         ignored = shutil.ignore_patterns(DONE_FILE)
         shutil.copytree(root / self.capture.key, out, ignore=ignored, dirs_exist_ok=True)
         path = load_capture(out).object.mesh_path
@@ -180,12 +180,12 @@ class IdentifiedCell(Cell):
         return f"twins/{self.system}{'-' if self.only else ''}{self.only}/{self.surfels.capture.place}"
 
     def held(self) -> dict[str, float]:
-        """True values of what is not looked for, where one unknown alone is; without inertia."""
+        """Return True values of what is not looked for, where one unknown alone is; without inertia."""
         true = task_scene(self.surfels.capture.task).true_theta
         return {name: value for name, value in true.items() if name != self.only and not name.startswith("inertia")}
 
     def told(self, twin: Twin) -> dict[str, Any]:
-        """Result of the cell: what is known of theta."""
+        """Return the result of the cell: what is known of theta."""
         estimates = {
             name: {
                 "value": one.value,
@@ -206,7 +206,7 @@ class TwinCell(IdentifiedCell):
     system: str = PIN_WM
 
     def make(self, root: Path, say: Say) -> Mapping[str, Any]:
-        """Identifies the twin; see `Cell.make`."""
+        """Identify the twin; see `Cell.make`."""
         capture, out = self.surfels.capture, prepare_folder(root / self.key)
         for name in (SURFELS_FILE, ALIGN_FILE):
             shutil.copyfile(root / self.surfels.key / name, out / name)

@@ -369,7 +369,7 @@ def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, sol
 
 @part_of_kernel
 def step_adjoint(model, theta, theta_bar, bodies, contacts, system, solver, adjoint):
-    """Pulls the gradient of the state after a step back to the state before it, and to the parameters.
+    """Pull the gradient of the state after a step back to the state before it, and to the parameters.
 
     Args:
         model: as in the forward step.

@@ -38,7 +38,7 @@ NO_LIMIT = 1e300
 
 @small_kernel
 def slides(mode):
-    """True for the modes of a contact that slides."""
+    """Return True for the modes of a contact that slides."""
     return mode in (SLIDES, FULL_SLIDES)
 
 
@@ -60,7 +60,7 @@ def contact_velocity(contacts, c, x):
 
 @small_kernel
 def contact_velocities(contacts, x, v):
-    """Writes v = J x + bias (C, 3) of all contacts."""
+    """Write v = J x + bias (C, 3) of all contacts."""
     bias = contacts.bias
     for c in range(contacts.number[0]):
         jn, j1, j2 = contact_velocity(contacts, c, x)
@@ -141,7 +141,7 @@ def contact_impulse(work, c):
 
 @small_kernel
 def assemble(system, contacts, work):
-    """Writes the derivative S for the gains in `work.gain`."""
+    """Write the derivative S for the gains in `work.gain`."""
     num_bodies, num_rows = system.num_bodies, system.num_rows
     inertia, mass, J_e = system.inertia, system.mass, system.J_e
     bodies, J, S = contacts.dynamic, contacts.J, work.S
@@ -186,7 +186,7 @@ def assemble(system, contacts, work):
 
 @small_kernel
 def negative_residual(system, contacts, work, out):
-    """Writes out = -(M xi' - p - J_e' lambda_e - J' (offset - G v); J_e xi' + bias_e + eps_e lambda_e)."""
+    """Write out = -(M xi' - p - J_e' lambda_e - J' (offset - G v); J_e xi' + bias_e + eps_e lambda_e)."""
     bodies, J, x = contacts.dynamic, contacts.J, work.x
     inertia, mass, momentum, J_e = system.inertia, system.mass, system.momentum, system.J_e
     size = 6 * system.num_bodies
@@ -217,7 +217,7 @@ def negative_residual(system, contacts, work, out):
 
 @small_kernel
 def take_impulses(contacts, work):
-    """Writes the impulses of all contacts at work.v into work.lam (C, 3)."""
+    """Write the impulses of all contacts at work.v into work.lam (C, 3)."""
     for c in range(contacts.number[0]):
         work.lam[c, 0], work.lam[c, 1], work.lam[c, 2] = contact_impulse(work, c)
 

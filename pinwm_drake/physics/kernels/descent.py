@@ -83,7 +83,7 @@ def _set_gains(system, contacts, work):
 
 @kernel
 def _slope(system, contacts, work, constant, linear, share):
-    """Derivative of the function along work.dx at a share of it; constant and linear are those of what is quadratic."""
+    """Return the derivative along work.dx at a share of it; constant and linear are of the quadratic part."""
     total = constant + share * linear
     for c in range(contacts.number[0]):
         v, dv = work.v[c], work.dv[c]
@@ -96,7 +96,7 @@ def _slope(system, contacts, work, constant, linear, share):
 
 @kernel
 def _quadratic(system, work):
-    """Derivative along work.dx of the part without contacts, at work.x, and how it grows with the step."""
+    """Return the derivative along work.dx of the part without contacts, at work.x, and how it grows with the step."""
     x, dx = work.x, work.dx
     size = 6 * system.num_bodies
     constant, linear = 0.0, 0.0
@@ -150,7 +150,7 @@ def _search(system, contacts, work):
 
 @kernel
 def descend(system, contacts, work, impulse, speed):
-    """Moves work.x to the minimum for the bounds in work.radius; returns the steps taken, or -1 if they ran out."""
+    """Move work.x to the minimum for the bounds in work.radius; return the steps taken, or -1 if they ran out."""
     size = 6 * system.num_bodies
     n = size + system.num_rows
     for step in range(MOST_STEPS):

@@ -25,7 +25,7 @@ def _speed_bound(model, bodies, b):
 
 @small_kernel
 def place_pieces(model, center, R, p, place):
-    """Writes the origins of the pieces' frames into place (N, 3), from poses (R, p) of the bodies, m."""
+    """Write the origins of the pieces' frames into place (N, 3), from poses (R, p) of the bodies, m."""
     for b in range(model.num_bodies + model.num_kinematic):
         for i in range(3):
             place[b, i] = p[b, i] - (R[b, i, 0] * center[b, 0] + R[b, i, 1] * center[b, 1] + R[b, i, 2] * center[b, 2])
@@ -33,7 +33,7 @@ def place_pieces(model, center, R, p, place):
 
 @part_of_kernel
 def select_features(model, bodies, contacts):
-    """Runs the narrow phase on all pairs; fills contacts.rows, body, dynamic, pair and count."""
+    """Run the narrow phase on all pairs; fill contacts.rows, body, dynamic, pair and count."""
     nb, h, g = model.num_bodies, bodies.time_step[0], model.gravity
     R, place, rows = bodies.R, bodies.place, contacts.rows
     fall = h * norm(g[0], g[1], g[2])
@@ -90,7 +90,7 @@ def rebound(model, bodies, contacts, c, e):
 
 @small_kernel
 def build_rows(model, friction, restitution, bodies, contacts, system):
-    """Fills frames, levers, Jacobians and biases of the selected contacts.
+    """Fill frames, levers, Jacobians and biases of the selected contacts.
 
     Args:
         friction: (num_pairs,).

@@ -11,7 +11,7 @@ _NEWTON_STEPS = 8
 
 @small_kernel
 def rotation_from_quaternion(q, R):
-    """Writes R (3, 3) of a unit quaternion q (w, x, y, z)."""
+    """Write R (3, 3) of a unit quaternion q (w, x, y, z)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     R[0, 0] = 1.0 - 2.0 * (y * y + z * z)
     R[0, 1] = 2.0 * (x * y - w * z)
@@ -58,7 +58,7 @@ def solve3(A, x, y, z):
 
 @kernel
 def gyroscopic_jacobian(I_B, w, h):
-    """Derivative of the gyroscopic residual, I_B + h ([w]x I_B - [I w]x), as nine numbers by rows."""
+    """Return the derivative of the gyroscopic residual, I_B + h ([w]x I_B - [I w]x), as nine numbers by rows."""
     x, y, z = w[0], w[1], w[2]
     mx, my, mz = rotate(I_B, x, y, z)
     return (

@@ -103,7 +103,7 @@ def leave_out_ghosts(model, bodies, contacts, solver, sweep):
 
 @kernel
 def switch_off(contacts, sweep):
-    """Makes the rows that are left out stay open whatever happens."""
+    """Make the rows that are left out stay open whatever happens."""
     for c in range(contacts.number[0]):
         if sweep.out[c] == 0:
             continue

@@ -27,7 +27,7 @@ def joint_geometry(model, bodies, r, d, u_A, u_B):
 
 @allocating_kernel
 def build_joints(model, bodies, system):
-    """Fills system.J_e, bias_e (the pusher's share) and error_e."""
+    """Fill system.J_e, bias_e (the pusher's share) and error_e."""
     nb = model.num_bodies
     d, u_A, u_B, row = np.empty(3), np.empty(3), np.empty(3), np.empty(6)
     for r in range(system.num_rows):
@@ -80,7 +80,7 @@ def _add_cross(out, scale, a, b):
 
 @allocating_kernel
 def joints_adjoint(model, bodies, system, solver, adjoint):
-    """Pulls the gradients of J_e, bias_e and error_e back to poses and to the pusher's velocity.
+    """Pull the gradients of J_e, bias_e and error_e back to poses and to the pusher's velocity.
 
     adjoint.J_e and adjoint.error_e hold what the stabilisation gave; the part of the step's equations is added here.
     The derivative of an angular row's error leaves out terms of the size of the joint's drift (below 1e-6).

@@ -55,7 +55,7 @@ def resistance(system, contacts, c):
 
 @small_kernel
 def _close(system, contacts, work, c):
-    """Closes contact c: it slides where its friction would not stop it while its normal impulse stops the approach."""
+    """Close contact c: it slides where its friction would not stop it while its normal impulse stops the approach."""
     v, mu = work.v[c], contacts.mu[c]
     speed = math.sqrt(v[1] * v[1] + v[2] * v[2])
     if speed <= -mu * v[0]:
@@ -135,7 +135,7 @@ def _correct(system, contacts, work, impulse, speed):
 
 @small_kernel
 def _step(system, contacts, work):
-    """Adds the solution of the factored system to work.x; its velocities and impulses follow.
+    """Add the solution of the factored system to work.x; its velocities and impulses follow.
 
     Returns:
         Largest change of an entry of x.

@@ -52,7 +52,7 @@ def contact_impulses(model, parameters, V_P, states, impulses, status, limit, fi
 
 @entry_point
 def inspect_step(model, parameters, V_P, states, limit, w):
-    """Builds and solves one step from the state of world w; see `diagnose.inspect`.
+    """Build and solve one step from the state of world w; see `diagnose.inspect`.
 
     Args:
         model, parameters, V_P, states, limit: as in `contact_impulses`, of one step.

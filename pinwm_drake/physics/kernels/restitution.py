@@ -47,7 +47,7 @@ def _gain(model, bodies, system, contacts, work):
 
 @kernel
 def _bounce(contacts, share):
-    """Changes the share of the bounces in the biases."""
+    """Change the share of the bounces in the biases."""
     for c in range(contacts.number[0]):
         contacts.bias[c, 0] += (contacts.elastic[0] - share) * contacts.rebound[c]
     contacts.elastic[0] = share
@@ -55,7 +55,7 @@ def _bounce(contacts, share):
 
 @large_kernel
 def _bounce_less(model, bodies, system, contacts, work, gained):
-    """Finds the share of the bounces with which nothing is gained, where all of them gain something, J."""
+    """Find the share of the bounces with which nothing is gained, where all of them gain something, J."""
     low, high = 0.0, contacts.elastic[0]
     _bounce(contacts, low)
     used = solve_again(bodies, system, contacts, work)

@@ -75,7 +75,7 @@ def drive(bodies, nb, has_pusher, V_P, t, w):
 
 @kernel
 def _store_solution(bodies, contacts, solver, saved, t, s, w):
-    """Stores what slot s needs beside its state: modes, share of the bounces, length and number of the step."""
+    """Store what slot s needs beside its state: modes, share of the bounces, length and number of the step."""
     modes, elastic, lengths, steps, used = saved[5:]
     for c in range(contacts.number[0]):
         modes[s, w, c] = solver.mode[c]
@@ -101,7 +101,7 @@ def _load_solution(bodies, contacts, solver, nb, states, saved, s, w):
 
 @kernel
 def _last_motion(V_P, w):
-    """Number of the last step in which the pusher moves; -1 where it never does."""
+    """Return the number of the last step in which the pusher moves; -1 where it never does."""
     for t in range(V_P.shape[0] - 1, -1, -1):
         for i in range(6):
             if V_P[t, w, i] != 0.0:
@@ -175,7 +175,7 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved, work)
 
 @kernel
 def _frame_gradient(adjoint, nb, has_pusher, states, bars, f, w):
-    """Adds the loss's gradient at a recorded frame; quaternion gradients become rotation-vector gradients."""
+    """Add the loss's gradient at a recorded frame; quaternion gradients become rotation-vector gradients."""
     q, _, _, q_P, _ = states
     q_bar, p_bar, V_bar, q_P_bar, p_P_bar = bars
     for b in range(nb + (1 if has_pusher else 0)):
@@ -254,7 +254,7 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
 
 @entry_point
 def rollout_forward(model, parameters, V_P, record_every, frames, saved, first, last):
-    """Rolls out worlds first..last-1, without holding Python's lock.
+    """Roll out worlds first..last-1, without holding Python's lock.
 
     Args:
         model: ModelArrays.
@@ -273,7 +273,7 @@ def rollout_forward(model, parameters, V_P, record_every, frames, saved, first, 
 
 @entry_point
 def rollout_backward(model, parameters, V_P, record_every, frames, saved, frame_bars, bars, first, last):
-    """Pulls gradients back through worlds first..last-1, without holding Python's lock.
+    """Pull gradients back through worlds first..last-1, without holding Python's lock.
 
     Args:
         model, parameters, V_P, record_every, frames, saved, first, last: as in `rollout_forward`.

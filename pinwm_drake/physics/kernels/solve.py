@@ -23,7 +23,7 @@ FOUND = 1e-9
 
 @small_kernel
 def _guess(bodies, system, contacts, work, impulse):
-    """Starts from the velocities before the step, with the modes and bounds of friction that contacts have at them.
+    """Start from the velocities before the step, with the modes and bounds of friction that contacts have at them.
 
     No contact is taken for full: one that closes fast only looks like it.
     """
@@ -53,7 +53,7 @@ def _is_finite(n, x):
 
 @kernel
 def _rounds(system, contacts, work, impulse, speed):
-    """Finds bounds of friction and normal forces that agree, from the bounds in work.radius on.
+    """Find bounds of friction and normal forces that agree, from the bounds in work.radius on.
 
     Every round descends with the bounds of the round before, and then Newton's method is tried from there.
 

@@ -43,7 +43,7 @@ def wanted(contacts, c):
 
 @kernel
 def _assemble(model, contacts, system, solver):
-    """Writes the normal equations of the contacts that push into solver.S_delta and solver.delta."""
+    """Write the normal equations of the contacts that push into solver.S_delta and solver.delta."""
     size = 6 * system.num_bodies
     S, delta = solver.S_delta, solver.delta
     for i in range(size):

@@ -23,7 +23,7 @@ HALVE = -2
 
 @small_kernel
 def build_step(model, mass, inertia, friction, restitution, bodies, contacts, system):
-    """Builds a step up to its equations: dynamics, contacts, joints."""
+    """Build a step up to its equations: dynamics, contacts, joints."""
     begin_step(model, mass, inertia, bodies, system)
     select_features(model, bodies, contacts)
     build_rows(model, friction, restitution, bodies, contacts, system)
@@ -33,7 +33,7 @@ def build_step(model, mass, inertia, friction, restitution, bodies, contacts, sy
 
 @small_kernel
 def advance(model, bodies, contacts, system, solver):
-    """Takes the new velocities from solver.x and moves all poses (semi-implicit Euler, then stabilisation)."""
+    """Take the new velocities from solver.x and move all poses (semi-implicit Euler, then stabilisation)."""
     h = bodies.time_step[0]
     nb = model.num_bodies
     for b in range(nb):
@@ -74,7 +74,7 @@ def solve_step(model, friction, restitution, bodies, contacts, system, solver, s
 
 @small_kernel
 def is_jammed(contacts, solver):
-    """True where a contact bears the largest impulse that it has."""
+    """Return True where a contact bears the largest impulse that it has."""
     jammed = False
     for c in range(contacts.number[0]):
         jammed = jammed or solver.mode[c] >= FULL_STICKS
@@ -83,7 +83,7 @@ def is_jammed(contacts, solver):
 
 @kernel
 def _turns_into(model, bodies, contacts, solver, sweep):
-    """True where a body that turns fast, or has rims, would be deep in another, or in the floor, at the step's end."""
+    """Return True where a body that turns fast, or has rims, would be deep in another at the step's end."""
     nb, h = model.num_bodies, bodies.time_step[0]
     if contacts.number[0] == 0 or is_jammed(contacts, solver):
         return False

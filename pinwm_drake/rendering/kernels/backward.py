@@ -12,7 +12,7 @@ from pinwm_drake.rendering.kernels.project_adjoint import pull_surfel, quaternio
 
 @entry_point
 def pull_rows(scene, steepness, origins, images, image_bars, bars, bands, first, last):
-    """Pulls the gradients of bands first..last-1 of tile rows back to the projected surfels.
+    """Pull the gradients of bands first..last-1 of tile rows back to the projected surfels.
 
     Args:
         scene, steepness, origins, images: as in `forward.blend_rows`.
@@ -37,7 +37,7 @@ def pull_rows(scene, steepness, origins, images, image_bars, bars, bands, first,
 
 @entry_point
 def pull_surfels(surfels, sh, view, splats, boxes, bars, surfel_bars, sh_bar, R_bar, p_bar, parts, first, last):
-    """Pulls the gradients of surfels in all views back, for parts first..last-1 of them.
+    """Pull the gradients of surfels in all views back, for parts first..last-1 of them.
 
     Args:
         surfels, sh, view, splats, boxes, bars, surfel_bars, sh_bar, R_bar, p_bar: as in

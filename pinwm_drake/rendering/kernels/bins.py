@@ -51,7 +51,7 @@ def sort_by_depth(number, keys, order, spare, counts):
 
 @kernel
 def bin_surfels(v, size, boxes, keys, starts, entries, order, spare, counts):
-    """Lists the surfels of every tile of view v, nearest first.
+    """List the surfels of every tile of view v, nearest first.
 
     Args:
         v: the view.

@@ -42,7 +42,7 @@ def falloff(rho):
 
 @kernel
 def reach(dx, dy, j00, j01, j10, j11, p0, p1, most_q2, steepness):
-    """A surfel seen from (dx, dy) px beside its centre: q_0, q_1, 1 / q_2, rho, and whether rho is its plane's.
+    """Return a surfel seen from (dx, dy) px beside its centre: q_0, q_1, 1 / q_2, rho, and whether rho is its plane's.
 
     The plane counts where it is ahead of the near plane, 0 < q_2 < most_q2, and opaquer than the disc, whose rho is
     `steepness` one pixel from the centre.
@@ -76,7 +76,7 @@ def opaque(work):
 
 @kernel
 def fill_places(work, x, y):
-    """Writes the places of a tile's pixels, counted from its first one: columns into work[x:], rows into work[y:]."""
+    """Write the places of a tile's pixels, counted from its first one: columns into work[x:], rows into work[y:]."""
     for i in range(PIXELS):
         work[x + i], work[y + i] = np.float32(i % TILE), np.float32(i // TILE)
 

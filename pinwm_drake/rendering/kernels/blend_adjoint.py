@@ -124,7 +124,7 @@ _pull_color, _pull_full = _pulling(False), _pulling(True)
 
 @kernel
 def pull_tile(v, row, column, scene, steepness, origin, images, image_bars, bars, part, work):
-    """Pulls the gradients of one tile's pixels back to the surfels in it.
+    """Pull the gradients of one tile's pixels back to the surfels in it.
 
     Args:
         v, row, column, scene, steepness, origin, images: as in `blend.blend_tile`.

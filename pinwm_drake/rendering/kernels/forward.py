@@ -13,7 +13,7 @@ from pinwm_drake.rendering.kernels.project import CHANNELS as PROJECT_CHANNELS
 
 @entry_point
 def fill_rotations(q, R):
-    """Writes rotations R (V, 3, 3) of quaternions q (V, 4), wxyz, of any length."""
+    """Write rotations R (V, 3, 3) of quaternions q (V, 4), wxyz, of any length."""
     for v in range(q.shape[0]):
         columns = rotation_columns(q[v, 0], q[v, 1], q[v, 2], q[v, 3])
         for i in range(3):
@@ -23,7 +23,7 @@ def fill_rotations(q, R):
 
 @entry_point
 def prepare(surfels, same):
-    """Finds what is the same in all views; see `prepare_surfels`."""
+    """Find what is the same in all views; see `prepare_surfels`."""
     prepare_surfels(surfels, same)
 
 
@@ -37,7 +37,7 @@ def project_views(same, sh, view, size, splats, depths, boxes, totals, first, la
 
 @entry_point
 def bin_views(size, boxes, keys, starts, entries, first, last):
-    """Makes the tiles' lists of views first..last-1."""
+    """Make the tiles' lists of views first..last-1."""
     N = boxes.shape[1]
     order, spare, counts = np.empty(N, np.int32), np.empty(N, np.int32), np.empty(RADIX, np.int32)
     for v in range(first, last):
@@ -59,7 +59,7 @@ def blend_rows(scene, steepness, origins, images, first, last):
 
 @entry_point
 def render_views(same, sh, view, size, background, full, images, first, last):
-    """Renders views first..last-1 from end to end and keeps nothing but their images: work of one view at a time."""
+    """Render views first..last-1 from end to end and keep nothing but their images: work of one view at a time."""
     N = sh.shape[1]
     rows, columns = (size[0] + TILE - 1) // TILE, (size[1] + TILE - 1) // TILE
     basis, work = np.empty(16, np.float32), np.empty((PROJECT_CHANNELS, BLOCK), np.float32)

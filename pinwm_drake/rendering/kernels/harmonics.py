@@ -16,7 +16,7 @@ _2, _3, _4, _6, _8 = (np.float32(value) for value in (2, 3, 4, 6, 8))
 
 @kernel
 def fill_basis(x, y, z, number, basis):
-    """The first `number` (1, 4, 9 or 16) basis functions at the unit vector (x, y, z)."""
+    """Return the first `number` (1, 4, 9 or 16) basis functions at the unit vector (x, y, z)."""
     basis[0] = Y0
     if number > 1:
         basis[1], basis[2], basis[3] = -_Y1 * y, _Y1 * z, -_Y1 * x

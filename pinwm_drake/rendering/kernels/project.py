@@ -73,7 +73,7 @@ def exponential(x):
 
 @kernel
 def prepare_surfels(surfels, same):
-    """Finds what is the same in all views of surfels: centres, axes in their lengths, normals, opacities, reaches.
+    """Find what is the same in all views of surfels: centres, axes in their lengths, normals, opacities, reaches.
 
     Args:
         surfels: p_OS (N, 3), q_OS (N, 4), log_scale (N, 2), logit_opacity (N,).

@@ -13,7 +13,7 @@ from pinwm_drake.rendering.kernels.project import EDGE_ON, exponential, rotation
 
 @kernel
 def _add_outer(R_bar, part, v, x, y, z, a, b, c):
-    """Adds an outer product: R_bar += (x, y, z) (a, b, c)'."""
+    """Add an outer product: R_bar += (x, y, z) (a, b, c)'."""
     for i, row in enumerate((x, y, z)):
         R_bar[part, v, i, 0] += row * a
         R_bar[part, v, i, 1] += row * b
@@ -40,7 +40,7 @@ def quaternion_gradient(w, x, y, z, ga, gb, gn):
 
 @kernel
 def pull_surfel(s, v, part, surfels, sh, view, splats, boxes, bars, surfel_bars, sh_bar, R_bar, p_bar, basis, shares):
-    """Pulls the gradients of surfel s in view v back.
+    """Pull the gradients of surfel s in view v back.
 
     Args:
         s, v: the surfel and the view.

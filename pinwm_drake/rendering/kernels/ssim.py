@@ -12,7 +12,7 @@ from pinwm_drake.jit import entry_point, kernel
 
 @kernel
 def _blur_row(source, row, weights, channels, across, target):
-    """Writes target (W C,), a row of `source` under the window; `across` (W C + 2 radius C,) has zeros at its ends."""
+    """Write target (W C,), a row of `source` under the window; `across` (W C + 2 radius C,) has zeros at its ends."""
     height, width = source.shape
     radius = weights.shape[0] // 2
     pad = radius * channels
@@ -32,7 +32,7 @@ def _blur_row(source, row, weights, channels, across, target):
 
 @entry_point
 def blur(source, weights, channels, target):
-    """Writes target, the source under the separable window `weights` (odd length)."""
+    """Write target, the source under the separable window `weights` (odd length)."""
     across = np.zeros(source.shape[1] + (weights.shape[0] - 1) * channels, np.float32)
     for row in range(source.shape[0]):
         _blur_row(source, row, weights, channels, across, target[row])
@@ -87,7 +87,7 @@ def compare(a, b, weights, channels, mean_b, square_b, c1, c2, grads, sums, firs
 
 @entry_point
 def compare_adjoint(a, b, weights, channels, grads, scale, a_bar, first, last):
-    """Writes some rows of a_bar, scale times the derivative of the sum of `compare` over all rows by a."""
+    """Write some rows of a_bar, scale times the derivative of the sum of `compare` over all rows by a."""
     width = a.shape[1]
     across = np.zeros(width + (weights.shape[0] - 1) * channels, np.float32)
     by_mean, by_square = np.empty(width, np.float32), np.empty(width, np.float32)

@@ -6,7 +6,7 @@ from pinwm_drake.jit import entry_point
 
 @entry_point
 def roll_in(stack, images, first, last):
-    """Drops the oldest image of worlds first..last-1 from their stacks and appends the newest, without its alpha.
+    """Drop the oldest image of worlds first..last-1 from their stacks and append the newest, without its alpha.
 
     Args:
         stack: (W, H, W, 3 k) uint8, the oldest image first; changed in place.

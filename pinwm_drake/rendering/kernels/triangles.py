@@ -8,7 +8,7 @@ from pinwm_drake.jit import entry_point
 
 @entry_point
 def mark_triangles(triangles, marked):
-    """Marks the pixels whose centres lie in some triangle.
+    """Mark the pixels whose centres lie in some triangle.
 
     Args:
         triangles: (n, 3, 2) float64, x and y of the corners in px.
@@ -33,7 +33,7 @@ def mark_triangles(triangles, marked):
 
 @entry_point
 def fill_depths(corners, triangles, intrinsics, near, depth, first, last):
-    """Writes the depths of triangles in views first..last-1 where they are below what stands there.
+    """Write the depths of triangles in views first..last-1 where they are below what stands there.
 
     Args:
         corners: (V, n, 3) float64, camera frame, m.

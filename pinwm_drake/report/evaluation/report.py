@@ -49,7 +49,7 @@ class EvaluationStory:
 def write_evaluation_report(
     path: Path, story: EvaluationStory, report: Callable[[float], None] = lambda share: None
 ) -> None:
-    """Writes the report of an evaluation; `report` is called with the share of the pictures that is done.
+    """Write the report of an evaluation; `report` is called with the share of the pictures that is done.
 
     Raises:
         InputError: The file cannot be written.
@@ -77,14 +77,14 @@ def write_evaluation_report(
 
 
 def headline(evaluation: Evaluation) -> str:
-    """The success rate in words, with its interval."""
+    """Return the success rate in words, with its interval."""
     low, high = evaluation.interval
     rate = f"{100 * evaluation.success_rate:.1f} % (95 % interval {100 * low:.1f} to {100 * high:.1f} %, Wilson)"
     return f"{evaluation.successes} of {evaluation.episodes} episodes succeeded: {rate}"
 
 
 def details(evaluation: Evaluation) -> list[str]:
-    """Steps, distances and failures in words, one line each."""
+    """Return steps, distances and failures in words, one line each."""
     summary = evaluation.summary()
     steps, lines = summary["steps"], []
     if evaluation.successes:

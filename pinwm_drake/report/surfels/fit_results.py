@@ -42,7 +42,7 @@ def write_fit_results(
     registration: Registration,
     report: Callable[[float], None] = lambda share: None,
 ) -> None:
-    """Writes `FILES` into an existing folder, the surfels first.
+    """Write `FILES` into an existing folder, the surfels first.
 
     Args:
         out: The folder.
@@ -69,13 +69,13 @@ def write_fit_results(
 
 
 def read_offset(path: Path) -> tuple[float, float]:
-    """The camera's offset [px] that a fit found, from its `align.json`; raises InputError where that cannot be used."""
+    """Return the camera's offset [px] that a fit found, from its `align.json`; raise InputError for a bad one."""
     x, y = read_json(path)["camera_offset"].numbers(2).tolist()
     return x, y
 
 
 def read_registration(path: Path) -> Pose:
-    """The pose X_OS of the object that the static views show, against the one that was given, from `align.json`.
+    """Return the pose X_OS of the object that the static views show, against the one that was given, from `align.json`.
 
     A file of an older release tells no registration, which is that of the pose that was given.
 

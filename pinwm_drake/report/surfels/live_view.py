@@ -61,7 +61,7 @@ def serve_surfels(
     port: int | None = None,
     ready: Callable[[str], None],
 ) -> None:
-    """Shows surfels until the process is interrupted (Ctrl-C) or told to end, which ends the call normally.
+    """Show surfels until the process is interrupted (Ctrl-C) or told to end, which ends the call normally.
 
     Args:
         surfels: Surfels, one or more, with one set of colours.
@@ -81,7 +81,7 @@ def serve_surfels(
 
 
 async def _serve(scene: list[dict[str, Any]], host: str, port: int, ready: Callable[[str], None]) -> None:
-    """Listens until the process is told to end, or the task is cancelled."""
+    """Listen until the process is told to end, or the task is cancelled."""
     bridge = _Bridge(zmq_url="inproc://pinwm", host=host, port=port)
     try:
         for command in scene:
@@ -163,7 +163,7 @@ class _Triangles(geometry.TriangularMeshGeometry):  # type: ignore[misc]
 
 
 def twin_solids(twin: Twin) -> list[Solid]:
-    """The mesh of a twin's object, translucent, and its pusher, which stands beside it on the same level."""
+    """Return the mesh of a twin's object, translucent, and its pusher, which stands beside it on the same level."""
     mesh, pusher = load_mesh(twin.mesh_path), pusher_surface(twin.pusher)
     (low, high), size = mesh.bounds, pusher.extents
     place = np.array([high[0] + _APART * size[0], 0.5 * (low[1] + high[1]), low[2]])

@@ -12,7 +12,7 @@ from pinwm_drake.report.page import write_page
 
 
 def write_surfel_page(path: Path, surfels: Surfels, *, title: str, up: np.ndarray | None = None) -> None:
-    """Writes a page that renders surfels as `rendering.render` does, in the browser.
+    """Write a page that renders surfels as `rendering.render` does, in the browser.
 
     Args:
         path: File of the page; its folder exists.

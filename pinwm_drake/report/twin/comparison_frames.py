@@ -105,7 +105,7 @@ def draw_frame(episode: Episode, k: int, poses: ObjectPoses, cast: Cast) -> Pict
 
 
 def _zoomed(camera: Camera, mask: np.ndarray, outline: float) -> Camera:
-    """The camera to which the object appears `outline` times as large about its middle in the image."""
+    """Return the camera to which the object appears `outline` times as large about its middle in the image."""
     rows, columns = np.nonzero(mask)
     middle = [columns.mean() + 0.5, rows.mean() + 0.5] if len(rows) else [0.5 * camera.width, 0.5 * camera.height]
     scale, about = (torch.tensor(value, dtype=torch.float64) for value in (outline, middle))
@@ -113,7 +113,7 @@ def _zoomed(camera: Camera, mask: np.ndarray, outline: float) -> Camera:
 
 
 def window_of(episode: Episode, poses: ObjectPoses, mesh: trimesh.Trimesh) -> tuple[slice, slice]:
-    """The rows and columns in which the object moves, as posed and as seen in a few images, with a margin.
+    """Return the rows and columns in which the object moves, as posed and as seen in a few images, with a margin.
 
     They are all of them where the poses lead behind the camera. Raises InputError where an image cannot be used.
     """

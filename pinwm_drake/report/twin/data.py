@@ -39,7 +39,7 @@ class Story:
     notices: list[str] = field(default_factory=list)  # missing parts and contradictions, in words
 
     def attempt(self, work: Callable[[], _Result], consequence: str) -> _Result | None:
-        """Result of `work`; None and a notice where an input is refused."""
+        """Return the result of `work`; None and a notice where an input is refused."""
         try:
             return work()
         except PinwmError as error:
@@ -48,7 +48,7 @@ class Story:
 
 
 def read_story(folder: Path, capture: Path | None = None) -> Story:
-    """Reads a twin folder and, where it is still there, the capture.
+    """Read a twin folder and, where it is still there, the capture.
 
     Parts that cannot be read but are not needed stand in the notices.
 
@@ -80,7 +80,7 @@ def read_story(folder: Path, capture: Path | None = None) -> Story:
 
 
 def _read_poses(folder: Path, origin: Origin | None) -> ObjectPoses:
-    """Identified poses: those of the episode that the provenance names, else the only ones there are."""
+    """Return the identified poses: those of the episode that the provenance names, else the only ones there are."""
     found = sorted((folder / "episodes").glob("*.csv"))
     if origin is not None:
         found = [path for path in found if path.stem == origin.episodes[0]]
@@ -110,7 +110,7 @@ def _read_episode(story: Story, capture: Capture) -> None:
 
 
 def read_ground_truth(path: Path) -> dict[str, float]:
-    """True values of physical parameters from a YAML file, by their names in a twin; other keys do not count.
+    """Return True values of physical parameters from a YAML file, by their names in a twin; other keys do not count.
 
     Key `restitution` stands for all contacts. Raises InputError where a value is no finite number.
     """

@@ -42,7 +42,7 @@ class Verdict:
 
 
 def write_twin_report(path: Path, story: Story, report: Callable[[float], None] = lambda share: None) -> Verdict:
-    """Writes the report of a twin, and returns its verdict; `report` hears the share of the pictures that is done.
+    """Write the report of a twin, and return its verdict; `report` hears the share of the pictures that is done.
 
     Raises:
         InputError: An image of the capture cannot be used, or the file cannot be written.
@@ -82,7 +82,7 @@ def write_twin_report(path: Path, story: Story, report: Callable[[float], None] 
 
 
 def _judge(twin: Twin, shots: list[Shot], errors: PoseErrors | None, history: History | None) -> Verdict:
-    """The verdict, from the images where they are at hand; ground truth is reported beside it."""
+    """Return the verdict, from the images where they are at hand; ground truth is reported beside it."""
     status, headline = "unknown", "No images at hand: how well the twin reproduces the video is not shown"
     lines = []
     if shots:

@@ -43,7 +43,7 @@ class LcmHandle:
     period: float
 
     def SendStop(self, time: float) -> None:
-        """Sends zero of no session, past the diagram, where commands are sent at all.
+        """Send zero of no session, past the diagram, where commands are sent at all.
 
         Drake's LCM keeps one message of a channel between two looks, and drops those that come after it. The zero comes
         right after the last command, so that it is sent again two periods later, when a driver has looked.
@@ -69,7 +69,7 @@ class LcmHandle:
 
 
 def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface | None, armed: bool) -> Engine:
-    """Adds the systems that speak with a robot's driver as `LcmLink` says; the engine's handle is an LcmHandle.
+    """Add the systems that speak with a robot's driver as `LcmLink` says; the engine's handle is an LcmHandle.
 
     What a robot does not know has no number: `object_state` is NaN throughout, and `contact_forces` has none. The
     pusher's state is NaN before the first message, and where none has come for `timeout`. `rgb` is the last image,

@@ -38,7 +38,7 @@ class Least:
         return min(self.now, self.before)
 
     def take(self, value: float, time: float) -> "Least":
-        """The record with one value more, of a time [s] that does not go back."""
+        """Return the record with one value more, of a time [s] that does not go back."""
         if time - self.begun < _WINDOW:
             return replace(self, now=min(self.now, value))
         recent = self.now if time - self.begun < 2.0 * _WINDOW else math.inf

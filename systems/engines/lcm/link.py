@@ -8,7 +8,7 @@ from pinwm_drake.systems.scenario.schema import LOCAL, MEMORY, LcmLink
 
 
 def make_lcm(link: LcmLink) -> DrakeLcm:
-    """Opens the LCM address of a link.
+    """Open the LCM address of a link.
 
     Messages over `memq://` reach those who share this object; those over `udpm://`, every process of this machine that
     listens there.

@@ -25,7 +25,7 @@ class _Serializer(PySerializer):  # type: ignore[misc]  # pydrake has no usable 
 
 
 def make_subscriber(channel: str, kind: Any, lcm: DrakeLcmInterface) -> LcmSubscriberSystem:
-    """Makes a subscriber that holds the last message of a channel, as `decode` gives it.
+    """Make a subscriber that holds the last message of a channel, as `decode` gives it.
 
     Args:
         channel: Name of the channel.
@@ -49,6 +49,6 @@ class Mailbox:
         lcm.Subscribe(channel, self._raw.append)
 
     def take(self) -> list[Any]:
-        """Takes out the messages that came since the last time, as `decode` gives them."""
+        """Take out the messages that came since the last time, as `decode` gives them."""
         taken, self._raw[:] = list(self._raw), []
         return [decode(self._kind, raw) for raw in taken]

@@ -32,7 +32,7 @@ class PlantHandle:
     drive: PusherDrive
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
-        """Sets pose and spatial velocity V_WO (6,): [ω rad/s; v m/s] of the object at O."""
+        """Set pose and spatial velocity V_WO (6,): [ω rad/s; v m/s] of the object at O."""
         require("world", world, world == 0, "0, as a plant is one world")
         plant, V = self.parts.plant, np.asarray(V_WO, float)
         mine = plant.GetMyMutableContextFromRoot(context)
@@ -41,7 +41,7 @@ class PlantHandle:
         plant.SetFreeBodySpatialVelocity(context=mine, body=self.parts.object, V_JpJc=velocity)
 
     def SetPusherPosition(self, context: Context, p_WP: np.ndarray, world: int = 0) -> None:
-        """Puts the pusher to p_WP (3,) m; it rests until the next sample of its velocity."""
+        """Put the pusher to p_WP (3,) m; it rests until the next sample of its velocity."""
         require("world", world, world == 0, "0, as a plant is one world")
         plant, instance = self.parts.plant, self.parts.pusher_instance
         mine = plant.GetMyMutableContextFromRoot(context)
@@ -51,7 +51,7 @@ class PlantHandle:
 
 
 def AddPlantEngine(builder: DiagramBuilder, setup: Setup, contact: ContactName) -> Engine:
-    """Adds plant, pusher's drive and camera; the engine's handle is a PlantHandle.
+    """Add plant, pusher's drive and camera; the engine's handle is a PlantHandle.
 
     By default object and pusher are in the middle of `scenario.start`.
 

@@ -74,7 +74,7 @@ def MakeScenePlant(
     contact: ContactName = "hydroelastic",
     hold: Callable[[MultibodyPlant, RigidBody], None] | None = None,
 ) -> ScenePlant:
-    """Adds a finalized plant and its scene graph to a diagram.
+    """Add a finalized plant and its scene graph to a diagram.
 
     Args:
         builder: Builder of the diagram.
@@ -101,7 +101,7 @@ def MakeScenePlant(
 
 
 def AddSceneBodies(plant: MultibodyPlant, setup: Setup, contact: ContactName, *, driven: bool = True) -> dict[str, Any]:
-    """Adds object, pusher and floor, in this order, to a plant that is not finalized, and sets its gravity.
+    """Add object, pusher and floor, in this order, to a plant that is not finalized, and set its gravity.
 
     Args:
         plant: Plant that is registered with a SceneGraph.

@@ -11,7 +11,7 @@ from pinwm_drake.systems.engines.twin.world_model import WorldModel
 def SetDomain(
     world_model: WorldModel, context: Context, domain: Cousin, world: int | None = None, *, colors: bool = True
 ) -> None:
-    """Gives one world the theta and colours of a domain; states stay as they are, and so do the other worlds.
+    """Give one world the theta and colours of a domain; states stay as they are, and so do the other worlds.
 
     Args:
         world_model: World model of the domain's twin; a station's is `station.world`.
@@ -34,7 +34,7 @@ def SetDomain(
 
 
 def SetCousins(world_model: WorldModel, context: Context, cousins: Cousins) -> None:
-    """Gives world k the theta and colours of cousin k, for every world; states stay as they are.
+    """Give world k the theta and colours of cousin k, for every world; states stay as they are.
 
     Args:
         world_model, context: World model of the cousins' twin, and a context as for `SetDomain`.

@@ -13,7 +13,7 @@ from pinwm_drake.systems.scenario.setup import Setup
 
 
 def AddTwinEngine(builder: DiagramBuilder, setup: Setup) -> Engine:
-    """Adds the world model, which is the engine's handle, and a SceneGraph that it poses.
+    """Add the world model, which is the engine's handle, and a SceneGraph that it poses.
 
     The plant has no part in the motion: it knows which geometries belong to the object and the pusher, and turns
     their positions into poses of geometries. SceneGraph then serves Meshcat, distance queries and RgbdSensors. It shows

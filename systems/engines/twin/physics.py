@@ -46,7 +46,7 @@ class WorldPhysics:
         self._steppers = [Stepper(self.scene.model)]
 
     def parameters(self, num_worlds: int) -> Parameters:
-        """The twin's theta, for all worlds."""
+        """Return the twin's theta, for all worlds."""
         return self._nominal.expand(num_worlds)
 
     def advance(

@@ -90,7 +90,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         declare_value(self, "contact_forces", ContactForces.none(), self._CalcContactForces, seen)
 
     def SetState(self, context: Context, object_state: np.ndarray, p_WP: np.ndarray, world: int | None = None) -> None:
-        """Puts objects and pushers into place; the pushers rest.
+        """Put objects and pushers into place; the pushers rest.
 
         Args:
             context: Context of this system.
@@ -114,18 +114,18 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         pushers[worlds, :3], pushers[worlds, 3:] = p_WP, 0.0
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
-        """Sets an object's state as `engine.Handle` does; `context` may be that of a diagram that holds this system."""
+        """Set an object's state as `engine.Handle` does; `context` may be that of a diagram that holds this system."""
         mine = self.GetMyMutableContextFromRoot(context)
         p_WP = self._state(mine)[1]
         self.SetState(mine, rest_state(X_WO, V_WO), p_WP[world], world)
 
     def SetPusherPosition(self, context: Context, p_WP: np.ndarray, world: int = 0) -> None:
-        """Puts a pusher as `engine.Handle` does; `context` may be that of a diagram that holds this system."""
+        """Put a pusher as `engine.Handle` does; `context` may be that of a diagram that holds this system."""
         mine = self.GetMyMutableContextFromRoot(context)
         self.SetState(mine, self._state(mine)[0][world], p_WP, world)
 
     def SetParameters(self, context: Context, parameters: Parameters, world: int | None = None) -> None:
-        """Sets theta of one world (parameters of one) or of all.
+        """Set theta of one world (parameters of one) or of all.
 
         Raises:
             PinwmError: A value is out of range.
@@ -149,7 +149,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         return self._checked.Eval(context)[0]
 
     def SetColors(self, context: Context, sh: torch.Tensor, world: int | None = None) -> None:
-        """Sets the harmonics of the surfels, (N, K, 3), of one world or all, or (W, N, K, 3); they are copied.
+        """Set the harmonics of the surfels, (N, K, 3), of one world or all, or (W, N, K, 3); they are copied.
 
         Raises:
             PinwmError: The shape is another one, or there is no such world.
@@ -171,7 +171,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         return context.get_abstract_parameter(self._sh).get_value()
 
     def SetCamera(self, context: Context, X_WC: RigidTransform, world: int | None = None) -> None:
-        """Sets the pose of the camera, OpenCV axes, of one world or all.
+        """Set the pose of the camera, OpenCV axes, of one world or all.
 
         Raises:
             StateError: There is no such world.

@@ -20,7 +20,7 @@ _ROOM_LIGHTS, _ROOM_AWAY = 4, 2.0  # m
 
 
 def glossy_model(visual_path: Path, folder: Path) -> Path:
-    """A coloured mesh as a glTF file of glossy materials.
+    """Return a coloured mesh as a glTF file of glossy materials.
 
     Args:
         visual_path: OBJ file whose faces have materials with a Kd, m.
@@ -58,7 +58,7 @@ def light(recorder: SceneRecorder, params: RenderEngineVtkParams) -> None:
 
 
 def draw_lamp(generator: np.random.Generator) -> RenderEngineVtkParams:
-    """Renderer with one lamp that casts shadows, in a direction drawn at random, and a little light of the room."""
+    """Return the renderer with one lamp that casts shadows from a random direction, and some light of the room."""
     angle, height = generator.uniform(-np.pi, np.pi), generator.uniform(*_HEIGHTS)
     flat = np.sqrt(1 - height**2)
     place = _AWAY * np.array([flat * np.cos(angle), flat * np.sin(angle), height])

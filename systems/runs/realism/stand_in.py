@@ -88,11 +88,11 @@ class StandIn:
         return uneven_twin(twin, up, self._generator(_OBJECT), models)
 
     def lamp(self) -> RenderEngineVtkParams:
-        """Renderer with the station's lamp."""
+        """Return the renderer with the station's lamp."""
         return draw_lamp(self._generator(_LAMP))
 
     def spoil(self) -> Callable[[np.ndarray, np.random.Generator], np.ndarray]:
-        """Function of an image (height, width, 4) uint8 RGBA and a generator that gives it with a ragged mask."""
+        """Return the function that makes the mask of an image (height, width, 4) uint8 RGBA ragged."""
         station = self._generator(_MASK)
         behind, width = draw_behind(station), float(station.uniform(-0.5, 0.5)) * self.mask
 

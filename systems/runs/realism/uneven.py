@@ -164,7 +164,7 @@ def _plane(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def write_with_feet(mesh_path: Path, folder: Path, feet: np.ndarray, up: np.ndarray) -> Path:
-    """Writes the mesh of an object and discs that stand out as its feet, closed surfaces of their own, with its pieces.
+    """Write the mesh of an object and discs that stand out as its feet, closed surfaces of their own, with its pieces.
 
     Args:
         mesh_path: OBJ file, m, frame O; convex pieces may stand in `pieces` beside it.

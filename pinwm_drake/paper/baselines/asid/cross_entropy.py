@@ -56,7 +56,7 @@ def minimise(
     budget: CrossEntropyBudget,
     generator: np.random.Generator,
 ) -> Minimum:
-    """Searches the unit cube.
+    """Search the unit cube.
 
     Args:
         function: Values (samples,) of points (samples, number); infinite where there is none.

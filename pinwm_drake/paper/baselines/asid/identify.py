@@ -138,7 +138,7 @@ def identify_asid(
     X_OS: Pose | None = None,
     poses: Sequence[ObjectPoses] | None = None,
 ) -> AsidIdentification:
-    """Finds theta such that simulated pushes move the object as it was tracked.
+    """Find theta such that simulated pushes move the object as it was tracked.
 
     Args:
         capture: Object, pusher, floor, gravity.

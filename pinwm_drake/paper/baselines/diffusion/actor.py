@@ -123,27 +123,27 @@ class DiffusionActor:
         return np.clip(found[:, first : first + options.actions].numpy(), -1.0, 1.0)
 
     def _noise(self, image: np.ndarray, pusher: np.ndarray, step: int) -> np.ndarray:
-        """Standard normal noise (Th, n) of one world."""
+        """Return the standard normal noise (Th, n) of one world."""
         digest = hashlib.blake2b(image.tobytes() + pusher.tobytes(), digest_size=16).digest()
         generator = np.random.default_rng([self.seed, int(step), int.from_bytes(digest, "little")])
         return generator.standard_normal((self.network.options.horizon, pusher.shape[1]), np.float32)
 
 
 def _rolled(before: np.ndarray, now: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """The last observations (W, To, ...) with the newest one (W, ...), which stands for all where episodes begin."""
+    """Return the last observations (W, To, ...) with the newest (W, ...), which fills all at an episode's start."""
     found = np.concatenate([before[:, 1:], now[:, None]], axis=1)
     found[starts] = now[starts][:, None]
     return found
 
 
 def write_actor(folder: Path, actor: DiffusionActor) -> None:
-    """Writes a diffusion policy over an earlier one of the folder; see `write_parts`."""
+    """Write a diffusion policy over an earlier one of the folder; see `write_parts`."""
     settings = {"network": asdict(actor.network.options), "seed": actor.seed}
     write_parts(folder / ACTOR_FILE, actor.spec, actor.network, actor.provenance, **to_jsonable_python(settings))
 
 
 def read_actor(folder: Path) -> DiffusionActor:
-    """Reads the diffusion policy that `write_actor` wrote to a folder.
+    """Read the diffusion policy that `write_actor` wrote to a folder.
 
     Raises:
         InputError: A file is missing, cannot be read, or does not fit the other.

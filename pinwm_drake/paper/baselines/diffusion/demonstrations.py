@@ -38,7 +38,7 @@ class Episode(ArrayFile):
 
     @classmethod
     def read(cls, path: Path, about: Mapping[str, object] | None = None) -> Self:
-        """Reads the episode that `write` wrote to a file, whose arrays have to fit together; see `ArrayFile.read`."""
+        """Read the episode that `write` wrote to a file, whose arrays have to fit together; see `ArrayFile.read`."""
         episode = super().read(path, about)
         image, pusher, action = episode.image, episode.pusher, episode.action
         alike = pusher.ndim == action.ndim == 2 and pusher.shape == (len(action) + 1, action.shape[1])
@@ -53,7 +53,7 @@ class Episode(ArrayFile):
 
 
 def read_demonstrations(folder: Path) -> list[Episode]:
-    """Reads all recorded episodes of a folder, in the order of their names.
+    """Read all recorded episodes of a folder, in the order of their names.
 
     Raises:
         InputError: There are none, one cannot be read, or they do not fit together.
@@ -96,7 +96,7 @@ class Windows:
         return len(self.action)
 
     def take(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Takes windows by the numbers (B,) of their present actions, in all episodes together.
+        """Take windows by the numbers (B,) of their present actions, in all episodes together.
 
         Returns:
             Images (B, height, width, 3 To) uint8 and positions of the pusher (B, To, n), the oldest first, and actions
@@ -128,7 +128,7 @@ def collect_demonstrations(
     about: Mapping[str, object] | None = None,
     on_batch: OnRound | None = None,
 ) -> None:
-    """Records episodes in which an expert succeeds; each is a file `00000.npz` and so on.
+    """Record episodes in which an expert succeeds; each is a file `00000.npz` and so on.
 
     The worlds run batches of one episode each, all of which follow from the seed and the batch's number. A recording
     that was stopped goes on with the same episodes, and so does one that is asked for more.
@@ -167,7 +167,7 @@ def collect_demonstrations(
 
 
 def _recorded(folder: Path, about: Mapping[str, object]) -> tuple[int, int]:
-    """Number of the batch to go on with, and of the episodes before it: the last batch may not be whole."""
+    """Return the number of the batch to go on with, and of the episodes before it: the last batch may not be whole."""
     batches: list[int] = []
     while (arrays := read_arrays(episode_file(folder, len(batches)), about, Episode.work, (_BATCH,))) is not None:
         batches.append(int(arrays[_BATCH]))

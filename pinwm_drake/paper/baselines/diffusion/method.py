@@ -133,7 +133,7 @@ class _Learner:
         set_weights(self._average, {name.removeprefix(_AVERAGE): values for name, values in average.items()})
 
     def learn(self, number: int, generator: np.random.Generator, losses: list[float]) -> Iterator[None]:
-        """Updates of a round, from the one after those whose losses are in `losses`; yields after each."""
+        """Update of a round, from the one after those whose losses are in `losses`; yield after each."""
         options = self._options
         total = options.round_updates * math.ceil(options.updates / options.round_updates)
         self._network.train()
@@ -152,7 +152,7 @@ class _Learner:
             yield
 
     def _add_to_average(self, averages: _Weights, now: _Weights, updates: Tensor | int) -> None:
-        """Moves the moving averages of weights, in place, to those with the values after one more update."""
+        """Move the moving averages of weights, in place, to those with the values after one more update."""
         decay = min(1.0 - (1.0 + float(updates)) ** -self._options.average_power, self._options.average_most)
         torch._foreach_lerp_(averages, now, 1.0 - decay)
 
@@ -166,7 +166,7 @@ def _learning_rate(options: TrainingOptions, update: int, total: int) -> float:
 
 
 def _check(folder: Path, episode: Episode, space: Any, action_size: int) -> None:
-    """Checks that an episode was recorded in such worlds; raises InputError."""
+    """Check that an episode was recorded in such worlds; raise InputError."""
     given, wanted = (*episode.image.shape[1:3], episode.action.shape[1]), (*space["image"].shape[:2], action_size)
     if given != wanted:
         words = "episodes with height and width of images, and components of actions,"

@@ -190,7 +190,7 @@ class Stretch(nn.Module):
         self.register_buffer("reach", torch.ones(size))
 
     def fit(self, values: Tensor) -> None:
-        """Takes the range of values (m, n)."""
+        """Take the range of values (m, n)."""
         low, high = values.amin(0), values.amax(0)
         self.middle.copy_(0.5 * (low + high))
         self.reach.copy_(torch.where(high - low > _FLAT, 0.5 * (high - low), 1.0))
@@ -255,7 +255,7 @@ class DiffusionNetwork(nn.Module):
 
 
 def require_diffusers() -> None:
-    """Checks that diffusers is installed, which has the schedules of the noise.
+    """Check that diffusers is installed, which has the schedules of the noise.
 
     Raises:
         ParameterError: It is not.

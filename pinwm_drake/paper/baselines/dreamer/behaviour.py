@@ -74,7 +74,7 @@ class Actor(nn.Module):
 
 
 def lambda_returns(reward: Tensor, discount: Tensor, value: Tensor, trace: float) -> Tensor:
-    """Returns V (H, N) of steps 0 to H - 1 of sequences, V_t = r_t + γ_t ((1 - λ) v_{t+1} + λ V_{t+1}), V_H = v_H.
+    """Return V (H, N) of steps 0 to H - 1 of sequences, V_t = r_t + γ_t ((1 - λ) v_{t+1} + λ V_{t+1}), V_H = v_H.
 
     Source: Hafner et al. (ICLR 2021), equation 7, where the reward stands with the state that it led to, as in the
     paper's code.
@@ -142,7 +142,7 @@ class Behaviour(nn.Module):
         self.slow = copy.deepcopy(self.critic).requires_grad_(False)
 
     def follow(self) -> None:
-        """Makes the slow critic a copy of the critic."""
+        """Make the slow critic a copy of the critic."""
         self.slow.load_state_dict(self.critic.state_dict())
 
     def losses(self, model: WorldModel, batch: Batch, options: BehaviourOptions) -> tuple[Tensor, Tensor]:

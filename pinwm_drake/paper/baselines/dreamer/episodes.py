@@ -59,7 +59,7 @@ class RandomPushes:
 
 
 def random_pushes(spec: PolicySpec, worlds: int) -> Callable[[int], Explore]:
-    """Function from a seed to random pushes in W worlds, for `collect`; see `RandomPushes`."""
+    """Return the function from a seed to random pushes in W worlds, for `collect`; see `RandomPushes`."""
     return lambda seed: RandomPushes(spec, worlds, np.random.default_rng(seed))
 
 
@@ -139,7 +139,7 @@ class Batch(NamedTuple):
     first: Tensor
 
     def to(self, device: torch.device | str) -> "Batch":
-        """The sequences on a device."""
+        """Return the sequences on a device."""
         return Batch(*(part.to(device) for part in self))
 
 
@@ -153,7 +153,7 @@ class Replay:
     """
 
     def __init__(self, episodes: Sequence[Episode]) -> None:
-        """Joins the episodes.
+        """Join the episodes.
 
         Raises:
             ParameterError: There are none, or their images or actions differ in size.

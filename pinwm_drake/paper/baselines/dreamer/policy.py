@@ -75,7 +75,7 @@ class DreamerPolicy:
 
 
 def make_policy(spec: PolicySpec, networks: NetworkOptions) -> DreamerPolicy:
-    """An untrained policy; raises ParameterError for a specification that cannot be learned."""
+    """Return an untrained policy; raises ParameterError for a specification that cannot be learned."""
     size = image_size(spec)
     perception, actor = Perception(size, spec.action_size, networks), Actor(spec.action_size, networks)
     return DreamerPolicy(spec, networks, perception.eval(), actor.eval())
@@ -91,13 +91,13 @@ def image_size(spec: PolicySpec) -> int:
 
 
 def write_dreamer(folder: Path, policy: DreamerPolicy) -> None:
-    """Writes a policy over an earlier one of the folder; see `write_parts`."""
+    """Write a policy over an earlier one of the folder; see `write_parts`."""
     path, sizes = folder / DREAMER_FILE, asdict(policy.networks)
     write_parts(path, policy.spec, _network(policy), policy.provenance, networks=sizes)
 
 
 def read_dreamer(folder: Path) -> DreamerPolicy:
-    """Reads the policy that `write_dreamer` wrote to a folder.
+    """Read the policy that `write_dreamer` wrote to a folder.
 
     Raises:
         InputError: A file is missing, cannot be read, or does not fit the other.

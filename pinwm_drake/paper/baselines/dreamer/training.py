@@ -94,7 +94,7 @@ def train_model(
 
 
 def read_world_model(folder: Path, policy: DreamerPolicy) -> WorldModel:
-    """Reads the world model of a training, which stays in its checkpoint.
+    """Read the world model of a training, which stays in its checkpoint.
 
     Returns:
         The model, without gradients.
@@ -181,7 +181,7 @@ def train_behaviour(
 
 
 def generator_of(seed: int, stage: str, number: int) -> np.random.Generator:
-    """Generator of an update of a stage, or of its beginning for -1; torch's generator is seeded too."""
+    """Return the generator of an update of a stage, or of its beginning for -1; torch's generator is seeded too."""
     sequence = np.random.SeedSequence(seed, spawn_key=(int.from_bytes(stage.encode()[:4], "little"), number + 1))
     torch.manual_seed(int(sequence.generate_state(1)[0]))
     return np.random.default_rng(sequence)
@@ -194,7 +194,7 @@ def _adam(rates: list[tuple[nn.Module, float]], weight_decay: float) -> torch.op
 
 
 def _write_curve(path: Path, rows: np.ndarray) -> None:
-    """Writes the means of 20 updates each, and the number of updates until then."""
+    """Write the means of 20 updates each, and the number of updates until then."""
     whole = rows[: len(rows) // _TOLD * _TOLD].reshape(-1, _TOLD, len(_TERMS)).mean(1)
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -33,7 +33,7 @@ def layers(inputs: int, units: int, number: int, outputs: int) -> nn.Sequential:
 
 
 def halvings(size: int) -> int:
-    """Number of convolutions that take images of a size [px] to the last feature maps.
+    """Return the number of convolutions that take images of a size [px] to the last feature maps.
 
     Raises:
         ParameterError: The size is no power of two, or less than 8.

@@ -138,7 +138,7 @@ def _grid(low: np.ndarray, high: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 def _within(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Flags (n,) of the points (n, 2) that are in one of the triangles (m, 3, 2)."""
+    """Flag (n,) of the points (n, 2) that are in one of the triangles (m, 3, 2)."""
     inside = np.zeros(len(points), bool)
     for triangle in triangles:
         edges, away = np.roll(triangle, -1, axis=0) - triangle, points[:, None] - triangle

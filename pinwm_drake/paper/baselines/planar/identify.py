@@ -120,7 +120,7 @@ def identify_planar(
     gravity: float = 9.81,
     options: PlanarOptions | None = None,
 ) -> PlanarResult:
-    """Finds masses and frictions of cells from the poses of an object during one push.
+    """Find masses and frictions of cells from the poses of an object during one push.
 
     Args:
         body: Geometry of the object, for the height of the pusher.
@@ -227,7 +227,7 @@ class _Problem:
 
 
 def _descend(problem: _Problem, options: PlanarOptions) -> tuple[Tensor, Tensor]:
-    """The best z (W, p) of each guess on its way down by Adam, and their losses (W,)."""
+    """Return the best z (W, p) of each guess on its way down by Adam, and their losses (W,)."""
     size = 2 + 2 * len(problem.body.cells)
     generator = torch.Generator().manual_seed(options.seed)
     z = torch.zeros(options.starts, size, dtype=torch.float64)

@@ -44,7 +44,7 @@ def slide(
     normal: np.ndarray,
     flat: np.ndarray,
 ) -> int:
-    """Steps of W objects; arrays of `Sliding` as there, all C order.
+    """Return steps of W objects; arrays of `Sliding` as there, all C order.
 
     Args:
         outlines: (P, E, 2), m, as in `PlanarBody`.
@@ -145,7 +145,7 @@ def terms(
     time_step: float,
     out: np.ndarray,
 ) -> None:
-    """Writes gradient and upper rows of the Hessian of a step's function at the velocity V to out (9,).
+    """Write gradient and upper rows of the Hessian of a step's function at the velocity V to out (9,).
 
     Args:
         V, before: (3,), velocities at the step's end and beginning, axes of the object.
@@ -204,7 +204,7 @@ def terms(
 
 @kernel
 def descend(at: np.ndarray, way: np.ndarray) -> None:
-    """Writes the Newton step to way (3,), from derivatives (9,) as `terms` writes them, by a Cholesky factor."""
+    """Write the Newton step to way (3,), from derivatives (9,) as `terms` writes them, by a Cholesky factor."""
     a = math.sqrt(at[3])
     b, c = at[4] / a, at[5] / a
     d = math.sqrt(at[6] - b * b)
@@ -227,7 +227,7 @@ def nearest(
     normal: np.ndarray,
     flat: np.ndarray,
 ) -> None:
-    """Finds the features of the K nearest outlines.
+    """Find the features of the K nearest outlines.
 
     Args:
         outlines: (P, E, 2), m, P at least K.

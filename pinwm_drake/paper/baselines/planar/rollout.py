@@ -210,7 +210,7 @@ def _own_axes(yaw: Tensor, V: Tensor) -> Tensor:
 
 
 def _turning(V: Tensor) -> Tensor:
-    """Derivative (..., 3) of velocities V (..., 3) in an object's axes by its angle, as these axes turn."""
+    """Return the derivative (..., 3) of velocities V (..., 3) in an object's axes by its angle, as these axes turn."""
     return torch.stack([V[..., 1], -V[..., 0], torch.zeros_like(V[..., 0])], -1)
 
 
