@@ -2,6 +2,7 @@
 """A minute of everything: a twin is loaded, stepped with gradients, rendered and moved in a station; a policy acts."""
 
 import platform
+import tempfile
 
 import torch
 
@@ -22,7 +23,9 @@ def main() -> None:
     assert image[..., 3].any(), "the object is not in the image"
 
     bundle = pw.read_bundle(policy_path("push_t"))
-    evaluation = pw.evaluate(pw.EvaluateRequest("push_t", engine="point", episodes=1, max_steps=3), "smoke-evaluation")
+    with tempfile.TemporaryDirectory() as folder:
+        request = pw.EvaluateRequest("push_t", engine="point", episodes=1, max_steps=3)
+        evaluation = pw.evaluate(request, f"{folder}/evaluation")
     assert evaluation.episodes == 1
     print(f"smoke: Python {platform.python_version()}, torch {torch.__version__}, bundle {bundle.sha256[:8]}: all ran")  # noqa: T201
 
