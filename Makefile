@@ -5,18 +5,23 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out
 
-.PHONY: demo test nightly lint bench matrix setup clean
+.PHONY: demo test nightly smoke lint bench matrix setup clean
 
 demo: $(VENV)/.installed
 	$(BIN)/pinwm demo --out $(OUT)/demo
 
 # Most tests keep one core busy; those of a file share what they set up. Not reordered by the number of a file's tests:
 # those of few and long ones, such as the notebooks, would come last, and one core would wait for the other.
-test: lint
+# The smoke run compiles kernels on one core while mypy runs on the other.
+test: $(VENV)/.installed
+	$(MAKE) --no-print-directory --jobs 2 lint smoke
 	$(BIN)/pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 nightly: $(VENV)/.installed
 	$(BIN)/pytest -m nightly
+
+smoke: $(VENV)/.installed
+	$(BIN)/python .ci/smoke.py
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check

@@ -12,6 +12,12 @@ from pinwm_drake.models import policy_path
 
 def main() -> None:
     """Run the parts one after the other; an exception ends it."""
+    model, theta, start = pw.twin_physics(pw.load_twin("t_block"))
+    theta.friction.requires_grad_()
+    V_WP = torch.tensor([0, 0, 0, 0.1, 0, 0], dtype=torch.float64).repeat(240, 1, 1)
+    end = pw.Stepper(model).rollout(theta, start, V_WP, record_every=240).frame(-1)
+    end.p_WB[0, 0, 0].backward()
+    assert theta.friction.grad.isfinite().all()
     from pydrake.systems.analysis import Simulator
 
     station = pw.make_station("push_t", engine="twin")
