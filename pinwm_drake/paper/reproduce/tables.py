@@ -175,11 +175,12 @@ STAND_IN = Table(
     _HEADER,
     _in_stand_in,
     _columns,
-    "No real robot is used. The stand-in is the plant of the other tables with a lump in the object, feet below it, a "
-    "camera 3 mm and 0.5 degrees off, actions 80 ms late, ragged masks and one lamp. All systems are trained with "
-    "actions 70 to 90 ms late. 20 trials on one station. Terms are not equal: `pin-wm` and `pin-wm-0` know the camera "
-    "from the film of the push; the others use its nominal pose. Latency, poke and masks were chosen on this station. "
-    "`mpc` sees the true state. The paper's figures are from a real robot.",
+    "No real robot is used. The stand-in is the plant of the other tables; its object has a lump inside and feet "
+    "below. Its camera is 3 mm and 0.5 degrees off, its actions are 80 ms late, masks are ragged, and one lamp "
+    "shines. All systems are trained with actions 70 to 90 ms late. 20 trials on one station. Terms are not equal: "
+    "`pin-wm` and `pin-wm-0` know the camera from the film of the push; the others use its nominal pose. Latency, "
+    "poke and masks were chosen on this station. `mpc` sees the true state. The paper's figures are from a real "
+    "robot.",
 )
 
 
