@@ -100,6 +100,20 @@ def machine() -> dict[str, str]:
     }
 
 
+def with_block(text: str, name: str, body: str) -> str:
+    """Text of a page whose block, between its markers, is replaced.
+
+    Raises:
+        ValueError: The page lacks the markers of this block.
+    """
+    begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
+    before, found, rest = text.partition(begin)
+    _, found_end, after = rest.partition(end)
+    if not (found and found_end):
+        raise ValueError(f"the markers '{begin}' and '{end}' are missing")
+    return f"{before}{begin}\n{body}\n{end}{after}"
+
+
 def write_block(page: Path, name: str, table: str, command: str) -> None:
     """Print a table, and put it between its markers on a page, with command, date, commit and machine.
 
@@ -107,17 +121,12 @@ def write_block(page: Path, name: str, table: str, command: str) -> None:
         ValueError: The page lacks the markers of this block.
     """
     print(table, flush=True)
-    begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
-    before, found, rest = page.read_text().partition(begin)
-    _, found_end, after = rest.partition(end)
-    if not (found and found_end):
-        raise ValueError(f"{page}: the markers '{begin}' and '{end}' are missing")
     where = machine()
     note = (
         f"`{command}`, {datetime.date.today().isoformat()}, commit {where['commit']}, on {where['processor']} "
         f"({where['system']}; {where['versions']})."
     )
-    page.write_text(f"{before}{begin}\n{table}\n\n{note}\n{end}{after}")
+    page.write_text(with_block(page.read_text(), name, f"{table}\n\n{note}"))
 
 
 def write_json(path: Path | None, **figures: object) -> None:

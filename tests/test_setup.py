@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-TEXT = "![A film](docs/a.gif) and [pages](docs/README.md), [paper](https://pinwm.github.io), [below](#links)"
+TEXT = "![A film](docs/a.gif) and [pages](docs/index.md), [paper](https://pinwm.github.io), [below](#links)"
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def index_readme():
 def test_links_lead_to_the_repository(index_readme):
     assert index_readme(TEXT, "https://example.org/o/p/") == (
         "![A film](https://example.org/o/p/raw/main/docs/a.gif) and "
-        "[pages](https://example.org/o/p/blob/main/docs/README.md), "
+        "[pages](https://example.org/o/p/blob/main/docs/index.md), "
         "[paper](https://pinwm.github.io), [below](#links)"
     )
 

@@ -11,7 +11,7 @@ from pinwm_drake.twin.twin import Twin
 
 # Standard deviations of a position after a way of one metre [m] that an object may have, and how likely each is before
 # its video is seen; an angle's is this over the object's radius. Out of the floor's plane it is `OUT_OF_PLANE` of it.
-# From pushes of MuJoCo, Bullet and Drake: see docs/results.md.
+# From pushes of MuJoCo, Bullet and Drake: see docs/results/identification.md.
 WALKS, CHANCES = (5e-3, 1e-2, 2e-2), (0.6, 0.3, 0.1)
 OUT_OF_PLANE = 0.1
 # Standard deviations of the logarithms of a push's frictions against those of the object: a face that rattles, a law of

@@ -310,7 +310,7 @@ def _trained(
 
 
 _DEMONSTRATIONS = 100
-_SECONDS = {"push": 20.0, "flip": 9.0}  # of an episode, by task, the mean of the rows in docs/tables.md
+_SECONDS = {"push": 20.0, "flip": 9.0}  # of an episode, by task, the mean of the rows in docs/results/tables.md
 
 
 @dataclass(frozen=True)

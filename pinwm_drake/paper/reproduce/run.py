@@ -57,11 +57,11 @@ def write_report(path: Path, tables: Sequence[Table], request: ReproduceRequest,
     if not any(results.values()):
         raise InputError(root, value="none of the cells of these tables", allowed="a folder of `pinwm reproduce`")
     prepare_folder(path.parent)
-    parts = ["# The paper's tables", f"Written by `pinwm reproduce report` from the folders of {root.name}."]
+    parts = ["# The paper's tables", f"`pinwm reproduce report` writes this page from the cells in `{root.name}`."]
     if request.quick:
-        parts.append("**Made with `--quick`**: tiny budgets, to show that everything runs. The figures mean nothing.")
+        parts.append("**Made with `--quick`**: tiny budgets show that everything runs. The figures mean nothing.")
     for table in tables:
-        rows = _listed(table.header, table.rows(request, results))
+        rows = listed(table.header, table.rows(request, results))
         parts += [f"## {table.title}", table.words, markdown(table.header, rows)]
         for name, figure in table_figures(table, request, results).items():
             picture = path.with_name(f"{path.stem}-{name}.png")
@@ -86,12 +86,12 @@ def _origin(results: Sequence[Mapping[str, Any]]) -> list[str]:
     first, last = (pick(one["time"] for one in made) for pick in (min, max))
     hours = sum(one["minutes"] for one in ended) / 60.0
     return [
-        f"{len(results)} cells in {hours:.3g} h, what other tables share among them{counts}. Commits "
+        f"{len(results)} cells in {hours:.3g} h, those that other tables share included{counts}. Commits "
         f"{', '.join(commits)}; machines: {'; '.join(machines)}; {first} to {last}."
     ]
 
 
-def _listed(header: Row, rows: Sequence[Row]) -> list[Row]:
+def listed(header: Row, rows: Sequence[Row]) -> list[Row]:
     """Rows of a report: those of seeds after the first one only where they were run."""
     if "seed" not in header:
         return list(rows)

@@ -3,6 +3,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from pinwm_drake.cousins.domain import CousinDomains, DomainSource
@@ -33,7 +34,7 @@ class TaskScene:
     episode: str
     spans: Spans
 
-    @property
+    @cached_property
     def true_theta(self) -> dict[str, float]:
         """True values of `THETA`'s parameters, SI units."""
         return {name: estimate.value for name, estimate in load_setup(self.scene).twin.theta.items()}
@@ -152,14 +153,16 @@ _SYSTEMS = (
     System("robogsim", "the theta of `random`, fitted surfels", PIN_WM, _random(once=True)),
     System("domain-rand", f"theta from R for each episode; {_PAST}", PIN_WM, _random(), _HISTORY),
     System("domain-rand-2", f"theta from half of R, around the true; {_PAST}", PIN_WM, _random(share=0.5), _HISTORY),
-    System("domain-rand-4", f"theta from a quarter of R, likewise; {_PAST}", PIN_WM, _random(share=0.25), _HISTORY),
+    System(
+        "domain-rand-4", f"theta from a quarter of R, around the true; {_PAST}", PIN_WM, _random(share=0.25), _HISTORY
+    ),
     System(ASID, "theta by cross-entropy, 200 simulations", ASID, _cousins(0.0)),
     System(ASID_GENEROUS, "theta by cross-entropy, 4,000 simulations", ASID_GENEROUS, _cousins(0.0)),
     System(PLANAR, "theta by a planar simulator", PLANAR, _cousins(0.0)),
     System(NO_COUSINS, "the twin of one push", PIN_WM, _cousins(0.0)),
     System(PIN_WM, "cousins of the twin of one push", PIN_WM, _cousins(0.1)),
-    System(DREAMER, "no world: imagines what a model of 100 episodes of random pushes says", SCENE, None),
-    System(DIFFUSION, "no world: imitates 100 episodes of an expert in the plant", SCENE, None),
+    System(DREAMER, "a world model of 100 episodes of random pushes in the plant", SCENE, None),
+    System(DIFFUSION, "100 demonstrations of an expert in the plant", SCENE, None),
     System(TRUE_THETA, "the true theta", SCENE, _cousins(0.0)),
     System(MPC, "not trained: plans in the twin, sees the state", PIN_WM, None),
     System(RANDOM_ACTIONS, "not trained: random actions", SCENE, None),

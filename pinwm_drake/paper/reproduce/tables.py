@@ -147,7 +147,10 @@ POLICIES = Table(
     _HEADER,
     partial(_lines, list(SYSTEMS), paper.POLICIES),
     _columns,
-    "All systems in Drake's hydroelastic plant with VTK's images, in which none is trained.",
+    "Success in Drake's hydroelastic plant with VTK's images. No system is trained in worlds of this plant. Terms are "
+    "not equal. `diffusion-policy` imitates demonstrations from this plant, and `dreamer-v2` learns from random pushes "
+    "in it. `asid` uses the recorded push, not one by its own exploration policy. `domain-rand` systems see four past "
+    "states and actions. `mpc` sees the true state.",
 )
 RANDOMIZATION = Table(
     "randomization",
@@ -155,7 +158,7 @@ RANDOMIZATION = Table(
     _HEADER,
     partial(_lines, _RANDOMIZED, paper.POLICIES),
     _columns,
-    "Training in the true theta, in cousins of the twin, and in ranges that are ever wider.",
+    "Training with the true theta, in cousins of the twin, and with theta from ever wider ranges R.",
 )
 TASKS_TABLE = Table(
     "tasks",
@@ -163,7 +166,8 @@ TASKS_TABLE = Table(
     _HEADER,
     _of_objects,
     _columns,
-    "Slippery floor (0.03): T-block, cube and a larger T-block, pushed. Rough floor (0.2): a cube, turned over.",
+    "T-block, cube and larger T-block are pushed on a slippery floor (friction 0.03). The cube is flipped on a rough "
+    "floor (friction 0.2). The paper's figures are from a real robot.",
 )
 STAND_IN = Table(
     "stand-in",
@@ -171,9 +175,12 @@ STAND_IN = Table(
     _HEADER,
     _in_stand_in,
     _columns,
-    "No robot: the plant of the other tables with a lump in the object and feet below it, a camera 3 mm and 0.5 "
-    "degrees off, actions 80 ms late, ragged masks and one lamp. Filmed, recorded and trained for it, with actions 70 "
-    "to 90 ms late, as of a lab that has measured them. 20 trials, all on one such station.",
+    "No real robot is used. The stand-in is the plant of the other tables; its object has a lump inside and feet "
+    "below. Its camera is 3 mm and 0.5 degrees off, its actions are 80 ms late, masks are ragged, and one lamp "
+    "shines. All systems are trained with actions 70 to 90 ms late. 20 trials on one station. Terms are not equal: "
+    "`pin-wm` and `pin-wm-0` know the camera from the film of the push; the others use its nominal pose. Latency, "
+    "poke and masks were chosen on this station. `mpc` sees the true state. The paper's figures are from a real "
+    "robot.",
 )
 
 
@@ -235,10 +242,11 @@ ONE_STEP = Table(
     ),
     _error_lines,
     error_columns,
-    "Errors of the object's pose after one action towards a random point of the object, as long as those that policies "
-    "take, against Drake's hydroelastic plant: when the action ends, while the object still moves, and when it rests, "
-    "2 s later at the most. Dreamer V2 predicts images, from which poses are read by the rendering loss; the "
-    "error of that alone is the row of the plant's own images.",
+    "Error of the predicted object pose after one action, against Drake's hydroelastic plant. The action is as long as "
+    "a policy's and leads towards a random point of the object. The first two columns are at the end of the action, "
+    'while the object still moves. The columns "at rest" are after it has stopped, at most 2 s later. Dreamer V2 '
+    'predicts images; the rendering loss reads the pose from them. The row "readout of true images" is the error of '
+    'that reading. The row "the scene\'s own theta" is the difference between the two engines.',
 )
 
 
@@ -269,9 +277,10 @@ GEOMETRY_NOISE = Table(
     ("task", "twin", "sigma by the diagonal", "seed", "translation", "rotation", "paper"),
     _noise_lines,
     error_columns,
-    "Vertices of the mesh that twins are made with are moved by normal noise; images, and the plant that they are "
-    "compared with, are of the true object. Where it is said so, the mesh is then fitted to the masks of the static "
-    "views (`pinwm capture refine`).",
+    "Twins are made with a wrong mesh: normal noise moves its vertices. Images and plant have the true object. In rows "
+    '"mesh fitted to the masks", `pinwm capture refine` has fitted the mesh to the masks of the static views. These '
+    "errors are those of predicted poses. They do not show that theta is right: a twin with a fitted mesh can have a "
+    "wrong friction.",
 )
 
 
@@ -333,8 +342,8 @@ PARAMETERS = Table(
     ("task", "unknown", "system", "seed", "true", "identified", "95 % interval", "identifiable", "paper"),
     _parameter_lines,
     _parameter_columns,
-    "Each unknown is looked for alone, by PIN-WM with the nuisances of a video; the others, inertia included, have "
-    "their true values. Motion alone tells no more than the ratio of mass and inertia: a pusher that is driven by "
-    "velocity moves an object of twice both alike. A mass that is looked for beside the inertia, as the 0.76 kg for 1 "
-    "kg of the paper, is a guess; the force on the pusher tells it. 2D Physics holds the mass, and has no restitution.",
+    "One unknown is identified at a time; the others, inertia included, have their true values. PIN-WM also fits the "
+    "nuisances of a video. A pusher driven by velocity moves an object of twice the mass and inertia alike, so motion "
+    "shows only their ratio. The paper's 0.76 kg for 1 kg, identified beside the inertia, is therefore a guess. The "
+    "measured force on the pusher shows the mass. 2D Physics holds the mass and has no restitution.",
 )

@@ -197,7 +197,9 @@ def test_seeds_that_were_not_run_are_listed_once(tmp_path):
     provenance = {"minutes": 90.0, "commit": "", "machine": "none", "time": "now"}
     CellStore(tmp_path).write(capture, {"settings": settings_of(capture), "result": {}, "provenance": provenance})
     write_report(tmp_path / "report.md", tables, request, tmp_path)
-    origin = "1 cells in 1.5 h, what other tables share among them. Commits no repository; machines: none; now to now."
+    origin = (
+        "1 cells in 1.5 h, those that other tables share included. Commits no repository; machines: none; now to now."
+    )
     assert origin in (tmp_path / "report.md").read_text()
     rows = [
         line.split(" | ") for line in (tmp_path / "report.md").read_text().splitlines() if line.startswith("| push")

@@ -14,11 +14,22 @@ from pinwm_drake.errors import InputError, ParameterError, PinwmError
 from pinwm_drake.paper.reproduce import paper, policies
 from pinwm_drake.paper.reproduce.policies import PolicyCell
 from pinwm_drake.paper.reproduce.request import ReproduceRequest
-from pinwm_drake.paper.reproduce.run import CellError, plan, read_results, reproduce, seeds_of, tables_of, write_report
+from pinwm_drake.paper.reproduce.run import (
+    CellError,
+    listed,
+    markdown,
+    plan,
+    read_results,
+    reproduce,
+    seeds_of,
+    tables_of,
+    write_report,
+)
 from pinwm_drake.paper.reproduce.systems import SYSTEMS
 from pinwm_drake.paper.reproduce.tables import NONE, Line, Table
 from pinwm_drake.parallel import Executor
 
+RESULTS = Path(__file__).resolve().parents[3] / "docs/results"
 OPTIONS = {"tasks": ("push",), "methods": ("pin-wm", "random-actions"), "episodes": 2, "quick": True}
 REQUEST = ReproduceRequest(**OPTIONS)
 KEYS = [
@@ -299,6 +310,14 @@ def test_a_task_that_is_named_twice_counts_once_and_systems_of_no_table_are_refu
     assert ReproduceRequest(tasks=("push", "flip", "push")).tasks == ("push", "flip")
     with pytest.raises(ParameterError, match=r"--methods: got robogsim, none of which is in parameters"):
         plan(tables_of(["parameters"]), ReproduceRequest(methods=("robogsim",)), tmp_path)
+
+
+def test_the_tables_of_the_documentation_are_those_of_its_cells():
+    page, request = (RESULTS / "tables.md").read_text(encoding="utf-8"), ReproduceRequest(seeds=2)
+    for table in tables_of(["all"]):
+        results = read_results([table], request, RESULTS / "reproduce")
+        rows = listed(table.header, table.rows(request, results))
+        assert f"## {table.title}\n\n{table.words}\n\n{markdown(table.header, rows)}\n" in page
 
 
 def test_a_row_has_an_interval_of_each_seed_and_names_the_seeds():

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: MIT
+"""Tables of README.md and docs/results that are written from stored results.
+
+    python -m benchmarks.result_pages
+
+Each table stands between markers with its name. The sources are the JSON files in docs/results and the cells in
+docs/results/reproduce. The tables in docs/results/tables.md are those of `pinwm reproduce report`.
+"""
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from scipy.stats import binomtest
+
+from benchmarks.results import markdown, with_block
+from pinwm_drake.paper.reproduce import paper
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "docs/results"
+Rows = Iterable[Iterable[object]]
+
+
+def read(name: str) -> Any:
+    """Stored result by its file's name in docs/results."""
+    return json.loads((RESULTS / name).read_text(encoding="utf-8"))
+
+
+def cell(key: str) -> Any:
+    """Result of a cell of `pinwm reproduce`."""
+    return read(f"reproduce/{key}/done.json")["result"]
+
+
+def percent(share: float) -> str:
+    """Share in percent with three digits, e.g. "94.6 %"."""
+    return f"{100.0 * share:.3g} %"
+
+
+def interval(low: float, high: float) -> str:
+    """Interval of a share, e.g. "94.6 to 99.8 %"."""
+    return f"{100.0 * low:.3g} to {100.0 * high:.3g} %"
+
+
+_TRAINED = (
+    ("cousins of the twin, seed 0", "pin-wm", 0),
+    ("cousins of the twin, seed 1", "pin-wm", 1),
+    ("the twin alone", "pin-wm-0", 0),
+    ("the true θ", "true-theta", 0),
+)
+_SECOND = "mug, true theta, as it is"  # the other training with the true theta, in flip.json
+
+
+def headline() -> str:
+    """Table of success and friction beside the paper's, one figure a cell."""
+    rows: list[tuple[str, str, str, str]] = []
+    for task, words in (("push", "push"), ("flip", "flip of a mug")):
+        for trained, system, seed in _TRAINED:
+            known = paper.POLICIES[task, system].split(",")[0]
+            results = [cell(f"evaluations/{task}/{system}/seed-{seed}")]
+            if (task, system) == ("flip", "true-theta"):
+                results = [read("flip.json")[_SECOND]["results"], *results]
+            for number, one in enumerate(results, 1):
+                which = f", training {number}" if len(results) > 1 else ""
+                here = percent(one["success_rate"])
+                rows.append((f"{words}; {trained}{which}", known, here, interval(*one["interval_95"])))
+    for task, words, true in (("push", "push", "0.03"), ("flip", "poke of a mug", "0.2")):
+        found = cell(f"twins/pin-wm-friction_floor/{task}/seed-0")["estimates"]["friction_floor"]
+        low, high = found["interval"]
+        known = paper.PARAMETERS[task, "pin-wm", "friction_floor"]
+        here = f"{found['value']:.3g}"
+        rows.append((f"floor friction from a {words} (true: {true})", known, here, f"{low:.3g} to {high:.3g}"))
+    return table("simulation | paper | here | 95 % interval", rows)
+
+
+def meshes() -> str:
+    """Table of twins with a wrong mesh: errors of one action, friction of the floor and loss."""
+    rows = []
+    for task, true in (("push", "0.03"), ("flip", "0.2")):
+        for noise in ("", "-noise-0.005", "-noise-0.01", "-noise-0.03"):
+            for refined in ("", "-refined") if noise and task == "push" else ("",):
+                twin = cell(f"twins/pin-wm/{task}{noise}{refined}/seed-0")
+                step = cell(f"one-step/pin-wm/{task}{noise}{refined}/seed-0")
+                friction = twin["estimates"]["friction_floor"]
+                mesh = f"{100.0 * float(noise.removeprefix('-noise-')):g} %" if noise else "true"
+                rows.append(
+                    (
+                        task,
+                        mesh + (", fitted to the masks" if refined else ""),
+                        f"{1e3 * step['translation']['mean']:.3g} mm",
+                        f"{step['rotation']['mean']:.3g} rad",
+                        f"{friction['value']:.3g} ({true})",
+                        f"{friction['interval'][0]:.3g} to {friction['interval'][1]:.3g}",
+                        "yes" if friction["identifiable"] else "no",
+                        f"{twin['loss']:.2g}",
+                    )
+                )
+    return table(
+        "task | mesh | translation | rotation | friction (true) | 95 % interval | identifiable | loss",
+        rows,
+    )
+
+
+def review() -> str:
+    """Table of success in a reviewer's MuJoCo, with Wilson's intervals of the counts that the shares stand for."""
+    rows = []
+    for row in read("robustness_review.json")["rows"]:
+        count = round(row["success_rate"] * row["episodes"])
+        ends = binomtest(count, row["episodes"]).proportion_ci(method="wilson")
+        rows.append((row["task"], row["condition"], percent(row["success_rate"]), interval(*ends), row["episodes"]))
+    return table("task | condition | success | 95 % interval (Wilson) | episodes", rows)
+
+
+def faults() -> str:
+    """Table of the faults of a rehearsal, and of the time until the robot stands."""
+    rows = [
+        (
+            name,
+            f"{fault['good']} of {fault['trials']}",
+            *(f"{fault[key]:.3f} s" for key in ("median_to_zero", "longest_to_zero")),
+            f"{fault['allowed']:.2f} s",
+        )
+        for name, fault in read("rehearsal_faults.json")["summary"]["faults"].items()
+    ]
+    return table("fault | stopped in time | median | longest | allowed", rows)
+
+
+_PUSHES = (  # words, command, training seed, key in push.json
+    ("SAC teacher and student, two cores", "`pinwm train TWIN`", 0, "default, waves of 30 rad, one command"),
+    ("PPO from images", "`--method ppo`", 0, "PPO from images, 107 minutes"),
+    ("PPO from images", "`--method ppo`", 1, "PPO from images, seed 1, 73 minutes"),
+    ("PPO from images", "`--method ppo`", 2, "PPO from images, seed 2, 69 minutes"),
+    (
+        "goals within ±10 cm, any yaw",
+        "`--goals random --yaw 3.14159 --steps 1200000`",
+        0,
+        "goals random, waves of 30 rad, images that do not smear",
+    ),
+    ("same", "same", 1, "goals random, seed 1"),
+    ("same", "same", 2, "goals random, seed 2"),
+    (
+        "starts at any yaw",
+        "`--yaw 3.14159 --steps 1200000`",
+        0,
+        "start yaw pi, waves of 30 rad, images that do not smear",
+    ),
+    ("same", "same", 1, "start yaw pi, seed 1"),
+    ("same", "same", 2, "start yaw pi, seed 2"),
+    (
+        "goal within 10 mm and 0.1 rad",
+        "`--tolerance 0.01 --turn-tolerance 0.1`",
+        0,
+        "10 mm and 0.1 rad, images that do not smear",
+    ),
+    ("same", "same", 1, "10 mm and 0.1 rad, seed 1"),
+    ("same", "same", 2, "10 mm and 0.1 rad, seed 2"),
+)
+_FLIPS = (  # words, training seed, key in flip.json
+    ("mug, twin of two pokes (ships as `flip_mug`)", 0, "mug, seed 0"),
+    ("mug, twin of two pokes", 1, "mug, seed 1"),
+    ("mug, twin of two pokes", 2, "mug, seed 2"),
+    ("mug, twin of one poke", 0, "mug, twin of one poke"),
+    ("mug, twin of one poke, no cousins (`--delta 0`)", 0, "mug, twin of one poke, without cousins"),
+    ("mug, true θ", 0, "mug, true theta, as it is"),
+    ("mug with a handle, twin of one poke", 0, "handle, twin of one poke"),
+    ("cube, twin of one poke, cousins of ±10 %", 0, "cube, twin of one poke, as it is"),
+    ("cube, twin of one poke, `--from-intervals`", 0, "cube, twin of one poke, from intervals"),
+    ("cube, twin of two pokes", 0, "cube, window, twin of two pokes"),
+)
+
+
+def _success(result: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Success, interval and mean number of actions of an evaluation."""
+    actions = f"{result['steps']['all']['mean']:.1f}"
+    return percent(result["success_rate"]), interval(*result["interval_95"]), actions
+
+
+_MEASURED = "success | 95 % interval (Wilson) | actions"
+
+
+def pushes() -> str:
+    """Table of policies of pushes, from push.json."""
+    stored = read("push.json")
+    rows = [(words, command, seed, *_success(stored[key]["results"])) for words, command, seed, key in _PUSHES]
+    return table(f"training | command | seed | {_MEASURED}", rows)
+
+
+def flips() -> str:
+    """Table of policies of flips in both of Drake's contacts, from flip.json."""
+    stored, rows = read("flip.json"), list[tuple[object, ...]]()
+    for words, seed, key in _FLIPS:
+        for engine in ("hydroelastic", "point"):
+            found = stored.get(f"{key}, {engine}") or (stored[key] if engine == "hydroelastic" else None)
+            if found is not None:
+                rows.append((words, seed, engine, *_success(found["results"])))
+    return table(f"trained for | seed | contact | {_MEASURED}", rows)
+
+
+def table(header: str, rows: Rows) -> str:
+    """Table in Markdown."""
+    return "\n".join(markdown(header, rows))
+
+
+BLOCKS: tuple[tuple[Path, str, Callable[[], str]], ...] = (
+    (ROOT / "README.md", "headline", headline),
+    (RESULTS / "index.md", "headline", headline),
+    (RESULTS / "limitations.md", "meshes", meshes),
+    (RESULTS / "policies.md", "pushes", pushes),
+    (RESULTS / "policies.md", "flips", flips),
+    (RESULTS / "robustness.md", "review", review),
+    (RESULTS / "robustness.md", "faults", faults),
+)
+"""Pages, with the names of their tables and what makes these."""
+
+
+def main() -> None:
+    """Write all tables into their pages."""
+    for page, name, make in BLOCKS:
+        page.write_text(with_block(page.read_text(encoding="utf-8"), name, make()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
