@@ -38,6 +38,8 @@ _ABBREVIATIONS = (
     "No.",
     "ca.",
 )
+# A letter of a name, such as H. Xu; those of frames end a sentence.
+_INITIAL = re.compile(r"\b[ABD-NQ-VX-Z]\.$")
 
 
 def name_of(path: Path) -> str:
@@ -131,7 +133,7 @@ def plain(text: str) -> str:
 def _split(text: str) -> list[str]:
     parts: list[str] = []
     for part in _END.split(text):
-        if parts and (parts[-1].endswith(_ABBREVIATIONS) or re.search(r"\b[A-Z]\.$", parts[-1])):
+        if parts and (parts[-1].endswith(_ABBREVIATIONS) or _INITIAL.search(parts[-1])):
             parts[-1] += " " + part
         elif part.strip():
             parts.append(part.strip())

@@ -37,8 +37,8 @@ def test_sentences_of_a_notebook_are_short(notebook):
 
 TEXT = """# A heading
 
-One sentence, e.g. this one. Another with 0.5 m of `code that is a word`! It names H. Xu
-over two lines; see [a page. Or so](x.md#a-b).
+One sentence, e.g. this one. Another with 0.5 m of `code that is a word`! It names H. Xu and the
+frame W. They go over two lines; see [a page. Or so](x.md#a-b).
 
 - An item
 - A second one. `Code` begins a third.
@@ -64,7 +64,8 @@ def test_text_is_split_into_sentences():
         "A heading",
         "One sentence, e.g. this one.",
         "Another with 0.5 m of `code`!",
-        "It names H. Xu over two lines; see a page.",
+        "It names H. Xu and the frame W.",
+        "They go over two lines; see a page.",
         "Or so.",
         "An item",
         "A second one.",
