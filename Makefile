@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out
 
-.PHONY: demo test nightly smoke lint bench matrix setup clean
+.PHONY: demo test nightly smoke lint docs bench matrix setup clean
 
 demo: $(VENV)/.installed
 	$(BIN)/pinwm demo --out $(OUT)/demo
@@ -28,6 +28,10 @@ lint: $(VENV)/.installed
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
+# The site, in $(OUT)/site; a warning is an error.
+docs: $(VENV)/.installed-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --site-dir $(OUT)/site
+
 bench: $(VENV)/.installed-bench
 	$(BIN)/python -m benchmarks
 
@@ -40,6 +44,10 @@ setup: $(VENV)/.installed
 # Work is stamped by the files that decide what gets installed.
 $(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[dev]"
+	touch $@
+
+$(VENV)/.installed-docs: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[docs]"
 	touch $@
 
 $(VENV)/.installed-bench: $(VENV)/.installed

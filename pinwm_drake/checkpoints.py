@@ -83,7 +83,7 @@ def generator_state(generator: np.random.Generator) -> np.ndarray:
 
 
 def set_generator_state(generator: np.random.Generator, state: np.ndarray) -> None:
-    """Put a generator of the same kind into a state that `generator_state` gave."""
+    """Put a generator of the same kind into a state (n,) uint8 that `generator_state` gave."""
     generator.bit_generator.state = json.loads(str(state))
 
 

@@ -86,7 +86,7 @@ def _read(path: Path, mode: str) -> np.ndarray:
 
 
 def size_of(image: np.ndarray) -> str:
-    """Width and height of an image, in words."""
+    """Width and height of an image (H, W, ...), in words."""
     return f"{image.shape[1]} x {image.shape[0]} px"
 
 

@@ -53,6 +53,7 @@ def add_command(
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {one.name: one.annotation for one in parameters}
     command.__doc__ = run.__doc__
+    command.request = request  # type: ignore[attr-defined]  # for the reference pages
     app.command(name, epilog=f"Example: {example}")(command)
 
 

@@ -143,7 +143,7 @@ class SafetyFilter:
         return Safety("running", "", (x, y, z), bool((v_WP != wanted).any()))
 
     def action_fault(self, d_W: np.ndarray) -> str:
-        """Fault of an action, in words; empty if there is none."""
+        """Fault of an action d_W [m], which should be (n,), in words; empty if there is none."""
         if np.shape(d_W) != (shape := (self._task.action_size,)):
             return f"action has shape {np.shape(d_W)}; allowed: {shape}"
         with np.errstate(over="ignore"):

@@ -36,7 +36,7 @@ class AdamState:
 
     @staticmethod
     def at(z: Tensor) -> "AdamState":
-        """State of a descent before its first step."""
+        """State of a descent before its first step, at guesses z (W, p)."""
         zero = torch.zeros_like(z)
         infinite = torch.full((len(z),), torch.inf, dtype=torch.float64)
         return AdamState(0, z.clone(), zero, zero.clone(), 0.0, infinite, z.clone())

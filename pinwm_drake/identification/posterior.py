@@ -122,7 +122,7 @@ def _quantities(coordinates: Coordinates, z: Tensor, scene: Scene, mass: float) 
 
 
 def interval(values: np.ndarray, value: float) -> tuple[float, float]:
-    """95 % interval of draws that holds a value."""
+    """95 % interval of draws (n,) that holds a value."""
     low, high = np.quantile(values, [0.025, 0.975])
     return min(float(low), value), max(float(high), value)
 

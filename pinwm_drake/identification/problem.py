@@ -71,7 +71,7 @@ class Problem:
 
     @torch.no_grad()
     def fit_outline(self, z: Tensor) -> Tensor:
-        """Unknowns z with the outlines' scales that suit the first frames best, where these are free.
+        """Unknowns z (W, p) with the outlines' scales that suit the first frames best, where these are free.
 
         The renderer widens what is small, so that each resolution has a scale of its own.
         """

@@ -158,7 +158,7 @@ class RefineState:
 
     @staticmethod
     def at(problem: Problem, z: Tensor) -> "RefineState":
-        """State before the first expansion."""
+        """State before the first expansion, at unknowns z (p,)."""
         n = sum(push.num_frames for push in problem.pushes)
         return RefineState(0, z, torch.zeros(n, 6, dtype=torch.float64), float("inf"), False)
 

@@ -184,7 +184,7 @@ class Coordinates:
         return {name: float(values[max(push, 0)][unknown.name]) for name, unknown, push in of}
 
     def clamp(self, z: Tensor) -> Tensor:
-        """Return the nearest z within the bounds."""
+        """Return the z nearest to one (..., p) within the bounds."""
         return torch.minimum(torch.maximum(z, self.low), self.high)
 
     def draw(self, number: int, generator: torch.Generator) -> Tensor:
@@ -195,5 +195,5 @@ class Coordinates:
         return self.clamp(z)
 
     def penalty(self, z: Tensor) -> Tensor:
-        """Minus the logarithm of the prior, (...), up to a constant."""
+        """Minus the logarithm of the prior of z (..., p), up to a constant."""
         return 0.5 * (z * (z @ self.precision)).sum(-1)

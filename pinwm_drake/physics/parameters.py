@@ -179,7 +179,7 @@ class Parameters(TensorFields):
 def kernel_arrays(
     parameters: Parameters, V_WP: Tensor, states: Iterable[Tensor]
 ) -> tuple[tuple[np.ndarray, ...], np.ndarray, tuple[np.ndarray, ...]]:
-    """Arrays that kernels take: those of the parameters, the pusher's velocities, and those of states over time."""
+    """Arrays for kernels: of the parameters, of the velocities V_WP (T, W, 6) [rad/s, m/s], and of states over time."""
 
     def arrays(tensors: Iterable[Tensor]) -> tuple[np.ndarray, ...]:
         return tuple(np.ascontiguousarray(tensor.detach().cpu().numpy()) for tensor in tensors)

@@ -159,7 +159,7 @@ def check_tensor(name: str, value: Tensor, shape: tuple[int, ...], most: float =
 
     Args:
         name: for the message.
-        value: to check.
+        value: (*shape) float64, to check.
         shape: allowed.
         most: largest absolute value that is allowed.
     """

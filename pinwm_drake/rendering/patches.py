@@ -37,7 +37,7 @@ class Patches:
         return len(self.points)
 
     def select(self, chosen: np.ndarray) -> "Patches":
-        """Subset of the patches that a mask or indices choose."""
+        """Subset of the patches that a mask (n,) bool or indices (k,) int choose."""
         return Patches(*(getattr(self, item.name)[chosen] for item in fields(self)))
 
     @staticmethod

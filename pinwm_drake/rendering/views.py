@@ -92,7 +92,7 @@ class View:
         return box_around(self.camera, self.X_CO, p_OQ, margin, torch.cat([seen, seen + 1]))
 
     def close_up(self, p_OQ: Tensor, margin: int, longest: float = math.inf) -> "View":
-        """Return the box of `object_box`, made smaller where its longer side has more than so many px."""
+        """Return the box of `object_box` around points p_OQ (n, 3) m, smaller where it has more than so many px."""
         box = self.object_box(p_OQ, margin)
         return self.cropped(*box).scaled(min(longest / max(box[2:]), 1.0))
 

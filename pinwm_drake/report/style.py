@@ -44,7 +44,7 @@ def label_plane(axes: Axes) -> None:
 def show_picture(
     axes: Axes, picture: np.ndarray, frame: str, *, linewidth: float = 0.8, interpolation: str = "auto"
 ) -> None:
-    """Show a picture without ticks, in a frame of one colour."""
+    """Show a picture (height, width, 3) without ticks, in a frame of one colour."""
     axes.imshow(picture, interpolation=interpolation)
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set(color=frame, linewidth=linewidth)

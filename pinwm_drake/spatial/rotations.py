@@ -19,7 +19,7 @@ _SMALL_SQUARE = 1e-4
 
 
 def require_last_axis(array: torch.Tensor, size: int, name: str) -> None:
-    """Raise StateError unless the last axis of a tensor, which the message calls `name`, has a given length."""
+    """Raise StateError unless a tensor, which the message calls `name`, has the shape (..., size)."""
     if array.ndim == 0 or array.shape[-1] != size:
         raise StateError(f"{name}: got shape {tuple(array.shape)}; allowed: (..., {size})")
 

@@ -155,7 +155,7 @@ class FlipTask(Task):
         return tuple((f"{axis} of {words}, world", unit) for words, unit in parts for axis in "xyz")
 
     def near_goal(self, state: np.ndarray, share: float = 1.0) -> bool:
-        """Flag: the axis is within a share of the tolerance of upright, by components 3 to 5 of a state."""
+        """Flag: the axis is within a share of the tolerance of upright, by components 3 to 5 of a state (18,)."""
         return bool(tilt(state) < share * self.turn_tolerance)
 
     def _axes_W(self, q_WO: np.ndarray) -> np.ndarray:

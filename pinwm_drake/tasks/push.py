@@ -235,7 +235,7 @@ class PushTask(Task):
         )
 
     def near_goal(self, state: np.ndarray, share: float = 1.0) -> bool:
-        """Flag: the object is within a share of the tolerances of the goal, by components 0 to 3 of a state."""
+        """Flag: the object is within a share of the tolerances of the goal, by components 0 to 3 of a state (11,)."""
         distance, turn = offset_from_goal(state)
         return distance < share * self.tolerance and turn < share * self.turn_tolerance
 

@@ -14,6 +14,7 @@ import gymnasium
 from pinwm_drake.tasks.registry import recipe_of, task_names
 
 ENV_IDS = {task: f"pinwm/{task.capitalize()}-v0" for task in task_names()}
+"""Names of the environments in gymnasium, by task."""
 for _task, _name in ENV_IDS.items():
     if _name not in gymnasium.registry:
         gymnasium.register(

@@ -162,7 +162,7 @@ def missed_cost(miss: np.ndarray, now: np.ndarray) -> np.ndarray:
 
     Args:
         miss: (...) norms of the errors that are left, in tolerances.
-        now: Norm of the present error, in tolerances.
+        now: (...) norm of the present error, in tolerances.
     """
     cost: np.ndarray = _MISSED * np.minimum(miss**2, 1.0) + _FAR * np.maximum(miss - 1.0, 0.0)
     cost += _NO_CHOICE * (miss > _GAIN * now)

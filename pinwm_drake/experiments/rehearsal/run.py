@@ -108,7 +108,7 @@ class Disturbed:
         return self.step(image, p_WP)[0]
 
     def step(self, image: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return the translation and estimate of the bundle, or the failure that is due."""
+        """Return translation and estimate of the bundle, or the failure that is due; arguments as for `Bundle.step`."""
         found = self._bundle.step(image, p_WP)
         if time.monotonic() < self._due:
             return found

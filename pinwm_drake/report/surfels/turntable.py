@@ -55,7 +55,9 @@ def write_turntable(
     up: np.ndarray | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> None:
-    """Films one turn: writes the frames of `turntable`, of an even size, to an .mp4 file whose folder exists.
+    """Film one turn: write the frames of `turntable`, of an even size, to an .mp4 file whose folder exists.
+
+    Arguments are as for `turntable`.
 
     Raises:
         InputError: The file cannot be written.

@@ -60,11 +60,11 @@ class LcmHandle:
             self.lcm.Publish(self.channel, message)
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
-        """Refuses to set the object's state: raises ParameterError."""
+        """Refuse to set the object's state: raise ParameterError; arguments as for `engine.Handle`."""
         raise ParameterError("engine lcm: got a place for the object; allowed: to be put there by hand")
 
     def SetPusherPosition(self, context: Context, p_WP: np.ndarray, world: int = 0) -> None:
-        """Refuses to put the pusher: raises ParameterError."""
+        """Refuse to put the pusher: raise ParameterError; arguments as for `engine.Handle`."""
         raise ParameterError("engine lcm: got a place for the pusher; allowed: to be moved there with the robot")
 
 

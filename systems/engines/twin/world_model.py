@@ -114,13 +114,13 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         pushers[worlds, :3], pushers[worlds, 3:] = p_WP, 0.0
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
-        """Set an object's state as `engine.Handle` does; `context` may be that of a diagram that holds this system."""
+        """Set an object's state; arguments as for `engine.Handle`, or with the context of an outer diagram."""
         mine = self.GetMyMutableContextFromRoot(context)
         p_WP = self._state(mine)[1]
         self.SetState(mine, rest_state(X_WO, V_WO), p_WP[world], world)
 
     def SetPusherPosition(self, context: Context, p_WP: np.ndarray, world: int = 0) -> None:
-        """Put a pusher as `engine.Handle` does; `context` may be that of a diagram that holds this system."""
+        """Put a pusher; arguments as for `engine.Handle`, with the context of any diagram around this system."""
         mine = self.GetMyMutableContextFromRoot(context)
         self.SetState(mine, self._state(mine)[0][world], p_WP, world)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-ROOT = Path(__file__).resolve().parent.parent
-README, STATION, PYTHON = ROOT / "README.md", ROOT / "docs" / "station.md", ROOT / "docs" / "python.md"
-PAGES = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+ROOT = Path(__file__).resolve().parents[2]
+README = ROOT / "README.md"
+STATION, PYTHON = (ROOT / "docs/reference" / name for name in ("station.md", "python.md"))
 
 
 def run_example(page, number, of):
@@ -18,16 +18,6 @@ def run_example(page, number, of):
     names: dict = {}
     exec(compile(examples[number], page.name, "exec"), names)
     return names
-
-
-def anchors(page):
-    """The anchors that GitHub gives to a page's headings."""
-    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
-
-
-def test_the_readme_is_short():
-    assert len(README.read_text(encoding="utf-8").splitlines()) <= 120
 
 
 def test_the_readmes_example_runs_and_does_what_it_says(tmp_path, monkeypatch):
@@ -64,17 +54,19 @@ def test_the_environments_example_runs_and_does_what_it_says(capsys):
     assert np.isfinite(names["reward"])
 
 
-def test_the_example_of_a_task_runs_and_does_what_it_says(capsys):
-    names = run_example(PYTHON, 0, of=3)
-    assert names["observation"].shape == (6,)
-    assert names["env"].task == names["SlideTask"](0.05)
-    assert f"'distance': {names['info']['distance']}" in capsys.readouterr().out
-    # The object starts within 8 cm of the origin.
-    assert 0.0 <= names["info"]["distance"] < 0.14
+def test_the_example_of_a_twin_runs_and_does_what_it_says(capsys):
+    names = run_example(PYTHON, 1, of=4)
+    assert "tensor" in capsys.readouterr().out
+    # The pusher goes 100 mm in a second and takes the block with it; more friction on the floor stops that sooner.
+    assert names["end"].p_WB[0, 0, 0] > 0.01
+    gradient = names["theta"].friction.grad
+    assert gradient.shape == (1, 2)
+    assert torch.isfinite(gradient).all()
+    assert gradient[0, 0] != 0.0
 
 
 def test_the_renderers_example_runs_and_does_what_it_says(capsys):
-    names = run_example(PYTHON, 2, of=3)
+    names = run_example(PYTHON, 3, of=4)
     assert "torch.Size([1, 200, 200, 3])" in capsys.readouterr().out
     # The disc's radius is 50 px.
     assert names["image"].alpha[0, 80:120, 80:120].mean() > 0.9
@@ -86,19 +78,10 @@ def test_the_renderers_example_runs_and_does_what_it_says(capsys):
 
 
 def test_the_physics_example_runs_and_does_what_it_says(capsys):
-    names = run_example(PYTHON, 1, of=3)
+    names = run_example(PYTHON, 2, of=4)
     assert "tensor" in capsys.readouterr().out
     # The pusher starts 5 mm before the face and moves 100 mm; contacts give by far less than 10 µm.
     assert names["end"].p_WB[0, 0, 0].item() == pytest.approx(0.095, abs=1e-5)
     # Moving faster by dv for this 1 s takes the cube further by dv · 1 s.
     assert names["V_WP"].grad[:, 0, 3].sum().item() == pytest.approx(1.0, abs=1e-4)
     assert torch.isfinite(names["V_WP"].grad).all()
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_what_a_page_points_to_is_there(page):
-    for target in re.findall(r"\]\(((?!\w+:)[^)]+)\)", page.read_text(encoding="utf-8")):
-        path, _, anchor = target.partition("#")
-        file = page.parent / path if path else page
-        assert file.is_file(), target
-        assert not anchor or anchor in anchors(file), target
