@@ -199,6 +199,9 @@ def make_request(cls: type[_Any], values: dict[str, Any]) -> "_Any":
     """
     mine, inner = dict(values), dict[str, dict[str, Any]]()
     for field in request_fields(cls):
+        # A default is not checked: it may be what no one can ask for, such as an infinite box.
+        if field.name in mine and field.default is not dataclasses.MISSING and mine[field.name] == field.default:
+            del mine[field.name]
         if field.owner is not None and field.name in mine:
             inner.setdefault(field.owner, {})[field.name] = mine.pop(field.name)
     hints = get_type_hints(cls)
