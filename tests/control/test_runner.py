@@ -173,7 +173,9 @@ def test_a_real_bundle_answers_as_it_does_itself(tmp_path):
 
 
 # What docs/how-to/own-robot.md installs beside the wheel, and what these packages bring themselves.
-INSTALLED = "numpy onnxruntime yaml pydantic pydantic_core annotated_types typing_inspection typing_extensions lazy_loader"
+INSTALLED = (
+    "numpy onnxruntime yaml pydantic pydantic_core annotated_types typing_inspection typing_extensions lazy_loader"
+)
 ALONE = f"""
 import sys
 from importlib.machinery import PathFinder

@@ -62,7 +62,9 @@ def test_a_round_is_trained_and_its_policy_can_be_read(folder, capsys):
 
 
 def test_the_script_knows_the_task(folder, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["mypinwm.py", "train", "push_t", "--task", "slide", "--image-size", "0", "-o", "out"])
+    monkeypatch.setattr(
+        sys, "argv", ["mypinwm.py", "train", "push_t", "--task", "slide", "--image-size", "0", "-o", "out"]
+    )
     with pytest.raises(SystemExit):
         run(SCRIPT)
     assert "slide" in registry.task_names()

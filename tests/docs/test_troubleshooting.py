@@ -11,7 +11,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/how-to/troubleshooting.md"
 # What other programs say, and what a table or a file has.
-OTHERS = re.compile(r"^arm\(\)$|lib(EGL|GL)\.so|^pydrake$|^module |^identifiable|^(disarmed|grip|view|start)$|^\.NAME|^crosscheck$")
+OTHERS = re.compile(
+    r"^arm\(\)$|lib(EGL|GL)\.so|^pydrake$|^module |^identifiable|^(disarmed|grip|view|start)$|^\.NAME|^crosscheck$"
+)
 
 
 def quoted() -> list[str]:
@@ -29,7 +31,9 @@ def texts() -> str:
         for path in sorted((ROOT / folder).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.JoinedStr):
-                    parts.append("".join(part.value if isinstance(part, ast.Constant) else "\0" for part in node.values))
+                    parts.append(
+                        "".join(part.value if isinstance(part, ast.Constant) else "\0" for part in node.values)
+                    )
                 elif isinstance(node, ast.Constant) and isinstance(node.value, str):
                     parts.append(node.value)
     return "\n".join(parts).replace("`", "").lower()
