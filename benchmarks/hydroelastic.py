@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Distance of the twin from Drake's contact in a push: the tables of docs/hydroelastic.md.
+"""Distance of the twin from Drake's contact in a push: the tables of docs/explanation/hydroelastic.md.
 
 The same pushes go through several twins and through plants with shorter and shorter steps. `--agreement` measures how
 far the twin is from both of Drake's contact models; that takes half an hour.
@@ -26,7 +26,7 @@ from pinwm_drake.systems.crosscheck.trials import draw_trials
 from pinwm_drake.systems.scenario.schema import Physics, Scenario, Start, Theta
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 
-PAGE = Path(__file__).resolve().parent.parent / "docs/hydroelastic.md"
+PAGE = Path(__file__).resolve().parent.parent / "docs/explanation/hydroelastic.md"
 
 _FRICTION, _PUSHES, _SEED = 0.1, 8, 0
 _AGREEMENT = (("t_block", 0.03), ("t_block", 0.1), ("t_block", 0.3), ("cube", 0.3), ("mug", 0.5))
@@ -121,7 +121,7 @@ def steps() -> str:
 def main() -> None:
     """Measures and reports the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="update docs/hydroelastic.md")
+    parser.add_argument("--write", action="store_true", help="update docs/explanation/hydroelastic.md")
     parser.add_argument("--agreement", action="store_true", help="measure the twin against both contact models too")
     given = parser.parse_args()
     command = "python -m benchmarks.hydroelastic"

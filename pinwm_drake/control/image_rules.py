@@ -5,7 +5,6 @@ import hashlib
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pinwm_drake.learning.spec import CameraSpec
 
@@ -66,7 +65,9 @@ class ImageRules:
         least, most = (1, camera.width * camera.height) if pixels is None else pixels
         self._least, self._most = max(_LEAST * least, 1.0), _MOST * most
         self._low, self._high = np.array(low) - _OUTSIDE, np.array(high) + _OUTSIDE
-        self._R_WC = Rotation.from_quat(camera.q_WC, scalar_first=True).as_matrix()
+        # By the quaternion itself: a robot's controller does without scipy.
+        q_WC = np.array(camera.q_WC) / np.linalg.norm(camera.q_WC)
+        self._w, self._u = q_WC[0], q_WC[1:]
         self._height = height
 
     def sight(self, rgb: np.ndarray, time: float) -> Sight:
@@ -114,7 +115,8 @@ class ImageRules:
     def _on_floor(self, u: float, v: float) -> tuple[float, float]:
         """Point x, y [m, world] of the plane that a pixel (u, v) shows; NaN where it shows none."""
         camera = self._camera
-        ray = self._R_WC @ [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0]
+        p_C = np.array([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0])
+        ray = p_C + 2.0 * np.cross(self._u, np.cross(self._u, p_C) + self._w * p_C)
         drop = self._height - camera.p_WC[2]
         if ray[2] * drop <= 0.0:
             return float("nan"), float("nan")

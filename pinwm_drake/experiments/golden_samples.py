@@ -40,6 +40,7 @@ def export_bundle(
         PinwmError: The policy cannot be read or is not one of images, the scene is not one that it is made for, a limit
             is out of range, or the folder cannot be written.
     """
+    folder, out = Path(folder), Path(out)  # of the face, where texts are given as well
     require("--seed", seed, seed >= 0, "0 or more")
     if is_bundle(folder):
         raise InputError(folder, value="a bundle", allowed="a policy, as `pinwm train` wrote it")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The example of docs/run_a_bundle.md, with the twin's station as somebody's robot."""
+"""The example of docs/how-to/run-a-bundle.md, with the twin's station as somebody's robot."""
 
 import dataclasses
 import re
@@ -16,7 +16,7 @@ from pinwm_drake.systems.scenario.setup import make_setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.systems.station.station import make_station
 
-PAGE = Path(__file__).resolve().parents[2] / "docs/run_a_bundle.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs/how-to/run-a-bundle.md"
 
 
 class Robot:
@@ -63,7 +63,7 @@ class Robot:
 
 
 def test_it_brings_the_object_to_the_goal():
-    code = re.search(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[1]
+    code = re.search(r"```python\n(import numpy.*?)```", PAGE.read_text(), re.DOTALL)[1]
     assert len(code.strip().splitlines()) <= 30
     names = {}
     exec(code, names)

@@ -79,7 +79,7 @@ def test_a_task_of_its_own_is_trained_evaluated_and_exported(tmp_path):
     )
     assert found.episodes == 2
     assert "success in the task toy_slide" in (tmp_path / "evaluation/report.html").read_text()
-    bundle = export_bundle(tmp_path / "run", tmp_path / "bundle", scene=scene)
+    bundle = export_bundle(str(tmp_path / "run"), str(tmp_path / "bundle"), scene=scene)
     assert bundle.spec == policy.spec
     assert bundle.contract["spec"]["task"] == {"name": "toy_slide", "distance": 0.05}
 

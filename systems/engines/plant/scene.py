@@ -4,7 +4,7 @@
 Bodies come in through Drake's Parser, from the texts of `systems/sdf/text.py` with the theta of a setup. Contact is
 hydroelastic, of a rigid object with a compliant and stiff floor and pusher, or that of points: small spheres carry the
 object, and its convex pieces meet the pusher. The discrete approximation is "lagged". The reasons for it and for the
-floor, and the accuracy that was measured, are in docs/hydroelastic.md, "Accuracy of the plants".
+floor, and the accuracy that was measured, are in docs/explanation/hydroelastic.md, "Accuracy of the plants".
 """
 
 import shutil
