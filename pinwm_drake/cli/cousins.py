@@ -17,7 +17,10 @@ COUSINS_FILE, FIGURE_FILE = "cousins.npz", "cousins.png"
 
 
 def cousins(request: CousinsRequest) -> None:
-    """Draws copies of a twin with other physical parameters and colours, and shows them on a contact sheet."""
+    """Draw copies of a twin with other parameters and colours.
+
+    A contact sheet shows them.
+    """
     from pinwm_drake.cousins.cousin import draw_cousins
     from pinwm_drake.cousins.io import write_cousins
     from pinwm_drake.files import prepare_folder

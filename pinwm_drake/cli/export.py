@@ -15,7 +15,10 @@ _CALLS = 100  # calls of the network that are timed
 
 
 def export(request: ExportRequest) -> None:
-    """Make a bundle of a policy: network in ONNX, contract, limits, golden samples; onnxruntime alone runs it."""
+    """Write a policy as a bundle, which onnxruntime alone can run.
+
+    A bundle holds the network in ONNX, its contract, safety limits and golden samples.
+    """
     from pinwm_drake.experiments.golden_samples import export_bundle
 
     bundle = export_bundle(

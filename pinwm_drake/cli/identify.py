@@ -16,7 +16,7 @@ _UNEXPLAINED = 0.01  # loss; two rolls of a mug had 0.013 and 0.019, pushes of a
 
 
 def identify(request: IdentifyRequest) -> None:
-    """Find friction and horizontal moments of a twin that reproduces the video of one push, or of several.
+    """Find friction and moments of a twin from videos of pushes.
 
     By default friction_floor, friction_pusher, moment_xx, moment_yy and the nuisances are looked for; mass, moment_zz
     and restitution, of which a push in the plane tells little, are held unless --free names them. The mass comes from

@@ -8,7 +8,9 @@ from pinwm_drake.experiments.requests.twins import NextPushRequest
 
 
 def next_push(request: NextPushRequest) -> None:
-    """Proposes the push whose video would tell most about a twin, and says when none is needed any more.
+    """Propose the push whose video tells most about a twin.
+
+    It also says when no further push is needed.
 
     Film it, add it to the capture as an episode, and identify from all of them:
     pinwm identify CAPTURE TWIN --episode A --episode B.

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 
 def predict(request: PredictRequest) -> None:
-    """Predicts an episode's motion from its pusher log; with object_poses.csv there, says how far off it is."""
+    """Predict the motion of an episode from its pusher log.
+
+    Where the episode has object_poses.csv, the error of the prediction is printed.
+    """
     from pinwm_drake.capture.write import write_pose_table
     from pinwm_drake.experiments.prediction import predict as run
     from pinwm_drake.files import prepare_folder, replacing

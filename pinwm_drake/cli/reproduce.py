@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
 
 def reproduce(request: ReproduceRun) -> None:
-    """Make the paper's tables: captures, twins, policies, evaluations, each once; after a kill it goes on."""
+    """Make the paper's tables; a second run goes on.
+
+    Captures, twins, policies and evaluations are cells, each of which is made once. The tables are policies, one-step,
+    randomization, parameters, geometry-noise, tasks and stand-in; report writes those that are made.
+    """
     from pinwm_drake.paper.reproduce.run import plan, seeds_of, tables_of, write_report
     from pinwm_drake.paper.reproduce.run import reproduce as run
     from pinwm_drake.parallel import Executor

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 
 def simulate(request: SimulateRequest) -> None:
-    """Pushes an object in a station, whatever moves it: the learned twin, or Drake's contact models."""
+    """Push an object in a station: in its twin, or in Drake.
+
+    Drake has two contact models, hydroelastic and point.
+    """
     from pinwm_drake.systems.runs.session import Session
     from pinwm_drake.systems.scenario.load import load_setup
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def view(request: ViewRequest) -> None:
-    """Show surfels in the browser (meshcat) until Ctrl-C, or write them as a web page or a turntable video.
+    """Show surfels in a browser, or write a web page or a video.
 
     A twin is shown with the mesh of its object and its pusher. Drake is not needed.
     """
