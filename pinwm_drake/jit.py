@@ -12,7 +12,6 @@ import logging
 import os
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,8 @@ COMPILING = "compiling kernels: about a minute and a half of CPU, cached afterwa
 """Line that a process logs once when it begins to compile; measured: 93 s of CPU."""
 _log = logging.getLogger(__name__)
 _WORKER = "PINWM_THREADS"  # `threads.LIMIT`: set in processes that are one of several, whose parent tells for all
-_entries: list[Any] = []  # the dispatchers of all entry points
+entries: list[Any] = []
+"""Dispatchers of the entry points of all modules that are loaded."""
 # Releases whose compiler has the private parts that are replaced below; pyproject.toml says the same.
 NUMBA = "0.68"
 _PACKAGE = Path(__file__).resolve().parent
@@ -110,49 +110,8 @@ class _Announcer(event.Listener):  # type: ignore[misc]
         self._told = True
 
 
-_announcer = _Announcer()
-event.register("numba:compile", _announcer)
-
-
-@dataclass(frozen=True)
-class KernelCache:
-    """State of numba's cache of compiled kernels on disk.
-
-    Attributes:
-        folders: Folders that hold it, beside the sources or where numba puts it.
-        compiled: Number of entry points that are in it.
-        entries: Number of entry points of the modules that are loaded.
-        writable: Flag: kernels can be added.
-    """
-
-    folders: tuple[Path, ...]
-    compiled: int
-    entries: int
-    writable: bool
-
-
-def kernel_cache() -> KernelCache:
-    """Look at the cache of the kernels whose modules are loaded; nothing is compiled."""
-    where = {entry: Path(entry.stats.cache_path) for entry in _entries if entry.stats.cache_path}
-    names = {entry: f"{entry.py_func.__module__.rpartition('.')[2]}.{entry.py_func.__name__}-" for entry in where}
-    compiled = sum(any(folder.glob(f"{names[entry]}*.nbi")) for entry, folder in where.items())
-    folders = tuple(sorted(set(where.values())))
-    writable = bool(folders) and all(_writable(folder) for folder in folders)
-    return KernelCache(folders, compiled, len(_entries), writable)
-
-
-def _writable(folder: Path) -> bool:
-    """Flag: files can be made in a folder, or the folder itself in the nearest one that is there."""
-    while not folder.exists():
-        folder = folder.parent
-    return os.access(folder, os.W_OK | os.X_OK)
-
-
-def announce_compiling() -> None:
-    """Log `COMPILING` where hardly any kernel is cached; for work that other processes do, which do not tell."""
-    found = kernel_cache()
-    if found.compiled * 2 < found.entries:
-        _announcer.tell()
+announcer = _Announcer()
+event.register("numba:compile", announcer)
 
 
 _WHOLE = (codegen.JITCPUCodegen._library_class, codegen.JITCPUCodegen.set_env)
@@ -215,7 +174,7 @@ def _compiled(part: type | None = _Part, **options: Any) -> Callable[[Callable],
         if dispatcher is function:  # NUMBA_DISABLE_JIT
             return function
         if part is None:
-            _entries.append(dispatcher)
+            entries.append(dispatcher)
         resolve, compile_ = dispatcher.get_call_template, dispatcher.compile
 
         def get_call_template(args: tuple, kws: dict) -> Any:

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LINES = (
     {"errors"},
     {"files", "jit", "nearest", "threads", "provenance", "validation"},
-    {"checkpoints", "parallel", "documents", "request"},
+    {"checkpoints", "kernel_cache", "parallel", "documents", "request"},
     {"models"},
     {"spatial"},
     {"geometry"},

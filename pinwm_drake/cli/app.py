@@ -38,6 +38,7 @@ _EXAMPLES = {  # those of groups stand with their commands
     "control": "pinwm control out/bundle --simulate-arm --arm --meshcat",
     "cousins": "pinwm cousins out/twin -o out/cousins --from-intervals",
     "crosscheck": "pinwm crosscheck out/twin --truth capture/ground_truth.yaml -o out/check",
+    "doctor": "pinwm doctor; for a report of a fault: pinwm doctor --json",
     "evaluate": "pinwm evaluate out/policy --engine hydroelastic -o out/evaluation",
     "export": "pinwm export runs/push/best out/bundle --max-speed 0.1",
     "identify": "pinwm identify capture out/twin; then: pinwm report out/twin",

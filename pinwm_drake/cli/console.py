@@ -2,6 +2,7 @@
 """The console: lines, and the progress of long work as bars on a terminal and as lines where output is redirected."""
 
 import math
+import os
 import threading
 import time
 import warnings
@@ -18,6 +19,7 @@ import pinwm_drake
 
 LOOPBACK = ("127.", "localhost", "::1")  # beginnings of addresses that other machines do not reach
 _FIRST, _LOOK = 5.0, 1.0  # s, of a stage without a line, and between two looks whether one is due
+_FILTERS = "PYTHONWARNINGS"
 _PERIOD, _GROWTH = 10.0, 0.05  # between two lines: s, and share of the time so far where that is longer
 
 
@@ -55,9 +57,16 @@ def quiet() -> Iterator[None]:
         if Path(filename).is_relative_to(package):
             warn(str(message))
 
-    with warnings.catch_warnings():
-        warnings.showwarning = show
-        yield
+    before = os.environ.get(_FILTERS)
+    os.environ[_FILTERS] = "ignore"  # of processes that are started meanwhile
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = show
+            yield
+    finally:
+        os.environ.pop(_FILTERS)
+        if before is not None:
+            os.environ[_FILTERS] = before
 
 
 def duration(seconds: float) -> str:

@@ -30,7 +30,8 @@ _PATIENCE = 30.0  # s, for somebody to open the page
 def control(request: ControlRequest) -> None:
     """Run a bundle on a simulation or a robot; --arm moves it.
 
-    Without --arm nothing moves. Ctrl-C stops it, as do SIGTERM and a closed terminal: the robot is disarmed and sent zero, once.
+    Without --arm nothing moves. Ctrl-C stops it, as do SIGTERM and a closed terminal: the robot is disarmed and sent
+    zero, once.
     """
     with stop_signals() as stop:
         import numpy as np

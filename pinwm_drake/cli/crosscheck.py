@@ -17,7 +17,7 @@ def crosscheck(request: CrossCheckRequest) -> None:
 
     Exits with 0 for PASS and with 1 for FAIL.
     """
-    from pinwm_drake.jit import announce_compiling
+    from pinwm_drake.kernel_cache import announce_compiling
     from pinwm_drake.report.twin.data import read_ground_truth
     from pinwm_drake.systems.crosscheck.crosscheck import crosscheck
     from pinwm_drake.systems.scenario.load import load_setup

@@ -4,7 +4,7 @@
 from typing import TYPE_CHECKING
 
 from pinwm_drake.cli.console import Show, say, stages_bar
-from pinwm_drake.experiments.requests.evaluate import EvaluateRun
+from pinwm_drake.experiments.requests.evaluate import MPC, EvaluateRun
 
 if TYPE_CHECKING:
     from pinwm_drake.experiments.evaluation.run import EvaluationProgress, ProgressCallback
@@ -13,12 +13,13 @@ if TYPE_CHECKING:
 def evaluate(request: EvaluateRun) -> None:
     """Test a policy: success rate, number of actions, failures."""
     from pinwm_drake.experiments.evaluation import run
-    from pinwm_drake.jit import announce_compiling
+    from pinwm_drake.kernel_cache import announce_compiling
     from pinwm_drake.report.evaluation.report import details, headline
 
     done = 0
     try:
-        announce_compiling()
+        if request.evaluation.engine == "twin" or request.evaluation.policy == MPC:
+            announce_compiling()
         with stages_bar() as bars:
             show = _reporter(bars)
 

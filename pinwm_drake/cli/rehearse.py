@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 
 def rehearse(request: RehearseRun) -> None:
-    """Rehearse a bundle with a simulated arm, with or without faults.
+    """Rehearse a bundle with a simulated arm, and with faults.
 
-    The arm is a process of its own behind LCM, in real time. A fault has to stop the robot in time. Exits with 1 where a
-    trial went wrong.
+    The arm is a process of its own behind LCM, in real time. A fault has to stop the robot in time.
+    Exits with 1 where a trial went wrong.
     """
     from pinwm_drake.experiments.rehearsal.report import REPORT_FILE, write_rehearsal_report
     from pinwm_drake.experiments.rehearsal.run import rehearse as run
@@ -60,7 +60,8 @@ def _words(trial: "Trial") -> str:
     if trial.after is None:
         return f"{name}, seed {trial.seed}: the controller ended before the fault: {trial.state}: {trial.reason}"
     rest = "" if trial.zero and trial.at_rest else "; the robot is not at rest"
-    return f"{name}, seed {trial.seed}: {trial.state}, zero after {trial.to_zero:.3f} s, allowed {trial.allowed:.3f} s{rest}"
+    took = f"zero after {trial.to_zero:.3f} s, allowed {trial.allowed:.3f} s"
+    return f"{name}, seed {trial.seed}: {trial.state}, {took}{rest}"
 
 
 def _table(found: dict) -> Table:

@@ -28,7 +28,7 @@ def train(request: TrainRequest) -> None:
             with stages_bar(transient=True) as show:
                 show("forecasting", 0.0, "a brief training of each stage")
                 found = forecast(request, lambda share: show("forecasting", share, "a brief training of each stage"))
-            say(f"this takes {found} here; most end before")
+            say(f"this takes {found} here; most trainings end earlier, when the success no longer rises")
         with stages_bar() as show:
             training.train(request, report=_reporter(show))
     except KeyboardInterrupt:

@@ -42,8 +42,11 @@ class Forecast:
     memory: float
 
     def __str__(self) -> str:
+        total = sum(self.minutes.values())
+        if total < 1.0:
+            return f"less than a minute and {self.memory:.1f} GiB of memory"
         stages = " and ".join(f"{name} {minutes:.0f}" for name, minutes in self.minutes.items())
-        return f"up to {sum(self.minutes.values()):.0f} minutes ({stages}) and {self.memory:.1f} GiB of memory"
+        return f"up to {total:.0f} minutes ({stages}) and {self.memory:.1f} GiB of memory"
 
 
 def forecast(request: TrainRequest, report: Callable[[float], None] = lambda share: None) -> Forecast:
