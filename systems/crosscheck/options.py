@@ -64,7 +64,9 @@ class CrossCheckRequest:
     ] = None
     truth: Annotated[
         Path | None,
-        option("File ground_truth.yaml with the parameters of Drake's models.", group=DATA, default="those of the twin"),
+        option(
+            "File ground_truth.yaml with the parameters of Drake's models.", group=DATA, default="those of the twin"
+        ),
     ] = None
     out: Annotated[
         Path | None, option("Folder for crosscheck.csv and crosscheck.png.", "--out", "-o", result="inside")
