@@ -6,7 +6,10 @@ from dataclasses import dataclass
 
 from pinwm_drake.twin.twin import Estimate
 
-IDENTIFIABLE = "identifiable: the videos leave less than half of the spread assumed before, and less than 30 % of a parameter's value"
+IDENTIFIABLE = (
+    "identifiable: the videos leave less than half of the spread assumed before, "
+    "and less than 30 % of a physical parameter's value"
+)
 # Factor and name of the unit that is shown for one of a twin.
 _HANDY = {
     "1": (1.0, ""),
