@@ -126,7 +126,7 @@ def next_push(
     require("number", number, 1 <= number <= 10000, "1 to 10000")
     require("draws", draws, 2 <= draws <= 1000, "2 to 1000")
     if twin.draws is None:
-        raise ParameterError(f"{twin.name} has no draws; allowed: a twin of `pinwm identify` of this release")
+        raise ParameterError(f"{twin.name}: the twin has no draws; identify it anew with this release")
     X_WO = X_WO or start_of(twin)
     scene = twin_scene(twin, X_WO.q)
     mesh_W = load_mesh(twin.mesh_path)
@@ -148,7 +148,7 @@ def next_push(
             continue  # a push whose physics fails is none to propose
         report((k + 1) / number)
     if not candidates:
-        raise SolverError("the physics found no solution for any push; allowed: a smaller time step of the twin")
+        raise SolverError("the physics found no solution for any push; identify the twin with a smaller time step")
     return Proposal(sorted(candidates, key=lambda one: -one.information), X_WO, tolerance)
 
 

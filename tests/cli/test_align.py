@@ -171,7 +171,7 @@ def test_resuming_nothing_says_so(pinwm, capture, tmp_path):
         (["--held-out", "1"], "--held-out: got 1"),
         (["--seed", "-1"], "--seed: got -1"),
         (["--threads", "0"], "--threads: got 0"),
-        (["--mesh", "nothing.obj"], "nothing.obj: got no such file"),
+        (["--mesh", "nothing.obj"], "nothing.obj: no such file"),
     ],
 )
 def test_wrong_options_are_one_line_and_exit_with_1(pinwm, capture, tmp_path, arguments, message):
@@ -187,7 +187,7 @@ def test_a_source_that_is_none_is_refused(pinwm, tmp_path):
     assert pinwm("align", str(tmp_path / "a"), out) == (
         1,
         "",
-        f"pinwm: {tmp_path / 'a'}: got no such file or folder; {allowed}\n",
+        f"pinwm: {tmp_path / 'a'}: no such file or folder; {allowed}\n",
     )
     code, _, errors = pinwm("align", str(tmp_path), out)
     assert (code, errors) == (1, f"pinwm: {tmp_path}: got neither capture.yaml nor transforms.json; {allowed}\n")

@@ -82,7 +82,7 @@ def test_a_twins_folder_is_checked_against_both_engines(pinwm, tmp_path):
         (["--engine", "bullet"], "engine: got 'bullet'; allowed: hydroelastic, point"),
         (["--pushes", "0"], "pushes: got 0"),
         (["--truth", "{tmp}/none.yaml"], "none.yaml"),
-        (["--truth", "{tmp}/empty.yaml"], "empty.yaml: got no parameter of a twin"),
+        (["--truth", "{tmp}/empty.yaml"], "empty.yaml: no parameter of a twin"),
         (["--truth", "{tmp}/wild.yaml"], "friction_floor"),
         (["-o", "{tmp}/empty.yaml"], "empty.yaml"),
     ],

@@ -71,7 +71,7 @@ def test_what_is_no_policy_is_refused(pinwm, policies, tmp_path):
     code, _, errors = pinwm("evaluate", str(tmp_path / "none"))
     assert (code, errors) == (
         1,
-        f"pinwm: {tmp_path}/none: got no such folder; allowed: a policy, a bundle, flip_mug, push_t, mpc or random\n",
+        f"pinwm: {tmp_path}/none: no such folder; allowed: a policy, a bundle, flip_mug, push_t, mpc or random\n",
     )
     code, _, errors = pinwm("evaluate", str(tmp_path))
     assert code == 1

@@ -81,7 +81,7 @@ def test_one_unknown_alone(pinwm, capture, tmp_path):
         (("--hold", "mass"), "--hold: got 'mass'; allowed: NAME=VALUE"),
         (("--hold", "mass=heavy"), "--hold: got 'mass=heavy'"),
         (("--without", "gravity"), "--without: got 'gravity'"),
-        (tuple(f"--without={name}" for name in DEFAULT_FREE), "no unknown is left"),
+        (tuple(f"--without={name}" for name in DEFAULT_FREE), "none is left to find"),
         (("--support", "edges"), "--support: got 'edges'"),
         (("--starts", "0"), "--starts: got 0"),
         (("--time-step", "0.1"), "--time-step: got 0.1; allowed: 1e-05 to 0.05"),

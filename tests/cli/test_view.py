@@ -57,7 +57,7 @@ def test_wrong_options_are_one_line_and_exit_with_1(pinwm, splats, arguments, me
 def test_wrong_files_are_refused(pinwm, splats, tmp_path):
     code, output, errors = pinwm("view", str(tmp_path / "nothing.ply"), "--html", str(tmp_path / "a.html"))
     assert (code, output) == (1, "")
-    assert "nothing.ply: got no such file; allowed: a PLY file of surfels" in errors
+    assert "nothing.ply: no such file; allowed: a PLY file of surfels" in errors
     splats.write_bytes(splats.read_bytes()[:-10])
     code, output, errors = pinwm("view", str(splats), "--html", str(tmp_path / "a.html"))
     assert (code, output) == (1, "")

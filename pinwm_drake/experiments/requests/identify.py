@@ -75,7 +75,9 @@ class IdentifyRequest:
         wanted = (*self.free, *NUISANCES) if self.free else DEFAULT_FREE
         chosen = tuple(dict.fromkeys(name for name in wanted if name not in left_out))
         if not chosen:
-            raise ParameterError("no unknown is left; allowed: one or more free ones")
+            raise ParameterError(
+                "--without, --hold: got all unknowns, so that none is left to find; allowed: one free unknown or more"
+            )
         return dataclasses.replace(self.search, free=chosen, held=held)
 
 
