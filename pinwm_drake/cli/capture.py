@@ -3,6 +3,7 @@
 
 import re
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from pinwm_drake.cli.command import add_command
-from pinwm_drake.cli.console import say, stages_bar
+from pinwm_drake.cli.console import Show, say, stages_bar
 from pinwm_drake.experiments.requests.captures import (
     CheckRequest,
     ColmapRequest,
@@ -148,7 +149,9 @@ def nerfstudio(request: NerfstudioRequest) -> None:
     """Import posed images in nerfstudio's or NeRF's layout."""
     from pinwm_drake.capture.importers.nerfstudio import import_nerfstudio
 
-    views = import_nerfstudio(request.source, request.out, request.scenery.read(), request.world.read())
+    scenery, similarity = request.scenery.read(), request.world.read()
+    with stages_bar(transient=True) as show:
+        views = import_nerfstudio(request.source, request.out, scenery, similarity, report=partial(_import, show))
     _report(request.out, f"{views} static views")
 
 
@@ -160,7 +163,16 @@ def colmap(request: ColmapRequest) -> None:
     from pinwm_drake.capture.importers.colmap import import_colmap
 
     scenery, similarity = request.scenery.read(), request.world.read()
-    views = import_colmap(request.source, request.out, scenery, similarity, images=request.images, masks=request.masks)
+    with stages_bar(transient=True) as show:
+        views = import_colmap(
+            request.source,
+            request.out,
+            scenery,
+            similarity,
+            images=request.images,
+            masks=request.masks,
+            report=partial(_import, show),
+        )
     _report(request.out, f"{views} static views")
 
 
@@ -168,15 +180,21 @@ def pinwm(request: PinwmRequest) -> None:
     """Import a data set in the layout of PIN-WM's authors."""
     from pinwm_drake.capture.importers.pinwm import import_pinwm
 
-    files = import_pinwm(
-        request.source,
-        request.out,
-        request.scenery.read(),
-        pusher_height=request.pusher_height,
-        camera=request.camera,
-        static=request.static,
-    )
+    with stages_bar(transient=True) as show:
+        files = import_pinwm(
+            request.source,
+            request.out,
+            request.scenery.read(),
+            pusher_height=request.pusher_height,
+            camera=request.camera,
+            static=request.static,
+            report=partial(_import, show),
+        )
     _report(request.out, ", ".join(f"episode {k:04} from {file}" for k, file in enumerate(files)))
+
+
+def _import(show: Show, share: float) -> None:
+    show("importing", share, "images")
 
 
 def _report(out: Path, contents: str) -> None:

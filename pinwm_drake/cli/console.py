@@ -53,7 +53,9 @@ def quiet() -> Iterator[None]:
     """Context in which warnings of other libraries are not shown, and those of this package take one line."""
     package = Path(pinwm_drake.__file__).parent
 
-    def show(message: Warning | str, category: type[Warning], filename: str, *more: Any) -> None:
+    def show(
+        message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
+    ) -> None:
         if Path(filename).is_relative_to(package):
             warn(str(message))
 

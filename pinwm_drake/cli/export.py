@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pinwm_drake.cli.console import say
+from pinwm_drake.cli.console import say, stages_bar
 from pinwm_drake.experiments.requests.control import ExportRequest
 
 if TYPE_CHECKING:
@@ -21,9 +21,15 @@ def export(request: ExportRequest) -> None:
     """
     from pinwm_drake.experiments.golden_samples import export_bundle
 
-    bundle = export_bundle(
-        request.policy, request.bundle, scene=request.scene, seed=request.seed, limits=request.limits
-    )
+    with stages_bar(transient=True) as progress:
+        bundle = export_bundle(
+            request.policy,
+            request.bundle,
+            scene=request.scene,
+            seed=request.seed,
+            limits=request.limits,
+            progress=progress,
+        )
     for line in _described(bundle, request.bundle):
         say(line)
 

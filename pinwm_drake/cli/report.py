@@ -23,6 +23,7 @@ def report(request: ReportRequest) -> None:
     for line in (f"{verdict.headline}.", *verdict.lines):
         say(line)
     errors = Console(stderr=True, soft_wrap=True)
+    errors = Console(stderr=True, soft_wrap=True)
     for notice in story.notices:
         errors.print(f"note: {notice}", highlight=False, markup=False)
     say(f"wrote {request.path}")

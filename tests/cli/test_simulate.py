@@ -16,6 +16,7 @@ from PIL import Image
 from pinwm_drake.capture.episode_tables import read_frame_table, read_object_poses, read_trajectory
 from pinwm_drake.capture.episodes import read_fixed_camera
 from pinwm_drake.twin.write import write_twin
+from tests.streams import without_note
 from tests.twin.samples import cube_twin, estimates
 
 ROOT = Path(__file__).parents[2]
@@ -97,7 +98,7 @@ def episode(scenario, tmp_path_factory) -> Path:
     options = ["--seed", "5", "-o", folder / "new/ep", "--video", folder / "film.mp4", "--record", folder / "page.html"]
     command = [sys.executable, "-c", "from pinwm_drake.cli import main; main()", "simulate", scenario, *options]
     end = subprocess.run(list(map(str, command)), cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (end.returncode, end.stderr) == (0, "")
+    assert (end.returncode, without_note(end.stderr)) == (0, "")
     (folder / "output.txt").write_text(end.stdout)
     return folder
 
@@ -174,7 +175,7 @@ def test_drakes_engines(pinwm, scenario, episode, engine):
     code, output, errors = pinwm("simulate", scenario, "--engine", engine, "--seed", "5")
     assert (code, errors) == (0, "")
     assert table(output)["engine"] == engine
-    assert table(output)["solver retries"] == "not known"
+    assert "solver retries" not in table(output)
     # The start and the push are those of the twin with this seed.
     assert moved(output)[0] == pytest.approx(moved((episode / "output.txt").read_text())[0], abs=4)
 
@@ -242,5 +243,5 @@ def test_meshcat_until_ctrl_c(scenario):
         rest, errors = process.communicate(timeout=120)
     finally:
         process.kill()
-    assert (process.returncode, errors) == (0, "")
+    assert (process.returncode, without_note(errors)) == (0, "")
     assert rest.endswith("ended\n")
