@@ -107,7 +107,8 @@ def policy_path(text: str) -> Path:
     """
     path = _named(_POLICIES, text)
     if not path.is_dir():
-        raise InputError(text, allowed=f"a folder, or one of {', '.join(shipped_policies()) or 'none that ship'}")
+        allowed = f"a folder, or one of {', '.join(shipped_policies()) or 'none that ship'}"
+        raise InputError(text, value="no such policy", allowed=allowed)
     return path
 
 

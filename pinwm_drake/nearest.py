@@ -8,8 +8,12 @@ from pathlib import Path
 
 from pinwm_drake.errors import InputError, PinwmError
 
-_GOT = re.compile(r"got (?:an unknown \w+ )?(['\"]?)(?P<word>[\w.:/+ -]+)\1(?: under .*?)?; allowed: (?P<allowed>.*)$")
-_ASSIGNED = re.compile(r"got [\w.\[\]]+ = \"(?P<word>[\w.:/+-]+)\"; allowed: (?P<allowed>.*)$")
+_ALLOWED = r"; allowed: (?P<allowed>.*)$"
+# What is refused: `got word`, `got an unknown key "word" under theta`, `no episode 'word'`, or `got object = "word"`.
+_REFUSED = (
+    re.compile(r"got (?P<word>[\w.:/+ -]+)" + _ALLOWED),
+    re.compile(r"(?:got|no)(?: [\w.\[\]]+| =)* (['\"])(?P<word>[\w.:/+ -]+)\1(?: under .*?)?" + _ALLOWED),
+)
 _BETWEEN = re.compile(r",\s*(?:or\s+)?|\s+or\s+|:\s+|\s+of\s+|;\s*")
 _WORD = re.compile(r"[\w./-]+")
 
@@ -21,7 +25,7 @@ def nearest(error: PinwmError) -> str:
         names = _near(Path(error.path).name, _words(error.allowed))
         if found := names or _near_path(Path(error.path)):
             return found
-    refused = _ASSIGNED.search(message) or _GOT.search(message)
+    refused = next(filter(None, (pattern.search(message) for pattern in _REFUSED)), None)
     if refused is None:
         return ""
     word, allowed = refused["word"], refused["allowed"]

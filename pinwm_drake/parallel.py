@@ -168,7 +168,7 @@ def _order(items: Mapping[int, Item], needs: Callable[[Item], Iterable[Item]]) -
 
 
 def _pass(order: _Order, done: Mapping[int, Any]) -> None:
-    """Lets those begin that need nothing but what is done."""
+    """Let those begin that need nothing but what is done."""
     order.done(*(k for k, result in done.items() if not isinstance(result, _Failed)))
 
 

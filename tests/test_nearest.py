@@ -18,6 +18,9 @@ from pinwm_drake.nearest import nearest
         (InputError("/", value="an unknown option 'wrlds'", allowed="twin, worlds, out"), "worlds"),
         (InputError("/", value='an unknown key "frction" under theta', allowed="mass, friction"), "friction"),
         (InputError("/", value='object = "mugg"', allowed="cube, mug"), "mug"),
+        (InputError("/", value="object 'mugg'", allowed="cube, mug"), "mug"),
+        (InputError("/", value="no episode '001'", allowed="0000, 0001"), "0001"),
+        (ParameterError("--free: got 'fricton_floor'; allowed: mass, friction_floor, lift"), "friction_floor"),
         (InputError("/nowhere/pusht", allowed="a file, a twin's folder, or one of flip_mug, push_t"), "push_t"),
     ],
 )

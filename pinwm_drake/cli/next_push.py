@@ -20,12 +20,12 @@ def next_push(request: NextPushRequest) -> None:
     from pinwm_drake.files import prepare_folder
     from pinwm_drake.twin.read import load_twin
 
-    found = load_twin(request.twin)
+    found, (low, high) = load_twin(request.twin), request.box
     with stages_bar(transient=True) as progress:
         proposal = next_push(
             found,
-            low=request.low,
-            high=request.high,
+            low=low,
+            high=high,
             number=request.candidates,
             draws=request.draws,
             tolerance=(1e-3 * request.position, math.radians(request.yaw)),

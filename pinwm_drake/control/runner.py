@@ -86,7 +86,7 @@ class Runner:
         self._image = (float(time), np.array(rgb))
 
     def arm(self) -> None:
-        """Lets the policy move the pusher from the next action on.
+        """Let the policy move the pusher from the next action on.
 
         Raises:
             StateError: There is no image, or no place of the pusher, or a reset is needed first.

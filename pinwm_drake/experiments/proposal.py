@@ -112,11 +112,13 @@ def _side(mesh_W: trimesh.Trimesh, motion: StraightPush) -> str:
 
 
 def _heading(direction: np.ndarray) -> str:
-    """Return a direction (2,) in the plane as an angle from +x to +y, with the axis that it is near to."""
+    """Return a direction (2,) in the plane as an angle from +x towards +y, with the axis that it is near to."""
     angle = math.degrees(math.atan2(direction[1], direction[0])) % 360.0
     nearest = ("+x", "+y", "-x", "-y")[round(angle / 90.0) % 4]
     return (
-        f"{nearest} ({angle:.0f}°)" if abs((angle + 45.0) % 90.0 - 45.0) < _STRAIGHT else f"{angle:.0f}° from +x to +y"
+        f"{nearest} ({angle:.0f}°)"
+        if abs((angle + 45.0) % 90.0 - 45.0) < _STRAIGHT
+        else f"{angle:.0f}° (0° is +x, 90° is +y)"
     )
 
 

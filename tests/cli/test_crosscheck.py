@@ -99,4 +99,4 @@ def test_what_makes_no_sense_is_refused(pinwm, scenario, tmp_path, arguments, me
 def test_a_missing_twin_is_named(pinwm, tmp_path):
     code, _, errors = pinwm("crosscheck", str(tmp_path / "none"))
     assert code == 1
-    assert "none: allowed: a file, a twin's folder, or one of" in errors
+    assert "none: no such scenario; allowed: a file, a twin's folder, or one of" in errors

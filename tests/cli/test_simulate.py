@@ -73,7 +73,8 @@ def test_bad_input_is_one_line_and_exits_with_1(pinwm, scenario, tmp_path, argum
 def test_what_is_to_be_simulated_has_to_be_there(pinwm, scenario, tmp_path):
     ships = "flip_cube, flip_mug, flip_mug_handle, push_cube, push_cube_slippery, push_large_t, push_mug, push_t"
     code, _, errors = pinwm("simulate", "push_tea")
-    assert (code, errors) == (1, f"pinwm: push_tea: allowed: a file, a twin's folder, or one of {ships}\n")
+    wanted = f"allowed: a file, a twin's folder, or one of {ships} (did you mean push_t?)"
+    assert (code, errors) == (1, f"pinwm: push_tea: no such scenario; {wanted}\n")
     code, _, errors = pinwm("simulate")
     assert (code, errors) == (1, f"pinwm: SCENARIO: got none, and no --twin; allowed: a file, {ships}\n")
     code, _, errors = pinwm("simulate", str(tmp_path), "--twin", str(tmp_path))

@@ -40,6 +40,12 @@ def test_a_page_and_a_video_are_written(pinwm, splats, tmp_path):
     assert sorted(path.name for path in page.parent.iterdir()) == ["a.html", "a.mp4", "a.view.config.yaml"]
 
 
+def test_a_twin_that_ships_is_shown_by_its_name(pinwm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert pinwm("view", "t_block", "--html", "a.html") == (0, "wrote a.html\n", "")
+    assert (tmp_path / "a.html").stat().st_size > 10_000
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

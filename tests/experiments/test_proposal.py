@@ -56,7 +56,7 @@ def test_other_pushes_have_other_words(twin):
     central = describe(twin, proposal())
     assert not any("centre of mass" in line for line in central)
     oblique = describe(twin, proposal(y=-0.1, direction=(math.sqrt(0.5), math.sqrt(0.5), 0.0)))
-    assert "towards 45° from +x to +y" in oblique[2]
+    assert "towards 45° (0° is +x, 90° is +y)" in oblique[2]
     missed = describe(twin, proposal(y=0.3))
     assert "faces -x (180°)" in missed[2]
 

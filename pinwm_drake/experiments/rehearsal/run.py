@@ -367,7 +367,7 @@ class _Parties:
         }
 
     def _armed(self, seed: int) -> ControlLoop:
-        """Return the loop, armed, with things in a new place, and no fault any more."""
+        """Return the armed loop, with object and pusher in a new place and without a fault."""
         self._policy.tell("", math.inf)
         self._ask(self._relay, "clear", _STARTING)
         self._ask(self._arm, seed, _STARTING)
@@ -380,7 +380,7 @@ class _Parties:
         return self._loop
 
     def _known_after(self, kind: FaultKind) -> float:
-        """s, after which a fault can be known at the earliest."""
+        """Time [s] after which a fault can be known at the earliest."""
         link, spec = self._link, self._bundle.spec
         return {
             CONTENT: link.image_period if kind.channel == "image" else 2.0 * link.period,

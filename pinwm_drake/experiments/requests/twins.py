@@ -57,25 +57,27 @@ class NextPushRequest:
     position: Annotated[float, option("Spread of the resting position that is good enough.", unit="mm", gt=0)] = 2.0
     yaw: Annotated[float, option("Spread of the resting yaw that is good enough.", unit="deg", gt=0)] = 2.0
     low: Annotated[
-        tuple[float, float], option("Lowest x and y of the pusher.", group=LAB, unit="m", metavar="X Y", **_ANYWHERE)
-    ] = (
-        -math.inf,
-        -math.inf,
-    )
+        tuple[float, float] | None,
+        option("Lowest x and y of the pusher.", group=LAB, unit="m", metavar="X Y", **_ANYWHERE),
+    ] = None
     high: Annotated[
-        tuple[float, float], option("Highest x and y of the pusher.", group=LAB, unit="m", metavar="X Y", **_ANYWHERE)
-    ] = (
-        math.inf,
-        math.inf,
-    )
+        tuple[float, float] | None,
+        option("Highest x and y of the pusher.", group=LAB, unit="m", metavar="X Y", **_ANYWHERE),
+    ] = None
     candidates: Annotated[int, option("Number of random pushes that are compared.", group=BUDGET, ge=1)] = 48
     draws: Annotated[int, option("Number of draws of the twin for each push.", group=BUDGET, ge=2)] = 32
     seed: Annotated[int, option("Seed of the random pushes.", group=ADVANCED, ge=0)] = 0
 
     def __post_init__(self) -> None:
         """Check the box."""
-        below = all(low < high for low, high in zip(self.low, self.high, strict=True))
-        require("--low, --high", (self.low, self.high), below, "low below high")
+        least, most = self.box
+        below = all(low < high for low, high in zip(least, most, strict=True))
+        require("--low, --high", f"{least} and {most}", below, "low below high")
+
+    @property
+    def box(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Corners of the pusher's box in x and y, m; infinite where there is none."""
+        return self.low or (-math.inf, -math.inf), self.high or (math.inf, math.inf)
 
 
 @request
