@@ -12,7 +12,7 @@ from pinwm_drake.nearest import nearest
         (ParameterError("--engine: got 'hydro'; allowed: twin, hydroelastic, point"), "hydroelastic"),
         (ParameterError("task: got 'pish'; allowed: flip, push"), "push"),
         (ParameterError("--engine: got 'TWIN'; allowed: twin, point"), "twin"),
-        (ParameterError("--mesh: got a file in the way; allowed: a file, or a folder"), ""),
+        (ParameterError("--mesh: got a folder; allowed: a file"), ""),
         (ParameterError("--engine: got 'bullet'; allowed: twin, point"), ""),
         (ParameterError("--worlds: got 0; allowed: 1 to 64"), ""),
         (InputError("/", value="an unknown option 'wrlds'", allowed="twin, worlds, out"), "worlds"),
